@@ -38,7 +38,7 @@ def record(
     options = RecordOptions(tuple(topics or ()), everything, namespace, duration, zstd)
     with output_folder(out, overwrite=overwrite, resumable=True) as place:
         if place != out:
-            say(f"records into {place}, which replaces {out} at the end", err=True)
+            say(f"recording into {place}, which will replace {out} when the recording ends", err=True)
         counts = run_recorder(place, options, lambda text: say(text, err=True))
     count, lost = (sum(getattr(topic, name) for topic in counts.values()) for name in ("count", "lost"))
     propose("sfr", "info", out, why="checks that it is complete")

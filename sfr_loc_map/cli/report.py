@@ -308,5 +308,5 @@ def _draw(paths: list[Path], truth: Path | None, config: AlignedErrorConfig, pag
     poses, true_poses = load_trajectories(paths, truth)
     curves = curves_of(poses, true_poses, config)
     save_path_html(curves, page)
-    say(f"{', '.join(curve.name for curve in curves)}: {page}", err=True)
+    say(f"figures of {', '.join(curve.name for curve in curves)}: {page}", err=True)
     propose("sfr score EST TRUTH    # the figures, with limits a verdict")

@@ -146,7 +146,7 @@ def _warn_of_lost_properties(truth: Trajectory) -> None:
     if lost:
         settings = " and ".join(f"{name}={value}" for name, value in lost.items())
         _log.warning(
-            f"the truth is written without its accuracy and its unknown components: read the output with {settings}"
+            f"the output cannot declare the accuracy or the unknown components of the truth: read it with {settings}"
         )
 
 

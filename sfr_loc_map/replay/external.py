@@ -208,12 +208,10 @@ def _wait_for_subscription(
         return any(peer.ros_node.count_subscribers(topic) for topic in topics)
 
     def problem() -> str:
-        return (
-            f"no external node (start it with --command, or with the same ROS_DOMAIN_ID, and remap its topics) has "
-            f"subscribed to {alternatives(topics)}"
-        )
+        return f"no external node subscribed to {alternatives(topics)}"
 
-    peer.wait_for(listens, options.start_timeout_s, problem)
+    advice = "start the node with --command, or with the same ROS_DOMAIN_ID, and remap its topics"
+    peer.wait_for(listens, options.start_timeout_s, problem, advice)
 
 
 def _found_publishers(peer: ReplayPeer, topic: str) -> list[TopicEndpointInfo]:

@@ -30,8 +30,14 @@ class ReplayPeer(Peer):
         super().__init__(PLAYER_NODE, parameters=True)
         self.supervisor = supervisor
 
-    def wait_for(self, condition: Callable[[], bool], timeout_s: float, problem: Callable[[], str]) -> None:
-        """Spin until a condition holds; after the timeout, raise a NodeError with the text of `problem`."""
+    def wait_for(
+        self,
+        condition: Callable[[], bool],
+        timeout_s: float,
+        problem: Callable[[], str],
+        advice: str = "check the load of this host and start again",
+    ) -> None:
+        """Spin until a condition holds; after the timeout, raise a NodeError with `problem` and the advice."""
 
         def is_met() -> bool:
             # First, because messages of another process's nodes with these names may be the reason why the condition is
@@ -44,7 +50,7 @@ class ReplayPeer(Peer):
 
         if not self.spin(timeout_s, is_met):
             place = f"in ROS domain {environment.domain()}"
-            raise NodeError(f"{problem()} within {timeout_s:g} s {place}: check the load of this host and start again")
+            raise NodeError(f"{problem()} within {timeout_s:g} s {place}: {advice}")
 
     def wait_for_page(self, page: PageProcess) -> bool:
         """Wait until the live page receives all messages of the nodes, or has ended; return False after the timeout."""

@@ -69,7 +69,8 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> StereoCalibration:
         raise InputError(f"{where}: the baseline is {rig.baseline_m:g} m: give it in metres")
     if rig.baseline_m > LONG_BASELINE_M:
         _log.warning(
-            f"{where}: the baseline is {rig.baseline_m:g} m: verify the unit of its board, which must be metres"
+            f"{where}: the baseline is {rig.baseline_m:g} m, which is unusually long: verify that the squares of the "
+            "calibration board were specified in metres"
         )
     return StereoCalibration((left, right), left.is_rectified and right.is_rectified, T_rb_sb, text, names)
 

@@ -88,7 +88,7 @@ def named_values(file: Path) -> dict[str, Any]:
     """Return the values in a file by their plain names (`plain_name`); ValueError if it has no names."""
     content = content_of(file)
     if not isinstance(content, dict):
-        raise ValueError("it has no names of values")
+        raise ValueError("the file has no mapping of names to values")
     return _with_plain_names(content)
 
 

@@ -191,6 +191,6 @@ def check_one_calibration(images: BagImages, topic: Topic, messages: Iterable[by
         first = first or camera
         if not camera.is_same(first):
             raise InputError(
-                f"bag '{images.bag.path}', '{topic.bag_name}': the calibration changes: one is required; divide "
-                "the bag at the change, or give a file by --calibration"
+                f"bag '{images.bag.path}', '{topic.bag_name}': the calibration changes within the bag: divide the bag "
+                "at the change, or give a constant calibration by --calibration FILE"
             )

@@ -25,8 +25,9 @@ def stereo_pairs(left_ns: Sequence[int], right_ns: Sequence[int], sync: SyncConf
     within = f"{sync.stamp_tolerance_ns / NS_PER_MS:g} ms"
     if not matched:
         raise InputError(
-            f"{where}: none of {len(left_ns)} left and {len(right_ns)} right images have stamps within {within}: "
-            f"trigger both cameras together, or set sync.stamp_tolerance_s or sync.right_offset_s in sfr.yaml"
+            f"{where}: none of the {len(left_ns)} left images has a stamp within {within} of any of the "
+            f"{len(right_ns)} right images: trigger both cameras together, or set sync.stamp_tolerance_s or "
+            "sync.right_offset_s in sfr.yaml"
         )
     if differences := [abs(right - left) for left, right in matched.items() if right != left]:
         typical, largest = (f"{value / NS_PER_MS:.3g}" for value in (median_low(differences), max(differences)))

@@ -208,10 +208,11 @@ def _check_whole_seconds(table: Table) -> None:
     """Raise InputError if stamps that are the seconds of a column `nsec` have a fraction of their own."""
     if (has_fraction := table.stamps_ns % NS_PER_S != 0).any():
         first = int(np.argmax(has_fraction))
+        stamp = seconds_text(int(table.stamps_ns[first]))
         raise InputError(
-            f"{table.name} line {table.lines[first]}: the stamp is {seconds_text(int(table.stamps_ns[first]))} s, and "
-            "another column contains a fraction of a second: whole seconds are required beside it; name only the "
-            "column of the complete stamp, as t"
+            f"{table.name} line {table.lines[first]}: the column of seconds contains {stamp}, although another column "
+            f"contains the fraction of a second: whole seconds are required; if {stamp} is the complete stamp, name "
+            "only this column, as t"
         )
 
 

@@ -148,7 +148,7 @@ def _rules() -> Rules:
     while not line.endswith(b"\n"):
         part = os.read(0, 65536)
         if not part:
-            raise SystemExit("the rules have no end")
+            raise SystemExit("standard input ended before the first line was complete: a line of JSON is required")
         line += part
     rules: Rules = json.loads(line)
     return rules

@@ -52,7 +52,7 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
         import dask
         from distributed import Client, LocalCluster
     except ImportError as error:
-        raise MissingExtraError(f"suites run on Dask ({error}): pip install 'sfr_loc_map[suite]'") from error
+        raise MissingExtraError(f"suites require Dask ({error}): pip install 'sfr_loc_map[suite]'") from error
     for name in ("distributed", "distributed.client"):  # lost workers are reported in one line instead
         logging.getLogger(name).setLevel(logging.CRITICAL)
     options: dict[str, Any] = {

@@ -69,7 +69,10 @@ def drive_counts(results: Sequence[ScoredJob], limits: Limits | None) -> Iterato
     """Yield the number of drives for each group and limit with `prob`; raise ConfigError if no limit has `prob`."""
     chosen = [] if limits is None else [item for item in limits.limits if item.terms is not None]
     if not chosen:
-        raise ConfigError("the suite has no limit with 'prob', such as position_bound_m: {limit: 0.1, prob: 0.95}")
+        raise ConfigError(
+            "the number of drives is computed for limits with 'prob', but the suite has no such limit: add one, such "
+            "as position_bound_m: {limit: 0.1, prob: 0.95}"
+        )
     for key, members in by_group(results).items():
         for limit in chosen:
             terms = limit.terms or Terms()

@@ -320,11 +320,11 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     ),
     "another file of ROS that is a list": (
         a_list_as("left/ost.yaml", ros),
-        "left/ost.yaml': it has no names of values",
+        "left/ost.yaml': the file has no mapping of names to values",
     ),
     "another file of OpenCV that is a list": (
         a_list_as("intrinsics.yml", opencv_in_two_files),
-        "intrinsics.yml': it has no names of values",
+        "intrinsics.yml': the file has no mapping of names to values",
     ),
     "one camera of ROS": (without("left/ost.yaml", ros), "has one camera: add the file of the other camera beside it"),
     "no size of ROS": (without("cameras.txt", colmap), "(cam0, cam1), EuRoC, ORB-SLAM, OpenCV (M1"),

@@ -252,7 +252,7 @@ REFUSED = {
     "a complete stamp and its fraction": (
         "t,nsec,x,y,z\n1700000000.25,250000000,0,0,0\n",
         "",
-        "line 2: the stamp is 1700000000.250000000 s, and another column",
+        "line 2: the column of seconds contains 1700000000.250000000, although another column",
     ),
     "a part of a matrix": ("1.5,2,3,4,5\n", "t[s],x,y,z,m11", "only m11 of a matrix: m11, m12"),
     "a part of a quaternion": ("t,x,y,z,qx,qy,qz\n1.5,2,3,4,0,0,0\n", "", "only qx, qy, qz of a quaternion"),

@@ -36,7 +36,7 @@ def test_drives_that_are_missing_follow_from_those_seen() -> None:
     (bad,) = drive_counts(drives, limits_with(limit=0.0, **terms))
     assert (bad.failures, bad.at_the_rate_seen, bad.if_normal, bad.state) == (12, None, None, "fail")
     assert "no number" in to_markdown([drive_count_table([bad])], "plan")
-    with pytest.raises(ConfigError, match="no limit with 'prob'"):
+    with pytest.raises(ConfigError, match="limits with 'prob'"):
         list(drive_counts(drives, None))
 
 
