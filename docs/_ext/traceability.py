@@ -77,7 +77,7 @@ CLAUSES = (
         "components in RB.",
         ("geometry/transform.py", "geometry/trajectory.py", "io/tables/trajectory_file.py"),
         "columns of `estimate.csv` and `groundtruth.csv`",
-        "`att_q_DsToRb` is the conjugate of the orientation in a ROS message. One module converts between both quaternions.",
+        "`att_q_DsToRb` and the orientation in a ROS message are conjugates. One module converts between them.",
         "rotation of components, not of the vector",
     ),
     Clause(
