@@ -22,7 +22,7 @@ LAYERS = {
     "simulation": ("geometry io", "Stereo pairs of a Mars-like scene with exact truth"),
     "tables": ("metrics", "The model of a table, and its formats: terminal, HTML, Markdown and CSV"),
     "report": ("geometry metrics tables", "Views of scores and other results; a view computes no verdict"),
-    "ros": ("geometry io localisation mapping", "What every program with a ROS node requires"),
+    "ros": ("geometry io localisation mapping", "The parts that every program with a ROS node requires"),
     "calls": (
         "geometry io localisation mapping metrics",
         "The record of each call of a localiser or mapper, and its forms",
@@ -34,7 +34,7 @@ LAYERS = {
     ),
     "source_setup": ("geometry io localisation mapping metrics tables", "The content of a source, and its `sfr.yaml`"),
     "scoring": ("calls geometry io mapping metrics", "A score with its provenance from files, memory or topics"),
-    "doctor": ("geometry io source_setup", "The issues of a recording or graph from an observation"),
+    "doctor": ("geometry io source_setup", "The issues of an observed recording or graph"),
     "evidence": (
         "calls faults geometry io kernels localisation mapping metrics runs tables",
         "The consistency of runs that should agree, without a ground truth",
