@@ -287,7 +287,7 @@ MUTATIONS = (
     Mutation("scoring/score_parts.py", "periods_ns[is_long].sum()", "periods_ns[is_long].min(initial=0)"),
     Mutation(EXPECTED_ITEMS, "(counts[is_of_drive] - 1).sum()", "(counts[is_of_drive] - 2).sum()"),
     Mutation(EXPECTED_ITEMS, "repeated_stamps + len(pairs) - len(np.unique(pairs))", "repeated_stamps"),
-    Mutation(DRIVE, 'single_run_stamps(truth, "ground truth")', "pass"),
+    Mutation(DRIVE, 'single_run_stamps(placed.truth, "ground truth")', "pass"),
     Mutation("metrics/frames/association.py", "np.lexsort((difference[near], image[near]))", "np.argsort(image[near])"),
     Mutation("metrics/frames/association.py", "return rows[chosen] if len(chosen) else rows", "return rows[chosen]"),
     Mutation(
@@ -411,8 +411,8 @@ MUTATIONS = (
     Mutation(SHORTFALLS, 'motions",\n        0.1,', 'motions",\n        1.0,'),
     Mutation(
         "metrics/completeness/copies.py",
-        "is_moving = lengths_m > MOVING_SHARE * np",
-        "is_moving = lengths_m >= 0.0 * np",
+        "is_moving = lengths_m > least_motion(lengths_m)",
+        "is_moving = lengths_m >= 0.0",
     ),
     # frames that are in no judged error
     Mutation(OTHER_FRAMES, "BEYOND = 3.0", "BEYOND = 0.1"),
@@ -421,7 +421,7 @@ MUTATIONS = (
     Mutation(INCOMPLETE, "is_far and not meets(limit, value)", "is_far"),
     # repeated poses, copies of true poses
     Mutation("metrics/completeness/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
-    Mutation("metrics/completeness/copies.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),
+    Mutation("metrics/frames/motion.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),
     Mutation("metrics/completeness/copies.py", "DRIFT_SHARE = 0.02", "DRIFT_SHARE = 0.01"),
     Mutation("metrics/completeness/copies.py", "DRIFT_SHARE = 0.02", "DRIFT_SHARE = 0.03"),
     Mutation("metrics/completeness/copies.py", "EXACT_SHARE = 1e-5", "EXACT_SHARE = 1e-4"),

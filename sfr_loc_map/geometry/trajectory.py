@@ -123,3 +123,10 @@ class Truth(Trajectory):
     has_tilt: bool = True  #: Whether roll and pitch are known; otherwise only the heading is known.
     read_from: str = ""  #: File or topic that the trajectory was read from.
     declared: tuple[str, ...] = ()  #: Settings `truth.NAME=VALUE` that changed the poses when the file was read.
+
+
+def as_truth(trajectory: Trajectory) -> Truth:
+    """Return a trajectory as a truth; a trajectory that is not a `Truth` is assumed to be complete and exact."""
+    if isinstance(trajectory, Truth):
+        return trajectory
+    return Truth(trajectory.stamps_ns, trajectory.positions, trajectory.quats_xyzw)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.metrics import formulas, formulas_beside
 from sfr_loc_map.metrics.formulas import Poses, SubTrajectoryErrors
 
@@ -17,10 +17,10 @@ class SubTrajectories(NamedTuple):
     poses: Poses  #: Poses of all frames.
     errors: SubTrajectoryErrors
 
-    def every(self, step: int) -> SubTrajectories:
-        """Return every `step`-th sub-trajectory."""
-        errors = SubTrajectoryErrors(*(values[::step] for values in self.errors))
-        return self._replace(starts=self.starts[::step], ends=self.ends[::step], errors=errors)
+    def where(self, chosen: Mask | slice) -> SubTrajectories:
+        """Return the chosen sub-trajectories."""
+        errors = SubTrajectoryErrors(*(values[chosen] for values in self.errors))
+        return self._replace(starts=self.starts[chosen], ends=self.ends[chosen], errors=errors)
 
     def true_displacement(self) -> FloatArray:
         """Return the true displacements from N to N+x."""

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth
 from sfr_loc_map.hashes import hash_arrays, hash_path
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.frames.truth_error import as_truth
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import InputFile, Provenance

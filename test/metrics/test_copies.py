@@ -4,15 +4,9 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.completeness.copies import (
-    copy_rows,
-    judged_of_truth,
-    moving_steps,
-    repeats_pose,
-    resolution_of,
-    scatter_m,
-)
+from sfr_loc_map.metrics.completeness.copies import copy_rows, judged_of_truth, repeats_pose, resolution_of, scatter_m
 from sfr_loc_map.metrics.frames.association import Frames
+from sfr_loc_map.metrics.frames.motion import moving_steps
 from sfr_loc_map.metrics.score.score import Score
 
 COUNT = 200

@@ -9,12 +9,12 @@ from scipy.spatial.transform import Rotation
 from helpers import ROOT
 from helpers.random_drives import as_score
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
+from sfr_loc_map.metrics.config import Condition, Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import parsed_conditions, score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
-from sfr_loc_map.metrics.frames.placement import ERROR_FUNCTIONS
 
 SECOND = 1_000_000_000
+READINGS = [reading for reading in Reading if not reading.is_fit]
 
 
 def drive(seed: int, count: int = 60) -> tuple[Trajectory, Trajectory]:
@@ -95,12 +95,12 @@ def test_each_reading_is_that_of_the_oracle(seed: int, condition: str, spacing: 
     estimate, truth = drive(seed)
     starts = range(0, len(truth.stamps_ns), spacing)
     spans = [(start, end) for start in starts if (end := ends_of(truth, condition, start)) is not None]
-    expected = {reading: oracle(estimate, truth, spans, reading) for reading in ERROR_FUNCTIONS}
-    for used in ERROR_FUNCTIONS:
+    expected = {reading: oracle(estimate, truth, spans, reading) for reading in READINGS}
+    for used in READINGS:
         config = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing, rebase=used)
         score = as_score(score_trajectory(Estimates.of(estimate), truth, config))
         assert score.association.rebase is used
-        for reading in ERROR_FUNCTIONS:
+        for reading in READINGS:
             for name, value in expected[reading].items():
                 row = score.figure(name, part=reading)
                 assert row.n == len(spans)
@@ -130,7 +130,7 @@ def test_the_worked_example_of_the_page_on_rebasing() -> None:
     score = as_score(score_trajectory(estimates, straight, TrajectoryScoreConfig()))
     page = (ROOT / "docs/concepts/sub_trajectories.md").read_text()
     assert f"{score.figure('position').n} sub-trajectories of 5 m" in page
-    for reading in ERROR_FUNCTIONS:
+    for reading in READINGS:
         position, *angles = (
             score.number(name, "mean_plus_3sigma", part=reading) for name in ("position", "attitude", "heading")
         )

@@ -15,7 +15,7 @@ can. See docs/metrics.md, "Completeness".
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,10 +26,10 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.completeness.expected_items import share_of, share_rows
 from sfr_loc_map.metrics.frames.association import Frames, unique_rows
+from sfr_loc_map.metrics.frames.motion import least_motion, moving_steps, typical_speed
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 NOISES = 5.0  #: A true displacement is a motion if it exceeds this multiple of the scatter of the truth.
-MOVING_SHARE = 0.1  #: The rover moves if its motion exceeds this fraction of the typical or largest motion.
 DRIFT_SHARE = 0.02
 """Fraction of the typical true speed up to which a displacement is a drift of the tracking, not a motion. A stationary
 rover with a zero-velocity update repeats its pose while the truth drifts, for instance by 3 mm in 90 s."""
@@ -67,7 +67,8 @@ class Tested(NamedTuple):
 def copy_rows(frames: Frames, truth: Trajectory, is_reported: Mask, *, interpolated: bool) -> Iterator[Figure]:
     """Yield the rows of the poses that repeat the previous pose, and of the poses that are copies of the ground truth.
 
-    `is_reported` `(F,)` states whether the pose of a frame is reported as lost or degraded.
+    `is_reported` `(F,)` states whether the pose of a frame is reported as lost or degraded. `interpolated` states
+    whether a true pose of a frame is interpolated.
     """
     repeated = int(np.count_nonzero(repeats_pose(frames) & ~is_reported))
     yield from share_rows("poses_repeated", repeated, len(frames.stamps_ns))
@@ -77,17 +78,17 @@ def copy_rows(frames: Frames, truth: Trajectory, is_reported: Mask, *, interpola
     yield from share_rows("poses_of_truth", *copies_of_truth(frames, references).counts)
 
 
-def judged_of_truth(frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]]) -> Figure:
+def judged_of_truth(frames: Frames, judged: Iterable[tuple[IntArray, IntArray]]) -> Figure:
     """Return the row of the judged motions that equal the true motions, for the condition with the largest fraction.
 
-    This detects an estimate that equals the truth only at the starts and ends of the judged sub-trajectories, where no
-    two successive poses are true.
+    `judged` contains starts and ends of the sub-trajectories of each condition. This detects an estimate that equals
+    the truth only at these starts and ends, where no two successive poses are true.
     """
     resolution_m = resolution_of_copies(frames.position, frames.true_position)
     worst = figure_row("errors_of_truth", n=0)
-    for starts, ends in chosen:
+    for starts, ends in judged:
         lengths_m = np.linalg.norm(frames.true_position[ends] - frames.true_position[starts], axis=1)
-        is_moving = lengths_m > MOVING_SHARE * np.max(lengths_m, initial=0.0)
+        is_moving = lengths_m > least_motion(lengths_m)
         motions = compared_motions(frames, frames.true_position, starts, ends, resolution_m)
         copies, testable = motions.where(is_moving).counts
         share = share_of(copies, testable)
@@ -119,7 +120,7 @@ def repeats_pose(frames: Frames) -> Mask:
     if len(own_m):
         least_m = max(least_m, float(own_m.min()), 0.5 * float(np.median(own_m)))
     since_s = (frames.stamps_ns - frames.stamps_ns[new]) / NS_PER_S
-    drift_m = DRIFT_SHARE * typical_speed(frames) * since_s
+    drift_m = DRIFT_SHARE * typical_speed(frames.truth) * since_s
     return np.asarray(is_same & (moved_m > np.maximum(least_m, drift_m)))
 
 
@@ -128,27 +129,6 @@ def scatter_m(positions: FloatArray) -> float:
     if len(positions) < 3:
         return 0.0
     return float(np.median(np.linalg.norm(np.diff(positions, n=2, axis=0), axis=1)))
-
-
-def typical_speed(frames: Frames) -> float:
-    """Return the median true speed of the moving rover, m/s; 0 if the rover does not move."""
-    is_moving = moving_steps(frames.true_position)[1:]
-    steps_m = np.linalg.norm(np.diff(frames.true_position, axis=0), axis=1)
-    periods_s = np.diff(frames.stamps_ns) / NS_PER_S
-    speeds = steps_m[is_moving] / periods_s[is_moving]
-    return float(np.median(speeds)) if len(speeds) else 0.0
-
-
-def moving_steps(true_pos: FloatArray) -> Mask:
-    """Return at which frames `(F,)` the step from the previous frame is a motion of the rover."""
-    is_moving = np.zeros(len(true_pos), np.bool_)
-    if len(true_pos) < 2:
-        return is_moving
-    steps_m = np.linalg.norm(np.diff(true_pos, axis=0), axis=1)
-    known = steps_m[steps_m > 0.0]
-    if len(known):
-        is_moving[1:] = steps_m > MOVING_SHARE * float(np.median(known))
-    return is_moving
 
 
 # ---- copies of the truth

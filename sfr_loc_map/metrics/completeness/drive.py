@@ -8,7 +8,8 @@
 4. the rows of the table of figures.
 
 An estimate is judged if it is paired with a true pose. With a matched truth that is sparser than the images, an
-estimate between two true poses also counts as judged, although no figure contains its error (`needs_frame`).
+estimate between two true poses also counts as judged, although no figure contains its error
+(`TruthCoverage.requires_frame`).
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-import msgspec
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
@@ -37,9 +37,9 @@ from sfr_loc_map.metrics.completeness.gaps import (
     true_path,
 )
 from sfr_loc_map.metrics.config import AssociationMode, Condition
-from sfr_loc_map.metrics.frames.association import has_own, nearness_ns
+from sfr_loc_map.metrics.frames.association import Matching, has_own, nearness_ns
+from sfr_loc_map.metrics.frames.placement import PlacedFrames
 from sfr_loc_map.metrics.table.catalogue import HIDDEN_CONDITIONS, IN_GAPS
-from sfr_loc_map.metrics.table.records import Association
 from sfr_loc_map.metrics.table.row_part import DISTANCE, TIME, RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
@@ -47,35 +47,43 @@ DOUBLED_SHARE = 0.1  #: A file contains two runs if the fraction of repeated sta
 SPARSER = 1.5  #: The truth is sparser than the images if the ratio of their median periods exceeds this.
 
 
+class DriveCompleteness(NamedTuple):
+    """The rows of completeness of a drive, and the number of images whose result is due, None if it is unknown."""
+
+    rows: list[Figure]
+    images: int | None
+
+
 def drive_completeness(
     estimate: Trajectory,
-    truth: Trajectory,
-    association: Association,
-    frames_ns: IntArray,
+    placed: PlacedFrames,
     conditions: Sequence[Condition],
     image_stamps_ns: IntArray | None,
     in_flight_ns: int = 0,
-) -> tuple[Association, list[Figure]]:
-    """Return the association with the number of images, and the rows of completeness.
+) -> DriveCompleteness:
+    """Return the completeness of a drive.
 
-    `frames_ns` are the ascending stamps of the frames. `image_stamps_ns` is None if the images are unknown.
-    MetricsError if the estimate or the truth contains two runs.
+    `estimate` contains the estimates as given, before an alignment. `image_stamps_ns` is None if the images are
+    unknown. MetricsError if the estimate or the truth contains two runs.
     """
+    matching = placed.matching
     estimates_ns = single_run_stamps(estimate, "estimate")
-    single_run_stamps(truth, "ground truth")
-    path = true_path(truth, estimates_ns, in_flight_ns)
-    expected_ns = expected_stamps(image_stamps_ns, estimates_ns, path.stamps_ns, association, in_flight_ns)
-    coverage = coverage_of(expected_ns, estimates_ns, frames_ns, path.stamps_ns, association)
+    single_run_stamps(placed.truth, "ground truth")
+    path = true_path(placed.truth, estimates_ns, in_flight_ns)
+    truth = TruthCoverage.of(path.stamps_ns, matching)
+    expected_ns = expected_stamps(image_stamps_ns, estimates_ns, truth, in_flight_ns)
+    coverage = coverage_of(expected_ns, estimates_ns, placed.frames.stamps_ns, truth)
     if image_stamps_ns is None:
+        images = None
         gaps = gaps_without_images(coverage, estimates_ns, path)
         without_images = figure_row("path_without_images", n=0)
     else:
+        images = len(expected_ns)
         gaps = gaps_between_images(coverage)
-        share = path_without_images(expected_ns, path, max_gap_of(association))
-        without_images = figure_row("path_without_images", n=len(expected_ns), value=share)
-        association = msgspec.structs.replace(association, images=len(expected_ns))
-    rows = [*coverage_rows(coverage, association, len(estimates_ns)), *gap_rows(gaps, path, conditions), without_images]
-    return association, rows
+        share = path_without_images(expected_ns, path, truth.max_gap_ns)
+        without_images = figure_row("path_without_images", n=images, value=share)
+    rows = [*coverage_rows(coverage), *pose_rows(placed, len(estimates_ns))]
+    return DriveCompleteness([*rows, *gap_rows(gaps, path, conditions), without_images], images)
 
 
 def single_run_stamps(poses: Trajectory, what: str) -> IntArray:
@@ -94,17 +102,77 @@ def single_run_stamps(poses: Trajectory, what: str) -> IntArray:
     return unique
 
 
+# ---- what the ground truth covers
+
+
+class TruthCoverage(NamedTuple):
+    """The ascending stamps of the true poses, and the rule by which these poses cover other stamps."""
+
+    stamps_ns: IntArray  #: `(T,)`
+    mode: AssociationMode
+    tolerance_ns: int  #: Largest difference between stamps that are considered equal.
+    max_gap_ns: int  #: Longest gap of the truth that is interpolated.
+
+    @classmethod
+    def of(cls, stamps_ns: IntArray, matching: Matching) -> TruthCoverage:
+        """Return the coverage by true poses with the settings of an association."""
+        tolerance_ns = round(matching.tolerance_s * NS_PER_S)
+        return cls(stamps_ns, matching.mode, tolerance_ns, round(matching.max_gap_s * NS_PER_S))
+
+    def spans(self, expected_ns: IntArray, near_ns: int) -> Mask:
+        """Return which ascending stamps the ground truth covers.
+
+        An interpolated truth covers the stamps within `near_ns` of its ends, because files round stamps, but no
+        estimate farther away is a frame. A matched truth may be sparser than the images. Each of its poses therefore
+        covers one of its median periods before and after it. A gap that is longer than both the longest interpolated
+        gap and five median periods is not covered.
+        """
+        true_ns = self.stamps_ns
+        if not len(true_ns):
+            return np.zeros(len(expected_ns), np.bool_)
+        usual_ns = float(np.median(np.diff(true_ns))) if len(true_ns) > 1 else 0.0
+        reach_ns = max(self.tolerance_ns, round(usual_ns)) if self.mode is AssociationMode.MATCH else near_ns
+        longest_ns = max(self.max_gap_ns, GAP_PERIODS * usual_ns)
+        before = np.searchsorted(true_ns, expected_ns, "right") - 1
+        after = np.searchsorted(true_ns, expected_ns, "left")
+        since = expected_ns - true_ns[np.maximum(before, 0)]
+        until = true_ns[np.minimum(after, len(true_ns) - 1)] - expected_ns
+        has_before = before >= 0
+        has_after = after < len(true_ns)
+        is_inside = has_before & has_after & (since + until <= longest_ns)
+        is_beside = (has_before & (since <= reach_ns)) | (has_after & (until <= reach_ns))
+        return np.asarray(is_inside | is_beside)
+
+    def requires_frame(self, expected_ns: IntArray, near_ns: int) -> Mask:
+        """Return which ascending stamps are judged only if their estimate is a frame.
+
+        A frame is an estimate paired with a true pose (docs/metrics.md). No figure contains the error of an estimate
+        that is not a frame. With an interpolated truth, every estimate is expected to be a frame. With a matched truth,
+        every estimate at a true pose is expected to be a frame: every estimate unless the truth is sparser than the
+        images. The ends of the truth are excluded, because a file may have rounded the stamp of an estimate outwards.
+        """
+        true_ns = self.stamps_ns
+        if not len(true_ns):
+            return np.zeros(len(expected_ns), np.bool_)
+        is_inside = (expected_ns - near_ns >= true_ns[0]) & (expected_ns + near_ns <= true_ns[-1])
+        if self.mode is AssociationMode.MATCH and self.is_sparser_than(expected_ns):
+            is_inside &= has_own(expected_ns, true_ns, near_ns)
+        return np.asarray(is_inside)
+
+    def is_sparser_than(self, expected_ns: IntArray) -> bool:
+        """Return whether the period of the true poses is `SPARSER` times that of expected stamps, or longer."""
+        if min(len(self.stamps_ns), len(expected_ns)) < 2:
+            return False
+        return bool(np.median(np.diff(self.stamps_ns)) >= SPARSER * np.median(np.diff(expected_ns)))
+
+
 # ---- expected stamps, and which of them are covered
 
 
 def expected_stamps(
-    image_stamps_ns: IntArray | None,
-    estimates_ns: IntArray,
-    true_ns: IntArray,
-    association: Association,
-    in_flight_ns: int = 0,
+    image_stamps_ns: IntArray | None, estimates_ns: IntArray, truth: TruthCoverage, in_flight_ns: int = 0
 ) -> IntArray:
-    """Return the ascending stamps of a drive at which an estimate is due; estimates and true poses ascend.
+    """Return the ascending stamps of a drive at which an estimate is due; the stamps of the estimates ascend.
 
     They are the stamps of the images. If the images are unknown, they are the stamps of the true poses, and of the
     estimates that the ground truth does not cover. Results of the last `in_flight_ns` are not due yet.
@@ -112,19 +180,18 @@ def expected_stamps(
     if image_stamps_ns is not None:
         return settled(np.unique(image_stamps_ns), estimates_ns, in_flight_ns)
     due_ns = settled(estimates_ns, estimates_ns[:0], in_flight_ns)
-    return expected_without_images(due_ns, true_ns, association)
+    return expected_without_images(due_ns, truth)
 
 
-def expected_without_images(estimates_ns: IntArray, true_ns: IntArray, association: Association) -> IntArray:
+def expected_without_images(estimates_ns: IntArray, truth: TruthCoverage) -> IntArray:
     """Return the stamps of true poses, and of the estimates before, after and in gaps of the truth; inputs ascend.
 
     If the images are unknown, these estimates count as images without a truth.
     """
-    if len(true_ns) < 2:
-        return true_ns
-    near_ns = nearness_ns(estimates_ns, tolerance_of(association))
-    is_covered = is_spanned(estimates_ns, true_ns, near_ns, association)
-    return np.union1d(true_ns, estimates_ns[~is_covered])
+    if len(truth.stamps_ns) < 2:
+        return truth.stamps_ns
+    is_covered = truth.spans(estimates_ns, nearness_ns(estimates_ns, truth.tolerance_ns))
+    return np.union1d(truth.stamps_ns, estimates_ns[~is_covered])
 
 
 class Coverage(NamedTuple):
@@ -155,80 +222,31 @@ class Coverage(NamedTuple):
         return int(np.count_nonzero(~self.has_truth))
 
 
-def coverage_of(
-    expected_ns: IntArray, estimates_ns: IntArray, frames_ns: IntArray, true_ns: IntArray, association: Association
-) -> Coverage:
+def coverage_of(expected_ns: IntArray, estimates_ns: IntArray, frames_ns: IntArray, truth: TruthCoverage) -> Coverage:
     """Return which expected stamps have an estimate and a ground truth; all stamps ascend."""
-    near_ns = nearness_ns(expected_ns, tolerance_of(association))
+    near_ns = nearness_ns(expected_ns, truth.tolerance_ns)
     has_estimate = has_own(expected_ns, estimates_ns, near_ns)
     has_frame = has_own(expected_ns, frames_ns, near_ns)
-    has_truth = is_spanned(expected_ns, true_ns, near_ns, association)
-    has_truth &= has_frame | ~has_estimate | ~needs_frame(expected_ns, true_ns, near_ns, association.mode)
+    has_truth = truth.spans(expected_ns, near_ns)
+    has_truth &= has_frame | ~has_estimate | ~truth.requires_frame(expected_ns, near_ns)
     return Coverage(expected_ns, has_estimate, has_truth)
 
 
-def needs_frame(expected_ns: IntArray, true_ns: IntArray, near_ns: int, mode: AssociationMode | str) -> Mask:
-    """Return which expected stamps are judged only if their estimate is a frame; both stamps are ascending.
-
-    A frame is an estimate paired with a true pose (docs/metrics.md). No figure contains the error of an estimate that
-    is not a frame. With an interpolated truth, every estimate is expected to be a frame. With a matched truth, every
-    estimate at a true pose is expected to be a frame: every estimate unless the truth is sparser than the images. The
-    ends of the truth are excluded, because a file may have rounded the stamp of an estimate outwards.
-    """
-    if not len(true_ns):
-        return np.zeros(len(expected_ns), np.bool_)
-    is_inside = (expected_ns - near_ns >= true_ns[0]) & (expected_ns + near_ns <= true_ns[-1])
-    is_sparse = min(len(true_ns), len(expected_ns)) > 1 and np.median(np.diff(true_ns)) >= SPARSER * np.median(
-        np.diff(expected_ns)
-    )
-    if mode == AssociationMode.MATCH and is_sparse:
-        is_inside &= has_own(expected_ns, true_ns, near_ns)
-    return np.asarray(is_inside)
+def coverage_rows(coverage: Coverage) -> Iterator[Figure]:
+    """Yield the rows that count expected stamps."""
+    yield expected_row(RowPart(Scope.DRIVE), coverage.judged, coverage.expected)
+    yield from share_rows("missing", coverage.missing, coverage.expected)
+    yield from share_rows("images_without_truth", coverage.without_truth, coverage.expected)
 
 
-def is_spanned(expected_ns: IntArray, true_ns: IntArray, near_ns: int, association: Association) -> Mask:
-    """Return which expected stamps the ground truth covers; both stamps are ascending.
-
-    An interpolated truth covers the stamps within `near_ns` of its ends, because files round stamps, but no estimate
-    farther away is a frame. A matched truth may be sparser than the images. Each of its poses therefore covers one of
-    its median periods before and after it. A gap that is longer than both the longest interpolated gap and five median
-    periods is not covered.
-    """
-    if not len(true_ns):
-        return np.zeros(len(expected_ns), np.bool_)
-    usual_ns = float(np.median(np.diff(true_ns))) if len(true_ns) > 1 else 0.0
-    is_matched = association.mode == AssociationMode.MATCH
-    reach_ns = max(tolerance_of(association), round(usual_ns)) if is_matched else near_ns
-    longest_ns = max(max_gap_of(association), GAP_PERIODS * usual_ns)
-    before = np.searchsorted(true_ns, expected_ns, "right") - 1
-    after = np.searchsorted(true_ns, expected_ns, "left")
-    since = expected_ns - true_ns[np.maximum(before, 0)]
-    until = true_ns[np.minimum(after, len(true_ns) - 1)] - expected_ns
-    is_inside = (before >= 0) & (after < len(true_ns)) & (since + until <= longest_ns)
-    is_beside = ((before >= 0) & (since <= reach_ns)) | ((after < len(true_ns)) & (until <= reach_ns))
-    return np.asarray(is_inside | is_beside)
-
-
-def tolerance_of(association: Association) -> int:
-    """Return the largest difference between stamps that are considered equal, ns."""
-    return round(association.tolerance_s * NS_PER_S)
-
-
-def max_gap_of(association: Association) -> int:
-    """Return the longest gap of the truth that is interpolated, ns."""
-    return round(association.max_gap_s * NS_PER_S)
-
-
-def coverage_rows(coverage: Coverage, association: Association, estimates: int) -> Iterator[Figure]:
-    """Yield the rows that count expected stamps, frames and estimates. `estimates` are different stamps."""
-    expected = coverage.expected
-    yield expected_row(RowPart(Scope.DRIVE), coverage.judged, expected)
-    yield from share_rows("missing", coverage.missing, expected)
-    yield from share_rows("images_without_truth", coverage.without_truth, expected)
-    yield from share_rows("lost", association.lost, association.matched)
-    yield from share_rows("degraded", association.degraded, association.matched)
-    yield from share_rows("unmatched", estimates - association.matched, estimates)
-    yield from share_rows("doubled", association.estimate_duplicates, association.estimate_poses)
+def pose_rows(placed: PlacedFrames, unique_estimates: int) -> Iterator[Figure]:
+    """Yield the rows that count frames and estimates. `unique_estimates` is the number of their different stamps."""
+    matching = placed.matching
+    states = placed.states
+    yield from share_rows("lost", states.lost, matching.matched)
+    yield from share_rows("degraded", states.degraded, matching.matched)
+    yield from share_rows("unmatched", unique_estimates - matching.matched, unique_estimates)
+    yield from share_rows("doubled", matching.estimate_duplicates, matching.estimate_poses)
 
 
 def rows_without_poses(images: int) -> Iterator[Figure]:

@@ -22,14 +22,12 @@ BEYOND = 3.0
 NAMED_FRAMES = 5  #: Maximum number of ranges of frames that a message names.
 
 
-def rows_of_other_frames(
-    condition: str, judged: SubTrajectories, placed: PlacedFrames, *, has_height: bool
-) -> Iterator[Figure]:
+def rows_of_other_frames(condition: str, judged: SubTrajectories, placed: PlacedFrames) -> Iterator[Figure]:
     """Yield the errors at the other frames, and the fraction of frames whose error far exceeds the judged errors."""
     if not len(judged.starts):
         return
     others, frames = to_other_frames(judged, placed), len(placed.frames.stamps_ns)
-    for kind in error_figures(has_height=has_height):
+    for kind in error_figures(has_height=placed.truth.has_height):
         yield error_row(kind, condition, OTHER_FRAMES, others)
         beyond = int(np.count_nonzero(beyond_the_judged(kind, others, judged)))
         yield figure_row(ERRORS_BEYOND, condition, kind.name, n=frames, value=share_of(beyond, frames))
@@ -46,7 +44,7 @@ def to_other_frames(judged: SubTrajectories, placed: PlacedFrames) -> SubTraject
     before = np.maximum(after - 1, 0)
     is_after_nearer = np.abs(known[after] - ends) < np.abs(ends - known[before])
     starts = np.where(is_after_nearer, known[after], known[before])
-    return SubTrajectories(starts, ends, placed.poses, placed.error_function(placed.poses, starts, ends))
+    return placed.sub_trajectories(starts, ends)
 
 
 def beyond_the_judged(kind: FigureKind, others: SubTrajectories, judged: SubTrajectories) -> Mask:

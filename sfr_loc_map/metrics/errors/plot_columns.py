@@ -25,7 +25,7 @@ def sub_trajectory_rows(
 ) -> SubTrajectoryRows:
     """Return the decimated sub-trajectories of a condition."""
     every = every_nth(len(sub_trajectories.starts), DETAIL_ROWS)
-    shown = sub_trajectories.every(every)
+    shown = sub_trajectories.where(slice(None, None, every))
     starts, ends = shown.starts, shown.ends
     directions = shown.by_direction()
     others: dict[str, Values] = {}

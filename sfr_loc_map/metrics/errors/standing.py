@@ -11,12 +11,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.completeness.copies import MOVING_SHARE
 from sfr_loc_map.metrics.completeness.expected_items import share_of
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.errors.trajectory_errors import error_figures, error_row
-from sfr_loc_map.metrics.formulas import Poses, SubTrajectoryErrors
+from sfr_loc_map.metrics.formulas import Poses
+from sfr_loc_map.metrics.frames.motion import MOVING_SHARE, least_motion
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.table.catalogue import STANDING
 from sfr_loc_map.metrics.table.row_part import MOVING, SUB_TRAJECTORIES
@@ -28,26 +29,22 @@ QUARTERS = (0.25, 0.5, 0.75, 1.0)
 
 
 def rows_of_moving(
-    condition: Condition, sub_trajectories: SubTrajectories, overlap: float, *, has_height: bool, has_tilt: bool
+    condition: Condition, sub_trajectories: SubTrajectories, overlap: float, truth: Truth
 ) -> Iterator[Figure]:
     """Yield the fraction of sub-trajectories of a stationary rover, and the errors of the others.
 
-    `has_height` and `has_tilt` state whether the ground truth has heights, and roll and pitch. The errors are omitted
-    if the rover is stationary in all sub-trajectories or in none.
+    The errors are omitted if the rover is stationary in all sub-trajectories or in none.
     """
     name = condition.setting
     select = is_moving if condition.is_of_time else begins_elsewhere
-    moves = select(sub_trajectories, has_tilt=has_tilt)
+    moves = select(sub_trajectories, has_tilt=truth.has_tilt)
     count = len(sub_trajectories.starts)
     standing = count - int(np.count_nonzero(moves))
     yield figure_row(STANDING, name, SUB_TRAJECTORIES, n=count, value=share_of(standing, count))
     if not 0 < standing < count:
         return
-    errors = SubTrajectoryErrors(*(values[moves] for values in sub_trajectories.errors))
-    others = sub_trajectories._replace(
-        starts=sub_trajectories.starts[moves], ends=sub_trajectories.ends[moves], errors=errors
-    )
-    for kind in error_figures(has_height=has_height):
+    others = sub_trajectories.where(moves)
+    for kind in error_figures(has_height=truth.has_height):
         yield error_row(kind, name, MOVING, others, overlap)
 
 
@@ -95,11 +92,6 @@ def turned_deg(poses: Poses, starts: IntArray, ends: IntArray, *, has_tilt: bool
         heading = formulas.heading(attitude)
         turns = np.abs(formulas.heading_error_deg(heading[ends], heading[starts]))
     return np.asarray(np.nan_to_num(turns))
-
-
-def least_motion(motions_m: FloatArray) -> float:
-    """Return the distance above which the rover has moved."""
-    return MOVING_SHARE * float(np.max(motions_m, initial=0.0))
 
 
 def least_turn(turns_deg: FloatArray) -> float:

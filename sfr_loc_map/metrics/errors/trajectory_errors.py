@@ -7,14 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics import formulas, formulas_beside
 from sfr_loc_map.metrics.config import Condition, ConditionKind
-from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses
+from sfr_loc_map.metrics.formulas import Lengths
 from sfr_loc_map.metrics.frames.association import StampedPoses
-from sfr_loc_map.metrics.frames.placement import ERROR_FUNCTIONS, PlacedFrames, without_unknown_attitudes
-from sfr_loc_map.metrics.frames.truth_error import as_truth
+from sfr_loc_map.metrics.frames.placement import PlacedFrames
 from sfr_loc_map.metrics.statistics.intervals import interval95
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.table.catalogue import KINDS, FigureKind
@@ -96,44 +94,34 @@ def error_row(
 
 
 def error_rows(
-    condition: str, sub_trajectories: SubTrajectories, overlap: float, placed: PlacedFrames, truth: Trajectory
+    condition: str, sub_trajectories: SubTrajectories, overlap: float, placed: PlacedFrames
 ) -> Iterator[Figure]:
-    """Yield the errors of one condition by the judged reading, by direction, and by the others."""
-    known = as_truth(truth)
-    judged = placed.association.rebase
-    kinds = error_figures(has_height=known.has_height)
+    """Yield the errors of one condition by the judged reading, by direction, and by the other readings."""
+    kinds = error_figures(has_height=placed.truth.has_height)
+    judged, *others = placed.readings
     for kind in kinds:
-        if not kind.is_without_height:
-            yield error_row(kind, condition, str(judged), sub_trajectories, overlap)
+        yield error_row(kind, condition, judged, sub_trajectories, overlap)
     for direction, values in sub_trajectories.by_direction().items():
         yield figure_row("position", condition, direction, statistics=formulas.statistics(values))
-    for kind in kinds:
-        if kind.is_without_height:
-            yield error_row(kind, condition, str(judged), sub_trajectories, overlap)
-    for reading, function in ERROR_FUNCTIONS.items() if truth.has_attitude else ():
-        if reading is judged:
-            continue
-        error_function = without_unknown_attitudes(known, function)
-        errors = error_function(placed.poses, sub_trajectories.starts, sub_trajectories.ends)
-        other = sub_trajectories._replace(errors=errors)
+    for reading in others:
+        by_reading = placed.sub_trajectories(sub_trajectories.starts, sub_trajectories.ends, reading)
         for kind in kinds:
             if not kind.is_of_all_readings:
-                yield error_row(kind, condition, str(reading), other)
+                yield error_row(kind, condition, reading, by_reading)
 
 
-def growth_rows(
-    poses: Poses, length_m: Lengths, spacing: int, error_function: ErrorFunction, *, has_height: bool
-) -> Iterator[Figure]:
+def growth_rows(placed: PlacedFrames, spacing: int) -> Iterator[Figure]:
     """Yield the rows of the error as a function of the length of the sub-trajectory."""
+    length_m = placed.length_m
     count = len(length_m)
     for metres in DISTANCES_M:
         apart = max(spacing, round(DISTANCES_SPACING * max(metres / DISTANCES_BASE_M, 1.0)))
         starts = formulas.start_frames(count, apart)
         ends = formulas.ends_by_distance(starts, length_m, metres)
         is_short = (ends < count) & (ends - starts <= DISTANCES_MAX_STARTS * apart)
-        starts, ends = starts[is_short], ends[is_short]
-        if len(starts):
-            sub_trajectories = SubTrajectories(starts, ends, poses, error_function(poses, starts, ends))
-            for kind in error_figures(has_height=has_height):
-                if not kind.is_of_all_readings:
-                    yield error_row(kind, None, distance_part(metres), sub_trajectories)
+        if not is_short.any():
+            continue
+        sub_trajectories = placed.sub_trajectories(starts[is_short], ends[is_short])
+        for kind in error_figures(has_height=placed.truth.has_height):
+            if not kind.is_of_all_readings:
+                yield error_row(kind, None, distance_part(metres), sub_trajectories)

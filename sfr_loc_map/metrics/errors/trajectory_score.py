@@ -16,7 +16,6 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import counted
-from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.completeness.copies import copy_rows, judged_of_truth
 from sfr_loc_map.metrics.completeness.drive import drive_completeness
 from sfr_loc_map.metrics.config import Condition, Reading, TrajectoryScoreConfig
@@ -33,15 +32,9 @@ from sfr_loc_map.metrics.errors.trajectory_errors import (
     overlap_of,
     select,
 )
-from sfr_loc_map.metrics.frames.association import Estimates, Frames
-from sfr_loc_map.metrics.frames.placement import (
-    ERROR_FUNCTIONS,
-    PlacedFrames,
-    Placement,
-    placed_frames,
-    without_unknown_attitudes,
-)
-from sfr_loc_map.metrics.frames.truth_error import as_truth, truth_error_rows, turn_rows
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.frames.placement import PlacedFrames, placed_frames
+from sfr_loc_map.metrics.frames.truth_error import truth_error_rows, turn_rows
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.table.details import ErrorRows, SubTrajectoryRows, TrajectoryDetails, column
 from sfr_loc_map.metrics.table.records import Association, TruthRecord
@@ -69,38 +62,30 @@ def score_trajectory(
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)
-    if not placed.association.matched and not is_live:
+    if not placed.matching.matched and not is_live:
         raise MetricsError(nothing_matched(estimates.trajectory, truth))
     frames = placed.frames
-    chosen = list(sub_trajectories_of(conditions, placed, config.spacing))
-    association, completeness = completeness_of_drive(
-        estimates.trajectory, truth, placed, chosen, image_stamps_ns, in_flight_ns
-    )
-    sums = step_sums(placed.estimates, frames, [(item.starts, item.ends) for item in chosen])
-    results = [result_of_condition(item, placed, truth, config.spacing, sums, kept_errors) for item in chosen]
+    judged = judged_sub_trajectories(conditions, placed, config.spacing)
+    drive = drive_completeness(estimates.trajectory, placed, conditions, image_stamps_ns, in_flight_ns)
+    sums = step_sums(placed, judged.values())
+    results = [result_of_condition(*each, placed, config.spacing, sums, kept_errors) for each in judged.items()]
     figures = [row for result in results for row in result.figures]
     figures += largest_fraction_beyond(figures)
     figures.append(largest_standing_fraction(figures))
-    has_height = as_truth(truth).has_height
-    figures += growth_rows(placed.poses, placed.length_m, config.spacing, placed.error_function, has_height=has_height)
-    figures += truth_error_rows(truth, frames.stamps_ns if association.interpolated else frames.stamps_ns[:0])
+    figures += growth_rows(placed, config.spacing)
+    figures += truth_error_rows(placed.truth, interpolated_stamps(placed))
+    figures += drive.rows
+    figures += copy_rows(frames, placed.truth, placed.is_reported, interpolated=placed.matching.interpolated > 0)
+    figures.append(judged_of_truth(frames, [(each.starts, each.ends) for each in judged.values()]))
     path = path_rows(placed.estimates, frames, placed.length_m) if details else None
     return TrajectoryResult(
-        figures=(*figures, *completeness),
-        association=association,
-        truth=truth_record(truth, frames, placed.placement),
+        figures=tuple(figures),
+        association=association_record(placed, config.spacing, drive.images),
+        truth=truth_record(placed),
         details=TrajectoryDetails(path=path, sub_trajectories=tuple(result.rows for result in results)),
         errors=tuple(errors for result in results for errors in result.errors),
         unjudged=tuple(text for result in results for text in result.unjudged),
     )
-
-
-class ChosenStarts(NamedTuple):
-    """The sub-trajectories of a condition, as frames."""
-
-    condition: Condition
-    starts: IntArray
-    ends: IntArray
 
 
 class ConditionResult(NamedTuple):
@@ -112,60 +97,44 @@ class ConditionResult(NamedTuple):
     unjudged: tuple[str, ...]  #: Warnings of frames that are in no judged error and whose errors are far larger.
 
 
-def sub_trajectories_of(conditions: Sequence[Condition], placed: PlacedFrames, spacing: int) -> Iterator[ChosenStarts]:
-    """Yield the sub-trajectories of each condition."""
-    for condition in conditions:
-        yield ChosenStarts(condition, *select(condition, spacing, placed.frames.truth, placed.length_m))
+def judged_sub_trajectories(
+    conditions: Sequence[Condition], placed: PlacedFrames, spacing: int
+) -> dict[Condition, SubTrajectories]:
+    """Return the sub-trajectories of each condition, with their errors by the judged reading."""
+    return {
+        condition: placed.sub_trajectories(*select(condition, spacing, placed.frames.truth, placed.length_m))
+        for condition in conditions
+    }
 
 
-def completeness_of_drive(
-    estimate: Trajectory,
-    truth: Trajectory,
-    placed: PlacedFrames,
-    chosen: Sequence[ChosenStarts],
-    image_stamps_ns: IntArray | None,
-    in_flight_ns: int,
-) -> tuple[Association, list[Figure]]:
-    """Return the association with the number of images, and all rows of completeness of a drive."""
-    frames = placed.frames
-    conditions = [item.condition for item in chosen]
-    association, rows = drive_completeness(
-        estimate, truth, placed.association, frames.stamps_ns, conditions, image_stamps_ns, in_flight_ns
-    )
-    is_reported = (placed.estimates.lost | placed.estimates.degraded)[frames.estimate_rows]
-    rows += copy_rows(frames, truth, is_reported, interpolated=association.interpolated > 0)
-    rows.append(judged_of_truth(frames, [(item.starts, item.ends) for item in chosen]))
-    return association, rows
+def interpolated_stamps(placed: PlacedFrames) -> IntArray:
+    """Return the stamps of frames at which the truth has an error of interpolation: none without interpolation."""
+    stamps_ns = placed.frames.stamps_ns
+    return stamps_ns if placed.matching.interpolated else stamps_ns[:0]
 
 
 def result_of_condition(
-    chosen: ChosenStarts,
+    condition: Condition,
+    judged: SubTrajectories,
     placed: PlacedFrames,
-    truth: Trajectory,
     spacing: int,
     sums: Mapping[int, StepSums],
     kept_errors: Collection[tuple[str, str]],
 ) -> ConditionResult:
     """Return the part of a score from the sub-trajectories of one condition."""
-    condition, starts, ends = chosen
     name = condition.setting
-    known = as_truth(truth)
-    sub_trajectories = SubTrajectories(starts, ends, placed.poses, placed.error_function(placed.poses, starts, ends))
-    overlap = overlap_of(starts, ends, spacing)
-    of_other_frames = tuple(rows_of_other_frames(name, sub_trajectories, placed, has_height=known.has_height))
-    of_moving = rows_of_moving(
-        condition, sub_trajectories, overlap, has_height=known.has_height, has_tilt=known.has_tilt
-    )
+    overlap = overlap_of(judged.starts, judged.ends, spacing)
+    of_other_frames = tuple(rows_of_other_frames(name, judged, placed))
     return ConditionResult(
         figures=(
-            *error_rows(name, sub_trajectories, overlap, placed, truth),
-            *consistency_rows(name, sub_trajectories, overlap, placed, truth, sums),
+            *error_rows(name, judged, overlap, placed),
+            *consistency_rows(name, judged, overlap, placed, sums),
             *of_other_frames,
-            *of_moving,
+            *rows_of_moving(condition, judged, overlap, placed.truth),
         ),
-        rows=sub_trajectory_rows(name, sub_trajectories, placed.frames.stamps_ns, placed.length_m),
-        errors=tuple(error_columns(name, sub_trajectories, kept_errors)),
-        unjudged=tuple(unjudged_frames(name, sub_trajectories, placed, of_other_frames)),
+        rows=sub_trajectory_rows(name, judged, placed.frames.stamps_ns, placed.length_m),
+        errors=tuple(error_columns(name, judged, kept_errors)),
+        unjudged=tuple(unjudged_frames(name, judged, placed, of_other_frames)),
     )
 
 
@@ -190,24 +159,17 @@ def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:
 
 
 def consistency_rows(
-    condition: str,
-    sub_trajectories: SubTrajectories,
-    overlap: float,
-    placed: PlacedFrames,
-    truth: Trajectory,
-    sums: Mapping[int, StepSums],
+    condition: str, judged: SubTrajectories, overlap: float, placed: PlacedFrames, sums: Mapping[int, StepSums]
 ) -> Iterator[Figure]:
     """Yield the rows of one condition that relate the errors to their distribution, the truth and the covariances."""
-    known = as_truth(truth)
-    if placed.association.rebase is Reading.POSE:
-        yield from turn_rows(condition, known.sigma_deg, sub_trajectories.true_displacement())
-    if known.has_height:
-        yield from confidence_rows(condition, sub_trajectories.errors.position_m, overlap)
-    if known.has_height and known.has_tilt:
-        noise = (known.sigma_m, known.sigma_deg)
-        yield from nees_rows(
-            condition, placed.estimates, placed.frames, sums, sub_trajectories.starts, sub_trajectories.ends, noise
-        )
+    truth = placed.truth
+    if placed.reading is Reading.POSE:
+        yield from turn_rows(condition, truth.sigma_deg, judged.true_displacement())
+    if truth.has_height:
+        yield from confidence_rows(condition, judged.errors.position_m, overlap)
+    if truth.has_height and truth.has_tilt:
+        noise = (truth.sigma_m, truth.sigma_deg)
+        yield from nees_rows(condition, placed.estimates, placed.frames, sums, judged.starts, judged.ends, noise)
 
 
 def error_columns(
@@ -220,31 +182,51 @@ def error_columns(
             yield ErrorRows(figure=kind.name, condition=condition, errors=columns)
 
 
-def step_sums(estimates: Estimates, frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]]) -> dict[int, StepSums]:
+def step_sums(placed: PlacedFrames, judged: Collection[SubTrajectories]) -> dict[int, StepSums]:
     """Return the sums of steps up to each estimate at which a sub-trajectory starts or ends, by estimate.
 
     The result is empty if the estimates have no covariances of steps.
     """
+    estimates = placed.estimates
     if estimates.steps is None or estimates.covariance is None:
         return {}
-    compared = np.unique(np.concatenate([np.concatenate(pair) for pair in chosen]))
-    return sums_of_steps(estimates, estimates.steps, frames.estimate_rows[compared])
+    compared = np.unique(np.concatenate([frames for each in judged for frames in (each.starts, each.ends)]))
+    return sums_of_steps(estimates, estimates.steps, placed.frames.estimate_rows[compared])
 
 
-def truth_record(truth: Trajectory, frames: Frames, placement: Placement | None) -> TruthRecord:
+# ---- records
+
+
+def association_record(placed: PlacedFrames, spacing: int, images: int | None) -> Association:
+    """Return how the estimates were associated with the truth; `images` is None if they are unknown."""
+    stamps_ns = placed.frames.stamps_ns
+    has_frames = len(stamps_ns) > 0
+    return Association(
+        **placed.matching._asdict(),
+        **placed.states._asdict(),
+        images=images,
+        spacing_frames=spacing,
+        rebase=placed.reading,
+        path_length_m=float(placed.length_m[-1]) if has_frames else 0.0,
+        duration_s=int(stamps_ns[-1] - stamps_ns[0]) / NS_PER_S if has_frames else None,
+    )
+
+
+def truth_record(placed: PlacedFrames) -> TruthRecord:
     """Return the properties of the ground truth."""
-    known = as_truth(truth)
-    steps = np.linalg.norm(np.diff(frames.true_position, axis=0), axis=1)
-    step = float(np.median(steps)) if len(steps) else 0.0
+    truth = placed.truth
+    placement = placed.placement
+    steps_m = np.linalg.norm(np.diff(placed.frames.true_position, axis=0), axis=1)
+    step_m = float(np.median(steps_m)) if len(steps_m) else 0.0
     return TruthRecord(
         attitude=truth.has_attitude,
-        height=known.has_height,
-        tilt=known.has_tilt,
-        sigma_m=known.sigma_m or None,
-        sigma_deg=known.sigma_deg or None,
-        path_excess=2.0 * (known.sigma_m / step) ** 2 if known.sigma_m and step else None,
-        lever_arm_m=known.lever_arm_m if any(known.lever_arm_m) else (),
-        declared=known.declared,
+        height=truth.has_height,
+        tilt=truth.has_tilt,
+        sigma_m=truth.sigma_m or None,
+        sigma_deg=truth.sigma_deg or None,
+        path_excess=2.0 * (truth.sigma_m / step_m) ** 2 if truth.sigma_m and step_m else None,
+        lever_arm_m=truth.lever_arm_m if any(truth.lever_arm_m) else (),
+        declared=truth.declared,
         yaw_deg=None if placement is None else placement.yaw_deg,
         tilt_deg=None if placement is None else placement.tilt_deg,
         translation_m=() if placement is None else placement.translation_m,
@@ -265,34 +247,37 @@ def sub_trajectory_table(
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)
-    frames = placed.frames
-    poses = placed.poses
-    length_m = placed.length_m
-    functions = {placed.association.rebase: placed.error_function}
-    if truth.has_attitude:
-        known = as_truth(truth)
-        functions |= {reading: without_unknown_attitudes(known, each) for reading, each in ERROR_FUNCTIONS.items()}
-    parts: list[dict[str, NDArray[Any]]] = []
-    for condition, starts, ends in sub_trajectories_of(conditions, placed, config.spacing):
-        true_move = formulas.displacement(poses.true_position, starts, ends)
-        for reading, function in functions.items():
-            errors = function(poses, starts, ends)
-            part: dict[str, NDArray[Any]] = {
-                "condition": np.full(len(starts), condition.setting, object),
-                "reading": np.full(len(starts), str(reading), object),
-                "start_frame": starts,
-                "end_frame": ends,
-                "start_stamp_ns": frames.stamps_ns[starts],
-                "end_stamp_ns": frames.stamps_ns[ends],
-                "travelled_m": np.asarray(length_m[ends] - length_m[starts], np.float64),
-            }
-            for axis, values in zip("xyz", true_move.T, strict=True):
-                part[f"true_displacement_{axis}_m"] = values
-            for axis, values in zip("xyz", (true_move + errors.position_m).T, strict=True):
-                part[f"estimated_displacement_{axis}_m"] = values
-            for axis, values in zip("xyz", errors.position_m.T, strict=True):
-                part[f"error_{axis}_m"] = values
-            part["attitude_error_deg"] = errors.attitude_deg
-            part["heading_error_deg"] = errors.heading_deg
-            parts.append(part)
+    parts = [
+        table_part(condition.setting, reading, placed.sub_trajectories(judged.starts, judged.ends, reading), placed)
+        for condition, judged in judged_sub_trajectories(conditions, placed, config.spacing).items()
+        for reading in placed.readings
+    ]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def table_part(
+    condition: str, reading: Reading, sub_trajectories: SubTrajectories, placed: PlacedFrames
+) -> dict[str, NDArray[Any]]:
+    """Return the sub-trajectories of one condition and their errors by one reading, as columns."""
+    starts, ends, _, errors = sub_trajectories
+    stamps_ns = placed.frames.stamps_ns
+    true_move = sub_trajectories.true_displacement()
+    columns: dict[str, NDArray[Any]] = {
+        "condition": np.full(len(starts), condition, object),
+        "reading": np.full(len(starts), str(reading), object),
+        "start_frame": starts,
+        "end_frame": ends,
+        "start_stamp_ns": stamps_ns[starts],
+        "end_stamp_ns": stamps_ns[ends],
+        "travelled_m": np.asarray(placed.length_m[ends] - placed.length_m[starts], np.float64),
+    }
+    vectors = {
+        "true_displacement": true_move,
+        "estimated_displacement": true_move + errors.position_m,
+        "error": errors.position_m,
+    }
+    for name, values in vectors.items():
+        columns |= {f"{name}_{axis}_m": column for axis, column in zip("xyz", values.T, strict=True)}
+    columns["attitude_error_deg"] = errors.attitude_deg
+    columns["heading_error_deg"] = errors.heading_deg
+    return columns

@@ -22,12 +22,11 @@ from sfr_loc_map.geometry.rotation import (
     quat_normalised,
     quat_rotate,
 )
-from sfr_loc_map.geometry.trajectory import Trajectory, Truth, at_point
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth, at_point
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionKind
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.frames.association import unique_rows
-from sfr_loc_map.metrics.frames.truth_error import as_truth
 from sfr_loc_map.metrics.table.records import Alignment
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.stamp_pairing import nearest_stamps

@@ -18,7 +18,6 @@ from sfr_loc_map.geometry.rotation import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
-from sfr_loc_map.metrics.table.records import Association
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
 Rows = NDArray[np.intp]
@@ -62,10 +61,21 @@ class Estimates:
         lost, degraded = (nowhere if flags is None else np.asarray(flags, np.bool_) for flags in (lost, degraded))
         return cls(trajectory, lost, degraded, is_lost_known, is_degraded_known, covariance, steps)
 
-    def unknown_states(self, rows: Rows) -> frozenset[str]:
-        """Return which of the states `lost` and `degraded` are unknown for any of the poses."""
-        known = {"lost": self.is_lost_known, "degraded": self.is_degraded_known}
-        return frozenset(name for name, flags in known.items() if not flags[rows].all())
+    def state_counts(self, rows: Rows) -> StateCounts:
+        """Return how many of the poses are lost and degraded."""
+        lost = int(np.count_nonzero(self.lost[rows]))
+        degraded = int(np.count_nonzero(self.degraded[rows]))
+        return StateCounts(
+            lost=lost if self.is_lost_known[rows].all() else None,
+            degraded=degraded if self.is_degraded_known[rows].all() else None,
+        )
+
+
+class StateCounts(NamedTuple):
+    """Numbers of poses by state; None if the state of any of the poses is unknown."""
+
+    lost: int | None
+    degraded: int | None
 
 
 def symmetric(upper: FloatArray) -> FloatArray:
@@ -109,6 +119,26 @@ class Frames(NamedTuple):
         return StampedPoses(self.stamps_ns, self.position, self.attitude)
 
 
+class Matching(NamedTuple):
+    """The settings of an association, and the numbers of poses in each category (`table.records.Association`)."""
+
+    mode: AssociationMode  #: `match` or `interpolate`.
+    tolerance_s: float
+    max_gap_s: float
+    matched: int
+    estimate_poses: int
+    truth_poses: int
+    estimate_duplicates: int
+    truth_duplicates: int
+    estimate_unordered: int
+    truth_unordered: int
+    exact: int
+    near: int
+    interpolated: int
+    largest_difference_ns: int
+    largest_gap_ns: int
+
+
 class Matches(NamedTuple):
     """Rows of the estimates and of the true poses whose stamps agree, in ascending order of the stamps."""
 
@@ -119,8 +149,8 @@ class Matches(NamedTuple):
 
 def associate(
     estimate: Trajectory, truth: Trajectory, config: AssociationConfig, images_ns: IntArray | None = None
-) -> tuple[Frames, Association]:
-    """Return the frames, and a record of the mode and of the number of poses in each category.
+) -> tuple[Frames, Matching]:
+    """Return the frames, and the mode and the numbers of poses in each category.
 
     If the stamps of the images are given, only the nearest estimate to each image can be a frame. MetricsError for an
     estimate without attitudes.
@@ -145,7 +175,10 @@ def associate(
     if mode is AssociationMode.INTERPOLATE:
         between, gaps = interpolated_frames(estimate, truth, matches.alone, true_rows, config.max_gap_s)
         frames = in_time_order(frames, between)
-    association = Association(
+    matching = Matching(
+        mode=mode,
+        tolerance_s=config.tolerance_s,
+        max_gap_s=config.max_gap_s,
         matched=len(frames.estimate_rows),
         estimate_poses=len(estimate.stamps_ns),
         truth_poses=len(truth.stamps_ns),
@@ -158,11 +191,8 @@ def associate(
         interpolated=len(gaps),
         largest_difference_ns=int(difference.max(initial=0)),
         largest_gap_ns=int(gaps.max(initial=0)),
-        mode=mode,
-        tolerance_s=config.tolerance_s,
-        max_gap_s=config.max_gap_s,
     )
-    return frames, association
+    return frames, matching
 
 
 def mode_of_stamps(estimate_stamps: IntArray, true_stamps: IntArray, tolerance_ns: int) -> AssociationMode:

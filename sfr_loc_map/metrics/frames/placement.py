@@ -11,26 +11,25 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
-import msgspec
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_multiply
-from sfr_loc_map.geometry.trajectory import Trajectory, Truth, at_point
-from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth, at_point
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.config import AssociationConfig, Condition, ConditionKind, Reading, TrajectoryScoreConfig
-from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses, SubTrajectoryErrors
+from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses
 from sfr_loc_map.metrics.frames.aligned_error import umeyama
-from sfr_loc_map.metrics.frames.association import Estimates, Frames, associate
-from sfr_loc_map.metrics.frames.truth_error import as_truth
-from sfr_loc_map.metrics.table.records import Association
+from sfr_loc_map.metrics.frames.association import Estimates, Frames, Matching, StateCounts, associate
+from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 
 ERROR_FUNCTIONS: dict[Reading, ErrorFunction] = {
     Reading.POSE: formulas.pose_reading,
     Reading.DISPLACEMENT: formulas.displacement_reading,
     Reading.POSITION: formulas.position_reading,
+    Reading.YAW_ALIGNED: formulas.position_reading,
+    Reading.ROTATION_ALIGNED: formulas.position_reading,
 }
 """The function that computes the errors by each reading of the requirements document; see `Reading`."""
 MIN_TILT_DEG, TILT_GAIN = 0.1, 3.0
@@ -47,72 +46,84 @@ class Placement(NamedTuple):
 
 
 class PlacedFrames(NamedTuple):
-    """Frames, how they were associated, and the reading of the specification by which they are judged."""
+    """The frames of an estimate and a truth in common axes, and the reading of the specification that judges them."""
 
     frames: Frames
-    association: Association
+    matching: Matching
     estimates: Estimates
-    error_function: ErrorFunction
-    placement: Placement | None
+    truth: Truth
+    reading: Reading
+    placement: Placement | None  #: The alignment with a truth without attitudes; None for other truths.
     poses: Poses  #: Poses of all frames; unknown true heights are NaN.
     length_m: Lengths  #: Length of the true path up to each frame.
+
+    @property
+    def states(self) -> StateCounts:
+        """Numbers of the frames whose pose is lost or degraded."""
+        return self.estimates.state_counts(self.frames.estimate_rows)
+
+    @property
+    def is_reported(self) -> Mask:
+        """Whether the pose of each frame `(F,)` is reported as lost or degraded."""
+        return (self.estimates.lost | self.estimates.degraded)[self.frames.estimate_rows]
+
+    @property
+    def readings(self) -> list[Reading]:
+        """The readings by which errors are known, the judged one first."""
+        if self.reading.is_fit:
+            return [self.reading]
+        others = [reading for reading in Reading if not reading.is_fit and reading is not self.reading]
+        return [self.reading, *others]
+
+    def sub_trajectories(self, starts: IntArray, ends: IntArray, reading: Reading | None = None) -> SubTrajectories:
+        """Return sub-trajectories and their errors, by the judged reading or by another one.
+
+        Attitude errors are unknown (NaN) if roll and pitch of the truth are unknown.
+        """
+        errors = ERROR_FUNCTIONS[reading or self.reading](self.poses, starts, ends)
+        if not self.truth.has_tilt:
+            errors = errors._replace(attitude_deg=np.full_like(errors.attitude_deg, np.nan))
+        return SubTrajectories(starts, ends, self.poses, errors)
 
 
 def placed_frames(
     estimates: Estimates,
-    truth: Trajectory,
+    trajectory: Trajectory,
     conditions: Sequence[Condition],
     config: TrajectoryScoreConfig,
     images_ns: IntArray | None = None,
 ) -> PlacedFrames:
-    """Return the frames of an estimate and a truth. If the truth has no attitudes, the estimate is first aligned.
+    """Return the frames of an estimate and a true trajectory. If the truth has no attitudes, the estimate is first aligned.
 
     Raises MetricsError if a condition requires true attitudes, but the truth has no roll and pitch.
     """
-    known = as_truth(truth)
+    truth = as_truth(trajectory)
     has_turn = any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts)
-    if has_turn and not (truth.has_attitude and known.has_tilt):
+    if has_turn and not (truth.has_attitude and truth.has_tilt):
         has = "no roll and pitch" if truth.has_attitude else "only positions"
         raise MetricsError(f"a condition turn=DEG requires true attitudes, but the truth has {has}: omit it")
     if truth.has_attitude:
         reading, placement = Reading(config.rebase), None
-        frames, association = associate(estimates.trajectory, truth, config.association, images_ns)
-        if not known.has_tilt:
+        frames, matching = associate(estimates.trajectory, truth, config.association, images_ns)
+        if not truth.has_tilt:
             frames = with_estimated_tilt(frames)
-        error_function = without_unknown_attitudes(known, ERROR_FUNCTIONS[reading])
     else:
-        estimates, frames, association, placement = associate_positions(estimates, truth, config.association, images_ns)
+        estimates, frames, matching, placement = associate_positions(estimates, truth, config.association, images_ns)
         reading = Reading.YAW_ALIGNED if placement.tilt_deg is None else Reading.ROTATION_ALIGNED
-        error_function = formulas.position_reading
     true_position = frames.true_position
-    if not known.has_height:
+    if not truth.has_height:
         true_position = true_position.copy()
         true_position[:, 2] = np.nan
-    poses = Poses(true_position, frames.true_attitude, frames.position, frames.attitude)
-    length_m = formulas.path_length_m(frames.true_position)
-    unknown = estimates.unknown_states(frames.estimate_rows)
-    association = msgspec.structs.replace(
-        association,
-        lost=None if "lost" in unknown else int(np.count_nonzero(estimates.lost[frames.estimate_rows])),
-        degraded=None if "degraded" in unknown else int(np.count_nonzero(estimates.degraded[frames.estimate_rows])),
-        spacing_frames=config.spacing,
-        rebase=reading,
-        path_length_m=float(length_m[-1]) if len(length_m) else 0.0,
-        duration_s=int(frames.stamps_ns[-1] - frames.stamps_ns[0]) / NS_PER_S if len(length_m) else None,
+    return PlacedFrames(
+        frames=frames,
+        matching=matching,
+        estimates=estimates,
+        truth=truth,
+        reading=reading,
+        placement=placement,
+        poses=Poses(true_position, frames.true_attitude, frames.position, frames.attitude),
+        length_m=formulas.path_length_m(frames.true_position),
     )
-    return PlacedFrames(frames, association, estimates, error_function, placement, poses, length_m)
-
-
-def without_unknown_attitudes(truth: Truth, error_function: ErrorFunction) -> ErrorFunction:
-    """Return a function whose attitude errors are unknown (NaN) if roll and pitch of the truth are unknown."""
-    if truth.has_tilt:
-        return error_function
-
-    def without_attitude(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
-        errors = error_function(poses, starts, ends)
-        return errors._replace(attitude_deg=np.full_like(errors.attitude_deg, np.nan))
-
-    return without_attitude
 
 
 def with_estimated_tilt(frames: Frames) -> Frames:
@@ -127,8 +138,8 @@ def with_estimated_tilt(frames: Frames) -> Frames:
 
 
 def associate_positions(
-    estimates: Estimates, truth: Trajectory, config: AssociationConfig, images_ns: IntArray | None = None
-) -> tuple[Estimates, Frames, Association, Placement]:
+    estimates: Estimates, truth: Truth, config: AssociationConfig, images_ns: IntArray | None = None
+) -> tuple[Estimates, Frames, Matching, Placement]:
     """Return estimates of the point that the truth tracks, their frames, and the alignment with the truth.
 
     Yaw and translation are fitted by least squares, because neither vision nor gravity observes them (Zhang, Scaramuzza
@@ -136,20 +147,20 @@ def associate_positions(
     rotation is therefore fitted if it tilts z and reduces the residual by `TILT_GAIN`.
     """
     poses = estimates.trajectory
-    if isinstance(truth, Truth) and poses.has_attitude:
+    if poses.has_attitude:
         poses = at_point(poses, truth.lever_arm_m)
-    frames, association = associate(poses, truth, config, images_ns)
+    frames, matching = associate(poses, truth, config, images_ns)
     turn, translation, tilt_deg = np.eye(3), np.zeros(3), None
     if len(frames.stamps_ns):
         middle, true_middle = frames.position.mean(axis=0), frames.true_position.mean(axis=0)
         estimated, true = frames.position - middle, frames.true_position - true_middle
-        turn, tilt_deg = fitted_rotation(frames, estimated, true, has_height=as_truth(truth).has_height)
+        turn, tilt_deg = fitted_rotation(frames, estimated, true, has_height=truth.has_height)
         translation = true_middle - turn @ middle
         attitude = quat_multiply(quat_from_matrix(turn), frames.attitude)
         frames = frames._replace(position=frames.position @ turn.T + translation, attitude=attitude)
     known = replace(estimates, trajectory=poses, covariance=None, steps=None)  # no covariance of aligned poses
     yaw_deg = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
-    return known, frames, association, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
+    return known, frames, matching, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
 
 
 def fitted_rotation(

@@ -18,27 +18,21 @@ from sfr_loc_map.metrics.table.row_part import ATTITUDE, TURN
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 
-def as_truth(truth: Trajectory) -> Truth:
-    """Return a trajectory as a truth; a trajectory that is not a `Truth` is assumed to be complete and exact."""
-    return truth if isinstance(truth, Truth) else Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw)
-
-
-def truth_error_rows(truth: Trajectory, frames_ns: IntArray) -> Iterator[Figure]:
+def truth_error_rows(truth: Truth, frames_ns: IntArray) -> Iterator[Figure]:
     """Yield the error of a ground truth at frames: total position error, its contributions, and attitude error.
 
     The rows have standard deviations in m and deg. All are 0 for a truth that is assumed to be exact at every frame.
     """
-    known = as_truth(truth)
     errors_m = interpolation_errors(truth, frames_ns)
     parts = {
         "interpolation": float(np.sqrt(np.mean(np.square(errors_m)))) if len(errors_m) else 0.0,
-        "noise": float(np.sqrt(3.0)) * known.sigma_m,
-        "lever arm": float(np.linalg.norm(known.lever_arm_m)) * float(np.radians(known.sigma_deg)),
+        "noise": float(np.sqrt(3.0)) * truth.sigma_m,
+        "lever arm": float(np.linalg.norm(truth.lever_arm_m)) * float(np.radians(truth.sigma_deg)),
     }
     yield figure_row("truth_error", n=len(frames_ns), value=float(np.linalg.norm(list(parts.values()))))
     for name, value in parts.items():
         yield figure_row("truth_error", part=name, value=value)
-    yield figure_row("truth_error", part=ATTITUDE, unit="deg", value=float(np.sqrt(3.0)) * known.sigma_deg)
+    yield figure_row("truth_error", part=ATTITUDE, unit="deg", value=float(np.sqrt(3.0)) * truth.sigma_deg)
 
 
 def turn_rows(condition: str, sigma_deg: float, moves: FloatArray) -> Iterator[Figure]:

@@ -25,6 +25,7 @@ from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.metrics.frames.motion import MOVING_SHARE
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.simulation.config import SimulationConfig
@@ -44,7 +45,6 @@ differ by more, because slip and the noise of the ground truth differ."""
 COMMON_SHARE = 0.5
 """Minimum fraction of the windows of the shorter drive that must agree for two sources to count as one drive."""
 LONG_STEP = 0.9  #: Quantile of the step lengths that is the length of a long step.
-MOVING_SHARE = 0.1  #: The rover moves in a step that exceeds this fraction of a long step.
 MAX_STEPS = 20_000  #: Largest number of compared steps, which bounds memory and time.
 
 
