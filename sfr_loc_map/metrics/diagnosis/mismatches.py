@@ -53,7 +53,7 @@ OPTICAL = quat_from_matrix(OPTICAL_IN_BODY)
 class Mismatch(NamedTuple):
     """A convention mismatch and its correction."""
 
-    name: str
+    name: str  #: Unique among all mismatches.
     sentence: str  #: Fault of the estimate or of the truth, and its correction.
     correct: Callable[[FloatArray, FloatArray], PoseArrays]  #: Returns corrected positions and quaternions.
     setting: str = ""  #: Setting `NAME=VALUE` of `PoseConvention` for the correction; empty if there is none.
@@ -87,12 +87,12 @@ MISMATCHES = (
     ),
     by_setting("scalar first", "quaternion=wxyz", "its quaternions are scalar first: write them scalar last"),
     by_setting(
-        "scalar first",
+        "scalar first in att_q_DsToRb",
         "quaternion=wxyz_ds_to_rb",
         "its quaternions are scalar first in the columns att_q_DsToRb: write them scalar last",
     ),
     by_setting(
-        "scalar first",
+        "scalar first and conjugated",
         "quaternion=conjugated_wxyz",
         "its quaternions are scalar first and conjugated: write them scalar last",
     ),
@@ -159,8 +159,7 @@ def units(compared: ComparedPoses) -> Iterator[Mismatch]:
             sentence = f"its positions are in {unit}: write metres"
             yield by_setting(unit, f"metres_per_unit={metres}", sentence)
         return
-    others = {"kilometres": ("1000", "millimetres"), "millimetres": ("0.001", "kilometres")}
-    for unit, (metres, otherwise) in others.items():
+    for unit, metres, otherwise in (("kilometres", "1000", "millimetres"), ("millimetres", "0.001", "kilometres")):
         sentence = f"its positions are in {unit}, or those of the estimate in {otherwise}: write metres"
         yield of_truth(f"truth in {unit}", f"metres_per_unit={metres}", sentence)
 
@@ -171,10 +170,10 @@ def _moves_in_true_directions(true: PoseArrays, found: PoseArrays) -> bool:
     The displacements of a stationary rover are noise. Without this condition the unit millimetre would explain this
     noise, because a smaller unit reduces it.
     """
-    starts, ends = eighths(len(true[0]))
-    moves = [quat_rotate(quat_conjugate(q[starts]), p[ends] - p[starts]) for p, q in (true, found)]
-    size = float(np.linalg.norm(moves[0]) * np.linalg.norm(moves[1]))
-    return bool((moves[0] * moves[1]).sum() > MIN_CORRELATION * size)
+    true_moves = _motions(true).moves
+    moves = _motions(found).moves
+    size = float(np.linalg.norm(true_moves) * np.linalg.norm(moves))
+    return bool((true_moves * moves).sum() > MIN_CORRELATION * size)
 
 
 def _has_speed_of_vehicle(poses: Trajectory) -> bool:
@@ -192,41 +191,64 @@ def left_camera(compared: ComparedPoses) -> Iterator[Mismatch]:
     rig = compared.rig
     if rig is None or rig.T_rb_sb is None:
         return
-    name, setting = "left camera", "frame=left_optical"
-    yield by_setting(name, setting, _of_point(f"the {name}", "optical axes"), rig)
+    setting = "frame=left_optical"
+    yield by_setting("left camera, optical axes", setting, _of_point("the left camera", "optical axes"), rig)
     lever_m = PoseConvention.parse([setting]).T_rb_child(rig).translation
-    yield _by_extrinsics(name, _of_point(f"the {name}", "axes of RB"), lever_m, UPRIGHT)
+    sentence = _of_point("the left camera", "axes of RB")
+    yield _by_extrinsics("left camera, axes of RB", sentence, lever_m, UPRIGHT)
 
 
 def fitted_point(compared: ComparedPoses) -> Iterator[Mismatch]:
-    """Yield the mismatches in which the poses are those of a camera or another point, with fitted extrinsics.
-
-    The rotation of a tilted camera aligns the directions of the estimated motions with those of the true motions
-    (Kabsch 1976). The directions are the rotation axes and displacements of the sub-trajectories in the frame of their
-    start, weighted by their size.
-    """
-    starts, ends = eighths(len(compared.rows))
-    turns, moves, directions = [], [], []
-    for positions, attitudes in (compared.true, compared.found):
-        back = quat_conjugate(attitudes[starts])
-        turns.append(_upright(quat_multiply(back, attitudes[ends])))
-        moves.append(quat_rotate(back, positions[ends] - positions[starts]))
-        size = float(np.sqrt(np.square(moves[-1]).sum(axis=1).mean())) or 1.0
-        directions.append(np.concatenate((turns[-1][:, :3], moves[-1] / size)))
-    u, _, vt = np.linalg.svd(directions[0].T @ directions[1])
-    fitted = quat_from_matrix(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
-    tilt_deg = float(np.degrees(quat_angle(quat_multiply(fitted, quat_conjugate(OPTICAL)))))
+    """Yield the mismatches in which the poses are those of a camera or another point, with fitted extrinsics."""
+    true = _motions(compared.true)
+    found = _motions(compared.found)
     axes = {"axes of RB": UPRIGHT, "optical axes": OPTICAL}
+    fitted = _fitted_rotation(true, found)
+    tilt_deg = float(np.degrees(quat_angle(quat_multiply(fitted, quat_conjugate(OPTICAL)))))
     if tilt_deg <= MAX_TILT_DEG:
         axes["tilted optical axes"] = fitted
     for name, turn in axes.items():
-        # the lever arm l of the point whose poses are given: its displacements differ by `R l - l`
-        matrix = (matrix_from_quat(turns[0]) - np.eye(3)).reshape(-1, 3)
-        lever_m = np.asarray(np.linalg.lstsq(matrix, (quat_rotate(turn, moves[1]) - moves[0]).ravel(), rcond=1e-3)[0])
+        lever_m = _fitted_lever_arm(true, found, turn)
         if float(np.linalg.norm(lever_m)) >= MIN_LEVER_M:
             position = ", ".join(f"{value:.2f}" for value in lever_m)
             sentence = _of_point("another point", f"{name}, at {position} m in RB")
-            yield _by_extrinsics("another point", sentence, lever_m, turn)._replace(is_fitted=True)
+            yield _by_extrinsics(f"another point, {name}", sentence, lever_m, turn)._replace(is_fitted=True)
+
+
+class _Motions(NamedTuple):
+    """The motions over the sub-trajectories, in the frame of their start."""
+
+    turns: FloatArray  #: Quaternions `(M, 4)` with a scalar part >= 0.
+    moves: FloatArray  #: Displacements `(M, 3)`, m.
+
+    @property
+    def directions(self) -> FloatArray:
+        """The rotation axes and the displacements `(M, 6)`, weighted by their size."""
+        size = float(np.sqrt(np.square(self.moves).sum(axis=1).mean())) or 1.0
+        return np.concatenate((self.turns[:, :3], self.moves / size))
+
+
+def _motions(poses: PoseArrays) -> _Motions:
+    """Return the motions over the sub-trajectories of poses."""
+    positions, attitudes = poses
+    starts, ends = eighths(len(positions))
+    back = quat_conjugate(attitudes[starts])
+    turns = quat_multiply(back, attitudes[ends])
+    upright = np.where(turns[:, 3:] < 0.0, -turns, turns)
+    return _Motions(upright, quat_rotate(back, positions[ends] - positions[starts]))
+
+
+def _fitted_rotation(true: _Motions, found: _Motions) -> FloatArray:
+    """Return the rotation that aligns the directions of estimated motions with those of true motions (Kabsch 1976)."""
+    u, _, vt = np.linalg.svd(true.directions.T @ found.directions)
+    return quat_from_matrix(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+
+
+def _fitted_lever_arm(true: _Motions, found: _Motions, turn: FloatArray) -> FloatArray:
+    """Return the lever arm l of a point with this rotation, m; the displacements of the point differ by `R l - l`."""
+    matrix = (matrix_from_quat(true.turns) - np.eye(3)).reshape(-1, 3)
+    differences = quat_rotate(turn, found.moves) - true.moves
+    return np.asarray(np.linalg.lstsq(matrix, differences.ravel(), rcond=1e-3)[0])
 
 
 def _of_point(point: str, place: str) -> str:
@@ -247,11 +269,6 @@ def _by_extrinsics(name: str, sentence: str, lever_m: FloatArray, turn: FloatArr
     except ConfigError:
         setting = ""
     return Mismatch(name, sentence, _correction(convention), setting)
-
-
-def _upright(quats: FloatArray) -> FloatArray:
-    """Return quaternions of the same rotations with a scalar part >= 0."""
-    return np.where(quats[:, 3:] < 0.0, -quats, quats)
 
 
 DEPENDENT: tuple[Callable[[ComparedPoses], Iterator[Mismatch]], ...] = (

@@ -93,8 +93,9 @@ def placed_frames(
     config: TrajectoryScoreConfig,
     images_ns: IntArray | None = None,
 ) -> PlacedFrames:
-    """Return the frames of an estimate and a true trajectory. If the truth has no attitudes, the estimate is first aligned.
+    """Return the frames of an estimate and a true trajectory.
 
+    If the truth has no attitudes, the estimate is first aligned.
     Raises MetricsError if a condition requires true attitudes, but the truth has no roll and pitch.
     """
     truth = as_truth(trajectory)
