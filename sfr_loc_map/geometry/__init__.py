@@ -7,16 +7,16 @@ The modules in the order in which they use each other:
 | `arrays` | array types, two fast reductions |
 | `plausibility` | bounds of cameras and poses from files, topics and parameters |
 | `rotation`, `transform` | rotations; rigid transforms `T_a_b`, and the propagation of their covariances |
-| `camera` | the same cameras and poses as named tuples, which numba kernels accept |
+| `camera` | cameras and poses as named tuples, which numba kernels accept |
 | `stereo` | rectified stereo rig and its image pairs |
-| `frame_tree`, `extrinsics` | frames of `/tf_static`, and the pose of a rig on the rover that follows from them |
+| `frame_tree`, `extrinsics` | frames of `/tf_static`, and the pose of a rig on the rover from these frames |
 | `trajectory`, `stamped_poses` | stamped poses, and the interpolation between them |
 | `cloud` | point clouds |
 | `geodesy` | geographic positions in a local frame |
 
 Frames: DS is the frame of the terrain, in which the rover's path is given, and LM the local map. RB is the body of the
-rover, DMA the base of its mast, NAVSB the stereo rig for mapping, LOCSB the stereo rig for localisation, and SB either
-of these two. Numbers in brackets, such as [3.2.3], are clauses of the specification, called the source document. See
+rover, and DMA the base of its mast. NAVSB is the stereo rig for mapping, LOCSB the stereo rig for localisation, and SB
+stands for either rig. Numbers in brackets, such as [3.2.3], are clauses of the specification (the source document). See
 docs/conventions.md.
 """
 

@@ -89,7 +89,7 @@ class PointCloud:
 
     @classmethod
     def concatenate(cls, clouds: Sequence[PointCloud]) -> PointCloud:
-        """Return the points of all clouds; `fused` and the stamps are kept if all clouds have the same."""
+        """Return the points of all clouds; `fused` and the stamps are kept if they are equal in all clouds."""
         if not clouds:
             return cls.empty()
         fused = {cloud.fused for cloud in clouds}

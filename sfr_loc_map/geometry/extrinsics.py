@@ -26,7 +26,7 @@ TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB, metres [3.2.6].
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigInBody:
-    """The pose of a stereo rig on the rover, and its origin."""
+    """The pose of a stereo rig on the rover, and the frames or the topic that the pose was read from."""
 
     T_rb_sb: Transform  #: Takes points in SB to RB.
     read_from: str  #: The frames or the topic, for messages: `base_link to camera_left_optical_frame`.
@@ -34,7 +34,7 @@ class RigInBody:
 
     @property
     def text(self) -> str:
-        """The origin, with the other frames that could be the rover's, for messages."""
+        """`read_from`, with the other frames that could be the rover's frame, for messages."""
         if not self.other_bases:
             return self.read_from
         return f"{self.read_from}; the rover's frame could also be {alternatives(self.other_bases)}"
@@ -46,8 +46,9 @@ def rig_in_body(
     """Return the pose of a stereo rig in the rover's frame; None if the frames of rig and rover are not connected.
 
     The pose is that of the frame `sb_frame`. If `sb_frame` is not connected to the rover's frame, the pose is computed
-    from the frame of the rectified left camera. The camera's frame is assumed to be optical (REP 103). If the name does
-    not contain "optical" and the z axis points up, the axes are x forward, y left, z up, as in simulators.
+    from the frame of the rectified left camera. The camera's frame is assumed to be optical (REP 103), with one
+    exception: if the name does not contain "optical" and the z axis is within 45 deg of upwards, the axes are assumed
+    to be x forward, y left, z up, as in simulators.
 
     The rover's frame is `base_frame`, or the first of `BASE_FRAMES` that is connected to the camera. Frame names may
     have a prefix (`rover1/base_link`). Slashes at the ends of names are ignored.

@@ -32,7 +32,10 @@ class FrameTree:
         return T_name_target.inverse() @ above_frame[name]
 
     def joined_to(self, frame: str) -> list[str]:
-        """Return the frame, its ancestors from the nearest on, then all other connected frames; empty if unknown."""
+        """Return the frame, its ancestors from the nearest on, and all other connected frames.
+
+        The list is empty if the frame is unknown.
+        """
         above = [name for name, _ in self._above(frame)]
         known = {name for child, (parent, _) in self._parents.items() for name in (child, parent)}
         others = sorted(name for name in known - {*above} if self._root(name) == above[-1])

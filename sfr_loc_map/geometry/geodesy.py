@@ -11,10 +11,10 @@ WGS84_FLATTENING = 1.0 / 298.257223563  #: Flattening of the WGS 84 ellipsoid.
 
 
 def enu_m(places: FloatArray) -> FloatArray:
-    """Return positions east, north, up of the first row, m, from latitude, longitude, deg, and height, m, `(N, 3)`.
+    """Return positions `(N, 3)`, m, relative to the first position, along the axes east, north and up at that position.
 
-    The ellipsoid is WGS 84. The conversion is geographic to topocentric, EPSG method 9837 (IOGP publication 373-7-2,
-    section 4.1.2).
+    `places` `(N, 3)` contains latitude, deg, longitude, deg, and height above the WGS 84 ellipsoid, m. The conversion
+    is geographic to topocentric, EPSG method 9837 (IOGP publication 373-7-2, section 4.1.2).
     """
     latitude = np.radians(places[:, 0])
     longitude = np.radians(places[:, 1])

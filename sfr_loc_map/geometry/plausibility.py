@@ -1,8 +1,8 @@
 """Plausibility bounds of cameras and poses, for files, topics and parameters.
 
 Rigs, transforms and trajectories are checked when they are created, because compiled code does not check array bounds.
-The limits far exceed the values of any rover. They reject wrong units, swapped columns and corrupt messages, but no
-unusual rigs. A failed check raises GeometryError. Each check requires its comparison to hold, so that NaN is rejected.
+The limits far exceed the values of any rover. They reject wrong units, swapped columns and corrupt messages, but not
+unusual rigs. A failed check raises GeometryError. Each check is a comparison that must hold, so that NaN is rejected.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 MAX_IMAGE_PIXELS = 8192 * 8192  #: Maximum number of pixels of an image. Buffers are allocated by the size in a header.
 MAX_IMAGE_SIDE = 32_768  #: Longest side of an image, pixels: OpenCV's remap uses 16-bit coordinates.
 FOCAL_RATIOS = (0.01, 100.0)
-"""Smallest and largest focal length over the longer side of the image: fields of view from 178 to 0.6 deg."""
+"""Smallest and largest ratio of the focal length to the longer side of the image: fields of view from 178 to 0.6 deg.
+"""
 MAX_CENTRE_RATIO = 10.0
-"""Largest distance of the principal point from the image centre, over the longer side; images may be cropped."""
+"""Largest distance of the principal point from the image centre along each axis, as a multiple of the longer side.
+Images may be cropped."""
 BASELINE_M = (1e-4, 100.0)  #: Shortest and longest baseline, metres: from stereo microscopes to two masts.
 MAX_DISTORTION = 100.0  #: Largest distortion coefficient; rational models reach several tens.
 MAX_EXTRINSICS_M = 100.0  #: Largest coordinate of a camera in the frame of its rover, metres.
@@ -30,7 +32,8 @@ QUATERNION_SQUARES = (1.0 - ROTATION_TOLERANCE) ** 2, (1.0 + ROTATION_TOLERANCE)
 LOST_VARIANCE = 9999.0  #: Diagonal of the covariance of an unknown pose, m^2 and rad^2.
 MAX_VARIANCE = 1e6  #: Largest variance of a valid covariance, m^2 and rad^2: a standard deviation of 1 km.
 MAX_ASYMMETRY = 1e-6  #: Largest asymmetry, and largest negative eigenvalue, relative to the largest variance.
-MIN_LARGEST_VARIANCE = 1e-30  #: Lower bound of this largest variance, m^2 and rad^2, because a covariance may be 0.
+MIN_LARGEST_VARIANCE = 1e-30
+"""Lower bound of the largest variance in this relation, m^2 and rad^2, because all variances may be 0."""
 
 
 def check_image_size(width: float, height: float, name: str = "image") -> None:

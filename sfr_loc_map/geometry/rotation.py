@@ -38,7 +38,7 @@ def unit_quats(quats_xyzw: FloatArray) -> FloatArray:
 
 def slerp(a_xyzw: FloatArray, b_xyzw: FloatArray, fraction: FloatArray) -> FloatArray:
     """Return unit quaternions `(N, 4)` at fractions `(N,)` of the shortest rotation from a to b (Shoemake 1985)."""
-    nearest = np.where(np.sum(a_xyzw * b_xyzw, axis=1) < 0.0, -1.0, 1.0)[:, None] * b_xyzw  # -q and q are one rotation
+    nearest = np.where(np.sum(a_xyzw * b_xyzw, axis=1) < 0.0, -1.0, 1.0)[:, None] * b_xyzw  # -q is the rotation q
     chord = np.linalg.norm(a_xyzw - nearest, axis=1)
     angle = 2.0 * np.arctan2(chord, np.linalg.norm(a_xyzw + nearest, axis=1))
     sine = np.sin(angle)

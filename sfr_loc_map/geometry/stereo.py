@@ -83,7 +83,10 @@ class StereoRig:
         return hashlib.sha256(",".join(float(n).hex() for n in numbers).encode()).hexdigest()[:16]
 
     def fault_of_size(self, image: GreyImage) -> str:
-        """Return why an image does not fit the rig, after the name of the image; empty if the sizes are equal."""
+        """Return why an image does not fit the rig; empty if the sizes are equal.
+
+        The text continues a message that begins with the name of the image.
+        """
         if image.shape == (self.height, self.width):
             return ""
         found = f"{image.shape[1]} x {image.shape[0]}"
@@ -128,7 +131,7 @@ class StereoPair:
 class PosedStereoPair:
     """A stereo pair for mapping, with the pose of the rig in the local map frame.
 
-    Methods receive the pair and the pose. The truth is used only by the score.
+    Methods under test receive the pair and the pose. The truth is used only by the score.
     """
 
     pair: StereoPair

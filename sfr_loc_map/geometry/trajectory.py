@@ -107,7 +107,7 @@ class Trajectory:
 
 
 def at_point(poses: Trajectory, point_m: Sequence[float]) -> Trajectory:
-    """Return the trajectory of a point that is fixed in RB, with the attitude of RB."""
+    """Return the trajectory of a point that is fixed in RB, `point_m` `(3,)`, metres, with the attitude of RB."""
     moved = poses.positions + quat_rotate(quat_normalised(poses.quats_xyzw), np.asarray(point_m))
     return Trajectory(poses.stamps_ns, moved, poses.quats_xyzw)
 

@@ -30,7 +30,7 @@ class Transform:
     """Rigid transform `T_a_b`: takes points in frame b to frame a.
 
     `from_matrix` and `from_quat` accept external numbers, and therefore check that the rotation is valid. The
-    constructor does not, because products and inverses of rotations are rotations.
+    constructor omits this check, because products and inverses of rotations are rotations.
     """
 
     rotation: FloatArray  #: `(3, 3)` float64, det +1, takes components in b to a.
@@ -138,7 +138,8 @@ def propagated_covariance(
 ) -> FloatArray:
     """Return `F P F^T`, the covariance of a pose that is rigidly attached to a pose with the covariance P `(6, 6)`.
 
-    `rotation` takes components in the frame of P to the frame of the result.
+    `rotation` takes components in the frame of P to the frame of the result. `displacement` `(3,)`, metres, points from
+    the pose with the covariance P to the attached pose, in the frame of the result.
     """
     jacobian = np.zeros((6, 6))
     jacobian[:3, :3] = rotation

@@ -27,9 +27,9 @@ from sfr_loc_map.mapping.disparity.right_camera import MIN_ROTATION_PX, CameraRo
 
 SIGNIFICANT_SIGMAS = 3.0  #: A yaw above this many standard deviations is significant: 0.3 % by chance.
 MIN_SIGNIFICANT_YAW_DEG = 0.02
-"""Lower bound of a significant yaw, deg. It changes disparities by 0.3 pixels at a focal length of 800 pixels, which is
-the residual distortion of a typical calibration. The bound has an effect only if the configured uncertainties are
-small."""
+"""Lower bound of a significant yaw, deg. At a focal length of 800 pixels, a yaw of this size changes disparities by 0.3
+pixels, the residual distortion of a typical calibration. The bound has an effect only if the configured uncertainties
+are small."""
 
 
 class CalibrationSigma(NamedTuple):
@@ -78,9 +78,9 @@ def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, prior: Calibr
 
         distortion_px = min(max(prior.distortion_px, distortion_rms_px), vertical_rms_px)
 
-    The vertical disparity contains all distortion. If the measured vertical disparity is below the prior, the cameras
-    are therefore better than stated. If the rotation was not measured, only a part of the vertical disparity is known,
-    and the minimum is omitted. A prior of 0 means no distortion.
+    The vertical disparity contains all distortion. If the measured vertical disparity is below the prior, the residual
+    distortion is therefore smaller than the prior. If the rotation was not measured, only a part of the vertical
+    disparity is known, and the minimum is omitted. A prior of 0 means no distortion.
     """
     yaw_rad = math.radians(prior.yaw_deg)
     if is_yaw_significant(rotation, rig, prior):

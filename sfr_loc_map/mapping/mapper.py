@@ -1,7 +1,7 @@
 """The mapper: one call per stereo pair, and one call that fuses up to three of them.
 
-LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping, which is SB in the names
-of a rig. Disparities refer to the left image and are in pixels. Lengths are in metres.
+LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping, which `StereoRig` names
+SB. Disparities refer to the left image and are in pixels. Lengths are in metres.
 
 A pair is a stereo pair. The pair index of a point, `PointCloud.pair` in a cloud, is the index of its pair in the set of
 pairs. A view (`PairView`) is the data of one pair that the fusion uses.
@@ -43,8 +43,9 @@ To add
 
 - a validity test of the pixels of one pair: the docstring of `disparity/validity` lists the steps.
 - another filter or correction of the disparities of one pair: a function that takes and returns a `DisparityMap`, and
-  its call in `Mapper.process` between `fill_holes` and `without_roll`. Its disparities still fit the right image, and
-  `within_range` tests them. Later stages use its result; the fraction of measured pixels is computed earlier.
+  its call in `Mapper.process` between `fill_holes` and `without_roll`. Before `without_roll`, disparities still fit the
+  right image. `within_range` tests the filtered disparities, and all later stages use them. The fraction of measured
+  pixels is computed earlier.
 - a contribution to sigma: the docstring of `point_sigma` lists the steps.
 - a test of points across pairs: a flag of `Judgement` (`multiview/fusion`), which drops points, or a stage of
   `Mapper.fuse` that takes and returns views, like `without_fixed_content`.
@@ -113,7 +114,7 @@ class Mapper:
         mapper.fuse([pair_map, pair_map])
 
     def map(self, pairs: Sequence[PosedStereoPair]) -> FusedMap:
-        """Return one cloud from one to three pairs: the mapping call of the specification [1.3], for users of Python.
+        """Return one cloud from one to three pairs: the mapping call of the specification [1.3], for Python users.
 
         The result contains the warnings of the pairs and of the fusion, but only the statistics of the fusion. Call
         `process` and `fuse` to obtain the statistics of the pairs, too.
@@ -126,10 +127,10 @@ class Mapper:
         return replace(fused, warnings=warnings_of_pairs(maps) + fused.warnings)
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int = 0) -> MappedPair:
-        """Return the map of a pair; `index`, 0 to 2, becomes the pair index of its points.
+        """Return the map of a pair; `index`, 0 to 2, becomes the pair index of the points.
 
-        The index only distinguishes the points of several maps that are used without a fusion. `fuse` ignores it and
-        assigns new indices.
+        The index only distinguishes the points of several maps that are used without a fusion. `fuse` ignores the
+        index and assigns new indices.
 
         Raises MappingError if the index is out of range, the images do not have the rig's size, an image is
         textureless, both images are identical, or they do not match (`check_matches`).

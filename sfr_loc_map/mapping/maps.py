@@ -25,7 +25,7 @@ class PairMap:
     """The map of one stereo pair, by any method."""
 
     stamp_ns: int  #: Stamp of the pair.
-    cloud: PointCloud  #: Points in LM with the total sigma; their pair index was given to `process`.
+    cloud: PointCloud  #: Points in LM with the total sigma; their pair index is the index given to `process`.
     #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation. Other
     #: methods may state the complete sigma.
     random_sigma: FloatArray32
@@ -116,9 +116,9 @@ class MappedPair(PairMap):
 def fusion_input_of(pair_map: PairMap, rig: StereoRig) -> FusionInput:
     """Return the input of the fusion that `Mapper.process` stored in a map.
 
-    Raises MappingError for a map of another method or of other cameras. The method is checked for callers without type
-    checks. A map whose points, sigmas, pose or disparities were replaced is refused as well, because the fusion uses
-    the stored input and would ignore the new values.
+    Raises MappingError for a map of another method, which only callers without type checks can give, and for a map of
+    other cameras. A map whose points, sigmas, pose or disparities were replaced is refused as well, because the fusion
+    uses the stored input and would ignore the new values.
     """
     if not isinstance(pair_map, MappedPair):
         raise MappingError(
@@ -146,7 +146,7 @@ class FusedMap:
     #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation.
     random_sigma: FloatArray32
     poses_lm_left: tuple[Transform, ...] = ()  #: Poses of the pairs' left cameras in LM, as given or as registered.
-    #: Statistics of the fusion by name (overlap and disagreement per pair, ...).
+    #: Statistics of the fusion by name, such as the overlap and the range differences of each two pairs.
     statistics: Mapping[str, float] = field(default_factory=dict)
     #: Warnings of the fusion, one line each; `Mapper.map` also includes the warnings of the pairs.
     warnings: tuple[str, ...] = ()

@@ -16,8 +16,9 @@ from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
 from sfr_loc_map.mapping.findings import Findings
 
 LOW_MEASURED_FRACTION = 2.0 * MIN_MEASURED_FRACTION
-"""Minimum fraction of the textured pixels that must be measured, or a warning is issued: twice the fraction at which a
-pair is refused, and below that of correct images, 0.64 or more (`checks.MIN_MEASURED_FRACTION`)."""
+"""A warning is issued if a smaller fraction of the textured pixels is measured. The threshold is twice the fraction
+below which a pair is refused, and below the fraction of correct images, which is 0.64 or more
+(`checks.MIN_MEASURED_FRACTION`)."""
 MIN_VERTICAL_WARNING_PX = 0.3
 """Lower bound of the vertical disparity that causes a warning, pixels: the residual distortion of a typical
 calibration."""
@@ -26,11 +27,11 @@ VERTICAL_WARNING_FACTOR = 3.0
 standard deviations."""
 MAX_GAIN = 1.15
 """Gain, or inverse gain, above which a warning is issued: a fifth of a stop of exposure. The gain is compensated, so
-that the warning concerns the cameras and not the map. Chosen by hand; Teddy and KITTI 2015 have
-a gain of 1.00."""
+that the warning concerns the cameras and not the map. Chosen by hand; Teddy and KITTI 2015 have a gain of 1.00."""
 MAX_SATURATED_FRACTION = 0.1
 """Fraction of saturated pixels above which a warning is issued. Most saturated pixels have no point. Chosen by hand: a
-lower threshold would warn of single bright stones, and at a higher one the map has already lost a large region."""
+lower threshold would warn of single bright stones, and at a higher threshold the map has already lost a large region.
+"""
 
 
 def findings_of_pair(

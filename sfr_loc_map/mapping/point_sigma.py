@@ -3,7 +3,7 @@
 A point has three standard deviations along its ray:
 
 - The `fusion_sigma` (`ViewPoints`) is the result of rows 1 to 5, or 1 to 6 for fused points. Views are compared and
-  weighted by it.
+  weighted by this sigma.
 - The random sigma (`PointSigma.random`) also includes row 7.
 - The total sigma (`PointSigma.total`, `PointCloud.sigma`) also includes row 8.
 
@@ -34,17 +34,18 @@ camera, causes a depth error of `Z^2 / (fx baseline)` per pixel of disparity. Wi
 distinguished from a different depth, and averaging over points or pairs does not reduce it. The configured uncertainty
 of the calibration (`CalibrationPrior`, the parameters `mapping.calibration`) is a prior, and the rotation of the right
 camera that is measured in a pair changes it (`sigma_of_calibration`). A set of pairs uses the largest calibration
-sigmas of its pairs. Sigma is conditional on the poses. Neither the registration of poses nor the compensation of a roll
-changes it.
+sigmas of its pairs. Sigma is conditional on the poses, and the registration of poses does not change sigma. The
+compensation of a roll does not change sigma either.
 
 To add an error source:
 
-- Measured noise that differs between pixels requires a term in `uncertainty`. It then weights the fusion.
+- Measured noise that differs between pixels requires a term in `uncertainty`. The term affects the weights of the
+  fusion.
 - An allowance that differs between pixels, and is not a measured noise, requires a factor in `random_sigma`, like
-  saturation. It does not affect the weights of the fusion.
-- An error that is common to all points requires a parameter (`CalibrationPrior`), a field of `CalibrationSigma`, its
-  value in `sigma_of_calibration` and a term in `total_sigma`. It does not affect the weights of the fusion, because
-  averaging does not reduce it.
+  saturation. The factor does not affect the weights of the fusion.
+- An error that is common to all points requires a parameter (`CalibrationPrior`), a field of `CalibrationSigma`, the
+  computation of this field in `sigma_of_calibration`, and a term in `total_sigma`. The error does not affect the
+  weights of the fusion, because averaging does not reduce the error.
 
 Every new error source also requires a row in the table above.
 """
@@ -69,8 +70,8 @@ from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 SIGMA_GROWTH = F(1.5)
 """Relative growth of sigma in a completely saturated neighbourhood. In images that are half clipped, the factor
-`1 + 1.5 f` for the saturated fraction f exceeds the growth of the median error. For f up to 0.7 it is at most 12 %
-below the growth of the 99.7 % quantile of the error (measurements/mapper_trials.md)."""
+`1 + 1.5 f` for the saturated fraction f exceeds the growth of the median error. For f up to 0.7 the factor is at most
+12 % below the growth of the 99.7 % quantile of the error (measurements/mapper_trials.md)."""
 SIGMA_FACTORS = F(1.0) + SIGMA_GROWTH / F(255.0) * np.arange(256, dtype=F)
 """Factor on sigma, indexed by `Saturation.nearby_fraction_255`. Beside saturated pixels the measured noise is too
 small, because clipping removes noise."""

@@ -23,9 +23,9 @@ class SearchRange:
     #: Limit that the search must reach: the smaller of the disparity at `min_range_m` and half the image width. Larger
     #: disparities that are found are kept. In ROS, `stereo_msgs/DisparityImage` states this limit.
     max_disparity_px: float
-    #: Number of integer disparities from 0 that reaches the limit, a multiple of `DISPARITY_STEP`. In wide images,
-    #: `semi_global_matching` rounds the number up to a multiple of `2 * DISPARITY_STEP` and searches every second
-    #: disparity, so the largest one may be missed.
+    #: Number of searched integer disparities, counted from 0: the smallest multiple of `DISPARITY_STEP` that includes
+    #: the limit. In wide images, `semi_global_matching` rounds the number up to a multiple of `2 * DISPARITY_STEP` and
+    #: searches every second disparity, so the largest disparity may be missed.
     count: int
 
 

@@ -19,13 +19,14 @@ LEVELS = 3
 cell."""
 MEAN_RADIUS_CELLS = 3
 """Half the side of the window of the edge-preserving mean, cells. A window of 14 pixels averages the noise of the
-matcher, which has steps of 1/16 or 1/8 pixel. With 2 or 5, the errors of three pairs change by up to 2 %
-(measurements/mapper_trials.md)."""
+matcher, which has steps of 1/16 or 1/8 pixel. With a radius of 2 or 5 cells, the errors of three pairs change by up to
+2 % (measurements/mapper_trials.md)."""
 MEAN_TOLERANCES_PX = (F(1.5), F(0.7))
 """Tolerances of the first and the second mean, pixels: cells that differ by less are averaged. The first tolerance
 exceeds the matcher's noise in noisy images. The second tolerance preserves edges that the first mean reveals, and its
 optimum is flat (measurements/mapper_trials.md)."""
-NEAR_TAP = F(0.5625)  #: Bilinear weight `(3/4)^2` of a cell at its pixels, a quarter of a cell from its centre.
+NEAR_TAP = F(0.5625)
+"""Bilinear weight `(3/4)^2` of a cell at each of its pixels. Pixels are a quarter of a cell from the cell's centre."""
 SIDE_TAP = F(0.1875)  #: Bilinear weight `3/4 1/4` of the neighbours along the row and along the column.
 CORNER_TAP = F(0.0625)  #: Bilinear weight `(1/4)^2` of the diagonal neighbour.
 
@@ -42,7 +43,8 @@ def padded(image: FloatImage) -> FloatImage:
 def cells_from_disparity(disparity_px: FloatImage) -> FloatImage:
     """Return the initial field on cells, defined everywhere, from a disparity `(H, W)` that is NaN where unmatched.
 
-    Cells without a disparity take the disparity of the farther neighbour along the row, and each surface is averaged.
+    Cells without a disparity take the disparity of the farther neighbour along the row. The field is then smoothed, but
+    not across edges.
     """
     cells = _extended_from_farther(_cells_from_pixels(padded(disparity_px)))
     for tolerance_px in MEAN_TOLERANCES_PX:
@@ -58,7 +60,7 @@ def disparity_from_cells(cells: FloatImage, shape: tuple[int, ...]) -> FloatImag
 
 @jit_rows
 def _cells_from_pixels(disparity: FloatImage) -> FloatImage:
-    """Return the mean disparity of each cell's nearest surface `(H/2, W/2)`, NaN if all its pixels are unknown."""
+    """Return the mean disparity `(H/2, W/2)` of the nearest surface in each cell; NaN if all pixels are unknown."""
     rows = disparity.shape[0] // 2
     cols = disparity.shape[1] // 2
     cells = np.empty((rows, cols), F)
@@ -114,7 +116,10 @@ def _extended_from_farther(cells: FloatImage) -> FloatImage:
 
 @jit_rows
 def _edge_preserving_mean(cells: FloatImage, radius: int, tolerance: np.float32) -> FloatImage:
-    """Return each cell's mean over its neighbours that differ by less than a tolerance, so that edges stay sharp."""
+    """Return the mean over the neighbours that differ from a cell by less than a tolerance, so that edges stay sharp.
+
+    The window of neighbours extends `radius` cells to each side and includes the cell.
+    """
     rows, cols = cells.shape
     out = np.empty_like(cells)
     for i in prange(rows):

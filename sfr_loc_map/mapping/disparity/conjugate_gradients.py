@@ -29,8 +29,8 @@ MIN_PARALLEL_CELLS = 100_000
 """Smaller grids are solved by one thread, because waking a thread takes 0.1 ms. Chosen by hand: the finest grid of a
 megapixel has 250 000 cells, and the next has 62 500 cells."""
 SUMMED_ROWS = 4
-"""Rows that are summed in one loop, because a single sum would wait for its previous addition, which takes about four
-cycles."""
+"""Number of rows that are summed in one loop. Their sums are independent, so that no addition must wait for the
+previous addition, which takes about four cycles."""
 
 
 class SolverState(NamedTuple):
@@ -86,7 +86,7 @@ def conjugate_gradient_step(
 
 @jit_rows_inline
 def _ordered_sum(sums: FloatArray) -> float:
-    """Return the sum in the order of the rows, so that it does not depend on the number of threads."""
+    """Return the sum in the order of the rows, so that the result does not depend on the number of threads."""
     total = 0.0
     for value in sums:
         total += value
@@ -142,7 +142,7 @@ def _update_direction(
     """Write the direction `d = M r + beta d_previous` and its product q with the system's matrix; return `d' q`.
 
     Direction and product are written block by block, so that the direction is in the cache when it is multiplied. The
-    product of a block requires two more rows of the direction on either side, which adjacent blocks compute twice.
+    product of a block requires two more rows of the direction on either side. Adjacent blocks both compute these rows.
     """
     rows, cols = information.shape
     residual = state.residual

@@ -17,8 +17,8 @@ The steps of `estimate_disparity`, with their modules in `disparity` and their r
 6. `measure_saturation` (`saturation`) -> `Saturation`: the saturated pixels of both images.
 7. `judge_pixels` (`validity`, `surfaces`, `segments`, `wrong_surface`, `matching_cost`) -> status `(H, W)`: measured,
    or the reason why a pixel is invalid: unmatched, changed by the refinement, occluded, mismatched, on a ramp, in a
-   segment that is small or has no common content, on the wrong surface beside a jump (classified by a small network
-   from matching costs with adaptive support weights, Yoon and Kweon 2006), or saturated.
+   segment that is small or has no content in common with the right image, on the wrong surface beside a jump
+   (classified by a small network from matching costs with adaptive support weights, Yoon and Kweon 2006), or saturated.
 8. `measured_textured_fraction` (`texture`) -> number: the fraction of the textured pixels that are measured.
 """
 

@@ -5,9 +5,9 @@ extrapolated as planes (`hole_hypotheses`). Each hypothesis has a matching cost 
 which invalid pixels have a larger weight than valid ones. A pixel is filled if all of these conditions are met, in the
 order of their evaluation:
 
-1. Its neighbourhood is not completely saturated (`fill_holes`).
-2. A measured pixel is within `REACH`, or in later passes a pixel that was filled in the previous pass. Hypotheses of
-   other pixels have not changed (`fill_holes`).
+1. The neighbourhood of the pixel is not completely saturated (`fill_holes`).
+2. A measured pixel is within `REACH`, or in later passes a pixel that was filled in the previous pass. The hypotheses
+   of all other pixels are those of the previous pass (`fill_holes`).
 3. A hypothesis is possible: the corresponding pixel is inside the right image and belongs to no other surface
    (`_is_contradicted`). The possible hypothesis with the lowest cost is chosen (`_best_hypothesis`).
 4. Its cost is at most the `COST_PERCENTILE` of the costs of valid pixels beside holes in the same pair (`_cost_limit`).
@@ -17,9 +17,10 @@ order of their evaluation:
 6. The hypothesis is confirmed: its surface is on opposite sides of the pixel, or the matcher agrees, or its cost is
    lower by the margin than at disparities `ALTERNATIVE_PX` to either side (`_is_confirmed`).
 7. At least `MIN_SAME_SURFACE` of the eight neighbours of the pixel are on the surface of the hypothesis. Neighbours
-count if they are valid or proposed in the same pass. Its
-   corresponding pixel still belongs to no other surface if the proposed pixels are included (`_on_their_surface`).
-8. After all passes, its depth is less than `MAX_DEPTH_RATIO` times that of a nearby surface (`fill_holes`).
+   count if they are valid or proposed in the same pass. The corresponding pixel in the right image belongs to no other
+   surface, even if all proposed pixels are included (`_on_their_surface`).
+8. After all passes, the depth of the pixel is less than `MAX_DEPTH_RATIO` times the depth of the nearest surface within
+   `NEARBY_PX` (`fill_holes`).
 
 Limits and alternatives are described in measurements/mapper_trials.md.
 """
@@ -58,9 +59,9 @@ COST_PERCENTILE = 93.0
 less well than rendered images, so no fixed cost suits both (measurements/mapper_trials.md).
 """
 BESIDE_HOLE_PX = 3
-"""Distance within which a valid pixel is beside a hole, pixels: its window then reaches into the hole."""
+"""Distance within which a valid pixel is beside a hole, pixels: the window of the pixel then reaches into the hole."""
 COST_STRIDE = 5  #: Every fifth valid pixel beside holes is used for the percentile: thousands of samples suffice.
-MIN_SAMPLES = 50  #: Minimum number of samples for the percentile: three or four exceed it.
+MIN_SAMPLES = 50  #: Minimum number of samples for the percentile: three or four of the samples then exceed it.
 MARGIN_SIGMAS = 1.5
 """Required cost margin to other hypotheses, in standard deviations of the noise of one pixel. Chosen on two real pairs
 and on rendered ground (measurements/mapper_trials.md)."""
@@ -73,7 +74,7 @@ MIN_SAME_SURFACE = 5
 third of the squared error that filling added (measurements/mapper_trials.md)."""
 MIN_FILLED_SIGMA_PX = F(0.5)
 """Minimum standard deviation of a filled disparity, pixels. The sigma of the refined field can be too small in a hole,
-because the field does not contain the surface of the hole. The RMS of the errors below 3 px of filled disparities was
+because the field does not contain the surface of the hole. For filled disparities, the RMS of the errors below 3 px was
 0.3 px on rendered ground and 0.8 to 1.0 px on real pairs, where the sigma of the field is 1.2 px
 (measurements/mapper_trials.md)."""
 MAX_DEPTH_RATIO = F(4.0)

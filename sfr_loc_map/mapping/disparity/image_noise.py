@@ -49,8 +49,10 @@ variances less accurate, and more samples take longer."""
 SAMPLED_CELLS = np.s_[::4, ::2]  #: The cells of these pixels.
 MIN_LEVEL_VARIANCE = 1.0
 """Lower bound of the variance of the grey levels, grey levels squared. The variance is a divisor, and close grey levels
-do not determine a slope. Chosen by hand: a larger bound flattens the line of images with low contrast."""
-BLOCK_PIXELS = 16.0  #: Pixels of a block of 4 x 4, by which averaging reduces the variance of white noise.
+do not determine a slope. Chosen by hand: a larger bound flattens the fitted line of images with low contrast."""
+BLOCK_PIXELS = 16.0
+"""Number of pixels of a block of 4 x 4: the factor by which averaging over a block reduces the variance of white noise.
+"""
 NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], F)
 """Difference of two Laplacians, which cancels smooth structure (Immerkaer 1996)."""
 NOISE_GAIN = 6.0  #: Factor by which the mask amplifies white noise: the root of the sum of its squared taps.
@@ -83,7 +85,8 @@ def noise_variance(
     """Return the variance of a residual in each cell `(H/2, W/2)`, a linear function of the grey level.
 
     The noise of a camera has a constant part and a part that grows with the light (photon noise). The line is fitted by
-    weighted least squares to robust variances in ranges of the grey level, and clipped to their minimum and maximum.
+    weighted least squares to robust variances in ranges of the grey level, and clipped to the smallest and the largest
+    of these variances.
     Variances are at least the square of `min_noise` (`rounding_noise`). The variance is `DEFAULT_VARIANCE` if too few
     residuals are available.
 
@@ -116,6 +119,9 @@ def block_variance_ratio(means: FloatImage, offset: FloatImage, variance: FloatI
     """Return the ratio of the variance of means of 4 x 4 residuals to that of white noise, at least 1.
 
     The ratio exceeds 1 if the noise is correlated between pixels, for example after filtering or compression.
+
+    `means`, `offset` and `variance` `(H/2, W/2)` are the mean residual, the brightness offset and the variance of a
+    residual in each cell.
     """
     blocks = downsample_mean(np.asarray((means - offset) / np.sqrt(variance), F), 2)
     known = blocks[blocks != 0]  # a block of exactly 0 has no residuals

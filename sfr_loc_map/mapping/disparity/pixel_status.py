@@ -15,8 +15,8 @@ StatusImage = NDArray[np.uint8]  #: `(H, W)`, the `PixelStatus` of each pixel.
 class PixelStatus(IntEnum):
     """Status of a pixel. The reason for an invalid pixel is the first failed test in the order of `validity`.
 
-    If a saturated pixel also fails an earlier test, the reason is that test. Like all saturated pixels, it is
-    not filled. A filled pixel does not keep its reason.
+    If a saturated pixel also fails an earlier test, the reason is that test. Like all saturated pixels, such a pixel is
+    not filled. A filled pixel does not keep the reason for which it was invalid.
 
     The status is that of one pair, and the fusion does not change it. A valid pixel may therefore have no point in a
     fused cloud: `multiview.fixed_content` removes content that is fixed to the image, and `multiview.fusion` drops

@@ -44,7 +44,7 @@ class CameraRotation:
     roll_rad: float  #: About z; a positive roll turns the camera clockwise.
     pitch_rad: float  #: About x; a positive pitch turns the camera up. Equivalent to the vertical offset.
     vertical_rms_px: float  #: Root mean square of the vertical disparity over the image.
-    #: Root mean square about its mean of the vertical disparity without its roll: the part that no offset explains.
+    #: Standard deviation over the image of the part of the vertical disparity that neither offset nor roll explains.
     distortion_rms_px: float
 
     @property

@@ -1,7 +1,8 @@
 """The roughness of the ground, which sets the scale at which second differences lose weight in the refinement.
 
-Roughness is measured in each pair, around each cell and along each axis, by the second differences of the field on a
-grid whose spacing is a multiple of the cells (`ROUGHNESS_LEVEL`), where they exceed the noise of the field.
+Roughness is measured in each pair, around each cell and along each axis, by second differences of the field. They are
+computed on a grid with a multiple of the spacing of the cells (`ROUGHNESS_LEVEL`), so that they exceed the noise of the
+field.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ is measured. With half or twice the value the errors of rendered pairs are 7 to 
 (measurements/mapper_trials.md)."""
 EDGE_FACTOR = 10.0
 """Second differences above this multiple of the median are edges, not the shape of the ground. Normally distributed
-second differences do not reach it. With half or twice the value, the errors of three pairs change by about 1 %,
-and the ratio of squared error to variance by up to 26 % (measurements/mapper_trials.md)."""
+second differences do not reach this multiple. With half or twice the value, the errors of three pairs change by about
+1 %, and the ratio of squared error to variance changes by up to 26 % (measurements/mapper_trials.md)."""
 LOCAL_MAGNITUDE_WINDOW = 9
 """Side of the window over which the second differences of the roughness are averaged, in units of their spacing, which
 is 4 cells. The mean of the roots of 81 independent values has a relative standard deviation of 5 %."""

@@ -11,8 +11,8 @@ from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask
 from sfr_loc_map.mapping.filters import square_element
 
 SATURATED_SQUARE_PX = 5
-"""Side of the square around a pixel, pixels. If the square is completely saturated, the pixel is invalid. Its slope,
-computed from five columns and three rows, is then 0."""
+"""Side of the square around a pixel, pixels. If the square is completely saturated, the pixel is invalid: its slope is
+then 0, because the slope is computed from five columns and three rows."""
 NEARBY_SIDE_PX = 11
 """Side of the square in which saturated pixels increase the sigma of a pixel (`point_sigma`), pixels. Chosen by hand:
 the refinement smooths over a few cells of two pixels."""

@@ -36,8 +36,8 @@ CREASE_CELLS = 3
 overestimates the error 1 to 6 pixels away from a crease (measurements/mapper_trials.md)."""
 MAX_CREASE_PX = F(1.0)
 """Upper bound of the second difference of a crease, pixels. Larger second differences are edges between surfaces, and
-the error beside an edge does not grow with the height of the edge. With half the value, mean +
-3 sigma of the errors of a rendered pair is a third larger (measurements/mapper_trials.md)."""
+the error beside an edge does not grow with the height of the edge. With half the value, the mean plus 3 sigma of the
+errors of a rendered pair is a third larger (measurements/mapper_trials.md)."""
 
 
 def disparity_sigma(refined: RefinedDisparity) -> FloatImage:

@@ -23,10 +23,10 @@ To add a test of the pixels of one pair:
 - Add a value at the end of `PixelStatus`. The values are part of the results (`MappedPair.pixel_status`) and must not
   be renumbered.
 - Add a function that returns the mask of the pixels that fail, and its call `with_reason(...)` in `judge_pixels`. The
-  place of the call determines which reason a pixel has that fails several tests.
+  position of the call determines the reason of a pixel that fails several tests.
 - A call in `status_before_wrong_surface` changes the pixels with which the network of test 7 was trained. Train the
   network again (`tools/train_jump_network.py`).
-- If the pixels must not be filled, exclude them in `hole_filling.fill_holes` as saturated pixels are.
+- If the pixels must not be filled, exclude them in `hole_filling.fill_holes` in the same way as saturated pixels.
 
 A test that compares pairs does not change the status of pixels. `multiview.fixed_content` removes content of images,
 and `multiview.fusion` drops points.
@@ -55,8 +55,8 @@ MAX_CHI2_PER_DOF = F(4.0)
 deviation of the noise."""
 CHI2_WINDOW = 5  #: Side of that window, pixels: 25 residuals of noise exceed the threshold with p < 1e-6.
 MAX_CHI2 = F(36.0)
-"""Squared residuals are clipped to this value, (6 sigma)^2; unknown residuals have this value. With a larger value, few
-outliers dominate the mean over a window. Values of 16 and 100 change the density by 0.002 or less
+"""Squared residuals are clipped to this value, (6 sigma)^2; unknown residuals have this value. With a larger value, a
+few outliers dominate the mean over a window. Values of 16 and 100 change the density by 0.002 or less
 (measurements/mapper_trials.md)."""
 MAX_CONTRAST_RATIO = F(0.7)
 """A suspicious match is invalid if the ratio of its mean squared residual to the variance of the left image exceeds
@@ -89,8 +89,8 @@ def judge_pixels(
 
     `left_variance` is the `filters.local_variance` of the left image, in which residuals are judged.
 
-    The first tests are a function of their own, because the network of the wrong-surface test is trained with the
-    pixels that pass them.
+    The tests before the wrong-surface test are a separate function, because the network of the wrong-surface test is
+    trained with the pixels that pass them.
     """
     disparity_px = refined.disparity_px
     status = status_before_wrong_surface(left, left_variance, right, initial_px, refined)
@@ -126,7 +126,7 @@ def status_before_wrong_surface(
 
 
 def within_range(disparity_map: DisparityMap, min_disparity_px: float) -> DisparityMap:
-    """Return the map in which disparities below `min_disparity_px`, beyond the maximum depth, are invalid."""
+    """Return the map with invalid pixels beyond the maximum depth, where the disparity is below `min_disparity_px`."""
     is_beyond = disparity_map.px < min_disparity_px
     return replace(disparity_map, status=with_reason(disparity_map.status, is_beyond, PixelStatus.BEYOND_RANGE))
 

@@ -1,6 +1,6 @@
 """Sub-pixel disparity by a variational fit of the whole field to both images (after Horn and Schunck 1981).
 
-The field is represented by cells of 2 x 2 pixels, because a surface is smooth over several pixels. It minimises
+The field is represented by cells of 2 x 2 pixels, because a surface is smooth over several pixels. The field minimises
 
     sum (r - g s)^2 / variance  +  sum smoothness_weight (second differences of the field)^2
 
@@ -46,31 +46,31 @@ EXTRA_WARPS = 2
 """Additional iterations if the noise is large, because the initial field is then farther from the minimum
 (measurements/mapper_trials.md)."""
 NOISY_PX = 1.2
-"""The noise is large if the median standard deviation of a cell's disparity, from its own four pixels alone, exceeds
-this value, pixels. The linearisation of a residual is valid within about one pixel. Neither half nor twice the value is
-better on all pairs (measurements/mapper_trials.md)."""
+"""Threshold of the noise, pixels. The noise is large if a disparity from the four pixels of one cell alone would have a
+larger standard deviation, in the median over the cells. The linearisation of a residual is valid within about one
+pixel. Neither half nor twice the value is better on all pairs (measurements/mapper_trials.md)."""
 SOLVER_ITERATIONS = (8, 12, 12)
 """Conjugate gradient iterations on each grid, finest first. After the coarse grids, only short wavelengths remain for
 the finest grid. Half as many iterations are nearly as good on rendered pairs, and twice as many are better on KITTI
 2015 (measurements/mapper_trials.md)."""
 WINDOW_CELLS = 9
-"""Side of the window over which quantities of cells are averaged, cells. The mean square of its 324 residuals has a
-relative standard deviation of 8 %. Smaller windows are better on real pairs, and larger windows on smooth ground
-(measurements/mapper_trials.md)."""
+"""Side of the window over which quantities of cells are averaged, cells. The mean square of the 324 residuals in a
+window has a relative standard deviation of 8 %. Smaller windows are better on real pairs, and larger windows are better
+on smooth ground (measurements/mapper_trials.md)."""
 DATA_HALF_WEIGHT_SIGMAS = 5.0
 """Residuals of this many standard deviations have half the weight in the data term, so that noise has almost full
 weight. The optimum is flat (measurements/mapper_trials.md)."""
 ROBUST_FACTOR = F(1.0 / DATA_HALF_WEIGHT_SIGMAS**2)  #: Factor of the squared normalised residual in the Cauchy weight.
 CLIPPING_SIGMAS = 3.0
-"""For the brightness offset, residuals are clipped to this many standard deviations, which affects occlusions and
-hardly any noise. The optimum is flat (measurements/mapper_trials.md)."""
+"""For the brightness offset, residuals are clipped to this many standard deviations. Clipping affects residuals at
+occlusions, but hardly affects noise. The optimum is flat (measurements/mapper_trials.md)."""
 TEMPLATE_SIGMAS = 4.0
 """Where the residual exceeds this many standard deviations, only the left image is used for the template, because the
 right image shows another surface there. The optimum is flat (measurements/mapper_trials.md)."""
 MIN_WEIGHT = F(0.1)
-"""Lower bound of the mean weight that divides the squared residuals of a cell. It limits the inflation of the variance
-where nearly all residuals around a cell are outliers. With half or twice the value, the MAE of three pairs changes by
-less than 0.1 % (measurements/mapper_trials.md)."""
+"""Lower bound of the mean weight that divides the squared residuals of a cell. The bound limits the inflation of the
+variance where nearly all residuals around a cell are outliers. With half or twice the value, the MAE of three pairs
+changes by less than 0.1 % (measurements/mapper_trials.md)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +79,7 @@ class RefinedDisparity:
 
     disparity_px: FloatImage  #: `(H, W)` float32, pixels, defined everywhere.
     cells_px: FloatImage  #: `(h, w)` float32, pixels, the field on the cells of the padded image.
-    information: FloatImage  #: `(h, w)` float32, 1 / px^2, of each cell of the refined field.
+    information: FloatImage  #: `(h, w)` float32, 1 / px^2, information of the data term in each cell.
     weights: SmoothnessWeights  #: Weights of the second differences, from the field one step before `cells_px`.
     #: `(H, W)` float32, residual divided by its standard deviation; NaN outside the right image.
     normalised_residual: FloatImage

@@ -11,7 +11,7 @@ requires a new training:
 
 The following properties of the features must not be corrected without a new training:
 
-- `close_cost` is 0 if a part of the window is inside the right image, but none of its 3 x 3 pixels.
+- `close_cost` is 0 if a part of the window is inside the right image, but none of the 3 x 3 pixels is.
 - `same_surface` counts only valid pixels, and `nearer_surface` counts valid and invalid pixels.
 - `occluder_px` compares right columns with a tolerance and counts valid and invalid disparities.
   `surfaces.occlusion_mask` is stricter, because it decides without other features.
@@ -49,9 +49,10 @@ SURFACE_RADIUS = 3
 """Half the side of the window in which other surfaces are searched, pixels: smoothing moves edges by one or two
 cells."""
 OCCLUDER_COLUMNS = 6
-"""Distance along the row within which a surface is searched that occludes the pixel in the right image, columns: twice
+"""Maximum distance, columns, of a surface along the row that may occlude the pixel in the right image: twice
 `SURFACE_RADIUS`, because both edges may be displaced. Fixed by the training of the network."""
-SAME_COLUMN_PX = F(1.0)  #: Pixels with right columns that differ by up to this correspond to the same right pixel.
+SAME_COLUMN_PX = F(1.0)
+"""Pixels correspond to the same right pixel if their columns in the right image differ by up to this, pixels."""
 LOG_ODDS_AT_1_PX = F(3.3)
 """Log odds above which a pixel is invalid if the median sigma of the pair is 1 pixel. The threshold is this value plus
 the logarithm of the median sigma in pixels, because a single outlier dominates the error of a precise map. For a median
@@ -65,7 +66,8 @@ SIGMA_STRIDE = 16  #: Every sixteenth valid pixel is used for the median sigma: 
 
 # Conversion of features to inputs of the network.
 MAX_LOG = 3.0
-"""Logarithms of margins and jumps are clipped to +/- this value. It is also the margin if there is no other surface."""
+"""Logarithms of margins and jumps are clipped to +/- this value. The logarithm of a margin has this value if there is
+no other surface."""
 MIN_TYPICAL_COST = 0.5  #: Lower bound of the typical cost of a pair, grey levels: a typical rounding difference.
 MIN_RELATIVE_COST = 0.05  #: Lower bound of the ratio of a cost to the typical cost, for the logarithm.
 WINDOW_MARGIN_SCALE = 2.0  #: Factor of the window margin, which varies less than the margin of 3 x 3 pixels.

@@ -1,4 +1,4 @@
-"""Content that stays at its pixels while the camera moves: the rover's own body, or rows of another pair.
+"""Content that stays at the same pixels while the camera moves: the rover's own body, or rows of another pair.
 
 Such content is not ground, and each pair would map it to a different position. A region is fixed if two pairs have the
 same grey levels and the same disparities at the same pixels, although ground there would have moved in the image. An

@@ -12,8 +12,8 @@ centimetres apart on the ground, and the rows of another pair are between them, 
 the density there. If two points sample the same spot, the point with the larger weight is kept.
 
 A pair that observes a point from much farther away than the point's own pair (`MAX_RANGE_FACTOR`) is ignored at that
-point. Its surface is smoothed over a larger part of the ground, for example over the edges of rocks, and its sigma is
-too small there.
+point. The surface of the distant pair is smoothed over a larger part of the ground, for example over the edges of
+rocks, and the sigma of this surface is too small there.
 
 Two ranges are compared along the ray of the other camera, and their difference is applied along the point's own ray.
 This approximation assumes that the cameras are at nearly the same position, as in a panorama. With cameras that are
@@ -40,13 +40,13 @@ AGREE_SIGMAS = 3.0
 points by chance. Because a part of the errors is common (`COMMON_VARIANCE`), the differences are smaller, and the limit
 corresponds to 4.2 standard deviations if both sigmas are equal."""
 COMMON_VARIANCE = 0.5
-"""Fraction of a point's variance that is common to all pairs, because all are smoothed in the same way. Averaging does
-not reduce this fraction. Where two rendered pairs agree, their errors have a correlation of 0.49 to 0.59
+"""Fraction of a point's variance that is common to all pairs, because all pairs are smoothed in the same way. Averaging
+does not reduce this fraction. Where two rendered pairs agree, their errors have a correlation of 0.49 to 0.59
 (measurements/mapper_trials.md)."""
 MAX_RANGE_FACTOR = F(1.25)
-"""A view is ignored at points whose range from its camera exceeds this multiple of their range from their own camera.
-In a panorama, no view is ignored. If pairs are 1.5 to 4 m apart, the fusion then no longer increases the error of near
-points (measurements/mapper_trials.md)."""
+"""A view is ignored at a point if the range from the camera of the view exceeds this multiple of the range from the
+point's own camera. In a panorama, no view is ignored. With this limit, the fusion of pairs that are 1.5 to 4 m apart
+does not increase the error of near points (measurements/mapper_trials.md)."""
 SAME_SAMPLE_PX = F(0.02)
 """Points closer than this in an image sample the same spot, pixels. This occurs if images have the same pose; rounding
 moves points by less."""
@@ -158,11 +158,12 @@ def _judge(
 ) -> Judgement:
     """Judge the points of a view, with weight, range and sigma `(N,)`, by the observations of another view.
 
-    The other view is preferred at a point if its weight there is larger, or if it is the earlier view and both weights
-    are equal. It is ignored at points that it observes from too far away (`MAX_RANGE_FACTOR`).
+    The other view is preferred at a point if its weight there is larger, or if both weights are equal and the other
+    view is the earlier view. The other view is ignored at points that it observes from too far away
+    (`MAX_RANGE_FACTOR`).
 
-    To add a test of points across pairs: a flag of `Judgement`, which `_compare_with_others` combines over the other
-    views, and its effect in `_fused_points`.
+    To add a test of points across pairs, add a flag to `Judgement`, combine the flag over the other views in
+    `_compare_with_others`, and apply the flag in `_fused_points`.
     """
     weight_here = own_weight[observed.indices]
     is_preferred = observed.weight > weight_here

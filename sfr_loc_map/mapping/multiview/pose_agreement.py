@@ -37,7 +37,7 @@ class PoseAgreement(NamedTuple):
 def pose_disagreement(range_ratio: float, grey_ratio: float) -> str:
     """Return a clause for each ratio that exceeds its limit (`PoseAgreement`); empty if the poses agree.
 
-    A ratio that is NaN was not measured and is no disagreement.
+    A ratio that was not measured is NaN and does not count as a disagreement.
     """
     clauses = []
     if range_ratio > MAX_RANGE_RATIO:
@@ -77,7 +77,7 @@ def agreement_findings(i: int, j: int, views: Sequence[PairView], observed: Obse
 
 
 def _pose_agreement(view: PairView, other: PairView, observed: Observations) -> PoseAgreement:
-    """Return the agreement of a view with another view, which observes at least one of its points.
+    """Return the agreement of a view with another view that observes at least one point of the first view.
 
     Range differences are compared with those expected for correct sigmas and poses. Grey level differences are compared
     with those at an offset of `SHIFT_PX`, because they reveal a wrong yaw on any texture.

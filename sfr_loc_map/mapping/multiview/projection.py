@@ -20,8 +20,8 @@ FEATHER_PX = 48.0
 """Distance from the image border beyond which points have their full weight, pixels: a twentieth of the side of a
 1-megapixel image. Heights then step by less than 2 mm where the set of pairs changes (docs/mapping.md)."""
 SHIFT_PX = 8
-"""Offset along both axes at which grey levels are also compared, pixels. It corresponds to a pose error of about 0.5
-deg at a focal length of 800 pixels."""
+"""Offset along both axes at which grey levels are also compared, pixels. This offset corresponds to a pose error of
+about 0.5 deg at a focal length of 800 pixels."""
 MIN_OVERLAP = 1000
 """Minimum number of common points for judging poses. The robust spread of every fourth point (`AGREEMENT_STRIDE`) is
 then accurate to 7 %."""
@@ -29,15 +29,17 @@ MIN_DEPTH_M = 1e-3  #: Minimum depth of a projected point, metres: points behind
 
 
 class Observations(NamedTuple):
-    """Observations by a view of M of the N points of another view, `(M,)` each."""
+    """Observations of M of the N points of a view by another view, the observing view; `(M,)` each."""
 
     indices: NDArray[np.intp]  #: Indices of the observed points among the N points.
-    difference: FloatArray32  #: Observed range minus the range of the point, along the ray of this view, metres.
-    point_range: FloatArray32  #: Range of the point from the camera of this view, metres.
+    #: Observed range minus the range of the point, along the ray of the observing view, metres.
+    difference: FloatArray32
+    point_range: FloatArray32  #: Range of the point from the camera of the observing view, metres.
     fusion_sigma: FloatArray32  #: Standard deviation of the observed range along the same ray, metres.
-    weight: FloatArray32  #: Weight of the view in the fusion, 1 / m^2.
-    grey: FloatArray32  #: Grey level of the view at the projected point.
-    grey_shifted: FloatArray32  #: Grey level at `SHIFT_PX` to the right and below; NaN if the view has no point there.
+    weight: FloatArray32  #: Weight of the observing view in the fusion, 1 / m^2.
+    grey: FloatArray32  #: Grey level of the observing view at the projected point.
+    #: Grey level of the observing view at `SHIFT_PX` to the right and below; NaN if there is no point.
+    grey_shifted: FloatArray32
     sample_distance_px: FloatArray32  #: Distance of the projected point from the nearest pixel, pixels.
 
     def difference_sigma(self, fusion_sigma: FloatArray32) -> FloatArray32:

@@ -1,7 +1,7 @@
 """Registration of views: each pair is moved to agree with the earlier pairs where they overlap.
 
-The six parameters of a motion maximise a posterior. It combines the residuals of range and grey level, with Cauchy
-weights that are updated in each step, and a normal prior on the error of the given pose. Gauss-Newton steps with
+The six parameters of a motion maximise a posterior. The posterior combines the residuals of range and grey level, with
+Cauchy weights that are updated in each step, and a normal prior on the error of the given pose. Gauss-Newton steps with
 numerical derivatives find the maximum, coarse to fine in the blur of the grey levels.
 """
 

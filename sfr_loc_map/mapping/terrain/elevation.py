@@ -28,7 +28,7 @@ sigma of 0."""
 class ElevationModel:
     """Heights over a grid whose rows are along y and columns along x of LM."""
 
-    #: `(R, C)` float32, z of LM; NaN where `count` is 0, and in a `TerrainGrid` where it is below `MIN_POINTS`.
+    #: `(R, C)` float32, z of LM; NaN where `count` is 0, and in a `TerrainGrid` where `count` is below `MIN_POINTS`.
     height_m: FloatArray32
     sigma_m: FloatArray32  #: `(R, C)` float32, standard deviation of the height; NaN where the height is unknown.
     count: NDArray[np.int32]  #: `(R, C)` int32, points in the cell.
@@ -105,11 +105,11 @@ def elevation_model(
 def _height_variance_ratio(
     xyz: FloatArray32, pair_index: NDArray[np.uint8], poses_lm_left: Sequence[Transform] | None
 ) -> FloatArray:
-    """Return the variance of the height of each point `(N,)` over its variance along the ray.
+    """Return the ratio of the variance of the height to the variance along the ray for each point `(N,)`.
 
     An error along a ray with the unit vector `(x, y, z)` changes the height by z times the error. The horizontal part
     of the error displaces the point, and the ground there differs in height by about `TYPICAL_SLOPE` times the error.
-    The ratio is `z^2 + TYPICAL_SLOPE^2`. Without poses, z is 1, its maximum.
+    The ratio is `z^2 + TYPICAL_SLOPE^2`. Without poses, z is assumed to be 1, its maximum.
     """
     if poses_lm_left is None:
         return np.full(len(xyz), 1.0 + TYPICAL_SLOPE**2)
