@@ -111,7 +111,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     config_type = LocalisationNodeConfig
 
     def check_config(self, config: LocalisationNodeConfig) -> None:
-        """Check frames, extrinsics and masks, and create a localiser from the parameters and the rig if it is known."""
+        """Check frames, extrinsics and masks; if the rig is known, also create a localiser to check all parameters."""
         config.check_frame_names(config.ds_frame, config.rb_frame, config.locsb_frame)
         T_rb_sb = config.T_rb_locsb.transform("T_rb_locsb")
         for mask in filter(None, (config.localisation.left_mask, config.localisation.right_mask)):
@@ -247,7 +247,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self.publish_call(replace(call, times=times), LEVELS[estimate.state])
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
-        """Publish odometry, and tf and path unless tracking is lost; called in the order of the pairs."""
+        """Publish odometry and, unless tracking is lost, tf and the path. Estimates must be in the order of the pairs."""
         message = messages.odometry_msg(estimate, self.config.frame(self.config.ds_frame), self._rb_frame)
         self._odometry.publish(message)
         if estimate.state is TrackingState.LOST:

@@ -65,7 +65,8 @@ SOURCES: dict[str, str] = {
     Task.LOCALISATION: "the calls of localisation_node",
     **{state: f"the calls of mapping_node ({state})" for state in MappingState},
 }
-"""Sources of stamped messages with their words in a message. A new run of one source is a new run of all."""
+"""Sources of stamped messages, each with its description for log messages. A new run of one source is a new run of all
+sources."""
 IN_FLIGHT_S = 5.0  #: During a run, results of pairs younger than this do not count as missing.
 
 
@@ -118,9 +119,9 @@ class MonitorNodeConfig(NodeConfig):
 class MonitorNode(ManagedNode[MonitorNodeConfig]):
     """Receives estimates, ground truth, clouds and calls, and publishes the score.
 
-    State of the node, and what becomes of the state at a new run of any source and at `~/reset`. An activation keeps
-    all state but the waiting messages and whether the ground truth was received, because the type of the ground truth
-    may have changed. A configuration and a clean-up create all state again (`reset_state`).
+    State of the node, and what becomes of the state at a new run of any source and at `~/reset`. An activation clears
+    the waiting messages, and whether the ground truth was received, because the type of the ground truth may have
+    changed. All other state is kept. A configuration and a clean-up create all state again (`reset_state`).
 
     | state | new run | `~/reset` |
     |---|---|---|
@@ -234,7 +235,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         return self.endpoints.add_subscription(kind, topic, received, qos)
 
     def _on_image_info(self, message: CameraInfo) -> None:
-        """Add the stamp of an image. Lost messages do not count: the stamps matter only without any estimate."""
+        """Add the stamp of an image. Lost messages are not counted, because stamps matter only if no estimate exists."""
         if (stamp_ns := stamp_of(message)) > 0:
             self.worker.enqueue_droppable(lambda: self._score.add_image(stamp_ns))
 
@@ -272,7 +273,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             add_item()
 
     def _begin_run(self) -> None:
-        """Discard what was received of the previous run."""
+        """Discard what was received in the previous run."""
         self._score.restart()
         self._last_ns = 0
 

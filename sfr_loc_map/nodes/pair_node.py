@@ -52,7 +52,7 @@ class PairNodeConfig(NodeConfig):
         return self.frame_prefix + name
 
     def check_message_frame(self, what: str, found: str, parameter: str) -> None:
-        """Raise an InputError if the frame of a message is not empty and differs from that of a parameter."""
+        """Raise an InputError if the frame of a message is not empty and differs from the frame in a parameter."""
         wanted = self.frame(getattr(self, parameter))
         if found not in ("", wanted):
             raise InputError(f"{what} is in frame '{found}': frame '{wanted}' (parameter {parameter}) is required")
@@ -75,7 +75,7 @@ P = TypeVar("P", bound=PairNodeConfig)
 
 
 class Backoff:
-    """Selects the periods to report: each with input, and the 1st, 2nd, 4th, 8th, ... consecutive silent period."""
+    """Selects the periods to report: every period with input, and the 1st, 2nd, 4th, ... consecutive silent period."""
 
     def __init__(self) -> None:
         self._silent_periods = 0
@@ -115,7 +115,7 @@ class PairNode(ManagedNode[P], ABC):
 
     @abstractmethod
     def on_pair(self, pair: ReceivedPair) -> None:
-        """Enqueue a pair for the worker, at once or when its other input is received."""
+        """Enqueue a pair for the worker, immediately or when the other input of the pair is received."""
 
     @abstractmethod
     def on_rig(self, rig: StereoRig) -> None:
@@ -135,7 +135,7 @@ class PairNode(ManagedNode[P], ABC):
         return AGREEING
 
     def setup(self) -> None:
-        """Create the meter of calls, and their publisher.
+        """Create the meter and the publisher of calls.
 
         Calls are latched, so that the doctor can detect whether the node has processed input.
         """

@@ -13,7 +13,10 @@ from sfr_loc_map.metrics.score.score import SCHEMA
 
 
 class ScoreFile:
-    """The file of a periodically saved score, and that of the previous run. Files that are not scores are kept."""
+    """The file to which the score is saved, and the file of the previous run's score.
+
+    Existing files that are not scores are never replaced.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
