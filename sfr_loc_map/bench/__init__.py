@@ -11,6 +11,6 @@
 `content()` of both results is the JSON (`sfr-bench/1`), from which `report/benchmark_tables.py` makes the tables. A
 pass is one method over all pairs of the source; the key of the passes in the JSON is `runs`.
 
-A further figure is a row of `figures` in trials.py, or of `costs` in passes.py, and a column in
-`report/benchmark_tables.py`. A further fault is an entry of `FAULTS` (fault_benchmark.py).
+To add a figure, add a row to `figures` in trials.py, or to `costs` in passes.py, and a column in
+`report/benchmark_tables.py`. To add a fault, add an entry to `FAULTS` (fault_benchmark.py).
 """

@@ -175,7 +175,7 @@ def error_and_sigma(
     """Return errors and sigmas `(N, 2)` of position, m, and attitude, rad, at stamps with a true pose.
 
     The sigmas combine the stated covariance and the noise of the ground truth. With `steps`, the values are those of
-    the steps to these poses; errors are 0 if a step has no true pose at both ends.
+    the steps to these poses. The errors of a step are 0 unless there are true poses at both of its ends.
     """
     noise = (truth.sigma_m, np.radians(truth.sigma_deg)) if isinstance(truth, Truth) else (0.0, 0.0)
     at = {int(stamp): index for index, stamp in enumerate(truth.stamps_ns)}

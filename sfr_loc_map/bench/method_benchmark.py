@@ -103,7 +103,8 @@ def compare_methods(
 ) -> MethodBenchmark:
     """Run the passes of all methods in turn, `repeat` times, and return their figures.
 
-    A failed method is skipped, unless it is ours. After an interrupt, the finished passes are reported.
+    If our method fails, the MethodError is raised; other methods that fail are skipped. After an interrupt, the
+    finished passes are reported.
     """
     begun = provenance()
     passes: dict[str, list[PassResult[Result]]] = {}

@@ -1,4 +1,4 @@
-"""How localisers and mappers are tried: the pairs that they receive, their calls, and the figures of their results."""
+"""Trials of localisers and mappers: the pairs that they receive, their calls, and the figures of their results."""
 
 from __future__ import annotations
 
@@ -212,7 +212,7 @@ class MapperTrial(Trial[PosedStereoPair, IsolatedMapper, PointCloud]):
         return len(self.truths)
 
     def items(self) -> Iterator[tuple[int, PosedStereoPair]]:
-        """Yield stamp, and images with their pose, of each pair."""
+        """Yield the stamp of each pair, and the pair with its pose."""
         return ((item.pair.stamp_ns, item) for item in self.sequence.pairs())
 
     def open(self, method: Method) -> IsolatedMapper:

@@ -1,7 +1,7 @@
 """Injection of faults into the stereo pairs of any source.
 
-A new kind of fault is a member of `FaultKind` (`kinds.py`) and a function in `CHANGES` (`injector.py`). If the
-localiser should detect or tolerate the fault, the kind has a row in `FAULTS` (`bench/fault_benchmark.py`).
+To add a kind of fault, add a member to `FaultKind` (`kinds.py`) and a function to `CHANGES` (`injector.py`). If the
+localiser should detect or tolerate the fault, also add a row to `FAULTS` (`bench/fault_benchmark.py`).
 """
 
 import lazy_loader

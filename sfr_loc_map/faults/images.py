@@ -1,4 +1,4 @@
-"""Faults of images, stamps and the right camera: functions of the affected pair, and of its stamp."""
+"""Faults of images, stamps and the right camera, as functions of the affected pair or of its stamp."""
 
 from __future__ import annotations
 
@@ -56,7 +56,10 @@ def stamp_with_fault(fault: Fault, stamp_ns: int, following_ns: int | None) -> i
 
 
 def following_stamp(fault: Fault, following_ns: int | None) -> int | None:
-    """Return the next stamp of the source after a fault of this pair; only a fault of the clock affects both pairs."""
+    """Return the next stamp of the source with the effect of a fault of this pair.
+
+    Only a fault of the clock also affects the next pair.
+    """
     if following_ns is None or fault.kind is not FaultKind.CLOCK:
         return following_ns
     return stamp_with_fault(fault, following_ns, None)

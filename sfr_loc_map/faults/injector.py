@@ -96,7 +96,10 @@ class FaultInjector:
         return found
 
     def pairs(self, pairs: Iterable[StereoPair]) -> Iterator[tuple[int, StereoPair]]:
-        """Yield the remaining pairs with their indices in the source; repeated images keep their faults."""
+        """Yield the remaining pairs with their indices in the source.
+
+        Repeated images keep the faults that precede the repetition in the order of the faults.
+        """
         previous: list[StereoPair] = []
         for index, (pair, following) in enumerate(pairwise(chain(pairs, (None,)))):
             if pair is None or not self.kept[index]:
@@ -118,7 +121,7 @@ class FaultInjector:
     ) -> StereoPair:
         """Return the pair `index` with the fault `number`.
 
-        `previous` is the last earlier pair that is not a repetition, also before this fault.
+        `pair` and `previous`, the last earlier pair that is not a repetition, have the previous faults only.
         """
         fault = self._faults[number]
         first = int(self._bursts[number][index])
@@ -135,7 +138,7 @@ class FaultInjector:
             progress=(index - first + 0.5) / fault.burst,
             spot=pair_rng.random(2),
             pair_rng=pair_rng,
-            # the number of pairs is the index of no pair
+            # the number of pairs is not the index of a pair, so that this seed differs from those of the pairs
             drive_rng=np.random.default_rng([self._seed, number, self._count]),
         )
         return CHANGES[fault.kind](affected)

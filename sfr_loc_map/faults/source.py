@@ -19,7 +19,7 @@ S = TypeVar("S", LocSequence, NavSequence)
 
 
 def faulty(source: Source, faults: Sequence[Fault], seed: int = 0) -> Source:
-    """Return a source whose pairs get injected faults while they are read; the source itself without faults."""
+    """Return a source whose pairs get injected faults while they are read; the source itself if no fault is given."""
     if not faults:
         return source
     loc = None if source.loc is None else FaultyLoc(source.loc, faults, seed)

@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.stereo import StereoPair
 BODY_DEPTH, OBJECT_DEPTH, SHADOW_DEPTH = 6.0, 8.0, 12.0
 """Depths of the rover's own body, of a crossing object and of the ground in the rover's shadow, in baselines.
 
-They are 0.7, 1.0 and 1.4 m with the simulated rig, nearer than the ground in the middle of its image.
+With the simulated rig, the depths are 0.7, 1.0 and 1.4 m, nearer than the ground in the middle of the image.
 """
 TEXTURE_CONTRAST = 30.0  #: Standard deviation of the texture of body and object, grey levels (chosen by eye).
 SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4
@@ -140,7 +140,7 @@ def _texture(height: int, width: int, like: GreyImage, drive_rng: np.random.Gene
 
 
 def _covered(image: GreyImage, view: FloatImage, cover: FloatImage, at: Affected) -> GreyImage:
-    """Return the image with another view, with new noise, where `cover` exceeds 0.5."""
+    """Return the image, replaced by another view with new noise where `cover` exceeds 0.5."""
     return np.where(cover > 0.5, with_noise(view, READ_NOISE, at.pair_rng), image).astype(np.uint8)
 
 

@@ -130,7 +130,7 @@ class GraphObserver(Peer):
         return self._name_in_graph.get(name, f"/{self._namespace}/{name}" if self._namespace else f"/{name}")
 
     def _is_superseded(self, name: str, full_name: str) -> bool:
-        """Return whether these raw images are also published rectified, and no node of the suite subscribes to them."""
+        """Return whether raw images that no node of the suite subscribes to are also published rectified."""
         takers = {info.node_name for info in self.ros_node.get_subscriptions_info_by_topic(full_name)}
         rectified = [self._full_name(beside) for beside in rectified_beside(name)]
         return not takers & set(SUITE_NODES) and any(map(self.ros_node.count_publishers, rectified))

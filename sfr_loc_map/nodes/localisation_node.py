@@ -247,7 +247,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self.publish_call(replace(call, times=times), LEVELS[estimate.state])
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
-        """Publish odometry and, unless tracking is lost, tf and the path. Estimates must be in the order of the pairs."""
+        """Publish odometry and, unless tracking is lost, tf and the path; estimates are in the order of the pairs."""
         message = messages.odometry_msg(estimate, self.config.frame(self.config.ds_frame), self._rb_frame)
         self._odometry.publish(message)
         if estimate.state is TrackingState.LOST:

@@ -74,7 +74,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
     config_type = MappingNodeConfig
 
     def check_config(self, config: MappingNodeConfig) -> None:
-        """Check the frames, and create a mapper of the rig, or of `ANY_RIG` before the first rig, to check parameters."""
+        """Check the frames, and create a mapper to check the parameters; `ANY_RIG` replaces a rig that is unknown."""
         config.check_frame_names(config.lm_frame)
         Mapper(self.rig or ANY_RIG, config.mapping)
 

@@ -235,7 +235,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         return self.endpoints.add_subscription(kind, topic, received, qos)
 
     def _on_image_info(self, message: CameraInfo) -> None:
-        """Add the stamp of an image. Lost messages are not counted, because stamps matter only if no estimate exists."""
+        """Add the stamp of an image. Lost messages do not count, because stamps matter only if no estimate exists."""
         if (stamp_ns := stamp_of(message)) > 0:
             self.worker.enqueue_droppable(lambda: self._score.add_image(stamp_ns))
 

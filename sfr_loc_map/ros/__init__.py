@@ -10,6 +10,6 @@
                            transport: latency and losses of received messages
 
 `environment` prepares a process for ROS and chooses its domain. `processes` starts, watches and ends child processes:
-programs of this package, and commands of the user. `profiles` has the shared-memory settings of Fast DDS. Input of
-`messages` are values of the layers below or messages; the output is the other kind.
+programs of this package, and commands of the user. `profiles` has the shared-memory settings of Fast DDS. `messages`
+converts values of the layers below to messages, and messages to such values.
 """

@@ -1,8 +1,8 @@
-"""ROS domains of this host, each of which one program holds, so that no two programs choose the same one.
+"""ROS domains of this host. A program holds the domain that it has chosen, so that no other program chooses it.
 
-A domain is held by a UDP port of it that no participant uses. The operating system gives a port to one program at a
-time and takes it back when the program ends, however it ends. Ports are those of RTPS (OMG DDSI-RTPS 2.5, 9.6.2.3):
-7400 + 250 domain, and from there 10 + 2 i for participant i.
+To hold a domain, a program binds a UDP port of the domain that no participant uses. The operating system gives a port
+to one program at a time, and releases the port when the program ends or crashes. Ports are those of RTPS (OMG DDSI-RTPS
+2.5, 9.6.2.3): the first port of a domain is 7400 + 250 domain, and participant i uses the port 10 + 2 i above it.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ from collections.abc import Iterable
 from sfr_loc_map.errors import NodeError
 
 DOMAINS = range(1, 102)
-"""Domains that are chosen. Domain 0 is the default of ROS, and the ports of higher ones are in the ephemeral range."""
-HELD_PORT = 249  #: Port that holds a domain, from the first port of the domain. No host has 120 participants.
+"""Domains that are chosen. Domain 0 is the default of ROS, and ports of domains above 101 are in the ephemeral range.
+"""
+HELD_PORT = 249
+"""Port that holds a domain, relative to the first port of the domain. Only the 120th participant would use it."""
 PROBED_PARTICIPANTS = 10
-"""Number of participants whose ports are probed. The first of a domain may have ended while others run."""
+"""Number of participants whose ports are probed. The first participants may have ended while later ones run."""
 
 
 class HeldDomain:
@@ -46,7 +48,7 @@ def hold_domain(candidates: Iterable[int] = DOMAINS) -> HeldDomain:
     NodeError if there is no such domain.
     """
     shuffled = list(candidates)
-    random.SystemRandom().shuffle(shuffled)  # so that the domain of a killed process is rarely the next one
+    random.SystemRandom().shuffle(shuffled)  # so that the domain of a killed process is rarely chosen next
     for number in shuffled:
         first_port = 7400 + 250 * number
         lock = _bound(first_port + HELD_PORT)

@@ -47,7 +47,7 @@ def see_whole_graph(environment: MutableMapping[str, str] = os.environ) -> None:
 
 
 def isolate(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Choose a domain of this process and restrict discovery to this host, unless the user has set them."""
+    """Choose a domain for this process and restrict discovery to this host; variables set by the user are kept."""
     if not environment.get("ROS_DOMAIN_ID"):
         _held.append(hold_domain())
         environment["ROS_DOMAIN_ID"] = str(_held[-1].number)

@@ -3,8 +3,8 @@
 Every field is set to a plain Python number, because message classes accept numpy numbers silently and send wrong
 values. Invalid messages (NaN, too few bytes, a wrong size or type) raise an InputError.
 
-The ROS orientation of RB in DS rotates components from RB to DS. It is therefore `Transform.quat_xyzw`, the conjugate
-of the source document's `att_q_DsToRb`.
+The ROS orientation of RB in DS rotates components from RB to DS. This orientation is therefore `Transform.quat_xyzw`,
+the conjugate of the source document's `att_q_DsToRb`.
 """
 
 from __future__ import annotations

@@ -76,9 +76,10 @@ class Peer:
         return gaps
 
     def count_losses(self) -> dict[str, int]:
-        """Return the number of lost messages of each counted topic; not of topics with several publishers.
+        """Return the number of lost messages of each counted topic.
 
-        This method is called repeatedly, because a publisher may appear or leave at any time.
+        Losses are not counted while a topic has several publishers. Publishers may appear or leave at any time, so this
+        method must be called repeatedly.
         """
         for topic, gaps in self.message_counts.items():
             gaps.set_several(self.ros_node.count_publishers(self.ros_node.resolve_topic_name(topic)) > 1)
@@ -95,8 +96,8 @@ class Peer:
     ) -> Subscription:
         """Subscribe with a callback that receives each message, serialised if `raw`, and its message info.
 
-        Incompatible peers are not reported, because the nodes of the suite do so and each event type costs the
-        executor time.
+        Incompatible peers are not reported, because the nodes of the suite report them, and because each event type
+        costs the executor time.
         """
         listener: Any = callback  # rclpy's types lack the message info
         return self.ros_node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS, raw=raw)

@@ -22,7 +22,7 @@ ESCALATION = ((signal.SIGINT, 10.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 3.0
 """Signals that end processes, each with the time until the next signal, s."""
 START = "sfr_loc_map.nodes.start"  #: Module that runs a node and handles signals before the imports.
 CANNOT_START = 2  #: Exit code of a node with invalid arguments or settings.
-ROUTINE = ("[DEBUG]", "[INFO]")  #: Begin of the log lines of ROS that report no problem.
+ROUTINE = ("[DEBUG]", "[INFO]")  #: Beginning of the log lines of ROS that report no problem.
 WATCH_S = 0.2  #: Period of the check whether a process still runs.
 
 
@@ -86,7 +86,7 @@ class ChildProcess:
 
     @property
     def last_log_line(self) -> str:
-        """Last line of the log, except lines that report no problem."""
+        """Last line of the log that is not a routine message (`ROUTINE`), for messages."""
         if self._log is None:
             return "its output is above"
         lines = [line.strip() for line in self.text.splitlines() if not line.startswith(ROUTINE)]
@@ -130,7 +130,7 @@ def user_command(command: str, folder: Path) -> Iterator[ChildProcess]:
     finally:
         started = descendants(process.popen.pid)
         end_processes([process])
-        process.send(signal.SIGKILL)  # children that it left behind
+        process.send(signal.SIGKILL)  # children that the process has not ended
         for each in started:  # descendants in other sessions
             with suppress(psutil.Error):
                 each.kill()

@@ -65,7 +65,8 @@ class TransportGaps:
     def set_several(self, several: bool) -> None:
         """Disable the count of gaps while there are several publishers, because a number may belong to any of them.
 
-        The gaps since the last call are then dropped, too, because the publisher may have appeared before them.
+        When a second publisher is found, the gaps since the last call are not counted either, because that publisher
+        may have appeared before these gaps.
         """
         if several and not self._several:
             self.lost = self._lost_of_one

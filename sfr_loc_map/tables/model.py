@@ -25,7 +25,7 @@ SHOWN_UNITS = {"mm": ("m", 1e-3), "ms": ("s", 1e-3), "%": ("1", 1e-2), "MiB": ("
 """Displayed units, each with the unit of the values and with its size in that unit: 1 mm is 1e-3 m."""
 SIGNIFICANT_DIGITS = 4  #: Significant digits of displayed values.
 MAX_DIGITS = 17  #: Significant digits that distinguish any two values.
-LARGEST_IN_FULL = 1e7  #: Values from here on have an exponent, unless they are integers.
+LARGEST_IN_FULL = 1e7  #: Values of this size or larger are written with an exponent, unless they are integers.
 
 
 @dataclass(frozen=True, slots=True)

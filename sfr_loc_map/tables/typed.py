@@ -28,7 +28,7 @@ def heads(title: str, of: Callable[[Row], str], link: Callable[[Row], str] = lam
 
 
 def words(title: str, of: Callable[[Row], str | None], link: Callable[[Row], str] = lambda row: "") -> RowColumn[Row]:
-    """Return a column of texts; an empty text is absent."""
+    """Return a column of texts; an empty text is displayed as absent."""
     return RowColumn(Column(title, words=True), lambda row: Cell(of(row) or ABSENT, link=link(row)))
 
 

@@ -16,7 +16,7 @@ from sfr_loc_map.topics import TF_STATIC
 
 
 class Extrinsics:
-    """The extrinsics, from the parameters, otherwise from /tf_static once it connects the frames.
+    """The extrinsics from the parameters or, if not given there, from /tf_static once transforms connect the frames.
 
     All methods are called in one thread. The worker reads `T_rb_sb`, which changes once.
     """

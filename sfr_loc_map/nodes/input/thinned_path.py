@@ -11,14 +11,14 @@ import numpy as np
 from sfr_loc_map.geometry.transform import Transform
 
 T = TypeVar("T")
-MAX_POSES = 2000  #: Most poses of a thinned path: about the width of a figure in pixels.
+MAX_POSES = 2000  #: Maximum number of poses of a thinned path: about the width of a figure in pixels.
 FIRST_SPACING_M = 0.02  #: Initial spacing of a thinned path, metres: 1000 poses in 20 m.
 TURN_PER_METRE = math.radians(100.0)
 """Rotation that counts as 1 m of path, rad, so that point turns also add poses."""
 
 
 class ThinnedPath(Generic[T]):
-    """Keeps poses at a spacing that doubles at `max_poses` poses; the first and the last pose are always kept."""
+    """Keeps poses at a spacing that doubles each time `max_poses` are kept; the first and the last pose are kept."""
 
     def __init__(self, max_poses: int = MAX_POSES) -> None:
         """Start empty; `max_poses` is at least 3."""

@@ -36,7 +36,7 @@ class TruthTopic:
         self._unsubscribe = subscribe(msgtype)
 
     def follow(self, published: Sequence[str]) -> bool:
-        """Change to a published type of true poses if the present type is not published; return whether it changed."""
+        """If the present type is not published, change to a published type of true poses; return whether it changed."""
         usable = [msgtype for msgtype in published if msgtype in TRUTH_TYPES]
         if not usable or self.msgtype in usable:
             return False
@@ -159,7 +159,10 @@ class TopicTruthInput(TruthInput):
         self._reader = TruthReader(ODOMETRY)
 
     def subscribe(self, add_subscription: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
-        """Receive true poses of the published type, at another activation first of the last type."""
+        """Receive true poses, at first of the type of the previous activation, or of nav_msgs/Odometry.
+
+        `follow_type` changes to the published type.
+        """
 
         def subscribe_to(msgtype: str) -> Callable[[], object]:
             if msgtype != self._msgtype:

@@ -44,7 +44,8 @@ def missing_input(node: Node, inputs: Sequence[Input]) -> str:
 def _silence(node: Node, item: Input) -> Issue:
     """Return why an input receives no messages on any of its topics.
 
-    The reason is that of a topic with a publisher, otherwise of a remapped topic, otherwise of the first topic.
+    The reason belongs to the first topic that has a publisher. If no topic has a publisher, the reason belongs to the
+    first remapped topic, or without remapping to the first topic.
     """
     found, remapped = [], []
     for name, kind in item.topics.items():

@@ -1,1 +1,1 @@
-"""Start nodes: `run_nodes` as processes of `sfr run`, with `ros_arguments`; `launch_parts` in the launch files."""
+"""Start of the nodes: `run_nodes` and `ros_arguments` serve `sfr run`, and `launch_parts` serves the launch files."""

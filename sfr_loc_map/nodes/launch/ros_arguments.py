@@ -34,7 +34,7 @@ def ros_arguments(
     namespace: str = "",
     log_level: str = "info",
 ) -> list[str]:
-    """Return the ROS arguments of the nodes of `sfr run`, `--ros-args` first; `more` are further ones.
+    """Return the ROS arguments of the nodes of `sfr run`, `--ros-args` first and the further arguments `more` last.
 
     The parameters of an `sfr.yaml` are written to the file `written`. Later arguments override them.
     """
@@ -116,7 +116,7 @@ def remaps_of(how: SourceConfig) -> list[str]:
 
 
 def topic_rules(arguments: Sequence[str]) -> list[str]:
-    """Return the remapping rules of topics, `FROM:=TO`, in the arguments of nodes; rules of one node lose its name."""
+    """Return the remapping rules of topics in the arguments of nodes, as `FROM:=TO` without the name of a node."""
     given = [rule for word, rule in pairwise(arguments) if word in {"-r", "--remap"}]
     rules = [rule[found.end() :] if (found := NODE_OF_RULE.match(rule)) else rule for rule in given]
     return [rule for rule in rules if not rule.startswith("__")]

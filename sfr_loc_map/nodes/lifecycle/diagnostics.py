@@ -109,7 +109,7 @@ class HealthConfig:
 
 @dataclass(frozen=True, slots=True)
 class NodeSnapshot:
-    """A node at present: lifecycle state, dropped and waiting messages, reasons from its environment."""
+    """The present state of a node: lifecycle, dropped and waiting messages, and problems of its environment."""
 
     lifecycle: str
     counts: Mapping[str, int]
@@ -122,7 +122,7 @@ class StatusReporter:
     """Reports health, calls and problems of one node. All methods may be called in any thread."""
 
     def __init__(self, node: Node, task: str, config: HealthConfig, snapshot: Callable[[], NodeSnapshot]) -> None:
-        """Create the publisher; `snapshot` describes the node at present."""
+        """Create the publisher; `snapshot` returns the present state of the node."""
         self._config = config
         self._node, self._task, self._snapshot = node, task, snapshot
         self._last_health: tuple[str, ...] = ()  # lifecycle state, level and lasting reasons last published
@@ -181,7 +181,7 @@ class StatusReporter:
                     self._latencies.setdefault(name, deque(maxlen=LATENCY_WINDOW)).append(seconds)
 
     def note_problem(self, level: Level, text: str, kind: str = "") -> None:
-        """Record a problem, which stays visible for `window_s`. It replaces an earlier problem of the same kind."""
+        """Record a problem, which stays visible for `window_s` and replaces an earlier problem of the same kind."""
         with self._lock:
             self._problems.pop(kind or text, None)  # the newest problem is last
             self._problems[kind or text] = (time.monotonic(), level, text)
@@ -259,7 +259,7 @@ class StatusReporter:
     def _rate(self, moments: deque[float], now: float) -> float:
         """Return the rate over the window, or since the reset if that is later, Hz.
 
-        The time since the reset counts as at least 1 s, so that two messages right after the reset give no high rate.
+        The time since the reset counts as at least 1 s, so that two messages soon after the reset are not a high rate.
         """
         span = min(self._config.window_s, max(now - self._since, 1.0))
         return sum(now - moment <= span for moment in moments) / span

@@ -92,9 +92,10 @@ class Endpoints:
         return partial(self._node.destroy_subscription, subscription)
 
     def add_latched(self, kind: type[Any], topic: str, callback: Callable[..., None]) -> None:
-        """Subscribe to latched messages of a topic that has a volatile subscription, too.
+        """Subscribe to latched messages of a topic that also has a volatile subscription.
 
-        Later messages arrive twice. Only the volatile subscription reports publishers of incompatible quality.
+        Later messages arrive twice. Only the volatile subscription reports publishers with incompatible quality of
+        service.
         """
         subscription = self._node.create_subscription(
             kind,

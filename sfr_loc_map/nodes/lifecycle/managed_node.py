@@ -70,7 +70,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     |---|---|---|---|
     | `SfrError` of a job, such as an unusable pair | ERROR, `NODE: input` | `count_failed`, if droppable | continues |
     | other exception of a job | ERROR, `NODE: fault` | `count_failed`, if droppable | `restart_after_fault` |
-    | exception of a callback (`Endpoints.guarded`) | as of a job, in the worker's queue | no | as of a job |
+    | exception of a callback (`Endpoints.guarded`) | as for a job, in the worker's queue | no | as for a job |
     | `SfrError` of a service | none, in the answer | no | continues |
     | `SfrError` of a transition | ERROR, `NODE: health` | no | the previous state is restored |
 
@@ -80,7 +80,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     task: str  #: Task of the node; the default node name is `TASK_node`.
     config_type: type[C]  #: Dataclass of the parameters.
-    foreign_parameters: tuple[str, ...] = ()  #: Parameters of other nodes, in sections that this node has, too.
+    foreign_parameters: tuple[str, ...] = ()  #: Parameters of other nodes in sections that this node also has.
     live_parameters: tuple[str, ...] = ()  #: Name prefixes of the parameters that may be set at any time.
     _worker: Worker | None = None
 
@@ -393,7 +393,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.restart_after_fault()
 
     def _on_callback_fault(self, error: Exception) -> None:
-        """Report an exception of the executor's thread as an exception of a job; at once if there is no worker."""
+        """Report an exception of the executor's thread like that of a job; immediately if there is no worker."""
         if self._worker is None:
             self._report_fault(error)
         else:

@@ -16,7 +16,7 @@ MAX_WAITING_BYTES = 256_000_000
 
 
 class Overload(StrEnum):
-    """Which droppable jobs are kept when they arrive faster than they are done: values of the parameter `overload`."""
+    """Droppable jobs that are kept when jobs arrive faster than they are run: values of the parameter `overload`."""
 
     ALL = "every_pair"
     """The newest jobs, up to the capacity of the queue."""
