@@ -7,5 +7,5 @@
                     fixes.with_fix (sfr info: the command that removes the cause) ◄─ list of issues
 
 An `Observation` has only values, and the checks of `examination` are functions of an observation. `issues.Issue` and
-`transport_issues.silence_of` are below this folder, because nodes and `sfr record` report the same issues.
+`transport_issues.silence_of` are outside of this folder, because nodes and `sfr record` report the same issues.
 """

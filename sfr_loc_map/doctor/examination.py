@@ -39,7 +39,7 @@ VIDEO = {
 """Message types of video (H.264, H.265, Theora), which is not supported."""
 FEW_LOST = 0.01  #: Fraction of images lost in transport above which there is a warning.
 PAIRED = 0.5  #: Minimum fraction of stamps with a partner for a useful result.
-COMPLETE = 0.9  #: Minimum fraction of stamps with a partner without a warning.
+COMPLETE = 0.9  #: Fraction of stamps with a partner below which there is a warning.
 EDGE = 0.1  #: Fraction of the observed time at each end that is ignored, because partners may be outside.
 
 Issues = Iterator[Issue]

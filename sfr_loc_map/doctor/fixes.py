@@ -17,9 +17,10 @@ from sfr_loc_map.source_setup.proposal import propose_config
 def with_fix(
     source: Path, sections: dict[str, Any], path: Path | None, issues: list[Issue], words: list[str]
 ) -> list[Issue]:
-    """Return the issues; if the proposed configuration removes one, its fix is the command that writes it (`words`).
+    """Return the issues, with the command `words` as the fix of each issue that the proposed configuration removes.
 
-    The source is examined with the proposed configuration to determine which issues remain.
+    The command writes this configuration. The source is examined with the configuration to determine which issues
+    remain.
     """
     try:
         found = propose_config(source, sections, path)

@@ -68,10 +68,10 @@ class ObservedNode:
     rig: str  # `loc`, `nav`, or empty for the monitor
     state: str = "active"  # lifecycle state; empty if the node did not answer
     use_sim_time: bool = False
-    extrinsics_given: bool = False  # whether its parameters give the extrinsics
-    stamp_tolerance_ns: int | None = None  # largest stamp difference of what it pairs; None if it did not answer
-    has_worked: bool = False  # whether it has processed a pair since it became active
-    rectifies: bool = False  # whether it subscribes to raw images and rectifies them
+    extrinsics_given: bool = False  # whether the parameters of the node give the extrinsics
+    stamp_tolerance_ns: int | None = None  # largest stamp difference of paired messages; None without an answer
+    has_worked: bool = False  # whether the node has processed a pair since it became active
+    rectifies: bool = False  # whether the node subscribes to raw images and rectifies them
 
 
 class SourceKind(Enum):

@@ -1,8 +1,9 @@
-"""Which requests have access to the live page.
+"""Access control of the live page.
 
 On loopback no token is required, but the host name of a request must be a loopback name, because a foreign name may
-resolve to this host (DNS rebinding). On another address each request requires the token: `?token=` once (a cookie keeps
-the token) or `Authorization: Bearer`. Requests that originate from another page are refused.
+resolve to this host (DNS rebinding). On another address each request requires the token: either in the query
+(`?token=`), after which a cookie keeps the token, or as `Authorization: Bearer`. Requests that originate from another
+page are refused.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ TOKEN_COOKIE = "sfr_live_token"
 
 
 def refusal_of(request: web.Request, token: str) -> str:
-    """Return why a request is refused; empty if it has access. `token` is that of the server, empty without one."""
+    """Return why a request is refused; empty if it has access. An empty `token` means that no token is required."""
     host = request.headers.get("Host", "")
     origin = request.headers.get("Origin")
     if not token and not is_loopback(_split(f"//{host}")[0]):

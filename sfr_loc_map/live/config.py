@@ -1,4 +1,4 @@
-"""The configuration of the live page: address, port and token. It does not require the web server."""
+"""The configuration of the live page: address, port and token. This module does not import the web server."""
 
 from __future__ import annotations
 

@@ -6,7 +6,8 @@ from aiohttp import web
 
 IDLE_TIMEOUT_S = 5.0  #: A connection without a complete request is closed after this time (aiohttp's keep-alive timer).
 MAX_SILENT = 256
-"""Maximum number of connections without a request. asyncio accepts fewer at once, so that requests are read first."""
+"""Maximum number of connections without a request. asyncio accepts fewer connections at a time, so that a connection
+is not closed before its request is read."""
 
 
 class BoundedConnections:

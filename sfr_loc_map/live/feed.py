@@ -169,7 +169,7 @@ class RosFeed(Peer):
     def _find_image_topic(self, name: str) -> None:
         """Subscribe to the first published topic of an image; report if there is none.
 
-        A topic without a publisher is given up once another topic of the image has one.
+        The subscription to a topic without a publisher ends once another topic of the image has a publisher.
         """
         former = self._images_of.get(name)
         if former is not None and self.ros_node.count_publishers(former.topic_name) > 0:

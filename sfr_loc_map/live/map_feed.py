@@ -64,7 +64,10 @@ class MapFeed:
         self._take_cloud()
 
     def _take_cloud(self) -> None:
-        """Record the errors of the cloud, which require the call of its fusion, and pass on a grid if there is none."""
+        """Record the errors of the cloud, which require the call of its fusion.
+
+        If the mapper publishes no grid, pass on a grid made from the cloud.
+        """
         if self._cloud is None:
             return
         stamp_ns, cloud, published_s = self._cloud

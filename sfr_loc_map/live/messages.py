@@ -3,7 +3,7 @@
 Text messages of the server are JSON objects with their kind as `type`:
 
     hello     title, row_fields, terms   the first message: name of the run, fields of a pose, terms of the tables
-    live      LiveState.live_to_plain    state of the run, every `LIVE_PERIOD_S`, also a sign of life of the server
+    live      LiveState.live_to_plain    state of the run, every `LIVE_PERIOD_S`; also shows that the server is alive
     score     ShownScore.to_plain        score of the monitor, when it has changed
     events    events                     all events, when one of them begins or ends
     path      whole, rows, last,         new poses, and the last one; if `whole`, the poses replace the earlier ones;
@@ -68,7 +68,7 @@ class CommonTexts:
         self._live_s = 0.0  # time of the last message `live`
 
     def update(self, now_s: float, *, at_once: bool = False) -> None:
-        """Make the messages of what has changed. The state of the run follows its period, or `at_once`."""
+        """Update the messages whose content has changed; `live` is updated at its period, or now if `at_once`."""
         state = self._state
         is_due = at_once or not 0.0 <= now_s - self._live_s < LIVE_PERIOD_S
         with state.lock:

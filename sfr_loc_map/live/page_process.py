@@ -54,7 +54,10 @@ class PageProcess(AbstractContextManager["PageProcess"]):
         self.run_is_over(score=str(path))
 
     def run_is_over(self, **facts: str) -> None:
-        """Report to the page that the run is over, with fields of `RunEnd`; the first call precedes the nodes' end."""
+        """Report to the page that the run is over, with fields of `RunEnd`.
+
+        The first call must precede the end of the nodes, so that their silence is not reported as stale data.
+        """
         self.has_run_ended = True
         self._end = replace(self._end, **facts)
         self._end_file.write(self._end)

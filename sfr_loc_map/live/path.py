@@ -21,13 +21,13 @@ from sfr_loc_map.live.updates import PoseSample, Track
 from sfr_loc_map.message_stamps import NS_PER_S
 
 MAX_ROWS = 4000
-"""Maximum number of kept poses: of each interval of poses the first one that is lost, and the first one that is not.
-When it is exceeded, the intervals are doubled, so that a loss of any length leaves room for later poses."""
+"""Maximum number of kept poses. Poses are divided into intervals of equal numbers of poses. In each interval, the first
+lost pose and the first pose that is not lost are kept. When the maximum is exceeded, the intervals are doubled, so that
+a loss of any length leaves room for later poses."""
 MAX_TRUTHS = 4000  #: Maximum number of true poses.
 MAX_PENDING = 400  #: Maximum number of estimates that wait for a true pose.
-MAX_GAP_NS = round(
-    LONGEST_GAP_S * NS_PER_S
-)  #: Longest gap of the truth in which poses are interpolated, as in a score.
+MAX_GAP_NS = round(LONGEST_GAP_S * NS_PER_S)
+"""Longest gap of the truth in which poses are interpolated, as in a score."""
 Point = tuple[float, float, float]
 
 
@@ -106,7 +106,7 @@ class LivePath:
             self._add_row(estimate, published_s, pose_at(self._truths, estimate.stamp_ns, MAX_GAP_NS))
 
     def note_conversion(self, *, is_converted: bool) -> None:
-        """Note whether the monitor converts the true poses; the path then has no errors, also of earlier poses."""
+        """Note whether the monitor converts the true poses. If so, neither earlier nor later poses have errors."""
         self._is_truth_of_rb = not is_converted
         if is_converted and any(row.error_m is not None for row in self.rows):
             self.version += 1
@@ -114,10 +114,11 @@ class LivePath:
             self.newest = None if self.newest is None else replace(self.newest, error_m=None)
 
     def note_length(self, length_m: float) -> None:
-        """Record the length of the true path from the score, which includes the path before the first received pose.
+        """Record the length of the true path according to a score.
 
-        The length is not needed for runs whose start was received. A score does not include the newest poses, so that
-        each length gives a lower bound of the distance before; the largest bound is kept.
+        This length includes the path before the first received pose; it is not used if the start of the run was
+        received. A score does not include the newest poses, so that each length gives a lower bound of the distance
+        before the first received pose. The largest bound is kept.
         """
         if self._may_have_begun_before and self._last is not None:
             self.before_m = max(self.before_m, length_m - self._last[2])
@@ -164,7 +165,7 @@ class LivePath:
             self.version += 1
 
     def _place(self, row: PathRow) -> tuple[int, bool]:
-        """Return the interval of a pose and whether the pose is lost. One pose is kept for each of these places."""
+        """Return the interval of a pose and whether the pose is lost; of poses with equal values, the first is kept."""
         return row.n // self._interval, row.lost
 
     def _distance_m(self, sent: Point, true_at: Point | None) -> float:

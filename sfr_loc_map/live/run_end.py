@@ -48,7 +48,7 @@ class Aborted:
 
 
 class EndFile:
-    """The file; one process writes it, the other one reads it periodically."""
+    """The file with the end of a run: written by the run's process, and read periodically by the page's process."""
 
     def __init__(self, path: Path) -> None:
         """Set the path; the file is not accessed."""

@@ -106,7 +106,7 @@ class LiveServer:
             await runner.cleanup()
 
     def show_end(self, run_end: RunEnd | None = None) -> None:
-        """Tell the pages that the run is over, and how it ended if this is known.
+        """Report to the pages that the run is over, and how the run ended if this is known.
 
         Later silence is then not reported as stale data.
         """

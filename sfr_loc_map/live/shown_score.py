@@ -1,4 +1,4 @@
-"""A score as all views show it: that of the monitor, or after a replay that of the replay."""
+"""The score that all views show: the score of the monitor, or after a replay the score of the replay."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""Display a run in progress on a terminal of 80 columns, for example over ssh; without a terminal, one line per second.
+"""Display a run in progress on a terminal of 80 columns, for example over ssh.
 
-The strings are those of the tables. Verdicts and levels are given by a word and a sign, so that no colour is required.
+Without a terminal, one line is printed per second. Numbers have the same format as in the tables of a score. Verdicts
+and levels are given by a word and a sign, so that no colour is required.
 """
 
 from __future__ import annotations

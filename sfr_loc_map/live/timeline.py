@@ -20,7 +20,7 @@ from sfr_loc_map.report.limit_bars import LimitBar
 MAX_EVENTS = 400  #: Maximum number of events.
 MAX_TEXT = 200  #: Maximum length of a text.
 RECENT = 8  #: Number of last events among which the previous event of a lane is searched.
-FLICKER_S = 0.5  #: Tracking for less than this time does not separate two intervals of the same kind.
+FLICKER_S = 0.5  #: Tracking for less than this time, s, does not separate two intervals of the same kind.
 GAP_S = 2.0  #: A step of the stamps is an event if it exceeds this time, s, and `GAP_PERIODS` times the mean step.
 GAP_PERIODS = 20.0
 POSE = "pose"  #: Lane of the events of the last pose.
@@ -121,7 +121,7 @@ class Timeline:
             self.note(node, since_s, EventKind.SILENT, f"{node}: silent")
 
     def judge(self, bars: Iterable[LimitBar], at_s: float) -> None:
-        """Add events for missed limits; several limits may be on the same number."""
+        """Start or end the event of each missed limit; limits have separate lanes, even if they limit one figure."""
         for bar in bars:
             missed = EventKind.LIMIT if bar.state == VerdictState.FAIL else None
             self.note(f"limit {bar.place}", at_s, missed, bar.text)
@@ -148,7 +148,7 @@ class Timeline:
         self._open[lane] = self._add(Event(lane, at_s, None, kind, text[:MAX_TEXT]))
 
     def _before_flicker(self, ended: Event, kind: EventKind, at_s: float) -> Event | None:
-        """Return the event before a short tracking event if it has the given kind: this event continues. Else None."""
+        """Return the event that a short tracking event has interrupted, if that event has the given kind, or None."""
         if ended.kind is not EventKind.TRACKING or at_s - ended.from_s >= FLICKER_S:
             return None
         recent = [event for event in self.events[-RECENT:] if event.lane == ended.lane]
@@ -167,7 +167,7 @@ class Timeline:
             self.note(lane, at_s, None)
 
     def to_plain(self) -> list[dict[str, Any]]:
-        """Return the events as JSON values, ordered by their begin."""
+        """Return the events as JSON values, in the order of their beginning."""
         ordered = sorted(self.events, key=lambda event: event.from_s)
         return [{"from": e.from_s, "to": e.to_s, "kind": e.kind.value, "text": e.text} for e in ordered]
 

@@ -18,7 +18,8 @@ from sfr_loc_map.simulation.config import DriveConfig
 STEP_S = 0.05  #: Time between the states of the trajectory, s; poses are interpolated in between.
 VIBRATION_HZ = 6.0  #: Rate of the independent values between which the vibration is interpolated (chosen by eye).
 SLIP_TIME_S = 2.5  #: Correlation time of the slip: 0.4 m of path at the default speed (chosen).
-SLIP_SPREAD, MOST_SLIP = 0.6, 0.95  #: Standard deviation of the slip over its mean, and the largest slip (chosen).
+SLIP_SPREAD, MOST_SLIP = 0.6, 0.95
+"""Ratio of the standard deviation of the slip to its mean, and the largest slip (chosen)."""
 SWAY_TIME_S = 2.0  #: Driving time between independent values of drift and heading error, s (chosen).
 ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}  #: Number of arguments of each segment.
 NEAR_M = 1e-6  #: Length below which a segment has no motion, m; also the least radius, m, and angle, deg.
@@ -163,7 +164,7 @@ def _legs_of_segment(segment: str, x: float, y: float, heading: float) -> list[L
 
 
 def _course(x: float, y: float, heading: float, leg: Leg) -> list[tuple[float, float, float]]:
-    """Return positions and headings along a segment: at steps of the first turn of an arc, and at the end."""
+    """Return positions and headings along a leg: at steps of the first full circle of an arc, and at the end."""
     circle = min(abs(leg.turn_rad), 2.0 * math.pi) if leg.length_m else 0.0
     shares = [step * COURSE_STEP_RAD / abs(leg.turn_rad) for step in range(1, math.ceil(circle / COURSE_STEP_RAD))]
     return [_advance(x, y, heading, share * leg.length_m, share * leg.turn_rad) for share in (*shares, 1.0)]

@@ -16,7 +16,7 @@ ROOT_M = 1024.0  #: Edge of the ground, m; with a power of two, every vertex is 
 FINEST_M = ROOT_M / CELLS / 2**11  #: Smallest cell: 15.6 mm.
 CELL_PER_DISTANCE = 0.014
 """Ratio of the edge of a cell to its distance from the path: an edge is about 5 px long in the localisation cameras."""
-FULL_DETAIL_POINTS = 40  #: Most path points, 0.3 m apart, at full detail; cells grow for longer paths.
+FULL_DETAIL_POINTS = 40  #: Maximum number of path points, 0.3 m apart, at full detail; longer paths have larger cells.
 
 
 class Mesh(NamedTuple):

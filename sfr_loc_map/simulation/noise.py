@@ -24,9 +24,9 @@ _TO_UNIT = 1.0 / 4294967296.0
 class Stream(IntEnum):
     """Keys of the random values for each purpose; changing a key changes the images.
 
-    The first group is combined with the seed of the data set, the second group selects noise at a position. A key of
-    the second group is combined with the number of the octave by XOR. Octaves of two purposes can therefore have the
-    same values, but on grids of different cells.
+    Keys of the first group are combined with the seed of the data set. Keys of the second group select the noise at a
+    position and are combined with the number of the octave by XOR. Octaves of two purposes can therefore have the same
+    values, but on grids of different cells.
     """
 
     TERRAIN = 1

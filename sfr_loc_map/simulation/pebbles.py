@@ -60,7 +60,7 @@ class PebbleCover(NamedTuple):
     """Effect of the pebbles at a position."""
 
     cover: float  #: Fraction of the footprint that pebbles cover.
-    tone: float  #: Logarithm of the pebbles' reflectance over the mean.
+    tone: float  #: Logarithm of the ratio of the pebbles' reflectance to the mean.
     slope_x: float  #: Slope of the pebbles' surface to the east.
     slope_y: float  #: Slope of the pebbles' surface to the north.
     shadow: float  #: Fraction of the sunlight that pebbles block beside them.

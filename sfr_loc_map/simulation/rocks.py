@@ -126,7 +126,7 @@ def rock_meshes(seed: int, config: RockConfig, rocks: Rocks) -> list[Mesh]:
 def _scatter_rocks(
     rng: np.random.Generator, config: RockConfig, path: FloatArray, low: float, high: float
 ) -> FloatArray:
-    """Return x, y and diameter of the rocks of a size class, `(N, 3)`; rocks thin out towards the largest distance."""
+    """Return x, y and diameter of the rocks of a size class, `(N, 3)`; their density decreases with the distance."""
     reach = min(RANGE_PER_DIAMETER * low, FARTHEST_M)
     corner, size = path.min(axis=0) - reach, np.ptp(path, axis=0) + 2 * reach
     numbers = rocks_per_area(np.array([low, high]), config.cover)

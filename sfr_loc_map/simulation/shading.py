@@ -46,7 +46,7 @@ class GroundTexture(NamedTuple):
     sand: FloatArray  #: Fraction of sand.
     gravel: FloatArray  #: Fraction of gravel.
     rock: FloatArray  #: Fraction of bare rock.
-    tone: FloatArray  #: Logarithm of the reflectance over the mean.
+    tone: FloatArray  #: Logarithm of the ratio of the reflectance to the mean.
     slope_x: FloatArray  #: Slope of the fine structure to the east.
     slope_y: FloatArray  #: Slope of the fine structure to the north.
     grain: FloatArray  #: Graininess, 0.5 for sand to 1 for gravel.
@@ -232,17 +232,17 @@ def _emission_cosine(normal: FloatArray, ray: FloatArray) -> float:
     """Return the cosine of the emission angle at the meshed surface, without the fine relief.
 
     With the fine relief, the texture would change with the viewpoint, but without the parallax and occlusion of real
-    relief. It would appear shifted by 0.01 px between the left and the right image.
+    relief. The texture would appear shifted by 0.01 px between the left and the right image.
     """
     return float(max(-(normal[0] * ray[0] + normal[1] * ray[1] + normal[2] * ray[2]), 0.05))
 
 
 @jit_inline
 def _footprint(normal: FloatArray, ray: FloatArray, small: float) -> float:
-    """Return the size of a pixel on a surface, a weighted mean of the sizes across and along the line of sight.
+    """Return the size of a pixel on a surface, a weighted geometric mean of the sizes across and along the view.
 
-    The size is proportional to cos^(-3/8) of the emission angle. The size across is proportional to cos^0, and the size
-    along to cos^(-1).
+    The size is proportional to cos^(-3/8) of the emission angle. The size across the line of sight does not depend on
+    the emission angle, and the size along it is proportional to cos^(-1).
     """
     cosine = max(-(normal[0] * ray[0] + normal[1] * ray[1] + normal[2] * ray[2]), 0.08)
     root4 = math.sqrt(math.sqrt(cosine))

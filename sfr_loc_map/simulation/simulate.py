@@ -1,4 +1,4 @@
-"""Renders a simulation in several processes into a data set folder; an interrupted run can be continued.
+"""Render a simulation in several processes into a data set folder; an interrupted run can be continued.
 
 Each image and each ground truth is one job, which writes its files atomically. The lists (`pairs.csv`,
 `groundtruth.csv`) are written last, so a folder without the lists is unfinished; the same command then renders only the
@@ -173,14 +173,14 @@ def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-_worker: tuple[World, dict[Task, Path]] | None = None  # set in worker processes alone, which end with the pool
+_worker: tuple[World, dict[Task, Path]] | None = None  # set only in worker processes, which end with the pool
 
 
 def _start_worker(config: SimulationConfig, out: Path) -> None:
     """Build the world of a worker process once, for all its jobs."""
     global _worker
     end_with_parent(signal.SIGKILL)
-    if (parent := multiprocessing.parent_process()) is None or not parent.is_alive():  # was killed before
+    if (parent := multiprocessing.parent_process()) is None or not parent.is_alive():  # killed before the call
         os._exit(1)
     plan = Plan.make(config)
     _worker = World(plan), task_folders(plan, out)

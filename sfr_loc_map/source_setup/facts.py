@@ -58,7 +58,7 @@ def facts_tables(facts: dict[str, Any]) -> list[Table]:
 def _topics(bag: Bag, config: SourceConfig) -> list[dict[str, Any]]:
     """Return the topics of a bag, each with the name under which it is read.
 
-    No topic has such a name if the configuration names wrong topics, which "cannot be read" reports.
+    If the configuration names wrong topics, no topic has such a name. The fact "cannot be read" then states the reason.
     """
     names = dict[str, str]()
     with suppress(SfrError):
@@ -97,7 +97,7 @@ def _facts_of_pairs(source: Source) -> dict[str, Any]:
 
 
 def _facts_of_stamps(stamps_ns: IntArray) -> dict[str, Any]:
-    """Return duration, rate and gaps of stamps; None where fewer than two stamps define nothing."""
+    """Return duration, rate and gaps of stamps; None for a rate or a longest gap of fewer than two stamps."""
     steps_s = np.diff(stamps_ns) / NS_PER_S
     if not len(steps_s):
         return {"duration_s": 0.0, "rate_hz": None, "gaps": 0, "longest_gap_s": None}

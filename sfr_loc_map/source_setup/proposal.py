@@ -225,7 +225,7 @@ def _origin_of_stamps(bag: Bag) -> Findings:
 
 
 def _calibration(bag: Bag, given: CalibrationConfig) -> Findings:
-    """Propose the baseline from /tf_static if camera_info has none; a missing calibration is added to the missing."""
+    """Propose the baseline from /tf_static if camera_info has none; report a calibration that is missing."""
     infos = [bag.find(f"loc/{side}/camera_info", CAMERA_INFO) for side in SIDES]
     messages = bag.first([topic for topic in infos if topic is not None])
     if image_name(bag, "loc") is None or given.file:

@@ -19,12 +19,13 @@ from sfr_loc_map.topics import NAV_POSE, TRUE_POINTS
 
 IMAGES = (IMAGE, COMPRESSED)
 FEWEST = 0.5  #: Smallest ratio of the numbers of images of the two sides.
-WIDE, TALL = 1.95, 0.95  #: An image may contain both sides if its width / height is above or below these.
+WIDE, TALL = 1.95, 0.95  #: An image may contain both sides if its width / height is above `WIDE` or below `TALL`.
 SENSOR_SHAPES = (1.0, 2448 / 2048, 5 / 4, 4 / 3, 3 / 2, 752 / 480, 8 / 5, 16 / 9)
 """Width / height of common sensors. An image contains both sides if its halves have such a shape."""
 SHAPE_TOLERANCE = 0.02
-"""Relative difference of a half from a shape in `SENSOR_SHAPES`, such as 0.006 of the 672 x 376 of a ZED camera. A half
-of a cropped image of KITTI, 620 x 376, differs by 0.03 from all of them."""
+"""Maximum relative difference between the shape of a half and a shape in `SENSOR_SHAPES`. The half of an image of a ZED
+camera, 672 x 376, differs by 0.005 from the nearest shape. The half of a cropped KITTI image, 620 x 376, differs by
+0.03."""
 
 _CAMERA = "(?:cam|camera|fisheye|image|img|eye|ir|mono|sensor)?"
 SIDE_WORDS = words(rf"(?:{_CAMERA}|infra(?:red_?)?)(left|right|[lr]|(?<=infra)[12]|(?<=infrared_)[12]){_CAMERA}")
@@ -333,8 +334,9 @@ def _can_be_pair(left: SeenTopic, right: SeenTopic) -> bool:
 def _infos(rig: _Rig, image: SeenTopic, seen: Sequence[SeenTopic]) -> list[SeenTopic]:
     """Return the camera_info of an image of a rig; empty if none belongs to the image.
 
-    It is that with the most initial words of the image, which must be more than those of the other image. Otherwise it
-    is one beside the image with the same side word. Its last side word is never that of the other image.
+    The name of the chosen camera_info shares more initial words with the image than the image of the other side does,
+    and as many as possible. If there is no such camera_info, one in the folder of the image with the same side word is
+    chosen. A camera_info whose last side word is that of the other side is never chosen.
     """
     own_word, other, other_word = rig.word, rig.right, RIGHT_OF[rig.word]
     if image == rig.right:
@@ -356,7 +358,7 @@ def _infos(rig: _Rig, image: SeenTopic, seen: Sequence[SeenTopic]) -> list[SeenT
 
 
 def _truths(seen: Sequence[SeenTopic]) -> list[SeenTopic]:
-    """Return the topics that match the most reliable of TRUTH_WORDS; of a single body only those of the best type."""
+    """Return the topics that match the most reliable of TRUTH_WORDS; if all are of one body, those of the best type."""
     able = [topic for topic in seen if topic.msgtype in TRUTH_TYPES and not NO_TRUTH.search(plain_name(topic.name))]
     ranks = ([t for t in able if pattern.search(f"{plain_name(t.name)} {t.msgtype}")] for pattern in TRUTH_WORDS)
     best = next(filter(None, ranks), [])
