@@ -24,7 +24,7 @@ class PendingPose(NamedTuple):
     """An external pose that waits for the pair at or after its stamp."""
 
     pose: StartPose
-    max_ahead_ns: int  #: Maximum lead of its stamp over the images.
+    max_ahead_ns: int  #: Maximum lead of the pose's stamp over the images.
 
     def stamp_at(self, stamp_ns: int) -> int:
         """Return the stamp at which the pose is valid, given the stamp of the newest pair."""

@@ -73,7 +73,7 @@ class StateReason(StrEnum):
     NO_STEREO = "no_stereo"  #: The two images are not a stereo pair of the rig: identical or swapped.
     FEW_LANDMARKS = "few_landmarks"  #: Too few landmarks were tracked, or they do not agree on a pose.
     MOVING_REGIONS = "moving_regions"  #: Large parts of the images do not move with the ground.
-    CALIBRATION_DRIFT = "calibration_drift"  #: The right camera has moved relative to the left one.
+    CALIBRATION_DRIFT = "calibration_drift"  #: The right camera has moved relative to the left camera.
     IMPLAUSIBLE_MOTION = "implausible_motion"  #: The pose is undetermined, diverged, or exceeds the bounds.
 
 
@@ -116,8 +116,8 @@ class StepEstimate:
 
     seconds: float  #: Time since the previous pose, s; 0 at the first pose.
     motion: FloatArray  #: `(6,)` translation, m, and rotation vector, rad.
-    #: `(6, 6)` covariance of the motion, ROS order. Errors from images are independent from step to step; the terms
-    #: that findings add to two consecutive steps are not (part `step` of `uncertainty`).
+    #: `(6, 6)` covariance of the motion, ROS order. Errors from images are independent from step to step. The terms
+    #: that findings add to two consecutive steps are not independent (part `step` of `uncertainty`).
     covariance: FloatArray
     #: `(6,)` signed one-sigma effects of errors common to all steps, on the axes of RB. They add up over the steps. The
     #: six components are independent of each other.

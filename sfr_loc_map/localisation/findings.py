@@ -5,8 +5,8 @@ reason of a pair (`decide`). Findings that refuse a pair come first, in the orde
 
 A pose with other findings is accepted and degraded. The order of these findings affects only the published reason,
 because inflation and suitability as a keyframe are combined from all findings. Measured problems (stale images, a gap,
-the calibration, sheared rows) precede problems inferred from the motions of landmarks, because they may cause the
-inferred ones. The published reason is therefore not always that of the largest inflation.
+the calibration, sheared rows) precede problems inferred from the motions of landmarks, because a measured problem may
+cause an inferred one. The published reason is therefore not always that of the largest inflation.
 
 | findings | found by |
 |---|---|
@@ -24,11 +24,13 @@ inferred ones. The published reason is therefore not always that of the largest 
 
 A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, and a call in the localiser:
 
-- A guard that needs only the images is called in `_locate`. A guard that refuses poses, and takes little time, is
-  called in `_check_pose`. These guards are repeated for the pose of a keyframe from all landmarks. Their findings then
-  decide only whether this pose is used, so that they must not degrade. Any other guard is called in `_judge`. A new
-  window (`_begin`) is checked for landmarks and for a gap. If there was no map, the findings of the images and of the
-  last adjustment apply to it as well.
+- A guard that needs only the images is called in `_locate`.
+- A guard that refuses poses, and takes little time, is called in `_check_pose`. For a keyframe, `_check_pose` is called
+  again with the pose from all landmarks. The findings then decide only whether this pose is used. A guard that degrades
+  a pose must therefore not be called there.
+- Any other guard is called in `_judge`.
+- A new window (`_begin`) is checked for landmarks and for a gap. If there was no map, the findings of the images and of
+  the last adjustment apply to the new window as well.
 - The memory of a guard is a field of `State`. A memory that learns from poses is passed to `_accept` by the `Candidate`
   and changes only there. The memory of the ground is passed by `Ground`.
 
@@ -151,7 +153,7 @@ RULES: Final[dict[Finding, Refusal | Degradation]] = {
     Finding.SHEARED_ROWS: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # No keyframe: landmarks in stale parts would have wrong positions.
     Finding.PARTIAL_TRANSFER: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED, can_be_reference=False),
-    # No keyframe: see above. The covariance includes the ambiguity.
+    # No keyframe: landmarks in stale parts would have wrong positions. The covariance includes the ambiguity.
     Finding.TRANSFER_OR_MOTION: Degradation(StateReason.TORN_IMAGES, Inflation.AMBIGUITY, can_be_reference=False),
     # Keyframe: one exposure dominates, and without keyframes tracking would be lost.
     Finding.DOUBLE_EXPOSURE: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
@@ -179,9 +181,9 @@ publishes the reason for which the localiser was lost. A refused pair with which
 findings of that window.
 
 Eight findings publish `torn_images`, because they require the same action of an operator: parts of the images may be
-stale. For six of these findings the pair itself shows evidence of stale parts. For `RECOVERING` an earlier pair showed
-it, and for `UNEXPLAINED` a scene that changes quickly is another possible cause. The eight findings differ in their
-inflation and in whether the pair may become a keyframe.
+stale. For six of these findings the pair itself shows evidence of stale parts. For `RECOVERING`, an earlier pair showed
+this evidence. For `UNEXPLAINED`, a scene that changes quickly is another possible cause. The eight findings differ in
+their inflation and in whether the pair may become a keyframe.
 
 Three findings add nothing to the covariance because it already includes what they report: the uncertainty of the yaw
 (`CALIBRATION`), and the unobserved motion before the window (`AFTER_GAP`, `DIVERGED`). Two findings add nothing

@@ -59,7 +59,8 @@ MIN_SHEAR_GAIN: Final = 0.05  #: Minimum gain of the running mean, which then co
 def check_images(images: ImageComparison, *, has_map: bool) -> Findings:
     """Report images, or parts of images, that repeat the previous pair.
 
-    Without a map, a repeated pair is not reported. Its two images belong together, and a window may begin with it.
+    Without a map, a repeated pair is not reported: its two images belong together, so that a window may begin with the
+    pair.
     """
     return (
         _found(Finding.REPEATED_PAIR, images.is_repeated and has_map)

@@ -14,7 +14,7 @@ HISTORY_PAIRS = 1000  #: Number of past pairs to which an external pose can be a
 
 
 class PastPose(NamedTuple):
-    """A past pose and its errors, for the uncertainty of later poses relative to it."""
+    """A past pose and its errors, for the uncertainty of later poses relative to this pose."""
 
     stamp_ns: int
     T_world_left: Transform
@@ -31,7 +31,7 @@ class History(NamedTuple):
 
     @property
     def last_ns(self) -> int | None:
-        """Stamp of the last pose; None without any."""
+        """Stamp of the last pose; None if there is no past pose."""
         return self.poses[-1].stamp_ns if self.poses else None
 
     def with_pose(self, pose: PastPose) -> History:

@@ -2,8 +2,8 @@
 
 A keyframe adds its observations to the sliding window, receives new landmarks from stereo matches, and is adjusted
 together with the other keyframes of the window (bundle adjustment). `KeyframeMaker.make` does this in a background
-thread: a `KeyframeJob` goes in, a `KeyframeResult` comes out. The first keyframe of a window (`begin`) is made during
-the call of its pair.
+thread: it takes a `KeyframeJob` and returns a `KeyframeResult`. The first keyframe of a window (`begin`) is made in the
+call that processes its pair.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ KEYFRAME_FLOW = 0.05
 """Median optical flow since the last keyframe that triggers a new keyframe, as a fraction of the image width. A value
 of 0.08 changes the errors by a few percent (measurements/localiser_trials.md)."""
 KEYFRAME_INLIER_RATIO = 0.65
-"""Minimum ratio of inliers to the landmarks of the last keyframe; a new keyframe is made if it is smaller. Chosen by
-hand. If larger, more pairs become keyframes, and the errors of keyframes accumulate. If smaller, tracking is lost more
-easily."""
+"""Minimum ratio of inliers to the landmarks of the last keyframe; if it is not reached, a new keyframe is made. Chosen
+by hand. If larger, more pairs become keyframes, and the errors of keyframes accumulate. If smaller, tracking is lost
+more easily."""
 ADJUSTMENT_ITERATIONS = 2
 """Gauss-Newton iterations per keyframe; the next keyframe continues from the result. With one iteration, the
 attitude error was 5 % and 12 % larger on two drives (measurements/localiser_trials.md, "Landmarks eliminated by
@@ -159,7 +159,7 @@ class KeyframeMaker:
     def _with_landmarks(
         self, window: SlidingWindow, frame: StereoFrame, calibration: OnlineCalibration, ground_mask: ImageMask | None
     ) -> tuple[SlidingWindow, OnlineCalibration]:
-        """Detect corners away from landmarks observed in the newest keyframe, and add those that match in stereo."""
+        """Add landmarks at new corners that are matched in stereo, away from those observed in the newest keyframe."""
         known = _observed_in_newest(window)
         mask, right_mask = self.masks(ground_mask)
         corners = find_corners(frame.left[0].image, known[:, :2].copy(), self._max_corners, BORDER, mask)

@@ -14,7 +14,7 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 6. Correct the right camera: estimate its rotation error, and correct its drift (`backend/online_calibration`).
 7. Judge: a table decides from the findings of all guards whether the pose is accepted (`guards`, `findings.RULES`).
 8. Complete: the pair becomes a keyframe if few landmarks are left or if they moved far in the image. For a keyframe,
-   the remaining landmarks of the map are tracked, too, and the pose is solved for again.
+   the remaining landmarks of the map are tracked, too, and the pose is estimated again.
 9. Accept: update the path and its accumulated errors, and compute the motion since the last pose with its covariance
    (`trajectory`, `uncertainty`).
 
@@ -346,7 +346,7 @@ class Localiser:
         return decide(findings)
 
     def _check_pose(self, state: State, frame: StereoFrame, tracks: Tracks) -> Findings:
-        """Return the findings that refuse a pose, which are cheap enough to be repeated for the pose of a keyframe."""
+        """Return the findings of the fast guards that refuse poses; they are repeated for the pose of a keyframe."""
         findings = guards.check_tracks(frame, tracks)
         return findings | guards.check_pose(tracks, state.path.last, frame.stamp_ns, self._config.motion)
 
@@ -475,8 +475,8 @@ class Localiser:
     def _begin(self, state: State, frame: StereoFrame, findings: Findings, tracks: Tracks | None = None) -> Outcome:
         """Begin a window at the last known pose with a pair and its findings.
 
-        The localiser is lost if the pair has too few landmarks, or if it cannot be a reference for later pairs. The
-        state is degraded if the pair has findings, or if the motion since the last pose is unobserved.
+        The localiser is lost if the pair has too few landmarks, or if the pair cannot be a reference for later pairs.
+        The state is degraded if the pair has findings, or if the motion since the last pose is unobserved.
         """
         keyframes = state.keyframes + 1
         clean_from = state.clean_from_keyframe
@@ -553,7 +553,7 @@ class Localiser:
     def _without_map(self, state: State) -> State:
         """Return the state after an adjustment that diverged: the map and the calibration are discarded.
 
-        The sum of the drift corrections continues, because the errors of the attitude that it causes remain.
+        The sum of the drift corrections continues, because the attitude errors that the corrections caused remain.
         """
         drift = DriftEstimate(followed_px=state.calibration.drift.followed_px)
         calibration = OnlineCalibration(self._camera, self._config.window_keyframes, drift=drift)

@@ -110,7 +110,7 @@ class LastPose:
     ) -> LastPose:
         """Return the pose of a tracked pair. The speed is updated only if the previous pose was known.
 
-        The period is the time between the pair and the one before it, refused or not.
+        The period is the time between the pair and the previous pair, whether that was refused or not.
         """
         speed = self.speed
         if was_known:
@@ -119,7 +119,7 @@ class LastPose:
             speed = Speed(size.metres / seconds, size.radians / seconds) if seconds > 0.0 else Speed(0.0, 0.0)
         T_before_last = since.T_last_now
         motion_ns = stamp_ns - self.tracked_ns
-        # the motion over a long gap is no motion that the next pair may repeat
+        # the next pair cannot repeat the motion over a long gap
         if round(motion_ns / period_ns) - 1 > MAX_MISSED_PAIRS:
             T_before_last = interpolated(Transform.identity(), T_before_last, period_ns / motion_ns)
             motion_ns = period_ns

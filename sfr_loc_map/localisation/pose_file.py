@@ -48,7 +48,7 @@ class PoseFile:
     def check(self) -> None:
         """Raise OutputError unless the file does not exist, is empty, or begins like a saved pose.
 
-        A loss of power may have truncated it.
+        A loss of power may have truncated the file.
         """
         check_output(self._path)
         try:

@@ -84,7 +84,7 @@ class ImageMemory(NamedTuple):
     """What the next pair is compared with."""
 
     pair: StereoPair  #: The last pair that was not repeated; a frozen image is replaced by the last exposed image.
-    left: RepeatedRows  #: Repeated rows of the left image of this pair. A frozen image does not change them.
+    left: RepeatedRows  #: Repeated rows of the left image of this pair; unchanged by a frozen image.
     right: RepeatedRows  #: Likewise of the right image.
 
 
@@ -96,8 +96,8 @@ class ImageComparison(NamedTuple):
     memory: ImageMemory  #: What the next pair is compared with.
     blanked_rows: Mask  #: `(H,)` rows that were blanked in an image whose other rows are new.
     is_repeated: bool = False  #: Whether both images repeat the previous pair, possibly swapped.
-    is_left_frozen: bool = False  #: Whether the left image repeats the previous one. It is blanked.
-    is_right_frozen: bool = False  #: Whether the right image repeats the previous one. It is blanked.
+    is_left_frozen: bool = False  #: Whether the left image repeats the previous left image, and is blanked.
+    is_right_frozen: bool = False  #: Whether the right image repeats the previous right image, and is blanked.
 
     @property
     def is_one_frozen(self) -> bool:

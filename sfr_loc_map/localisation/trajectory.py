@@ -12,7 +12,7 @@ return the step to that pose.
 | lost | `lost` |
 | a keyframe, after it was adjusted in the background | `adjusted` |
 
-`given` accepts an external pose. `with_pending_pose` applies it after the pair at or after its stamp.
+`given` accepts an external pose. `with_pending_pose` applies the pose after the first pair at or after its stamp.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ MAX_LATER_PERIODS = 1.5
 """Maximum number of periods between the last accepted pose and a later external pose that applies to it. An external
 pose for the next pair, which is kept, is one period later. With a limit of exactly one period, the jitter of the stamps
 would decide whether the map is discarded. The period is the shorter of two times: that between the last two accepted
-pairs, and that between the newest two pairs. Each of them may span missing pairs."""
+pairs, and that between the newest two pairs. Each of these times may span missing pairs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -381,7 +381,10 @@ def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: Rover
 
 
 def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) -> PathState:
-    """Return the path, moved so that it passes through an external pose at a past stamp. Errors count from there."""
+    """Return the path, moved so that it passes through an external pose at a past stamp.
+
+    Errors are accumulated from this stamp.
+    """
     past, apart_s = path.history.at(at_ns)
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ past.T_world_left.inverse()
     unobserved = _unobserved_rb(path, apart_s, model)

@@ -14,7 +14,7 @@ A pair that becomes a keyframe passes through five steps (`keyframes.KeyframeMak
 |---|---|---|
 | pose of a keyframe | 6 for each keyframe of the window | estimated; the first pose of a window is held fixed |
 | landmark: host pixel and inverse depth | 3 for each of some thousand landmarks | eliminated (Schur complement) |
-| offset of the right images along the rows | 1 | zero in the poses and landmarks; estimated beside them |
+| offset of the right images along the rows | 1 | taken as zero for poses and landmarks, and estimated after them |
 
 | result of the adjustment | is used by |
 |---|---|
@@ -24,5 +24,5 @@ A pair that becomes a keyframe passes through five steps (`keyframes.KeyframeMak
 | `SlidingWindow.right_offset` | yaw of the right camera, with the next keyframe (`YawEstimate.with_window`) |
 | `SlidingWindow.prior` | the next adjustments: information of keyframes and landmarks that have left the window |
 
-All values are immutable, and each step returns a new one.
+All values are immutable, and each step returns a new value.
 """

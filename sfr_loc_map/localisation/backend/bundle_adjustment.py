@@ -38,10 +38,10 @@ tried"."""
 LANDMARK_PRIOR = 1e-6
 """Value added to the diagonal of a landmark's information, 1/px^2 and m^2. An unobserved landmark keeps its value."""
 GAUGE_PRIOR = 1e-9
-"""Absolute and relative increase of the diagonal of the poses' information where the pose of the window is not fixed.
-It makes the matrix positive definite. The absolute part corresponds to standard deviations of 30 km in position and 3e4
-rad in rotation, which have no effect. The relative part limits the condition number to about 1e9, which leaves seven
-digits."""
+"""Absolute and relative increase of the diagonal of the poses' information where the prior does not fix the pose of the
+window (`_right_offset`). The increase makes the matrix positive definite. The absolute part corresponds to standard
+deviations of 30 km in position and 3e4 rad in rotation, which have no effect. The relative part limits the condition
+number to about 1e9, which leaves seven digits."""
 MIN_OFFSET_INFORMATION = 1e-6
 """Minimum information of the right-image offset for an estimate, 1/px^2. The standard deviation is at most 1000 px."""
 CONVERGED_STEP = 1e-6  #: Step of the poses, metres and radians, below which the iterations end.
@@ -51,7 +51,7 @@ class BundleProblem(NamedTuple):
     """K keyframes and N landmarks with their observations."""
 
     keyframes: Poses  #: `(K,)` left cameras.
-    host: IntArray  #: `(N,)` number of each landmark's host, the first keyframe that observes the landmark.
+    host: IntArray  #: `(N,)` index of each landmark's host, the first keyframe that observes the landmark.
     uv_inverse_depth: FloatArray  #: `(N, 3)` host pixel and inverse depth, px and 1/m.
     observations: FloatArray  #: `(N, K, 4)` u, v left, u, v right, pixels; NaN where not observed.
     variance: FloatArray  #: `(N, K, 2, 3)` uu, uv, vv in the left and the right image, px^2.
@@ -103,7 +103,7 @@ class _LandmarkBlock(NamedTuple):
 class _Residual(NamedTuple):
     """Residual of one position with its robust weight."""
 
-    row: int  #: First of its two rows in the projection: 0 left, 2 right.
+    row: int  #: First of the position's two rows in the projection: 0 left, 2 right.
     px: FloatArray  #: `(2,)` observation minus projection, pixels.
     uu: float  #: Information, 1/px^2.
     uv: float
@@ -400,7 +400,7 @@ class Prior(NamedTuple):
     keyframes: Poses  #: `(K,)` poses of the linearisation.
 
     def rhs(self, keyframes: Poses) -> FloatArray:
-        """Return the right-hand side `(6 K,)` at other poses; rotations from the linearisation must be small."""
+        """Return the right-hand side `(6 K,)` at other poses, which must be rotated little from `self.keyframes`."""
         rotation = keyframes.rotations @ self.keyframes.rotations.transpose(0, 2, 1)
         x = rotation[:, 2, 1] - rotation[:, 1, 2]
         y = rotation[:, 0, 2] - rotation[:, 2, 0]

@@ -5,8 +5,8 @@ A rotation of a few hundredths of a degree is the most common error of a rig aft
 - Pitch and roll appear in every stereo match as vertical disparity.
 - Yaw changes all depths and therefore scales the path. The bundle adjustment estimates the yaw from the disagreement of
   depths from stereo with depths from motion. The adjustment assumes a constant yaw within a window.
-- Drift is a rotation of the right camera within a window. It shifts right images relative to the landmarks of earlier
-  keyframes. Each pair shows the shift to a hundredth of a pixel, and the drift is corrected from pair to pair.
+- Drift is a rotation of the right camera within a window. The drift shifts right images relative to the landmarks of
+  earlier keyframes. Each pair shows this shift to a hundredth of a pixel, and the drift is corrected from pair to pair.
 
 The calibration is immutable: each update returns a new object.
 """
@@ -62,7 +62,8 @@ prior standard deviation. With a larger value, the path has larger steps; with a
 longer."""
 CORRECTION_GAIN: Final = 0.2
 """Ratio of the maximum change to the remaining yaw, if that change exceeds `MAX_CORRECTION_PX`. Chosen by hand: three
-keyframes halve a large yaw (0.8^3 = 0.51). Larger and smaller values act like those of `MAX_CORRECTION_PX`."""
+keyframes halve a large yaw (0.8^3 = 0.51). Larger or smaller values have the same effects as for
+`MAX_CORRECTION_PX`."""
 UNSETTLED_PX: Final = 0.2
 """Remaining yaw, px, above which poses are degraded. Chosen by hand below the prior standard deviation of the yaw. With
 a larger value, poses on a bent path are published as good; with a smaller one, more pairs are degraded, although the
@@ -157,7 +158,7 @@ class YawEstimate(NamedTuple):
         return self.target_px - self.corrected_px
 
     def with_window(self, found: OffsetEstimate, window_keyframes: int) -> YawEstimate:
-        """Return the yaw after the adjustment of a window, which shows an offset in addition to the correction.
+        """Return the yaw after the adjustment of a window; `found` is the offset that the correction leaves.
 
         The variance of the offset is multiplied by the number of keyframes of a window, because consecutive windows
         share observations.

@@ -39,7 +39,7 @@ START_VARIANCE = 1e-10  #: Variance of the first pose, m^2 and rad^2. The first 
 
 
 class KeyframeMotion(NamedTuple):
-    """Motion from the previous keyframe to the newest one."""
+    """Motion from the previous keyframe to the newest keyframe."""
 
     covariance: FloatArray  #: `(6, 6)` of the left camera, position and rotation about the world's axes.
     size: MotionSize
@@ -125,9 +125,9 @@ class SlidingWindow:
     def without(self, rows: NDArray[np.intp]) -> SlidingWindow:
         """Return the window in which some landmarks are no longer tracked.
 
-        Their earlier observations remain in the adjustment, with a robust weight. To remove the observations of
-        landmarks that do not move with the ground was tried: measurements/localiser_trials.md, "Observations of
-        excluded landmarks".
+        Their earlier observations remain in the adjustment, with a robust weight. A trial without the observations of
+        landmarks that do not move with the ground: measurements/localiser_trials.md, "Observations of excluded
+        landmarks".
         """
         active = self.active.copy()
         active[rows] = False
@@ -137,8 +137,8 @@ class SlidingWindow:
         """Return the window with all right observations corrected along the rows for a yaw of the right camera, px.
 
         The v coordinates are not corrected. The yaw changes them by `x y yaw_px`, and later observations are corrected
-        for this change (`RightOffset.at`). To correct them, too, was tried: measurements/localiser_trials.md, "Yaw of
-        the right camera as a flow field in the adjustment".
+        for this change (`RightOffset.at`). A trial that also corrected the v coordinates:
+        measurements/localiser_trials.md, "Yaw of the right camera as a flow field in the adjustment".
         """
         camera = self.problem.camera
         observations = self.problem.observations.copy()

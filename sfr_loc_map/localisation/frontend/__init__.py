@@ -18,7 +18,7 @@ Each keyframe, from its left image to new landmarks (`keyframes.KeyframeMaker`):
 | the strongest corner of each cell of a grid, outside masks | `feature_detection`, `masks` | corners |
 | search along the rows of the right image | `row_search` | initial disparities |
 | patches around the corners | `patch` | `Templates` |
-| in turns: slopes of the local planes from neighbours; disparities with them | `neighbour_slopes`, `patch_tracking` | |
+| alternately: slopes of local planes from neighbours, and disparities | `neighbour_slopes`, `patch_tracking` | |
 | in large images: slopes from the pixels of each patch | `patch_slopes` | `StereoMatches` (`stereo_matching`) |
 
 `landmarks` contains the landmarks of the map that are tracked.

@@ -63,7 +63,7 @@ def find_corners(
 def _fill_strength(image: FloatImage, strength: FloatImage, first: int, end: int) -> None:
     """Fill rows of the corner strength from products of Sobel gradients, summed over the block around each pixel.
 
-    The products of the last `BLOCK` rows are kept in a ring buffer, so that each row is computed once.
+    The products of the last `BLOCK` rows are kept in a ring buffer, so that the products of a row are computed once.
     """
     height, width = image.shape
     reach = BLOCK // 2

@@ -21,8 +21,8 @@ COARSE_HALF = 3
 """Half width of a patch on the coarser pyramid levels, px of the level. On these levels, a patch covers at least as
 much of the image as at full size."""
 MIN_INVERSE_DEPTH = 1e-6
-"""Inverse depth, 1/m (1000 km), up to which a landmark is treated as being at infinity. It prevents a division by
-zero."""
+"""Inverse depth, 1/m (1000 km), up to which a landmark is treated as being at infinity. The bound prevents a division
+by zero."""
 MAX_DEPTH_M = 1000.0
 """Maximum median depth, m. Motions are divided by the median depth, and errors grow with it. Beyond 1 km, landmarks do
 not show the translation of a rover."""
@@ -75,7 +75,7 @@ class Patches:
                 yield host.coarse[level - 1].image, hosted
 
     def _by_host(self) -> Iterator[tuple[HostPatches, NDArray[np.intp], slice]]:
-        """Yield each host, the indices of the landmarks among those that it hosts, and the slice of the landmarks."""
+        """Yield each host, the rows of its landmarks in its `HostPatches`, and their slice of the M landmarks."""
         ends = np.cumsum([0, *(len(host.uv) for host in self.hosted)])
         bounds = np.searchsorted(self.rows, ends).tolist()
         for host, end, first, last in zip(self.hosted, ends, bounds, bounds[1:], strict=False):
@@ -113,7 +113,7 @@ class Landmarks:
     """M active landmarks as arrays. A landmark is a pixel of its host keyframe with an inverse depth."""
 
     rows: NDArray[np.intp]  #: `(M,)` increasing rows of the landmarks in the arrays of the sliding window.
-    host: NDArray[np.int64]  #: `(M,)` numbers of the host keyframes in the window.
+    host: NDArray[np.int64]  #: `(M,)` indices of the host keyframes in the window.
     planes: LocalPlanes  #: Planes around the patches: host cameras, host pixels, inverse depths and slopes.
     estimates: LandmarkEstimates  #: Host rays and inverse depths, with their covariance given the poses.
     patches: Patches  #: Templates of the landmarks.
@@ -155,7 +155,7 @@ class Landmarks:
 
     @property
     def newest_host(self) -> int:
-        """Number of the newest keyframe that hosts one of the landmarks; -1 without landmarks."""
+        """Index of the newest keyframe that hosts one of the landmarks; -1 without landmarks."""
         return int(self.host.max(initial=-1))
 
     @property

@@ -18,8 +18,8 @@ therefore have a larger added standard deviation. The focal lengths are between 
 EDGE_RESIDUALS = (0.5, 4.0)
 """Minimum and maximum ratio of a residual to the median residual. At the larger of the focal lengths `EDGE_FOCAL_PX`,
 and above it, `PIXEL_FLOOR` is multiplied by the square of this ratio, that is by 0.25 to 16
-(measurements/localiser_trials.md, "Images of a megapixel: the sun and the edges of stones"). The exponent grows
-linearly from 0 at the smaller focal length."""
+(measurements/localiser_trials.md, "Images of a megapixel: the sun and the edges of stones"). Between the two focal
+lengths, the exponent of the ratio grows linearly from 0 to 2."""
 MIN_RESIDUAL = 1e-6  #: Minimum of the median residual, grey levels. It prevents a division by zero.
 
 

@@ -17,7 +17,7 @@ it, and what was tried"."""
 SIDE = 2 * HALF + 1  #: Side of a patch, pixels.
 MIN_POWER = 1e-3
 """Minimum power (sum of squares about the mean) of a textured patch, grey levels squared. It prevents a division by
-zero. Any patch that is not constant after rounding to whole grey levels exceeds it."""
+zero. Any patch that is not constant after rounding to whole grey levels has more power."""
 SAMPLED_PX = 1.001
 """Minimum difference between the width or height of the image and a sampled position, px. Interpolation requires the
 next pixel, and rounding to float32 changes a position by less than 0.001 px."""
@@ -154,7 +154,7 @@ def patch_pixels(size: int) -> PatchPixels:
 
 @jit_fast_inline
 def warp_pixels(pixels: PatchPixels, by: LocalWarp) -> None:
-    """Fill x and y with the warped pixels relative to the warped centre. All must be in front of the camera."""
+    """Fill x and y with the warped pixels relative to the warped centre. All pixels must be in front of the camera."""
     xu = np.float32(by.xu)
     xv = np.float32(by.xv)
     yu = np.float32(by.yu)

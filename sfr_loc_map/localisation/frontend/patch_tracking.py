@@ -111,7 +111,7 @@ def _track(
     half = half_width(pixels.x.size)
     power = moments[POWER]
     determinant = warped.xu * warped.yv - warped.xv * warped.yu
-    # If the corners are in front of the camera, all pixels between them are.
+    # If the corners are in front of the camera, all pixels between them are in front of it, too.
     is_in_front = half * (abs(warped.wu) + abs(warped.wv)) <= MAX_DEPTH_CHANGE
     if abs(determinant) < MIN_DETERMINANT or power == 0.0 or not is_in_front:
         return

@@ -91,7 +91,7 @@ class _Match(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """Projection of a patch centre. Lengths are multiplied by its inverse depth."""
+    """Projection of a patch centre. Lengths are multiplied by the inverse depth of the centre."""
 
     world: Vector  #: Vector from the camera, along the axes of the world.
     depth: float  #: Depth in the camera; 0 behind the camera.

@@ -30,7 +30,7 @@ from sfr_loc_map.localisation.small_linalg import fill_inverse_4, reorder_to_med
 MIN_LANDMARKS = 6
 """Minimum number of observed landmarks. Three landmarks determine a pose; with six, a majority outvotes an outlier."""
 UNOBSERVED_VARIANCE = 1e8
-"""Variance of a position that was not observed, px^2. Its standard deviation, 10 000 px, exceeds any image."""
+"""Variance of a position that was not observed, px^2. The standard deviation, 10 000 px, exceeds any image."""
 SCALE_PER_MEDIAN = 1.5
 """Ratio of the scale of the Geman-McClure weight to the median squared residual per degree of freedom. The scale is at
 least 1, which is the expected squared residual per degree of freedom. Weaker weights were tried:
@@ -205,7 +205,8 @@ def solve_pose(
     """Estimate the pose of a pair by robust weighted least squares on both images (Gauss-Newton).
 
     Landmarks have Geman-McClure weights. Their scale decreases to that of the residuals (graduated non-convexity: Yang
-    et al. 2020), so that an inaccurate prediction does not reject the inliers.
+    et al. 2020), so that an inaccurate prediction does not reject the inliers. With fewer than `MIN_LANDMARKS` observed
+    landmarks, the initial pose is returned with an information of zero.
 
     Args:
         start: Initial pose of the left camera.

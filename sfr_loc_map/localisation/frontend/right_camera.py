@@ -75,8 +75,9 @@ def right_shift(
     """Estimate the shift of the right image and a shear of both images in a solved pair.
 
     The depths of the landmarks come from earlier pairs. If the right camera has rotated since then, all right positions
-    are shifted by about the same amount and left positions are not. No motion of the rig explains such a shift. The
-    pose of the pair was solved without a shift, so one joint Gauss-Newton step of pose and shift estimates it.
+    are shifted by about the same amount, and left positions are not shifted. No motion of the rig explains such a
+    shift. The pose of the pair was solved without a shift, and the shift is therefore estimated by one joint
+    Gauss-Newton step of pose and shift.
 
     Args:
         pose: Pose of the left camera in the pair.

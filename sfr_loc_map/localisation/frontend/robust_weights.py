@@ -2,8 +2,8 @@
 
 The weight belongs to the Geman-McClure loss in iteratively reweighted least squares and is scaled to 1 at a residual of
 0 (Zhang 1997, Parameter estimation techniques: a tutorial with application to conic fitting, table 1). The pose solver,
-the bundle adjustment and the shift of the right camera use it. Two small fits to data of one keyframe use the Cauchy
-weight `1 / (1 + chi2)` of the same table: the planes of neighbours (`neighbour_slopes`), and pitch and roll
+the bundle adjustment and the shift of the right camera use this weight. Two small fits to data of one keyframe use the
+Cauchy weight `1 / (1 + chi2)` of the same table: the planes of neighbours (`neighbour_slopes`), and pitch and roll
 (`backend/online_calibration`).
 """
 

@@ -14,8 +14,8 @@ from sfr_loc_map.localisation.frontend.pyramid import Pyramid
 from sfr_loc_map.parallel import in_halves
 
 SEARCH_LEVEL = 1
-"""Pyramid level of the search. It halves the number of disparities and quarters the number of pixels. The refinement
-corrects the remaining error."""
+"""Pyramid level of the search. Level 1 has half as many disparities and a quarter of the pixels of level 0. The
+refinement corrects the remaining error."""
 SEARCH_HALF = 4
 """Half width of the patches of the search, px of the level. Chosen by hand: 9 x 9 px of the level cover 18 x 18 px of
 the image. In larger patches, slopes and edges lower the correlation; smaller patches are more ambiguous."""

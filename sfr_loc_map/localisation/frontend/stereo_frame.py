@@ -45,7 +45,7 @@ class StereoFrame(NamedTuple):
         return self.pair.left
 
     def was_received_textured(self) -> bool:
-        """Return whether both received images have texture. Stale parts count, because the localiser blanked them."""
+        """Return whether both images have texture as received: with stale parts, which the localiser has blanked."""
         return all(is_textured(build_pyramid(image)) for image in (self.received.left, self.received.right))
 
 

@@ -42,7 +42,7 @@ MIN_DISPARITY_PX = -0.5  #: Minimum disparity of a match, px. Noise can make the
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoMatches:
-    """Corners of the left image with their positions in the right one."""
+    """Corners of the left image with their positions in the right image."""
 
     uv: FloatArray  #: `(N, 2)` left pixels.
     right: FloatArray  #: `(N, 2)` right pixels.
@@ -73,7 +73,8 @@ def match_corners(
         max_disparity: Maximum disparity, pixels.
         offset_v: Vertical disparity of the pair, pixels, positive where the right image is lower.
         right_mask: `(H, W)`; matches where the mask is 0 are rejected. None if nothing is masked.
-        own_slopes: Whether slopes are refined from the patch itself. In large images its neighbours are too far away.
+        own_slopes: Whether the slopes of a patch are refined from its own pixels, because in large images its
+            neighbours are too far away.
     """
     uv, disparity = search_corners(left, right, uv, max_disparity, offset_v)
     left_image = left[0].image

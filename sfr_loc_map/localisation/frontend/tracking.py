@@ -40,7 +40,7 @@ ALIGNMENT_ITERATIONS = (6, 4)
 """Gauss-Newton iterations of the alignment on the first level and on each further level, which starts closer to the
 solution. Chosen by hand. With fewer iterations, large prediction errors are not corrected; more take more time."""
 POSE_ITERATIONS = 10
-"""Maximum number of Gauss-Newton iterations of the pose. It usually converges earlier
+"""Maximum number of Gauss-Newton iterations of the pose. The pose usually converges earlier
 (`pose_solver.CONVERGED_STEP`)."""
 INLIER_CHI2_PER_DOF = 9.0  #: Gate of an inlier: squared Mahalanobis residual per degree of freedom (3 sigma).
 MIN_INLIER_RATIO = 0.5  #: Minimum ratio of inliers to found landmarks for a trusted pose: a majority.
@@ -91,7 +91,7 @@ class Tracks:
 
     @property
     def is_left_fuller(self) -> bool:
-        """Whether at least as many inliers were observed in the left image as in the right one."""
+        """Whether at least as many inliers were observed in the left image as in the right image."""
         return self.left_inlier_count >= int(np.count_nonzero(self.right_inliers))
 
     @property
@@ -210,8 +210,8 @@ class Tracker:
     def fits_swapped(self, frame: StereoFrame, tracks: Tracks, offset: RightOffset) -> bool:
         """Return whether the landmarks fit well if left and right image are swapped.
 
-        The swapped fit starts at the pose one baseline away, because the image with more inliers determined the pose,
-        but with swapped images the other camera took it.
+        The image with more inliers determined the pose. If the images are swapped, the other camera took this image, so
+        that the swapped fit starts one baseline away from the pose.
         """
         rotation, position = tracks.pose
         baseline = rotation[:, 0] * self._camera.baseline_m

@@ -60,14 +60,14 @@ class Ambiguous:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MainOfTwo:
-    """The main one of two motions is clearly the ground's."""
+    """There are two motions, and the main motion is clearly the ground's."""
 
     motions: TwoMotions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OtherOfTwo:
-    """The other one of two motions is clearly the ground's."""
+    """There are two motions, and the other motion is clearly the ground's."""
 
     motions: TwoMotions
 
@@ -183,7 +183,7 @@ class Effects(NamedTuple):
 EFFECTS: Final[dict[type[Case], Effects]] = {
     OwnBody: Effects(
         Effect(),
-        # its cells are excluded from the next pairs, so that the covariance of this pose alone is larger
+        # the cells of the body are excluded from the next pairs, so that only the covariance of this pose is larger
         unidentified=Effect(Finding.BODY_OR_GROUND),
     ),
     Untrusted: Effects(Effect()),
@@ -207,14 +207,14 @@ EFFECTS: Final[dict[type[Case], Effects]] = {
 """Consequences of each case. `GroundMemory.after` applies them to the memory.
 
 Three cases differ while the ground is not identified. They have two motions, or part of the image does not follow the
-only motion. The motion that is not selected may then be the ground's, so that the pose is degraded. Its covariance
-includes the ambiguity. For `OwnBody` it includes the unobserved motion instead, because the cells of the body are
-excluded from the next pairs.
+only motion. The motion that is not selected may then be the ground's, so that the pose is degraded. The covariance of
+the pose includes the ambiguity. For `OwnBody` the covariance includes the unobserved motion instead, because the cells
+of the body are excluded from the next pairs.
 """
 
 
 def effect_of(case: Case, *, is_identified: bool) -> Effect:
-    """Return the consequences of a case. The ground was identified before the pair or was not."""
+    """Return the consequences of a case; `is_identified` tells whether the ground was identified before the pair."""
     effects = EFFECTS[type(case)]
     if effects.unidentified is None or is_identified:
         return effects.usual
@@ -222,7 +222,7 @@ def effect_of(case: Case, *, is_identified: bool) -> Effect:
 
 
 def findings_of(effect: Effect, faults: ImageFaults, *, is_trusted: bool) -> Findings:
-    """Return the finding of an effect; without one, `RECOVERING` if faults of earlier pairs degrade this pair.
+    """Return the finding of an effect, or else `RECOVERING` if faults of earlier pairs degrade this pair.
 
     Args:
         effect: Effect of the pair's case.

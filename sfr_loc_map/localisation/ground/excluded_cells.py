@@ -18,19 +18,19 @@ from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.ground.cell_change import CELL, cell_counts
 
 FIXED_LIFE: Final = 10
-"""Lifetime, in compared pairs, of a cell that was detected as fixed to the camera. Each such pair, including the pair
-of the detection, reduces the lifetime by one. If the cell is stationary, its lifetime starts again instead. Chosen by
-hand. If larger, ground that an arm has uncovered has no landmarks for longer. If smaller, landmarks are created on a
+"""Lifetime, in compared pairs, of a cell that was detected as fixed to the camera. Each compared pair, including the
+pair of the detection, reduces the lifetime by one. If the cell is stationary, its lifetime starts again instead. Chosen
+by hand. If larger, ground that an arm has uncovered has no landmarks for longer. If smaller, landmarks are created on a
 body whose illumination changes."""
 DYNAMIC_LIFE: Final = 8
-"""Lifetime, in compared pairs, of a cell that was detected as dynamic. Each such pair, including the pair of the
+"""Lifetime, in compared pairs, of a cell that was detected as dynamic. Each compared pair, including the pair of the
 detection, reduces the lifetime by one, so that the cell is excluded in seven pairs. Chosen by hand: an object leaves
 its cells within a few pairs. If larger, the ground behind the object has no new landmarks for longer. If smaller,
 landmarks are created on the object."""
 
 
 class Exclusion(NamedTuple):
-    """What a pair shows to move differently from the ground."""
+    """Landmarks and cells that do not move with the ground, as a pair shows."""
 
     rows: NDArray[np.intp]  #: `(N,)` window rows of landmarks.
     fixed: Mask  #: `(R, C)` cells that are fixed to the camera.

@@ -139,7 +139,7 @@ class ImageFaults(NamedTuple):
     """Faults of earlier images that have an effect on the next pairs."""
 
     transfers: int = 0  #: Number of consecutive partially transferred pairs up to the last pair.
-    #: Number of moving pairs that must follow until earlier faults have no more effect. All of these pairs but the last
+    #: Number of moving pairs that must follow until earlier faults have no effect. All of these pairs but the last
     #: are degraded (`Finding.RECOVERING`).
     recovery_pairs: int = 0
 

@@ -27,7 +27,7 @@ hand. If larger, small objects and stale parts bias the pose without a report. I
 outliers are degraded."""
 AFTER_TRANSFER = 0.5  #: Factor on `MIN_EXCESS` after a partial transfer: the next pair may be affected, too.
 MAX_DYNAMIC = MIN_EXCESS
-"""A pair with at least this fraction of cells excluded as dynamic does not confirm the ground's motion. It is equal to
+"""A pair with at least this fraction of cells excluded as dynamic does not confirm the ground's motion. The fraction is
 `MIN_EXCESS`, because landmarks of these cells would be unexplained. If larger, doubt ends while a large object is
 in view. If smaller, doubt lasts while a small object is in view."""
 NEARLY_HALF = 0.47
@@ -48,7 +48,7 @@ is smaller, later faults are hidden for longer."""
 
 
 class Support(NamedTuple):
-    """Which part of a pair supports the main motion: what the memory may learn from this motion."""
+    """How much of a pair supports the main motion, from which the memory may learn."""
 
     moves_image: bool  #: Whether this motion moves the image.
     unexplained_fraction: float  #: Fraction of the landmarks that do not follow this motion.
@@ -136,7 +136,7 @@ class GroundMemory:
 
     @property
     def is_clear(self) -> bool:
-        """Whether earlier pairs have no more effect: the images have no fault, and the ground is not in doubt."""
+        """Whether earlier pairs no longer have an effect: the images have no fault, and the ground is not in doubt."""
         return self.faults == ImageFaults() and self.identification.phase is not Phase.IN_DOUBT
 
     @property

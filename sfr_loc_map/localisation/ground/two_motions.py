@@ -26,9 +26,9 @@ REPEATED_WEIGHT = 1.5
 beside an object is attributed to the object. If smaller, an object with 1.5 times the landmarks of the ground outweighs
 it."""
 REPEATED_RATIO = 0.5
-"""A motion repeats the last motion if the image motion between it and the repeated motion (`Guesses.repeated_motion`)
-is at most this fraction of the image motion between the repeated motion and the other motion. If both are equally far,
-neither repeats the last motion."""
+"""A motion repeats the last motion if its distance from the repeated motion (`Guesses.repeated_motion`) is at most this
+fraction of the other motion's distance. Distances are image motions. If the two motions are equally far from the
+repeated motion, neither repeats the last motion."""
 
 
 class TwoMotions(NamedTuple):

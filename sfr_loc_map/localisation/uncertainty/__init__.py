@@ -25,9 +25,9 @@ All functions are pure, and each states its formula. `trajectory` calls them wit
 
 Names in the formulas: f is the focal length, px, and b the baseline, m. Z is the median depth of the landmarks, m: of
 the map in a pose, of the tracked landmarks in a step. `given_keyframes` is the covariance of a pose given the
-keyframes, the inverse of `Tracks.information`. `yaw_sigma_px`, `target_px`, `corrected_px` and `remaining_px` are the
-standard deviation of the right camera's yaw, the yaw to be corrected, and its parts that are corrected and that are not
-corrected yet (`online_calibration.YawEstimate`). `lens_turn` is the rotation per metre by residual lens distortion
+keyframes, the inverse of `Tracks.information`. `yaw_sigma_px` is the standard deviation of the right camera's yaw, and
+`target_px` is the yaw to be corrected. `corrected_px` is the part of this yaw that is already corrected, `remaining_px`
+the rest (`online_calibration.YawEstimate`). `lens_turn` is the rotation per metre by residual lens distortion
 (`RoverModel.lens_turn_per_m`). Other names are fields of `ErrorSources`, or are explained beside the formula.
 
 **The covariance of a pose** of the left camera in the world is the sum of seven terms (`PoseTerms`):
@@ -45,7 +45,7 @@ corrected yet (`online_calibration.YawEstimate`). `lens_turn` is the rotation pe
 | `attitude` | the yaw of the right camera | yaw of the windows | keyframe | start of the run |
 | | the drift of the right camera | drift corrections | drift correction | external pose |
 
-An external pose does not end the attitude error of an uncertain yaw, because the yaw also bends the path after it.
+An external pose does not end the attitude error of an uncertain yaw, because the yaw also bends the later path.
 
 **The covariance of a step**, the motion of RB between two poses, is composed of the errors of the step and not computed
 from `pose`, because consecutive poses share most of their errors:
@@ -63,8 +63,8 @@ from `pose`, because consecutive poses share most of their errors:
 `added` (`trajectory._step_to_new_pose`) has three parts: what findings add to the two poses of the step
 (`AddedError.of_step`), the displacement of the previous pose by a correction of the yaw, and the motion while the
 previous pose was kept. An added error of a pose has opposite signs in the steps to and from that pose. Each of the two
-steps contains its covariance, which is conservative (`PublishedPose.undone_by_next_step`). The parts of the previous
-pose are zero if its pair began a window, because the step is measured from its image.
+steps contains the covariance of this error, which is conservative (`PublishedPose.undone_by_next_step`). The parts of
+the previous pose are zero if its pair began a window, because the step is measured from the image of that pair.
 
 **What findings and events add** (`inflation`):
 
@@ -80,8 +80,8 @@ pose are zero if its pair began a window, because the step is measured from its 
 | lost pair | the covariance of an unknown pose replaces all (`lost_covariance`) | next pair that is not lost |
 
 The last known pose is that of an accepted pair, of a pair that begins a window, or an external pose
-(`LastPose.known_ns`). If a window begins before the next accepted pair, it contains what was added until then, and the
-term lasts until the next external pose.
+(`LastPose.known_ns`). If a window begins before the next accepted pair, the errors of the window contain what was added
+until then, and the term lasts until the next external pose.
 
 **A new error source** requires a parameter in `ErrorSources`, the formula in the function that uses it, and:
 

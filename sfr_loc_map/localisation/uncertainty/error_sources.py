@@ -39,12 +39,13 @@ class ErrorSources:
     """Pose (directed), systematic. Disparity error that varies over the image and bends the path, px, if the residuals
     show no lens distortion."""
     lens_ratio: float = 0.17
-    """Pose (directed), systematic. Ratio of the error of the kind of `lens_px` to the RMS of the residual
-    disparities."""
+    """Pose (directed), systematic. Ratio of the disparity error that bends the path (as `lens_px`) to the RMS of the
+    residual disparities."""
     unsettled_yaw_ratio: float = 0.5
     """Pose. Ratio of the error of the right camera's yaw to the part of this yaw that is not corrected yet."""
     bent_attitude_ratio: float = 0.25
-    """Pose. Ratio of the attitude error to the uncorrected yaw of the right camera, which bends the path."""
+    """Pose. Ratio of the attitude error to the right camera's yaw before its correction, because the yaw bends the
+    path."""
     followed_attitude_ratio: float = 0.1
     """Pose. Ratio of the attitude error to the drift corrections of the right camera."""
     adjustment_inflation: float = 2.0

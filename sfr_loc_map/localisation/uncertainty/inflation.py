@@ -35,8 +35,8 @@ def unobserved_motion(size: MotionSize, sources: ErrorSources) -> FloatArray:
         unobserved = diag(metres, metres, climb_ratio metres,
                           tilt_ratio radians, tilt_ratio radians, radians)^2
 
-    `metres` and `radians` are the standard deviations of length and heading (`unobserved_size`). Each angle is at most
-    `MAX_ANGLE_RAD`.
+    `metres` and `radians` are the standard deviations of length and heading (`unobserved_size`). The standard deviation
+    of each angle is at most `MAX_ANGLE_RAD`.
     """
     metres, radians = size
     tilt = min(sources.tilt_ratio * radians, MAX_ANGLE_RAD)
@@ -47,10 +47,10 @@ def unobserved_motion(size: MotionSize, sources: ErrorSources) -> FloatArray:
 class AddedError(NamedTuple):
     """What findings add to the covariance of a pose, and of the steps to and from this pose."""
 
-    #: `(6, 6)` covariance of the motion since the last pose if no image shows it, in RB at that pose; zero if not
+    #: `(6, 6)` covariance of the motion since the last pose, treated as unobserved, in RB at that pose; zero if not
     #: required.
     unobserved_rb: FloatArray
-    ambiguity: DirectedError  #: Error if another motion is the true one; zero if not required.
+    ambiguity: DirectedError  #: Error if another motion is the true motion; zero if not required.
 
     @property
     def of_step(self) -> FloatArray:
@@ -74,10 +74,10 @@ def inflation_of(
 
     Args:
         inflation: Kinds of inflation that the findings of the pair require.
-        unobserved: Size of the motion since the last pose if no image shows it. The angle enters the ambiguity with at
-            most `MAX_ANGLE_RAD`.
+        unobserved: Size of an unobserved motion since the last pose. The angle enters the ambiguity with at most
+            `MAX_ANGLE_RAD`.
         moved: Length and angle of the estimated motion since the last pose.
-        other_distance: Distance between the poses of two possible motions; zero if only one was found.
+        other_distance: Distance between the poses of two possible motions; zero if only one motion was found.
         sources: Error sources of an unobserved motion.
     """
     unobserved_rb = ZERO

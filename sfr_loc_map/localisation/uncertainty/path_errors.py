@@ -111,14 +111,14 @@ def sums_after_step(
         followed_px = drift.followed_px, which is a sum itself (`DriftEstimate`)
 
     A step backwards undoes the turn of a step forwards (`systematic_step`). The length in `directed` has no sign, so
-    that the sum is an upper bound on a path with both.
+    that the sum is an upper bound if the path has steps in both directions.
 
     Args:
         before: Sums before the step.
         position: `(3,)` position after the step, m.
         displacement: `(3,)` displacement of the left camera in the world, m.
         depth_m: Median depth of the landmarks of the map.
-        ambiguity: Error if another motion is the true one; zero if not required.
+        ambiguity: Error if another motion is the true motion; zero if not required.
         calibration: The calibration after the step.
         model: Camera geometry and error sources.
     """
@@ -176,12 +176,13 @@ class PathErrors:
     """
 
     origin: Origin  #: The external pose to which the covariance is relative.
-    #: Covariance that earlier windows, and the motions between windows, added since the map was placed, at the start of
-    #: the present window.
+    #: Covariance at the start of the present window: what earlier windows, and the motions between windows, have added
+    #: since the map was placed.
     before_window: LocatedCovariance = NOTHING
-    #: Covariance of the newest keyframe in its window, from the bundle adjustment, inflated.
+    #: Covariance of the newest keyframe in its window, from the bundle adjustment, times `adjustment_inflation`.
     in_window: FloatArray = field(default_factory=lambda: ZERO)
-    of_landmarks: FloatArray = field(default_factory=lambda: ZERO)  #: adjustment_inflation `given_keyframes`.
+    #: Covariance of the present pose given the keyframes (`given_keyframes`), times `adjustment_inflation`.
+    of_landmarks: FloatArray = field(default_factory=lambda: ZERO)
     blur: FloatArray = field(default_factory=lambda: ZERO)  #: Error of the whole image of the present pose.
     #: Motion to the present pose, if its findings require that this motion counts as unobserved.
     unobserved_motion: FloatArray = field(default_factory=lambda: ZERO)
@@ -203,8 +204,8 @@ class PathErrors:
 
             shared = before_window + adjustment_inflation (covariance of the newest keyframe in its window)
 
-        The present pose shares these errors with its keyframe. External poses for past pairs do not reset them, so that
-        the difference between two poses is the covariance that arose between the two.
+        The present pose shares these errors with its keyframe. External poses for past pairs do not reset the errors.
+        The difference of `shared` at two poses is therefore the covariance that arose between the two poses.
         """
         return LocatedCovariance(position, self.before_window.at(position) + self.in_window)
 
@@ -213,7 +214,7 @@ class PathErrors:
 
             drift = positive part of (shared - shared of the origin)
 
-        Both are propagated to the position.
+        Both covariances are propagated to the position.
         """
         return positive_part(self.shared(position).covariance - self.origin.shared.at(position))
 
@@ -236,8 +237,7 @@ class PathErrors:
     def restarted(self, position: FloatArray, *, first_image: FloatArray, in_window: FloatArray) -> PathErrors:
         """Return the errors at the start of a new window at a position.
 
-        The first image has an error of its own, which displaces the new window. It is contained in the pose of the
-        first pair, too.
+        The first image has an error of its own, which displaces the new window and also the pose of the first pair.
         """
         before_window = self.shared(position).covariance + self.alone + self.kept_motion + first_image
         return replace(

@@ -70,7 +70,7 @@ def _disparity_term(sums: PathSums, calibration: OnlineCalibration, sources: Err
 
 
 def _attitude_term(sums: PathSums, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
-    """Return the term `attitude`: a yaw of the right camera bends the path, and so does an error of its drift.
+    """Return the term `attitude`: the yaw of the right camera, and errors of its drift corrections, bend the path.
 
         attitude = ((bent_attitude_ratio / f)^2 (yaw_sigma_px^2 + target_px^2)
                     + (followed_attitude_ratio / f)^2 followed_px^2) I   (rotation only)

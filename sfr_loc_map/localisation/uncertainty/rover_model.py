@@ -48,7 +48,7 @@ class RoverModel:
 
             blur = (Z blur_px / f, blur_px / f)
 
-        An error of a whole image turns all landmarks, and displaces the pose by this angle at their depth.
+        An error of a whole image rotates all landmarks, and displaces the pose by this angle times their depth.
         """
         blur_rad = self.sources.blur_px / self.fx
         return MotionSize(blur_rad * depth_m, blur_rad)

@@ -76,9 +76,9 @@ def step_covariance(
 
     Errors from images are independent from step to step. `between_keyframes` is the covariance of the newest keyframe
     given the previous keyframe (`KeyframeMotion.covariance`), and the flow of the keyframes is that of the motion
-    between the two. In a window of one keyframe, `given_keyframes` and the usual flow (`RoverModel.keyframe_rad`) are
-    used instead. Before the first residuals, the factor before `step_ratio` is 1. The covariance of the left camera is
-    then propagated to RB, and `MIN_VARIANCE` is added to each variance.
+    between these keyframes. In a window of one keyframe, `given_keyframes` and the usual flow
+    (`RoverModel.keyframe_rad`) are used instead. Before the first residuals, the factor before `step_ratio` is 1. The
+    covariance of the left camera is then propagated to RB, and `MIN_VARIANCE` is added to each variance.
 
     Args:
         step: The motion.
