@@ -31,9 +31,10 @@ _RANDOM = "[a-z0-9_]" * 8  #: Pattern of the random characters that `tempfile` p
 
 @contextmanager
 def atomic_path(path: Path, *, any_folder: bool = False) -> Iterator[Path]:
-    """Yield a temporary path with the same file name. It becomes `path` if the block succeeds, else it is removed.
+    """Yield a temporary path with the same file name.
 
-    With `any_folder`, a folder that is not empty is replaced, too.
+    If the block succeeds, the output at the temporary path is moved to `path`. Otherwise the output is removed. With
+    `any_folder`, a folder that is not empty is replaced, too.
     """
     target = output_target(Path(path), any_folder=any_folder)
     try:
@@ -50,7 +51,7 @@ def atomic_path(path: Path, *, any_folder: bool = False) -> Iterator[Path]:
 
 
 def replace_by(new: Path, path: Path) -> None:
-    """Replace an output, also a folder that is not empty, by a complete one beside it, which is kept if this fails."""
+    """Replace an output, even a folder with content, by a complete output beside it; both are kept if this fails."""
     target = output_target(path, any_folder=True)
     try:
         with deferred_signals(), _scratch(target) as scratch:  # a signal waits until the replaced output is removed

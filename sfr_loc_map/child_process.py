@@ -22,7 +22,7 @@ def end_with_parent(number: signal.Signals, waiting: Collection[signal.Signals] 
 
 
 def ending_of(code: int) -> str:
-    """Return how a process ended, in words. A negative exit code is the number of the signal that killed it."""
+    """Return how a process ended, in words; the exit code -N means that the signal N killed the process."""
     if code >= 0:
         return f"ended with exit code {code}"
     name = next((item.name for item in signal.Signals if item == -code), f"signal {-code}")

@@ -1,6 +1,6 @@
 """The errors of the suite: one root, one subclass per layer, and the exit code of each.
 
-A message is one line that says what failed, what was found and what to do. The library raises errors; only
+A message is one line that states what failed, what was found and what to do. The library raises errors; only
 `sfr_loc_map.cli` prints them and exits.
 """
 
@@ -57,7 +57,7 @@ class MappingError(SfrError):
 
 
 class LocalisationError(SfrError):
-    """A stereo pair cannot be handed to the localiser (wrong size or type)."""
+    """A stereo pair cannot be passed to the localiser (wrong size or type)."""
 
 
 class NodeError(SfrError):
@@ -85,7 +85,7 @@ class NotJudgedError(SfrError):
 
 
 class InterruptedRunError(SfrError):
-    """The user interrupted a run. The message says what was finished."""
+    """The user interrupted a run. The message states what was finished."""
 
     exit_code = ExitCode.INTERRUPTED
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # not needed for files
 
 
 def hash_path(path: Path) -> str:
-    """Return the SHA-256 of a file, or of the names and hashes of all files in a folder that are not hidden."""
+    """Return the SHA-256 of a file, or of the names and hashes of all visible files in a folder (`visible_files`)."""
     path = Path(path)
     try:
         if path.is_file():
@@ -41,13 +41,13 @@ def is_ignored(path: Path) -> bool:
 def visible_files(folder: Path) -> list[Path]:
     """Return all entries of a folder that are not folders, sorted by name; raise OSError if a folder is not readable.
 
-    Links to folders are followed, as by the readers. Entries that `is_ignored` names are excluded.
+    Links to folders are followed, as by the readers. Entries for which `is_ignored` is true are excluded.
     """
     return sorted(_visible_files(folder, ()), key=str)
 
 
 def _visible_files(folder: Path, above: tuple[tuple[int, int], ...]) -> Iterator[Path]:
-    """Yield the files of a folder; `above` identifies the folders that contain it, because a link can lead to one."""
+    """Yield the files of a folder; `above` identifies the enclosing folders, because a link can lead back to one."""
     state = folder.stat()
     identity = (state.st_dev, state.st_ino)
     if identity in above:

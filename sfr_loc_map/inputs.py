@@ -38,7 +38,7 @@ def refusing(where: str, advice: str = "correct the file") -> Iterator[None]:
 
 
 def missing(path: Path) -> str:
-    """Return the message about an input that does not exist, as for all files that cannot be read."""
+    """Return the message about an input that does not exist, in the words of all messages about unreadable files."""
     return f"cannot read '{path}': {os.strerror(errno.ENOENT)}"
 
 

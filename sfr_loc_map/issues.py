@@ -38,13 +38,13 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Issue:
-    """An issue has a cause, the topic, node or file, the observation and the fix. It is blocking or a warning."""
+    """An issue of a recording, a graph or a topic."""
 
     cause: Cause
-    where: str
-    text: str
+    where: str  #: Topic, node or file.
+    text: str  #: What was observed.
     fix: str
-    is_blocking: bool = True
+    is_blocking: bool = True  #: Whether the issue prevents a useful result; otherwise it is a warning.
     command: str = ""  #: Command line that removes the cause; empty if there is none.
 
     def as_dict(self) -> dict[str, str | bool]:

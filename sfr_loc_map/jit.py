@@ -62,7 +62,7 @@ class _KernelCache(FunctionCache):
                 return None
 
     def save_overload(self, sig: Any, data: Any) -> None:  # noqa: ANN401 - numba has no types
-        """Save a kernel unless the process may not write to the cache, as the process of a method under test."""
+        """Save a kernel unless the process may not write to the cache, like the process of a method under test."""
         with suppress(PermissionError):
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 

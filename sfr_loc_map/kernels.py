@@ -125,7 +125,7 @@ def _signals_deferred() -> Iterator[Callable[[], bool]]:
     """
     received: list[int] = []
     before: dict[int, Callable[[int, FrameType | None], Any]] = {}
-    if threading.current_thread() is threading.main_thread():  # only it may set handlers, and only it runs them
+    if threading.current_thread() is threading.main_thread():  # only this thread may set and run handlers
         for number in END_SIGNALS:
             if callable(handler := signal.getsignal(number)):
                 before[number] = handler

@@ -1,4 +1,4 @@
-"""Stamps of messages, integer nanoseconds, and when they show a new run."""
+"""Stamps of messages, integer nanoseconds, and when they indicate a new run."""
 
 from __future__ import annotations
 

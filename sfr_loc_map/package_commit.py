@@ -1,4 +1,4 @@
-"""The commit of the package: recorded in a built package, asked of git in a clone."""
+"""The commit of the package: read from a file in a built package, and from git in a clone."""
 
 from __future__ import annotations
 

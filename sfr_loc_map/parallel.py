@@ -83,7 +83,7 @@ class _SecondThread:
         self._avoided_core = core
         others = os.sched_getaffinity(0) - {core}
         if others:
-            with suppress(OSError):  # a container may forbid it
+            with suppress(OSError):  # a container may forbid this call
                 os.sched_setaffinity(self._number, others)
 
 

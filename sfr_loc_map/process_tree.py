@@ -18,7 +18,7 @@ SOCKET_BYTES = 320_000
 `net.core.wmem_default`, because the last message may exceed the limit. The supervisor prevents a method from enlarging
 the buffers of its sockets."""
 CLOCK_SHIFT, CLOCK_OF_PROCESS = 3, 2
-"""Numbers of Linux in the id of the processor clock of a process, as `clock_getcpuclockid` returns the id."""
+"""Numbers by which Linux encodes a process in the id of its processor clock (`clock_getcpuclockid`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +27,8 @@ class TreeUsage:
 
     cpu_s: float = 0.0  #: Processor time, including that of ended processes.
     #: Resident memory, in which a shared page counts once for each process, and the storage of open files without a
-    #: name (`memfd_create`, deleted files), in which each file counts once. Below a supervisor also the buffers of
-    #: sockets, at their largest size.
+    #: name (`memfd_create`, deleted files), in which each file counts once. If the root is a supervisor, the buffers of
+    #: sockets are included at their largest size.
     rss_bytes: int = 0
     threads: int = 0
     processes: int = 0
@@ -89,10 +89,10 @@ def _cpu_s(process: psutil.Process) -> float:
 
 
 def bytes_of_open_files(processes: Sequence[int], socket_bytes: int = 0) -> int:
-    """Return the storage of the open files of processes that have no name, each file once.
+    """Return the storage of the files without a name that processes have open; each file counts once.
 
-    Such a file is in no folder, and the resident memory of a process includes it only if the process maps it. A socket
-    counts `socket_bytes`.
+    Such a file is in no folder, and the resident memory of a process includes the file only if the process maps it. A
+    socket counts `socket_bytes`.
     """
     stored: dict[tuple[int, int], int] = {}
     for process in processes:

@@ -22,10 +22,13 @@ from sfr_loc_map.message_stamps import JUMP_BACK_NS, jumped_back
 T = TypeVar("T")
 LEAP_NS = 3600 * 1_000_000_000
 """A stamp ahead of the last stamp by this many nanoseconds or more is taken to be from another clock."""
-AGREEING = 3  #: Consecutive increasing stamps of another time that begin a new run.
-REGULAR = 10  #: Consecutive increasing unknown stamps that begin a new run: 1 of 3.6 million permutations increases.
+AGREEING = 3  #: Number of consecutive increasing stamps of another time that begin a new run.
+REGULAR = 10
+"""Number of consecutive increasing stamps, none received earlier, that begin a new run. Only 1 of 3.6 million
+permutations of ten stamps increases."""
 PACE = 4
-"""Maximum ratio of the duration of these stamps to their number times their median step. Messages may be lost."""
+"""Maximum ratio of the duration of these stamps to their number times their median step. The ratio exceeds 1 if
+messages are lost."""
 JOIN = 2.0  #: An earlier item joins a run if it precedes the run by at most this many mean steps of the run.
 
 
@@ -252,7 +255,7 @@ class CommonRuns(Generic[T]):
         """Start before the first item; `orders` has one order per source."""
         self._orders = orders
         self._latest_ns: dict[str, int] = {}  # latest stamp of each source in the run
-        self._ended_ns: dict[str, tuple[int, int]] = {}  # in the previous run: latest of a source, and of all
+        self._ended_ns: dict[str, tuple[int, int]] = {}  # latest stamps of the previous run: of a source, of all
 
     @property
     def strays(self) -> int:

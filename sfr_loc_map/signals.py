@@ -18,8 +18,8 @@ from types import FrameType
 from typing import Any
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-SAME_WISH_S = 1.0
-AGAIN_S = 0.1
+SAME_WISH_S = 1.0  #: A signal within this time after the previous signal, s, is part of the same request.
+AGAIN_S = 0.1  #: Delay after which a signal is repeated whose exception was lost, s.
 
 
 class _Wish:
@@ -45,8 +45,9 @@ def handle_signals() -> None:
 def ignore_signals() -> None:
     """Ignore signals permanently while Python itself exits, so that Python exits with the given code.
 
-    `python -m` ends by SIGINT whatever the exit code is, if the last text that was executed, for example that of a
-    dataclass, has raised KeyboardInterrupt, even if the exception was caught. Another text clears this state.
+    `python -m` ends by SIGINT, whatever the exit code is, if the source text that was executed last, as by `exec` or by
+    a dataclass, has raised KeyboardInterrupt, even if the exception was caught. Executing another text clears this
+    state.
     """
     for number in END_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
@@ -60,7 +61,7 @@ def hold() -> None:
 
 @contextmanager
 def stopping(stop: Callable[[], object] = lambda: None) -> Iterator[Callable[[], bool]]:
-    """Let the first signal within the block call `stop` and the next one interrupt.
+    """Let the first signal within the block call `stop`, and the next signal raise KeyboardInterrupt.
 
     Yield a function that returns whether a signal was received. A signal that was ignored after `hold` counts.
     """

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 T = TypeVar("T")
 STAMP_TOLERANCE_S = 0.01
 """Default of the largest stamp difference of a pair, s. The tolerance is also kept below half a period."""
-PERIODS = 15  #: The period of a stream is the median of its last gaps between stamps, this many at most.
+PERIODS = 15  #: Maximum number of gaps between the last stamps of a stream, whose median is the period of the stream.
 WAITING = 1000  #: Queue depth of each stream if all stamps are known in advance.
 
 
@@ -36,9 +36,9 @@ def match_stamps(left: Sequence[int], right: Sequence[int], tolerance_ns: int) -
 
 
 def nearest_stamps(stamps: NDArray[np.int64], among: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """Return the index of the nearest stamp in `among`, which is sorted and not empty, and the difference.
+    """Return for each stamp `(N,)` the index of the nearest stamp in `among`, and the absolute difference, ns.
 
-    Of two equally near stamps the earlier is used.
+    `among` is sorted and not empty. Of two equally near stamps the earlier is used.
     """
     after = np.minimum(np.searchsorted(among, stamps), len(among) - 1)
     before = np.maximum(after - 1, 0)

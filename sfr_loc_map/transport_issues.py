@@ -16,7 +16,7 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.message_types import COMPRESSED, IMAGE
 
-MUCH_LOST = 0.1  #: Fraction of lost messages above which the transport is not configured for them.
+MUCH_LOST = 0.1  #: Fraction of lost messages above which the transport is probably not configured for large messages.
 COMPARABLE_NS = 60 * NS_PER_S
 """Largest difference between comparable clocks, ns. A played recording, or a host whose clock is not set, exceeds this
 difference."""

@@ -1,6 +1,6 @@
 """The calls of a localiser or mapper: state, cost and statistics of each call of `process`.
 
-The record of a call has three forms (`CallRecord` lists the fields that only the first one has):
+The record of a call has three forms (`CallRecord` lists the fields that only the first form has):
 
     CallRecord (`call_record`)        one call; as JSON on the topic `<node>/call` (`encode_call`, `decode_call`)
     stats.csv (`call_files`)          one row for each call (`save_stats`, `load_call_stats`)

@@ -55,7 +55,7 @@ STEP_NAMES = (
 )
 SIGNED_NAMES = frozenset((*POSITION_NAMES, *COVARIANCE_NAMES, *STEP_NAMES))  #: Columns that may be negative.
 RESERVED_NAMES = frozenset((*CALL_NAMES, *COST_NAMES, MEMORY_METHOD, *METHOD_NAMES, FINDING)) | SIGNED_NAMES
-"""Columns that a statistic with the same name must not replace; its column is `statistics.NAME`."""
+"""Names of columns that are not those of statistics. A statistic with such a name has the column `statistics.NAME`."""
 STATES = (*TrackingState, *MappingState)
 MAX_NUMBER = 1e18  #: Limit of times, sizes and covariances in a file; its square is finite.
 
@@ -131,7 +131,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     calls = Calls(stamps_ns, times, states, peak, above_idle, stages, heap, stack, memory_method)
     covariance = table.matrix(COVARIANCE_NAMES) if table.has(COVARIANCE_NAMES) else None
     steps = table.matrix(STEP_NAMES) if table.has(STEP_NAMES[:WITHOUT_NOISE]) else None
-    if steps is not None and not table.has(STEP_NAMES[-1:]):  # of a version without the noise of a pose
+    if steps is not None and not table.has(STEP_NAMES[-1:]):  # written by a version without pose noise
         steps[:, WITHOUT_NOISE:] = 0.0
     findings = findings_of(table.texts(FINDING), stamps_ns.tolist())
     usage_columns = [*map(table.numbers, USAGE_NAMES)] if table.has(USAGE_NAMES[1:2]) else None
@@ -169,7 +169,7 @@ class _Table:
         return [row.get(name) or "" for row in self.rows]
 
     def states(self) -> list[str]:
-        """Return the states of the calls, which must be known ones or empty."""
+        """Return the states of the calls; InputError if a state is neither a known state nor empty."""
         states = self.texts("state")
         for number, state in enumerate(states, 2):
             if state and state not in STATES:

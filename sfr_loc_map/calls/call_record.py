@@ -38,7 +38,7 @@ class CallRecord:
     """One call of localiser or mapper; `encode_call` and `decode_call` convert it for `<node>/call`.
 
     The file of the calls of a run (`call_files`) and its columns (`call_stats`) have all fields but `pair_stamps_ns`,
-    `fused`, `times`, `counts`, `version` and `task`. The task of a row is that which has its state.
+    `fused`, `times`, `counts`, `version` and `task`. The task of a row follows from its state.
     """
 
     stamp_ns: Annotated[int, Meta(ge=0, le=2**63 - 1)]  #: Stamp of the pair; for a fused cloud, of its last pair.
@@ -87,7 +87,8 @@ def outcome_text(state: str, reason: str) -> str:
 def call_of_stages(stages: Sequence[CallRecord | CallUsage]) -> CallUsage:
     """Return the usage of a mapping call from its stages: each pair and the fusion.
 
-    Its time is the sum of their times, so that nothing between them counts: waiting for the next pair, or progress.
+    The time is the sum of the times of the stages. The time between stages does not count, such as the wait for the
+    next pair.
     """
     peak, above_idle = (
         max((value for value in values if value is not None), default=None)
@@ -145,7 +146,7 @@ def is_covariance_reported(covariance: FloatArray) -> NDArray[np.bool_]:
 
 
 def first_reported(published: FloatArray | None, of_calls: FloatArray | None) -> FloatArray | None:
-    """Return the reported covariances `(N, 21)` of poses: in each row the published one, or else that of the call.
+    """Return the reported covariances `(N, 21)` of poses: if published, that of the pose, otherwise that of the call.
 
     Rows in which neither is reported are NaN. None if no covariance is reported.
     """

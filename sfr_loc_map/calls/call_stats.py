@@ -120,10 +120,10 @@ def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: Fl
 
 
 def with_stamps_of_poses(stats: CallStats, stamps_ns: IntArray) -> CallStats:
-    """Return calls of a localiser, in which the call of each pose takes the stamp of the pose, from `stamps_ns` `(N,)`.
+    """Return calls of a localiser, in which the call of each pose has the stamp of the pose, from `stamps_ns` `(N,)`.
 
-    The call of a pose is the nearest one, within the tolerance for stamps of one image (`nearness_ns`) of both the
-    poses and the calls. A call that has the stamp of a pose is not that of another pose.
+    The call of a pose is the nearest call within the tolerance for stamps of one image (`nearness_ns`), which is the
+    smaller of the tolerances for poses and for calls. A call with the stamp of a pose does not belong to another pose.
     """
     called_ns, own_ns = np.unique(stats.localised_ns), np.unique(stamps_ns)
     if not len(called_ns) or not len(own_ns):
@@ -157,7 +157,7 @@ def _steps_between(stamps_ns: IntArray, stats: CallStats, rows: NDArray[np.intp]
     has_step = stats.calls.is_localisation & np.isfinite(stats.steps).all(axis=1)
     stepped_ns = np.unique(stats.calls.stamps_ns[has_step])
     own_ns = np.unique(stamps_ns)
-    # A pose is missing if more steps end in (own_ns[i], own_ns[i + 1]] than that of the pose at own_ns[i + 1].
+    # A pose is missing if a step ends between own_ns[i] and own_ns[i + 1], besides the step of the pose at the end.
     steps_until = np.searchsorted(stepped_ns, own_ns, "right")
     has_gap = np.diff(steps_until) > np.isin(own_ns[1:], stepped_ns)
     steps[np.isin(stamps_ns, own_ns[1:][has_gap])] = np.nan

@@ -1,11 +1,11 @@
-"""Runs of a localiser or mapper over a complete source, ours or one under test: what a run results in, and its files.
+"""Runs of our localiser or mapper, or of a method under test, over a complete source: results and files of a run.
 
     run                               result                                     files
     ───                               ──────                                     ─────
     localiser_run.run_localiser       DriveRun: PoseEstimate, CallRecord a pair  estimate.csv, stats.csv, video
     mapper_run.run_mapper             MapRun: PairMap a pair, FusedMap, calls    cloud, elevation models, stats.csv
 
-Both take the configuration of our localiser or mapper, or a method under test (`under_test`). `drive_start` has the
+Both take the configuration of our localiser or mapper, or a method under test (`under_test`). `drive_start` returns the
 pose at which a drive starts. `calls.call_files` writes stats.csv. `map_files` and `track_video` write the other files.
 """
 

@@ -20,7 +20,8 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
     """Return the pose at which a drive starts, with its stamp.
 
     `identity`: RB is DS at the first pair. `truth`: the true pose at the first pair, interpolated if necessary. If the
-    truth has a gap there, or if the pairs before `from_ns` are omitted, the next true pose is used, or the last one.
+    truth has a gap there, or if the pairs before `from_ns` are omitted, the next true pose is used; without a next true
+    pose, the last one is used.
     """
     if start == "identity":
         return StartPose(Transform.identity())

@@ -87,10 +87,10 @@ def judge_pixels(
 ) -> StatusImage:
     """Return the status of each pixel: measured, or the reason why its disparity is invalid.
 
-    `left_variance` is the `filters.local_variance` of the left image, in which residuals are judged.
+    `left_variance` is the local variance of the left image (`filters.local_variance`), for the test of the residuals.
 
     The tests before the wrong-surface test are a separate function, because the network of the wrong-surface test is
-    trained with the pixels that pass them.
+    trained with the pixels that pass the earlier tests.
     """
     disparity_px = refined.disparity_px
     status = status_before_wrong_surface(left, left_variance, right, initial_px, refined)
