@@ -38,6 +38,14 @@ app = command_group("Suites of many sources, configurations and faults. An inter
 
 JunitOption = Annotated[Path | None, Option(metavar="F.xml", help="Write verdicts and failures as JUnit XML.")]
 MlflowOption = Annotated[str | None, Option(metavar="URI", help="Log the suite as an MLflow run (extra mlflow).")]
+OutOption = Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing folder is continued.")]
+WorkersOption = Annotated[
+    int | None,
+    Option(min=1, metavar="N", help="Parallel jobs; default: the number of cores over the threads of a job."),
+]
+SchedulerOption = Annotated[
+    str | None, Option(metavar="ADDR", help="Running Dask scheduler, for example tcp://host:8786.")
+]
 FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite, made by sfr suite run.")]
 
 
@@ -51,14 +59,9 @@ FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite
 def run(
     context: Context,
     suite: Annotated[Path, Argument(metavar="SUITE.yaml", help="File with sources, faults, configurations, tasks.")],
-    out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing folder is continued.")],
-    workers: Annotated[
-        int | None,
-        Option(min=1, metavar="N", help="Parallel jobs; default: the number of cores over the threads of a job."),
-    ] = None,
-    scheduler: Annotated[
-        str | None, Option(metavar="ADDR", help="Running Dask scheduler, for example tcp://host:8786.")
-    ] = None,
+    out: OutOption,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     dry_run: Annotated[
         bool, Option("--dry-run", help="List the jobs without running them. Remote sources are fetched.")
     ] = False,
@@ -137,6 +140,7 @@ def _progress() -> Iterator[Progress]:
 
 
 def _refuse_both(context: Context) -> None:
+    """Raise ConfigError if `--workers` is given with `--scheduler`."""
     if context.params["scheduler"] is not None:
         reason = "has no effect with --scheduler, because a running scheduler has its own workers: give one of them"
         refuse_given(context, ("workers",), reason)
@@ -146,14 +150,9 @@ def _refuse_both(context: Context) -> None:
 def search(
     context: Context,
     search: Annotated[Path, Argument(metavar="SEARCH.yaml", help="File with scenario, ranges, figure and limit.")],
-    out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing folder is continued.")],
-    workers: Annotated[
-        int | None,
-        Option(min=1, metavar="N", help="Parallel jobs; default: the number of cores over the threads of a job."),
-    ] = None,
-    scheduler: Annotated[
-        str | None, Option(metavar="ADDR", help="Running Dask scheduler, for example tcp://host:8786.")
-    ] = None,
+    out: OutOption,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     at_random: Annotated[bool, Option("--random", help="Draw the points uniformly, for comparison.")] = False,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,21 +26,13 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
     from sfr_loc_map.metrics.stored.score_json import to_dict
     from sfr_loc_map.report.page import write_page
     from sfr_loc_map.report.score_tables import summary_tables
-    from sfr_loc_map.report.summary import banner_of, look_first, run_facts
 
     tables = summary_tables(score)
     if not tables and json_path != STANDARD_OUTPUT:
         raise ConfigError("nothing was scored: give an estimate and its truth")
     show(to_dict(score), json_path, tables)
     if json_path != STANDARD_OUTPUT:
-        if score.is_judged and score.contradiction is None:  # a contradiction is raised as the error of the command
-            facts, banner, made = dict(run_facts(score)), banner_of(score), score.provenance
-            limits = None if made is None else made.inputs.get("limits")
-            by = "" if limits is None else f"; by {limits.path}"
-            say(f"judged: {'; '.join(facts[name] for name in ('Drive', 'Map') if name in facts)}{by}")
-            say(f"verdict: {banner.state}. {banner.text}")
-        for item in look_first(score)[:1]:
-            say(f"look at this first: {item.what}. {item.why}")
+        _say_verdict(score)
     if html is not None:
         with secondary_output():
             write_page(score, html)
@@ -49,6 +41,22 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
     for warning in score.warnings:
         if warning != score.contradiction:  # raised as the error of the command
             warn(warning)
+
+
+def _say_verdict(score: Score) -> None:
+    """Print what was judged, the verdict, and the first item to look at."""
+    from sfr_loc_map.report.summary import banner_of, look_first, run_facts
+
+    if score.is_judged and score.contradiction is None:  # a contradiction is raised as the error of the command
+        facts = dict(run_facts(score))
+        judged = "; ".join(facts[name] for name in ("Drive", "Map") if name in facts)
+        limits = None if score.provenance is None else score.provenance.inputs.get("limits")
+        by = "" if limits is None else f"; by {limits.path}"
+        say(f"judged: {judged}{by}")
+        banner = banner_of(score)
+        say(f"verdict: {banner.state}. {banner.text}")
+    for item in look_first(score)[:1]:
+        say(f"look at this first: {item.what}. {item.why}")
 
 
 def write_junit(scores: Sequence[Score], path: Path) -> None:
@@ -65,27 +73,35 @@ def write_junit(scores: Sequence[Score], path: Path) -> None:
 
 
 def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> None:
-    """Raise the error that corresponds to a score, which has been written.
+    """Raise the error that corresponds to a score, which has been written; `asked` are the requested conditions.
 
-    A failure of the method comes first. If the conventions of estimate and truth contradict each other, no limit is
-    judged, and the error states the contradiction, even after a failure of the method. Otherwise missed limits take
-    precedence over limits that could not be judged.
+    Missed limits and failures of the method take precedence over limits that could not be judged. A contradiction of
+    the conventions of estimate and truth is stated after a failure of the method.
     """
-    from sfr_loc_map.metrics.judging.reasons import names_of_incomplete_parts, reasons_not_judged
-    from sfr_loc_map.report.verdict_view import VerdictView
+    from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
 
     if score.missed:
-        views = [VerdictView.of(item) for item in score.on_limits if item.state is VerdictState.FAIL]
-        missed = [f"{view.name}: {view.comparison}" for view in views]
-        kinds = ", ".join(item.kind for item in score.fatal_findings)
-        reasons = [f"the method failed: {kinds}"] if kinds else []
-        reasons += [] if score.contradiction is None else [f"not judged: {score.contradiction}"]
-        reasons += [] if score.incomplete is None else [f"incomplete data ({names_of_incomplete_parts(score)})"]
-        reasons += [f"{len(missed)} of {len(score.on_limits)} limits missed: {'; '.join(missed)}"] if missed else []
-        raise FailedVerdictError("; ".join(reasons))
+        raise FailedVerdictError("; ".join(_failures_of(score)))
     # a score that passes has no limit on the unjudged items, such as a requested condition that was never met
     is_pass = score.verdict is VerdictState.PASS
     not_judged(reasons_not_judged(score, asked), lenient=lenient or is_pass)
+
+
+def _failures_of(score: Score) -> Iterator[str]:
+    """Yield why a score fails: failures of the method, the contradiction, incomplete data, and missed limits."""
+    from sfr_loc_map.metrics.judging.reasons import names_of_incomplete_parts
+    from sfr_loc_map.report.verdict_view import VerdictView
+
+    if score.fatal_findings:
+        yield f"the method failed: {', '.join(item.kind for item in score.fatal_findings)}"
+    if score.contradiction is not None:
+        yield f"not judged: {score.contradiction}"
+    if score.incomplete is not None:
+        yield f"incomplete data ({names_of_incomplete_parts(score)})"
+    views = [VerdictView.of(item) for item in score.on_limits if item.state is VerdictState.FAIL]
+    if views:
+        missed = "; ".join(f"{view.name}: {view.comparison}" for view in views)
+        yield f"{len(views)} of {len(score.on_limits)} limits missed: {missed}"
 
 
 def conclude_all(scores: Sequence[Score], *, requires_common_verdict: bool, lenient: bool) -> None:
