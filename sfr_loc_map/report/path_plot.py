@@ -92,6 +92,6 @@ def path_plot(curves: Sequence[Curve]) -> Plot:
 
 def save_path_html(curves: Sequence[Curve], path: Path) -> None:
     """Write the plot as a page that requires no network; raise OutputError if the file cannot be written."""
-    figure = to_figure(path_plot(curves)).to_html(full_html=False, include_plotlyjs=True)
+    figure = to_figure(path_plot(curves)).to_html(full_html=False, include_plotlyjs=True, div_id="paths")
     head = '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Trajectories</title></head>'
     write_text(f"{head}<body>{figure}</body></html>\n", path)

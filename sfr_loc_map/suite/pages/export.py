@@ -49,10 +49,8 @@ def write_parquet(summary: Summary, path: Path) -> None:
     except ImportError:
         return
 
-    names = {
-        **dict.fromkeys(("key", "label", "task", "source", "configuration", "faults"), "string"),
-        "repeat": "int64",
-    }
+    names = dict.fromkeys(("key", "label", "task", "source", "configuration", "faults", "variant"), "string")
+    names |= dict.fromkeys(("seed", "repeat"), "int64")
     words = dict.fromkeys(("clause", "subject", "condition", "part", "figure", "unit"), "string")
     numbers = {name: "int64" if name == "n" else "float64" for name in COLUMNS if name not in words}
     rows = [result.names() | row.as_dict() for result in summary.results for row in result.score.figures]

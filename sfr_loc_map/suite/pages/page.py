@@ -99,8 +99,8 @@ def render_history(history: History) -> str:
     text = "; ".join(worse) or "No figure is certainly worse than before."
     plots, caption = [], "Geometric mean over the drives; arithmetic mean for counts."
     for number, (figure, values) in enumerate(history.figures.items()):
-        trace = marks("all drives", _columns([*enumerate(values, 1)]), "@one")
-        layout = {"xaxis": axis("night", dtick=None), "yaxis": axis(figure)}
+        trace = marks("all drives", _columns(list(enumerate(values, 1))), "@one")
+        layout = {"xaxis": axis("night"), "yaxis": axis(figure)}
         plots.append(Plot(f"history-{number}", figure, caption, [trace], layout))
     banner = Banner.without_verdict(heading, text)
     return render_overview("History of suites", banner, history_tables(history), [("Figures", plots)])

@@ -57,6 +57,7 @@ def test_parquet_has_the_same_columns_with_and_without_results(summary: Summary,
     assert full.schema.equals(empty.schema)
     rows, score = full.to_pylist(), summary.results[0].score
     assert len(rows) == 2 * len(score.figures)
+    assert set(summary.results[0].names()) <= set(full.schema.names)
     first = next(row for row in rows if row["figure"] == "position")
     assert first["mean_plus_3sigma"] == score.number("position", "mean_plus_3sigma")
     assert (first["label"], first["condition"], first["part"]) == ("localise first, default", "distance=1", "pose")
