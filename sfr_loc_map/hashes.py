@@ -25,12 +25,17 @@ def hash_path(path: Path) -> str:
         if not path.is_dir():
             raise InputError(f"{missing(path)}; give a file or folder")
         digest = hashlib.sha256()
-        for file in visible_files(path):
-            if file.is_file():
-                digest.update(f"{file.relative_to(path).as_posix()}\0{hash_path(file)}\n".encode())
+        for file in hashed_files(path):
+            digest.update(f"{file.relative_to(path).as_posix()}\0{hash_path(file)}\n".encode())
         return digest.hexdigest()
     except OSError as error:
         raise InputError(f"cannot hash '{error.filename}': {error.strerror}; check the permissions") from error
+
+
+def hashed_files(path: Path) -> list[Path]:
+    """Return the files that `hash_path` reads: the given file, or those in the given folder; empty if it is missing."""
+    files = visible_files(path) if path.is_dir() else [path]
+    return [file for file in files if file.is_file()]
 
 
 def is_ignored(path: Path) -> bool:

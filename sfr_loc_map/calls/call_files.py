@@ -14,7 +14,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -133,11 +133,17 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     steps = table.matrix(STEP_NAMES) if table.has(STEP_NAMES[:WITHOUT_NOISE]) else None
     if steps is not None and not table.has(STEP_NAMES[-1:]):  # written by a version without pose noise
         steps[:, WITHOUT_NOISE:] = 0.0
-    findings = findings_of(table.texts(FINDING), stamps_ns.tolist())
     usage_columns = [*map(table.numbers, USAGE_NAMES)] if table.has(USAGE_NAMES[1:2]) else None
-    stats = CallStats.of_columns(calls, covariance, steps, findings, usage_columns)
-    positions = table.matrix(POSITION_NAMES) if table.has(POSITION_NAMES) else None
-    return replace(stats, method=table.method(), positions=positions, has_stamps=has_stamps)
+    return CallStats.of_columns(
+        calls,
+        covariance,
+        steps,
+        findings_of(table.texts(FINDING), stamps_ns.tolist()),
+        usage_columns,
+        method=table.method(),
+        positions=table.matrix(POSITION_NAMES) if table.has(POSITION_NAMES) else None,
+        has_stamps=has_stamps,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,14 +34,14 @@ class CallStats:
     """Calls as columns, as in the CSV file."""
 
     calls: Calls
-    covariance: FloatArray | None  # `(N, 21)` upper triangles, NaN if unknown; None if all are unknown
-    steps: FloatArray | None  # `(N, 48)` steps between the poses; NaN and None as above
-    method: MethodRecord | None = None  # None if unknown
-    findings: tuple[FindingRecord, ...] = ()  # errors of the method, one record for each kind
-    processes: ProcessUsage | None = None  # usage of the method's processes; None if not measured
-    positions: FloatArray | None = None  # `(N, 3)` estimated positions of the calls, NaN without estimate
-    has_stamps: bool = True  # whether the calls have stamps; otherwise they are numbered
-    is_stated: bool = False  # whether a node stated times and memory in messages; otherwise they were measured
+    covariance: FloatArray | None  #: `(N, 21)` upper triangles, NaN if unknown; None if all are unknown.
+    steps: FloatArray | None  #: `(N, 48)` steps between the poses (`CallRecord.step`); NaN and None as above.
+    method: MethodRecord | None = None  #: None if unknown.
+    findings: tuple[FindingRecord, ...] = ()  #: Errors of the method, one record for each kind.
+    processes: ProcessUsage | None = None  #: Usage of the method's processes; None if not measured.
+    positions: FloatArray | None = None  #: `(N, 3)` estimated positions of the calls, m, NaN without estimate.
+    has_stamps: bool = True  #: Whether the calls have stamps; otherwise they are numbered.
+    is_stated: bool = False  #: Whether a node stated times and memory in messages; otherwise they were measured.
 
     @classmethod
     def of_columns(
@@ -52,11 +52,15 @@ class CallStats:
         findings: tuple[FindingRecord, ...],
         usage_columns: Sequence[FloatArray] | None,
         *,
+        method: MethodRecord | None = None,
+        positions: FloatArray | None = None,
+        has_stamps: bool = True,
         is_stated: bool = False,
     ) -> CallStats:
-        """Return the calls of records, of a file or of messages, which have no method, positions or missing stamps.
+        """Return the calls of records, of a file or of messages.
 
-        A processing time of 0 is unknown. `usage_columns` are those of USAGE_NAMES, None if they are missing.
+        A processing time of 0 is unknown. `usage_columns` are those of USAGE_NAMES, None if they are missing. The other
+        arguments are the fields of the same name.
         """
         calls = replace(calls, seconds=known_times(calls.seconds))
         processes = None if usage_columns is None else processes_of(usage_columns, calls)
@@ -64,8 +68,17 @@ class CallStats:
             is_measured = np.isfinite(calls.peak_bytes).any()
             calls = replace(calls, memory_method=STATED_CLOCK if is_measured else None)
             processes = None if processes is None else struct_replace(processes, method=STATED_CLOCK)
-        columns = known_or_none(covariance), known_or_none(steps)
-        return cls(calls, *columns, findings=findings, processes=processes, is_stated=is_stated)
+        return cls(
+            calls,
+            known_or_none(covariance),
+            known_or_none(steps),
+            method,
+            findings,
+            processes,
+            positions,
+            has_stamps=has_stamps,
+            is_stated=is_stated,
+        )
 
     @property
     def localised_ns(self) -> IntArray:
@@ -207,9 +220,16 @@ def stats_of(
     if estimate is not None and len(estimate):
         given = positions_of(estimate)
         positions = np.array([given.get(record.stamp_ns, [np.nan] * 3) for record in records])
-    columns = rows(covariances, len(UPPER[0])), rows(steps, STEP_SIZE)
-    stats = CallStats.of_columns(calls, *columns, findings, usage_columns, is_stated=is_stated)
-    return replace(stats, method=method, positions=positions)
+    return CallStats.of_columns(
+        calls,
+        rows(covariances, len(UPPER[0])),
+        rows(steps, STEP_SIZE),
+        findings,
+        usage_columns,
+        method=method,
+        positions=positions,
+        is_stated=is_stated,
+    )
 
 
 def known_or_none(values: FloatArray | None) -> FloatArray | None:

@@ -26,7 +26,8 @@ def with_converted_poses(
 ) -> ReplayResult:
     """Return a result with the poses of an external localiser converted to RB in DS, as are their calls.
 
-    Each pose requires a call. A result without an external localiser is returned unchanged.
+    Each pose requires a call, and a call may have no pose. A result without an external localiser is returned
+    unchanged.
     """
     published = result.estimate
     run, loc = result.external, source.loc
@@ -35,8 +36,8 @@ def with_converted_poses(
     calls = {call.stamp_ns: call for call in result.records if call.task is Task.LOCALISATION}
     estimates = estimates_of(published, stats_of([*calls.values()]))
     estimates, convention = _converted(estimates, loc, config, correction)
-    stamps_ns = published.stamps_ns.tolist()
-    records = [_call_of(estimates, row, calls[stamp_ns]) for row, stamp_ns in enumerate(stamps_ns)]
+    rows = {stamp_ns: row for row, stamp_ns in enumerate(published.stamps_ns.tolist())}
+    records = [_converted_call(call, estimates, rows.get(call.stamp_ns)) for call in calls.values()]
     records += [call for call in result.records if call.task is Task.MAPPING]
     external = replace(run, as_published=published, convention=convention)
     return replace(result, estimate=estimates.trajectory, records=records, external=external)
@@ -60,8 +61,13 @@ def _converted(
     return converted, ConventionRecord(declared=declared.settings)
 
 
-def _call_of(estimates: Estimates, row: int, call: CallRecord) -> CallRecord:
-    """Return the call of a converted pose with the converted covariance and without its step."""
+def _converted_call(call: CallRecord, estimates: Estimates, row: int | None) -> CallRecord:
+    """Return a call with the converted covariance of its pose, which is in a row of the estimates; None without pose.
+
+    The step of the call is removed, because it is not converted.
+    """
+    if row is None:
+        return replace(call, covariance=None, step=None)
     state = TrackingState.LOST.value if estimates.lost[row] else call.state
     return replace(call, state=state, covariance=_full_covariance(estimates, row), step=None)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.frames.association import nearness_ns
 from sfr_loc_map.metrics.table.records import MethodRecord
@@ -18,31 +19,39 @@ SAME_POSITION_M = 0.002  #: Tolerance for positions that were rounded to 1 mm tw
 
 
 def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> None:
-    """Raise InputError if calls with positions have other or missing positions than the estimates that belong to them.
+    """Raise InputError if calls with positions have other or missing positions than the estimates that they gave.
 
-    A call belongs to the nearest estimate, as a call belongs to the nearest image in the count of missing calls.
+    An estimate was given by its nearest call, within the tolerance for stamps of one image. Further calls may have no
+    estimate. The completeness of the calls counts them as duplicates if they are of the same image.
     """
     stamps_ns, rows = np.unique(trajectory.stamps_ns, return_index=True)
     for item in stats:
         if item.positions is None or not len(stamps_ns):
             continue
-        place, apart_ns = nearest_stamps(item.calls.stamps_ns, stamps_ns)
-        is_given = apart_ns <= nearness_ns(stamps_ns)
-        localised = item.positions[is_given & item.calls.is_localisation]
-        without = int(np.count_nonzero(~np.isfinite(localised).all(axis=1)))
-        if without:
-            raise InputError(
-                f"the calls (--stats) have no position at {without} of {len(localised)} stamps of the estimate: give "
-                "the statistics of the run, unchanged"
-            )
-        apart_m = np.abs(trajectory.positions[rows[place]] - item.positions).max(axis=1)[is_given]
-        is_other = apart_m > SAME_POSITION_M
-        if is_other.any():
-            raise InputError(
-                f"the calls (--stats) belong to another estimate: at {np.count_nonzero(is_other)} of {len(is_other)} "
-                f"stamps their position differs by up to {apart_m[is_other].max():.3g} m: give the calls of the run "
-                "that produced the estimate"
-            )
+        called_ns, positions = item.localised_ns, item.positions[item.calls.is_localisation]
+        place, apart_ns = nearest_stamps(called_ns, stamps_ns)
+        smallest_ns = np.full(len(stamps_ns), np.iinfo(np.int64).max)
+        np.minimum.at(smallest_ns, place, apart_ns)
+        gave_estimate = (apart_ns <= nearness_ns(stamps_ns)) & (apart_ns == smallest_ns[place])
+        _check_positions(trajectory.positions[rows[place[gave_estimate]]], positions[gave_estimate])
+
+
+def _check_positions(of_estimates: FloatArray, of_calls: FloatArray) -> None:
+    """Raise InputError if positions `(N, 3)` of calls are missing, or differ from those of the estimates."""
+    without = int(np.count_nonzero(~np.isfinite(of_calls).all(axis=1)))
+    if without:
+        raise InputError(
+            f"the calls (--stats) have no position at {without} of {len(of_calls)} stamps of the estimate: give the "
+            "statistics of the run, unchanged"
+        )
+    apart_m = np.abs(of_estimates - of_calls).max(axis=1, initial=0.0)
+    is_other = apart_m > SAME_POSITION_M
+    if is_other.any():
+        raise InputError(
+            f"the calls (--stats) belong to another estimate: at {np.count_nonzero(is_other)} of {len(is_other)} "
+            f"stamps their position differs by up to {apart_m.max():.3g} m: give the calls of the run that produced "
+            "the estimate"
+        )
 
 
 def check_one_method(stats: Sequence[CallStats], target: CallStats | None) -> None:

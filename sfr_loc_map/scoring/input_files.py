@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.hashes import hash_path, visible_files
+from sfr_loc_map.hashes import hash_path, hashed_files
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.source_config import SourceConfig
 
@@ -68,10 +68,9 @@ def _states_of(path: Path) -> tuple[FileState, ...]:
     """Return the state of a file, or of each file that the hash of a folder contains."""
     found: list[FileState] = []
     with suppress(OSError):  # reported when the file is read or hashed
-        for file in visible_files(path) if path.is_dir() else [path]:
-            if file.is_file():
-                state = file.stat()
-                found.append(FileState(str(file), state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns))
+        for file in hashed_files(path):
+            state = file.stat()
+            found.append(FileState(str(file), state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns))
     return tuple(found)
 
 

@@ -229,6 +229,24 @@ def of_external(
     return with_converted_poses(ReplayResult(estimate, ReplayedMap(), calls, run), source, config, Correction())
 
 
+def test_calls_of_an_external_localiser_without_a_pose_are_kept(tmp_path: Path) -> None:
+    """The node reports a call for each pair, and publishes a pose for every third pair."""
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
+    truth, config = source.loc.ground_truth, score_config(["frames=2"], {"trajectory.partial": True})
+    calls = [CallRecord(stamp_ns, 0.1, "tracking", covariance=np.eye(6)) for stamp_ns in truth.stamps_ns.tolist()]
+    full = of_external(source, calls, AnswerCounts(pairs=12, answered=4), config)
+    published = replace(full, estimate=full.estimate[::3], records=calls)
+    result = with_converted_poses(published, source, config, Correction())
+    assert [call.covariance is None for call in sorted(result.records, key=lambda call: call.stamp_ns)] == [
+        number % 3 > 0 for number in range(12)
+    ]
+    files = ReplayFiles(tmp_path)
+    save_replay(result, files, method_of(result, {}))
+    scored = score_files(replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,)), config)
+    assert len(load_call_stats(files.stats).localised_ns) == 12
+    assert scored.association.matched == 4
+
+
 @pytest.mark.parametrize("state", [None, "", "tracking"])
 def test_the_states_of_an_external_node_that_reports_none_are_unknown(tmp_path: Path, state: str | None) -> None:
     source = open_source(write_folder(tmp_path / "source", 12, 0))
