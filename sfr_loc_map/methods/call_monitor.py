@@ -98,14 +98,6 @@ class ProcessMemory:
 
 
 @dataclass(frozen=True, slots=True)
-class CallEnd:
-    """The time at which a call ended, and the processor time of all processes at that time, s."""
-
-    clock_s: float  #: By the monotonic clock.
-    cpu_s: float
-
-
-@dataclass(frozen=True, slots=True)
 class Measurement:
     """Resource use of one call."""
 
@@ -117,7 +109,8 @@ class Measurement:
     #: Time in which the calling process or the method waited for a processor during the call. The larger of both times
     #: counts, because the processes may wait at the same time.
     waited_s: float
-    end: CallEnd
+    end_s: float  #: End of the call by the monotonic clock.
+    total_cpu_s: float  #: Processor time of all processes until the end of the call.
 
     @property
     def figures(self) -> dict[str, float]:
@@ -148,21 +141,21 @@ class CallMonitor:
         memory.tree.usage()
         self._warm_cpu_s = memory.tree.cpu_s()  # processor time of the warm-up
 
-    def begin_call(self, previous: CallEnd | None) -> RunningCall:
+    def begin_call(self, previous: Measurement | None) -> RunningCall:
         """Begin a call before its images are shared, because the method could already work on them.
 
-        `previous` is the end of the previous call, None at the first call.
+        `previous` is that of the previous call, None at the first call.
         """
         begin = self.memory.tree.usage()
         reset_peak(self.pid)
-        before_cpu_s = self._warm_cpu_s if previous is None else previous.cpu_s
+        before_cpu_s = self._warm_cpu_s if previous is None else previous.total_cpu_s
         between_s = max(self.memory.tree.cpu_s() - before_cpu_s, 0.0)
         charged_s = self._charged_s(between_s, previous)
         waits_s = waits_for_processor_s(self.pid)
         self.clock.begin()
         return RunningCall(self, begin, between_s, charged_s, waits_s)
 
-    def _charged_s(self, between_s: float, previous: CallEnd | None) -> float:
+    def _charged_s(self, between_s: float, previous: Measurement | None) -> float:
         """Return the time that the method worked since the last call, s.
 
         This time is at most the processor time of all processes, and at most the time that passed. Before the first
@@ -170,7 +163,7 @@ class CallMonitor:
         """
         if previous is None or self._keeps_rate or between_s <= BETWEEN_S:
             return 0.0
-        return min(between_s, time.monotonic() - previous.clock_s)
+        return min(between_s, time.monotonic() - previous.end_s)
 
 
 @dataclass(slots=True, eq=False)
@@ -197,7 +190,8 @@ class RunningCall:
         """
         answer_s = self.monitor.clock.end()
         waited_s = float(np.max(waits_for_processor_s(self.monitor.pid) - self.waits_s, initial=0.0))
-        end = CallEnd(time.monotonic(), self.monitor.memory.tree.cpu_s())
+        end_s = time.monotonic()
+        total_cpu_s = self.monitor.memory.tree.cpu_s()
         now = self.check_memory()
         # the peak covers only the method itself; the sampled sum includes its child processes
         peak = peak_of(self.monitor.pid)
@@ -206,8 +200,16 @@ class RunningCall:
             self.monitor.memory.check(peak, "had")
         idle_bytes = self.monitor.idle_bytes
         above_idle = None if peak is None or idle_bytes is None else max(peak - idle_bytes, 0)
-        usage = CallUsage(answer_s + self.charged_s, peak, above_idle)
-        return Measurement(answer_s, usage, now, now.cpu_s - self.begin.cpu_s, self.between_s, waited_s, end)
+        return Measurement(
+            answer_s=answer_s,
+            usage=CallUsage(answer_s + self.charged_s, peak, above_idle),
+            tree=now,
+            cpu_s=now.cpu_s - self.begin.cpu_s,
+            cpu_between_s=self.between_s,
+            waited_s=waited_s,
+            end_s=end_s,
+            total_cpu_s=total_cpu_s,
+        )
 
 
 class CallFindings:

@@ -69,6 +69,7 @@ class IsolatedLocaliser(IsolatedMethod):
             hidden=hidden,
         )
         super().__init__(settings, T_ds_rb)
+        self._last_pose = T_ds_rb
         self._rate_scale = rate_scale
         self._first_ns: int | None = None  # stamp of the first pair
 
@@ -80,7 +81,7 @@ class IsolatedLocaliser(IsolatedMethod):
         self._first_ns = pair.stamp_ns if self._first_ns is None else self._first_ns
         since_start_s = (pair.stamp_ns - self._first_ns) / NS_PER_S / self._rate_scale
         ordered = OrderedPair(stamp_ns=pair.stamp_ns, index=0, T_lm_navsb=None)
-        call, result = self.call(_read, "pair", [pair], [ordered], since_start_s=since_start_s)
+        call, result = self.call(_read, "pair", [pair], [ordered], T_ds_rb=self._last_pose, since_start_s=since_start_s)
         if result is None:
             return self._lost(pair, call)
         call = replace(call, reason=result.reason)

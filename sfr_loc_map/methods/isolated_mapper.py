@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import FloatImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.checks import check_index
+from sfr_loc_map.mapping.checks import check_index, check_pair_count
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.maps import FusedMap, PairMap
 from sfr_loc_map.mapping.reprojection import points_from_disparity
@@ -54,15 +55,15 @@ class IsolatedMapper(IsolatedMethod):
             hidden=hidden,
         )
         super().__init__(settings, Transform.identity())
-        process = self._running_process()
-        self.maps_sets: bool = process.maps_sets  # all pairs of a map in a single call
-        self.fuses: bool = process.fuses  # the maps of single pairs in a separate call
+        self._map: MapOfPairs | None = None  # the map that has begun and not ended
 
     def map_set(self, pairs: Sequence[PosedStereoPair]) -> tuple[list[PairMap], FusedMap, MethodCall]:
         """Map one to three pairs in one call.
 
-        Return the part of the cloud of each pair, the cloud, and the record of the call.
+        Return the part of the cloud of each pair, the cloud, and the record of the call. MappingError for another
+        number of pairs.
         """
+        check_pair_count(len(pairs))
         rig = self.rig
         stamps_ns = tuple(item.pair.stamp_ns for item in pairs)
         T_lm_left = tuple(item.T_lm_navsb @ rig.T_sb_left for item in pairs)
@@ -82,11 +83,21 @@ class IsolatedMapper(IsolatedMethod):
 
     def begin_map(self) -> MapOfPairs:
         """Begin a map of pairs that are mapped one by one; the previous map ends."""
-        return MapOfPairs(self)
+        self._map = MapOfPairs(self)
+        return self._map
+
+    def check_current(self, map_of_pairs: MapOfPairs) -> None:
+        """Raise MappingError if a map has ended, because the method then has no results of its pairs."""
+        if map_of_pairs is not self._map:
+            raise MappingError("the map has ended, because it was fused or another map was begun: begin a new map")
+
+    def end_map(self) -> None:
+        """End the current map."""
+        self._map = None
 
 
 class MapOfPairs:
-    """A map of one to three pairs that a mapper maps one by one, and may then fuse."""
+    """A map of one to three pairs that a mapper maps one by one, and may then fuse, which ends the map."""
 
     def __init__(self, mapper: IsolatedMapper) -> None:
         self._mapper = mapper
@@ -97,8 +108,9 @@ class MapOfPairs:
     def map_pair(self, pair: StereoPair, T_lm_navsb: Transform) -> tuple[PairMap, MethodCall]:
         """Map the next pair. Return its points, which are empty if the result is invalid, and the record of the call.
 
-        MappingError after `MAX_PAIRS` pairs.
+        MappingError after `MAX_PAIRS` pairs, or if the map has ended.
         """
+        self._mapper.check_current(self)
         index = len(self._maps)
         check_index(index)
         rig, maps_sets = self._mapper.rig, self._mapper.maps_sets
@@ -136,8 +148,11 @@ class MapOfPairs:
         """Return one cloud of all pairs, and the record of the call.
 
         The clouds of the pairs are concatenated without a call if the method does not fuse, or if the result of a pair
-        is invalid.
+        is invalid. MappingError if the map has no pair, or has ended.
         """
+        self._mapper.check_current(self)
+        check_pair_count(len(self._maps))
+        self._mapper.end_map()
         call: MethodCall | None = None
         cloud = PointCloud.concatenate([item.cloud for item in self._maps])
         warnings: Warnings = ()

@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager
 from types import MappingProxyType
 from typing import Self, TypeVar
 
+from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.methods.child.loop import Answer, Order, OrderedPair
@@ -15,6 +16,7 @@ from sfr_loc_map.methods.method_process import MethodProcess, ProcessSettings
 from sfr_loc_map.metrics.table.records import FindingKind, MethodRecord
 
 T = TypeVar("T")
+IDENTITY = Transform.identity()
 
 
 class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
@@ -25,10 +27,11 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         self._settings = settings
         self.rig = settings.rig
         self._starts_left = 1 + settings.limits.restarts
-        self._last_pose = T_ds_rb
         self._orders = 0  # number of orders so far
         self._process: MethodProcess | None = None
-        process = self._running_process()
+        process = self._running_process(T_ds_rb)
+        self.fuses = process.fuses  # whether a separate call fuses the maps of single pairs
+        self.maps_sets = process.maps_sets  # whether one call maps all pairs of a map
         self.record: MethodRecord = settings.method.record(process.version, process.isolation)
         self.idle_bytes: int | None = process.idle_bytes  # resident memory after warm-up, None if unknown
 
@@ -50,13 +53,13 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
             self._process.close()
             self._process = None
 
-    def _running_process(self) -> MethodProcess:
-        """Return the process, which is started if there is none; after a loss, it starts at the last known pose."""
+    def _running_process(self, T_ds_rb: Transform) -> MethodProcess:
+        """Return the process, which is started at a pose if there is none."""
         if self._process is None:
             if not self._starts_left:
                 raise NotStartedAgainError
             self._starts_left -= 1
-            self._process = MethodProcess(self._settings, self._last_pose)
+            self._process = MethodProcess(self._settings, T_ds_rb)
         return self._process
 
     def call(
@@ -66,6 +69,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         pairs: Sequence[StereoPair],
         ordered: Sequence[OrderedPair],
         *,
+        T_ds_rb: Transform = IDENTITY,
         since_start_s: float = 0.0,
         begins_map: bool = False,
         largest_files: Mapping[str, int] = MappingProxyType({}),
@@ -73,12 +77,15 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         """Make a call. Return its record, and what `read` makes of the answer and of the files of its arrays.
 
         If the call fails or `read` rejects the answer, the result is None, and the record has the failure beside what
-        is known of the call. `ordered` describes the pairs for the method, and `largest_files` is as for
-        `MethodProcess.call`.
+        is known of the call. `ordered` describes the pairs for the method. A localiser that was lost starts again at
+        `T_ds_rb`. `largest_files` is as for `MethodProcess.call`. MethodError for images of another size.
         """
+        for pair in pairs:
+            if fault := self.rig.fault_of_size(pair.left):  # the right image has the size of the left image
+                raise MethodError(f"image of stamp {pair.stamp_ns} {fault}")
         call = MethodCall()
         try:
-            process = self._running_process()
+            process = self._running_process(T_ds_rb)
             self._orders += 1
             order = Order(
                 number=self._orders,

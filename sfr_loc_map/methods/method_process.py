@@ -21,7 +21,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_bytes
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.methods.call_monitor import CallEnd, CallFindings, CallMonitor, Measurement, ProcessMemory
+from sfr_loc_map.methods.call_monitor import CallFindings, CallMonitor, Measurement, ProcessMemory
 from sfr_loc_map.methods.channel import Channel, ClosedChannelError
 from sfr_loc_map.methods.child.loop import Answer, Camera, Hello, Order, Pose, Reply, Setup
 from sfr_loc_map.methods.child.supervisor import Rules, Started
@@ -112,7 +112,7 @@ class MethodProcess:
         rig, limits = settings.rig, settings.limits
         self._call_timeout_s = limits.call_timeout_s
         self._findings = CallFindings()
-        self._last_end: CallEnd | None = None  # of the last call
+        self._last_call: Measurement | None = None
         with ExitStack() as resources:
             shared = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
             self._is_in_memory = shared is not None  # whether the files of the folder use memory
@@ -176,10 +176,10 @@ class MethodProcess:
             with suppress(OSError):  # the method may have made a folder of this name, which is then no valid array
                 self._file(suffix).unlink()
         try:
-            running = self._monitor.begin_call(self._last_end)
+            running = self._monitor.begin_call(self._last_call)
             self._log.truncate(0)  # the log then holds only this call, for the message after a crash
-            for images, pair in zip(self._images, pairs, strict=False):
-                images[0], images[1] = pair.left, pair.right
+            for number, pair in enumerate(pairs):
+                self._images[number] = pair.left, pair.right
             reply = self._exchange(order, Reply, self._call_timeout_s, running.check_memory)
             if reply.get("number") != order["number"]:  # the method wrote a line of its own, so that later answers lag
                 text = (
@@ -192,7 +192,7 @@ class MethodProcess:
         except MethodFailureError:
             self.close()
             raise
-        self._last_end = measured.end
+        self._last_call = measured
         known = {suffix: content for suffix, content in contents.items() if content is not None}
         return self._record(measured, reply), Returned(reply, known)
 

@@ -9,7 +9,8 @@ import pytest
 from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
 from helpers.score_rows import number
-from sfr_loc_map.errors import MethodError
+from sfr_loc_map.errors import MappingError, MethodError
+from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -253,6 +254,28 @@ def test_a_fusion_receives_the_results_of_the_pairs_of_its_map(tmp_path: Path) -
                 assert call is not None
                 fused.append(call.statistics["results"])
     assert fused == [2.0, 3.0]
+
+
+def test_a_map_that_has_ended_or_has_no_or_too_many_pairs_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "classes.py").write_text(CLASSES)
+    item = nav_pair(0)
+    with IsolatedMapper(find_method(f"{tmp_path}/classes.py:Counting", Task.MAPPING), NAV_RIG, hidden=()) as mapper:
+        first = mapper.begin_map()
+        first.map_pair(item.pair, item.T_lm_navsb)
+        second = mapper.begin_map()
+        with pytest.raises(MappingError, match="the map has ended"):
+            first.fuse()
+        with pytest.raises(MappingError, match="0 pairs given"):
+            second.fuse()
+        second.map_pair(item.pair, item.T_lm_navsb)
+        second.fuse()
+        with pytest.raises(MappingError, match="the map has ended"):
+            second.map_pair(item.pair, item.T_lm_navsb)
+        with pytest.raises(MappingError, match="4 pairs given"):
+            mapper.map_set([item] * 4)
+        small = StereoPair(5, item.pair.left[:-2], item.pair.right[:-2])
+        with pytest.raises(MethodError, match="image of stamp 5 is 160 x 118"):
+            mapper.begin_map().map_pair(small, item.T_lm_navsb)
 
 
 def test_the_files_of_a_pair_are_removed_before_the_fusion(monkeypatch: pytest.MonkeyPatch) -> None:
