@@ -31,6 +31,7 @@ from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.message_text import one_line
 from sfr_loc_map.methods.registry import config_text, find_method
 from sfr_loc_map.metrics.config import aligned_error_config
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
@@ -116,7 +117,8 @@ def localise(
     drive = drive_of(opened)
     is_named = isinstance(start, str) and start in ("identity", "truth")
     if not is_named and not isinstance(start, Transform | StartPose):
-        raise ConfigError(f"start is {start!r:.60}: 'identity', 'truth' or a pose of RB in DS (Transform) is required")
+        required = "'identity', 'truth' or a pose of RB in DS (Transform) is required"
+        raise ConfigError(one_line(f"start is {start!r:.60}: {required}"))
     with naming(opened.path):
         first = start_pose(drive, start) if isinstance(start, str) else StartPose.of(start)
     how = _parameters_or_method(LocalisationConfig, Task.LOCALISATION, method, config, opened)
@@ -187,12 +189,17 @@ def score(
     `time=60`, `frames=100`, or `distance=5,time=10` if both must hold. `limits` is a YAML file or its content. `align`
     is `none`, `origin`, `se3` or `sim3`. `stats` are files from `sfr localise --stats`, by default the one beside the
     file of the estimate. Results of `sfr.localise` and `sfr.map` contain their statistics.
+
+    A UserWarning reports what the command prints about a file: an inferred format or unit, and skipped rows.
     """
     known = get_type_hints(ScoreOptions)
     if unknown := sorted(set(settings) - set(known)):
         raise ConfigError(f"sfr.score has no setting '{unknown[0]}': the settings are {', '.join(known)}")
     of_score: Any = {name: value for name, value in settings.items() if name in get_type_hints(ScoreSettings)}
-    config = score_settings(None if conditions is None else _texts("conditions", conditions), **of_score)
+    texts = None if conditions is None else _texts("conditions", conditions)
+    if texts is not None and not texts:
+        raise ConfigError("conditions is empty: give at least one, such as 'distance=5', or None for the default")
+    config = score_settings(texts, **of_score)
     further = {"max_difference_s": settings.get("max_difference"), "rpe_delta": settings.get("rpe_delta")}
     aligned = aligned_error_config(align, further)
     fused, apply_diagnosis = settings.get("fused"), settings.get("apply_diagnosis", False)
@@ -202,6 +209,8 @@ def score(
     correction = Correction(PoseConvention.parse(_texts("convention", settings.get("convention", ()))), apply_diagnosis)
     judged_by = _limits(limits)
     run = _run(estimate, truth, tuple(path_of(file, "stats") for file in _items(stats)), fused)
+    for note in () if run.drive is None else run.drive.notes:
+        warnings.warn(note, UserWarning, stacklevel=2)
     if correction.is_wanted and run.drive is None:
         raise ConfigError("convention and apply_diagnosis apply only to trajectories: omit them for a cloud")
     if fused is not None and run.cloud is None:

@@ -7,6 +7,7 @@ therefore accept objects of these types.
 from __future__ import annotations
 
 import os
+import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -103,20 +104,33 @@ class Trajectory(Shown, trajectory.Trajectory):
         The calls have the states, reasons and covariances of the estimates. Their time and memory are unknown.
         """
         found = [*estimates]
+        for item in found:
+            if not isinstance(item, PoseEstimate):
+                raise wrong_type("an item of estimates", item, "a PoseEstimate")
         poses = cls.from_poses((item.stamp_ns, item.T_ds_rb) for item in found)
         return replace(poses, records=tuple(call_of_estimate(item, CallUsage()) for item in found))
 
     @staticmethod
-    def load(path: PathLike) -> Trajectory:
-        """Read a file; the format is detected from the content: csv of the suite, TUM, KITTI, EuRoC.
+    def load(path: PathLike, columns: str = "") -> Trajectory:
+        """Read a file; the format is detected from the content: csv of the suite, TUM, KITTI, EuRoC, any other table.
 
-        KITTI poses require a file with their times. InputError for poses without stamps: give their path to
-        `sfr.score`, which uses the stamps of the other trajectory.
+        `columns` names the columns of a table that does not name them, as `--columns` of the commands:
+        `t[s],x,y,z,qx,qy,qz,qw`. A UserWarning reports an inferred format or unit, and skipped rows. KITTI poses
+        require a file with their times. InputError for poses without stamps: give their path to `sfr.score`, which uses
+        the stamps of the other trajectory.
         """
-        return Trajectory.of(read_trajectory_file(path_of(path)).stamped)
+        if not isinstance(columns, str):
+            raise wrong_type("columns", columns, "a text such as 't[s],x,y,z'")
+        found = read_trajectory_file(path_of(path), columns, 'columns="COLUMNS"')
+        if found.is_announced:
+            warnings.warn(found.text, UserWarning, stacklevel=2)
+        return Trajectory.of(found.stamped)
 
     def save(self, path: PathLike) -> None:
-        """Write a file; the suffix selects the format: `.csv`, `.txt` or `.tum`, `.kitti`, `.euroc.csv`."""
+        """Write a file; the suffix selects the format: `.csv`, `.txt` or `.tum`, `.kitti`, `.euroc.csv`.
+
+        OutputError for another suffix, and for KITTI poses without attitudes.
+        """
         save_trajectory(path_of(path), self)
 
     def to_stats(self, path: PathLike) -> None:
@@ -141,6 +155,8 @@ class Trajectory(Shown, trajectory.Trajectory):
         from sfr_loc_map.report.path_plot import curves_of, path_plot
         from sfr_loc_map.report.plots import to_figure
 
+        if truth is not None and not isinstance(truth, trajectory.Trajectory):
+            raise wrong_type("truth", truth, "a Trajectory")
         config = build(AlignedErrorConfig, {"align": align}, origin="align")
         return to_figure(path_plot(curves_of({"estimate": self}, truth, config)))
 

@@ -18,7 +18,7 @@ from helpers.broken_sources import renamed_bag
 from helpers.cli_result import Sfr
 from helpers.score_rows import number, rows_about
 from sfr_loc_map import api
-from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.errors import ConfigError, InputError, OutputError
 from sfr_loc_map.mapping.config import MappingConfig
 
 LIMITS = {"minimum_independent": 2, "trajectory": [{"condition": "frames=2", "position_mean_plus_3sigma_m": 0.5}]}
@@ -156,6 +156,12 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.open(None), "source has the type NoneType"),  # type: ignore[arg-type]
         (lambda: suite.open(folder, config={}), "config has the type dict: a path is required"),  # type: ignore[arg-type]
         (lambda: suite.localise(folder, (1, 2, 3)), "start is .1, 2, 3.: 'identity', 'truth' or a pose"),  # type: ignore[call-overload]
+        (lambda: suite.localise(folder, np.eye(4)), "start is array[^\n]*: 'identity', 'truth' or a pose"),  # type: ignore[call-overload]
+        (lambda: suite.score(truth, folder, []), "conditions is empty: give at least one"),
+        (lambda: truth.save(folder / "poses.xyz"), "a name that ends in .csv, .txt, .tum or .kitti is required"),
+        (lambda: truth.plot("truth"), "truth has the type str: a Trajectory is required"),  # type: ignore[arg-type]
+        (lambda: suite.Trajectory.from_estimates([1]), "an item of estimates has the type int"),  # type: ignore[list-item]
+        (lambda: suite.Trajectory.load(folder / "t.csv", 3), "columns has the type int"),  # type: ignore[arg-type]
         (lambda: suite.localise(folder, None), "start is None"),  # type: ignore[call-overload]
         (lambda: suite.localise(folder, config=MappingConfig()), "config has the type MappingConfig"),  # type: ignore[call-overload]
         (lambda: suite.score(folder, folder, stats=5), "stats has the type int: a path is required"),  # type: ignore[arg-type]
@@ -170,8 +176,21 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: scored.number("longest_gap"), "has no row without a part: give part=, one of distance, time"),
     ]
     for call, words in calls:
-        with pytest.raises((ConfigError, InputError), match=words):
+        with pytest.raises((ConfigError, InputError, OutputError), match=words):
             call()
+
+
+def test_the_columns_of_a_table_can_be_named_and_skipped_rows_are_reported(tmp_path: Path) -> None:
+    rows = [f"{number};{0.1 * number};2;3;9" for number in range(20)]
+    (tmp_path / "t.csv").write_text("\n".join(["a;b;c;d;e", *rows, "20;much;2;3;9"]))
+    with pytest.raises(InputError, match=r'name the columns: columns="'):
+        suite.Trajectory.load(tmp_path / "t.csv")
+    with pytest.warns(UserWarning, match="1 invalid line skipped"):
+        found = suite.Trajectory.load(tmp_path / "t.csv", "t=a[s],x=b,y=c,z=d")
+    assert len(found) == 20
+    (tmp_path / "named.csv").write_text("\n".join(["t [s];x;y;z;speed", *rows]))
+    with pytest.warns(UserWarning, match="columns not read: speed"):
+        suite.score(replace(found, quats_xyzw=np.tile([0.0, 0, 0, 1], (20, 1))), tmp_path / "named.csv", ["frames=2"])
 
 
 def test_a_trajectory_is_a_sequence(estimate: suite.Trajectory) -> None:
