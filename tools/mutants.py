@@ -322,7 +322,7 @@ MUTATIONS = (
         '"calls_doubled",\n        Scope.CALLS,\n        "calls",\n        0.0',
         '"calls_doubled",\n        Scope.CALLS,\n        "calls",\n        0.1',
     ),
-    Mutation(INCOMPLETE, "(rules.partial and kind.is_lifted_by_partial)", "rules.partial"),
+    Mutation(INCOMPLETE, "(rules.partial and kind.accepted_by.partial)", "rules.partial"),
     Mutation(INCOMPLETE, "not row.n or row.value is not None", "not row.n or row.value != 0.0"),
     Mutation(
         "metrics/judging/limit_scope.py",
@@ -440,8 +440,8 @@ MUTATIONS = (
     # the table against the raw values of a file
     Mutation(
         "metrics/stored/file_check.py",
-        "if (problem := fault_of_raw_values(score)) is not None:",
-        "if (problem := None):",
+        "for check in (fault_of_rows, fault_of_raw_values):",
+        "for check in (fault_of_rows,):",
     ),
     Mutation(
         "metrics/stored/raw_values.py", "DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5", "DIGITS_M, POINT_DIGITS_M = 1e-2, 5e-2"
@@ -503,7 +503,7 @@ MUTATIONS = (
         "expected = mean_plus_3sigma(row.mean, row.sigma)",
         "expected = row.mean_plus_3sigma",
     ),
-    Mutation("metrics/stored/file_check.py", "if mine != theirs and not _is_near(mine, theirs):", "if False:"),
+    Mutation("metrics/stored/file_check.py", "if stored != expected and not _is_near(stored, expected):", "if False:"),
     Mutation(
         "metrics/judging/limited_value.py",
         "math.inf if row.value is None else row.value\n",
@@ -541,7 +541,7 @@ MUTATIONS = (
         "lost = states == TrackingState.LOST  # (",
     ),
     Mutation("calls/call_files.py", "if len(named) > 1:", "if len(named) > 2:"),
-    Mutation(SHORTFALLS, "if self.counts_other_items and fraction > 0.0 else fraction", ""),
+    Mutation(SHORTFALLS, "if self.accepted_by.of_other_items and fraction > 0.0 else fraction", ""),
     Mutation(SHORTFALLS, 'fraction = 1.0 - limit if limit_name.endswith("_min") else limit', "fraction = limit"),
     Mutation("io/truth/of_bag.py", 'else (f"truth.source={topic.bag_name}",)', "else ()"),
     # geometry

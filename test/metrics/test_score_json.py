@@ -16,6 +16,7 @@ import sfr_loc_map
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limit, LimitSection, Population
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, from_plain, hash_of_values, to_dict, to_json
@@ -123,6 +124,22 @@ def test_the_keys_are_those_that_other_programs_rely_on() -> None:
     assert last == {"unit": last["unit"], "subject": "memory", "part": "mapping",
                     "figure": "peak", "value": 7}  # fmt: skip
     assert (plain["association"]["exact"], plain["truth"]["attitude"]) == (30, True)
+
+
+def test_a_row_that_occurs_twice_is_refused() -> None:
+    made = score()
+    with pytest.raises(InputError, match="twice"):
+        from_dict(to_dict(replace(made, figures=(*made.figures, made.figures[0]))))
+
+
+def test_the_text_of_missing_data_is_that_of_the_version_that_reads_the_score() -> None:
+    truth, (stamps, *poses) = drive(1, 60)
+    kept = stamps < stamps[30]
+    half = judged_by(score_of((stamps[kept], *(each[kept] for each in poses)), truth), None)
+    assert half.incomplete is not None
+    assert from_dict(to_dict(replace(half, incomplete="in other words"))).incomplete == half.incomplete
+    with pytest.raises(InputError, match="incomplete is null"):
+        from_dict(to_dict(replace(half, incomplete=None)))
 
 
 def test_rows_are_found_by_what_they_are() -> None:

@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.score.limits import Population, Terms
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics import tolerance
 from sfr_loc_map.metrics.statistics.tolerance import Sample
-from sfr_loc_map.metrics.stored.file_check import fault_of_file
+from sfr_loc_map.metrics.stored.file_check import fault_of_verdicts
 from sfr_loc_map.metrics.table.rows import figure_row
 
 SHAPES = (1.0, 1.0, 1.0), (1.0, 0.3, 0.3), (1.0, 0.0, 0.0)
@@ -147,11 +147,21 @@ def test_a_limit_with_a_share_passes_fails_or_says_how_many_drives_are_missing()
     assert (without.state, without.value) == ("not enough data", None)
 
 
+def test_limits_with_equal_terms_have_one_bound_and_other_terms_another_row() -> None:
+    terms = {"limit": 10.0, "prob": 0.95, "confidence": 0.95}
+    bounds = [terms, {**terms, "limit": 20.0}, {**terms, "normal": True}]
+    entries = [{"condition": "distance=5", "position_bound_m": bound} for bound in bounds]
+    found = judge.judged_by(long_score(), limits_file.parse_limits({"trajectory": entries}, "limits"))
+    first, other = found.rows("bound")
+    assert first.keys != other.keys
+    assert [found.row_of(verdict) for verdict in found.on_limits] == [first, first, other]
+
+
 def test_a_bound_of_another_release_of_scipy_is_the_same_but_for_rounding() -> None:
     found, _ = judged(long_score(), limit=10.0, prob=0.95, confidence=0.95)
     for factor, is_refused in ((1.0 + 1e-12, False), (1.0 + 1e-6, True)):
         rows = [replace(row, value=factor * row.value) if row.figure == "bound" else row for row in found.figures]
-        problem = fault_of_file(replace(found, figures=tuple(rows)))
+        problem = fault_of_verdicts(replace(found, figures=tuple(rows)), found)
         assert (problem is not None) == is_refused, problem
 
 

@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.judging import judge, limits_file
 from sfr_loc_map.metrics.score import limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.comparison import compare_scores
-from sfr_loc_map.metrics.stored.file_check import fault_of_file
+from sfr_loc_map.metrics.stored.file_check import checked_score
 from sfr_loc_map.metrics.stored.score_json import from_dict
 from sfr_loc_map.metrics.table import catalogue
 from sfr_loc_map.metrics.table.catalogue import OF_ERRORS, TOTAL, FigureKind, Subject
@@ -203,7 +203,7 @@ def with_slip(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -
 def test_a_figure_is_in_every_view() -> None:
     scores = [made_score(seed, slip_p99_m=1e-9) for seed in (0, 1)]
     score = scores[0]
-    assert fault_of_file(score) is None
+    assert checked_score(score) == score
     row = score.figure("slip")
     assert row is not None
     assert row.p99 is not None

@@ -32,6 +32,21 @@ from sfr_loc_map.metrics.table.catalogue import (
 from sfr_loc_map.metrics.table.row_part import Scope
 
 
+class Acceptance(NamedTuple):
+    """What accepts a shortfall besides its own limit."""
+
+    limits: tuple[str, ...] = ()
+    """Limits on related figures. The fraction that such a limit allows is also complete for the figure."""
+    limits_without_images: tuple[str, ...] = ()
+    """Limits that judge the same items for a drive whose images are unknown."""
+    of_other_items: bool = False
+    """Whether a related limit that allows any fraction accepts each value, because the figure counts other items."""
+    partial: bool = True  #: Whether `--partial` accepts the shortfall: missing data, but not wrong data.
+
+
+NOT_WRONG = Acceptance(partial=False)  #: Wrong data are accepted only by a limit on their figure.
+
+
 class ShortfallKind(NamedTuple):
     """A kind of missing, unjudged or unexpected data of one scope."""
 
@@ -44,14 +59,7 @@ class ShortfallKind(NamedTuple):
     #: longest gap of a drive) are inserted. Empty if the finder of the kind composes the text.
     text: str = ""
     most_without_limits: float | None = None  #: The largest complete value if the score has no limits.
-    #: Limits on related figures. The fraction that such a limit allows is also complete for this figure.
-    accepted_by: tuple[str, ...] = ()
-    #: Limits that judge the same items for a drive whose images are unknown.
-    accepted_without_images_by: tuple[str, ...] = ()
-    #: Whether a limit of `accepted_by` that allows any fraction accepts each value, because the figure counts other
-    #: items than the limited figure.
-    counts_other_items: bool = False
-    is_lifted_by_partial: bool = True  #: Whether `--partial` accepts the shortfall: missing data, but not wrong data.
+    accepted_by: Acceptance = Acceptance()
     is_limited: bool = True  #: Whether a limits file can have a limit on the figure.
     is_of_expected: bool = False  #: Whether the figure is a fraction of the expected items, as the row `judged`.
     of_node: CallKind | None = None  #: Calls of the external node whose answers the figure counts; None for others.
@@ -71,13 +79,13 @@ class ShortfallKind(NamedTuple):
 
     def allowed_fraction(self, limit_name: str, limit: float, *, has_images: bool) -> float:
         """Return the fraction that a limit allows for the figure, 0 for a limit on another figure."""
-        own = (self.limit_name,) if has_images else (self.limit_name, *self.accepted_without_images_by)
+        own = (self.limit_name,) if has_images else (self.limit_name, *self.accepted_by.limits_without_images)
         if limit_name in own:  # the limit judges the items of the figure
             return math.inf
-        if limit_name not in self.accepted_by:
+        if limit_name not in self.accepted_by.limits:
             return 0.0
         fraction = 1.0 - limit if limit_name.endswith("_min") else limit
-        return math.inf if self.counts_other_items and fraction > 0.0 else fraction
+        return math.inf if self.accepted_by.of_other_items and fraction > 0.0 else fraction
 
 
 BEYOND_MOST = 0.02  #: Largest fraction of frames whose errors far exceed the judged errors, as in a short loss.
@@ -103,8 +111,7 @@ def answered_twice(scope: Scope, node: CallKind) -> ShortfallKind:
         "answers",
         0.0,
         "{percent} % of the answers belong to pairs that were answered before",
-        accepted_by=("calls_doubled_max_share",),
-        is_lifted_by_partial=False,
+        accepted_by=Acceptance(("calls_doubled_max_share",), partial=False),
         is_limited=False,
         of_node=node,
     )
@@ -120,7 +127,7 @@ SHORTFALLS = (
         0.01,
         COVERED,
         most_without_limits=0.01,
-        accepted_by=MISSING,
+        accepted_by=Acceptance(MISSING),
         is_limited=False,
     ),
     ShortfallKind(
@@ -130,8 +137,7 @@ SHORTFALLS = (
         0.0,
         COVERED,
         most_without_limits=0.0,
-        accepted_by=MISSING,
-        counts_other_items=True,
+        accepted_by=Acceptance(MISSING, of_other_items=True),
         is_limited=False,
     ),
     ShortfallKind(
@@ -141,7 +147,7 @@ SHORTFALLS = (
         0.0,
         "{percent} % of the pairs have no answer",
         most_without_limits=0.0,
-        accepted_by=MISSING,
+        accepted_by=Acceptance(MISSING),
         is_limited=False,
         of_node=CallKind.LOCALISATION,
     ),
@@ -153,11 +159,11 @@ SHORTFALLS = (
         "{percent} % of the images (of the poses, if the images are unknown) cannot be judged, because there is no "
         "true pose at their stamp (option frames=images interpolates the truth)",
         # if the images are unknown, this figure counts estimates without truth, which this limit also judges
-        accepted_without_images_by=("unmatched_max_share",),
+        accepted_by=Acceptance(limits_without_images=("unmatched_max_share",)),
         is_of_expected=True,
     ),
-    ShortfallKind("lost", Scope.DRIVE, "frames", None, is_lifted_by_partial=False),
-    ShortfallKind("degraded", Scope.DRIVE, "frames", None, is_lifted_by_partial=False),
+    ShortfallKind("lost", Scope.DRIVE, "frames", None, accepted_by=NOT_WRONG),
+    ShortfallKind("degraded", Scope.DRIVE, "frames", None, accepted_by=NOT_WRONG),
     ShortfallKind("unmatched", Scope.DRIVE, "estimates", None),
     ShortfallKind("path_without_images", Scope.DRIVE, "path of the ground truth", None),
     ShortfallKind(
@@ -166,7 +172,7 @@ SHORTFALLS = (
         "estimates",
         0.0,
         "{percent} % of the estimates have the stamp of another estimate",
-        is_lifted_by_partial=False,
+        accepted_by=NOT_WRONG,
     ),
     ShortfallKind(
         "poses_repeated",
@@ -182,7 +188,7 @@ SHORTFALLS = (
         "poses of the moving rover that can be compared",
         0.1,
         f"{{percent}} % of the steps {OF_TRUTH}",
-        is_lifted_by_partial=False,
+        accepted_by=NOT_WRONG,
     ),
     ShortfallKind(
         "errors_of_truth",
@@ -190,11 +196,10 @@ SHORTFALLS = (
         "long judged motions",
         0.1,
         f"{{percent}} % of the judged motions from a start to an end {OF_TRUTH}",
-        accepted_by=("poses_of_truth_max_share",),
-        is_lifted_by_partial=False,
+        accepted_by=Acceptance(("poses_of_truth_max_share",), partial=False),
     ),
-    ShortfallKind(ERRORS_BEYOND, Scope.DRIVE, "frames", BEYOND_MOST, is_lifted_by_partial=False),
-    ShortfallKind(STANDING, Scope.DRIVE, "sub-trajectories", STANDING_MOST, is_lifted_by_partial=False),
+    ShortfallKind(ERRORS_BEYOND, Scope.DRIVE, "frames", BEYOND_MOST, accepted_by=NOT_WRONG),
+    ShortfallKind(STANDING, Scope.DRIVE, "sub-trajectories", STANDING_MOST, accepted_by=NOT_WRONG),
     answered_twice(Scope.DRIVE, CallKind.LOCALISATION),
     # ---- maps
     ShortfallKind(
@@ -223,7 +228,7 @@ SHORTFALLS = (
         "true pixels, worst pair",
         0.5,
         "a mapping pair has no map point at {percent} % of its pixels with ground truth in the scored range",
-        accepted_by=("coverage_min",),
+        accepted_by=Acceptance(("coverage_min",)),
         text_of_nothing="no mapping pair has a pixel with ground truth in the scored range, so no point was required",
     ),
     answered_twice(Scope.MAP, CallKind.MAPPING),
@@ -242,7 +247,7 @@ SHORTFALLS = (
         "calls",
         0.0,
         "{percent} % of the {part} calls have stamps that the source does not have",
-        is_lifted_by_partial=False,
+        accepted_by=NOT_WRONG,
     ),
     ShortfallKind(
         "calls_doubled",
@@ -250,7 +255,7 @@ SHORTFALLS = (
         "calls",
         0.0,
         "{percent} % of the {part} calls belong to the pair of another call",
-        is_lifted_by_partial=False,
+        accepted_by=NOT_WRONG,
     ),
     ShortfallKind(
         UNMEASURED,
@@ -258,7 +263,7 @@ SHORTFALLS = (
         "pairs",
         0.0,
         "the memory of {percent} % of the {part} calls was not measured",
-        accepted_by=("calls_missing_max_share",),
+        accepted_by=Acceptance(("calls_missing_max_share",)),
         is_limited=False,
         is_of_expected=True,
     ),

@@ -21,11 +21,11 @@ def disagreements(truth: PoseArrays, estimate: PoseArrays) -> FloatArray:
     """Return the disagreement of each sub-trajectory."""
     starts, ends = eighths(len(truth[0]))
     errors = pose_reading(formulas.Poses(*truth, *estimate), starts, ends)
-    return relative_errors(errors, path_lengths(truth[0][None], starts, ends)[0])
+    return disagreement_of(errors, path_lengths(truth[0][None], starts, ends)[0])
 
 
-def relative_errors(errors: formulas.SubTrajectoryErrors, lengths_m: FloatArray) -> FloatArray:
-    """Return position errors divided by path lengths `(M,)`, combined with the attitude errors."""
+def disagreement_of(errors: formulas.SubTrajectoryErrors, lengths_m: FloatArray) -> FloatArray:
+    """Return the disagreement of sub-trajectories with these errors and path lengths `(M,)`."""
     of_path = np.linalg.norm(errors.position_m, axis=1) / lengths_m
     return np.asarray(np.hypot(of_path, np.radians(errors.attitude_deg)))
 

@@ -15,9 +15,8 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.diagnosis.disagreement import MIN_POSES, eighths, path_lengths, relative_errors
-from sfr_loc_map.metrics.formulas import pose_reading
+from sfr_loc_map.metrics.diagnosis.disagreement import MIN_POSES, disagreement_of, eighths, path_lengths
+from sfr_loc_map.metrics.formulas import Poses, pose_reading
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
 KEPT = 0.9  #: Minimum fraction of the poses of the estimate that lie in the time span of the truth with an offset.
@@ -84,27 +83,32 @@ def _with_offsets(estimate: Trajectory, truth: Trajectory, offsets_ns: IntArray)
     Both trajectories have ascending stamps and unit quaternions. Offsets that keep the same frames are evaluated in
     one batch, because the overhead of numpy exceeds the arithmetic for the small arrays of one offset.
     """
-    est_ns = estimate.stamps_ns
-    true_ns = truth.stamps_ns
-    kept = np.searchsorted(est_ns, true_ns[[0, -1]] - offsets_ns[:, None])
-    is_enough = kept[:, 1] - kept[:, 0] >= max(MIN_POSES, round(KEPT * len(est_ns)))
+    span_ns = truth.stamps_ns[[0, -1]]
+    kept = np.searchsorted(estimate.stamps_ns, span_ns - offsets_ns[:, None])
+    is_enough = kept[:, 1] - kept[:, 0] >= max(MIN_POSES, round(KEPT * len(estimate)))
     for first, last in np.unique(kept[is_enough], axis=0)[::-1].tolist():  # by ascending offset
-        some_ns = offsets_ns[(kept == (first, last)).all(axis=1)]
-        chosen = slice(first, last, max(1, (last - first) // SEARCHED_POSES))
-        stamps_ns = est_ns[chosen] + some_ns[:, None]
-        after = np.searchsorted(true_ns, stamps_ns, side="right")
-        share = (stamps_ns - true_ns[after - 1]) / (true_ns[after] - true_ns[after - 1])
-        start = truth.positions[after - 1]
-        true_positions = start + share[..., None] * (truth.positions[after] - start)
-        starts, ends = eighths(stamps_ns.shape[1])
-        rows = np.concatenate((starts, ends))  # only their attitudes are needed
-        before, fraction = after[:, rows].ravel() - 1, share[:, rows].ravel()
-        true_quats = slerp(truth.quats_xyzw[before], truth.quats_xyzw[before + 1], fraction)
-        found = np.tile(estimate.positions[chosen][rows], (len(some_ns), 1))
-        quats = np.tile(estimate.quats_xyzw[chosen][rows], (len(some_ns), 1))
-        places = np.arange(len(found)).reshape(len(some_ns), 2, len(starts))
-        poses = formulas.Poses(true_positions[:, rows].reshape(-1, 3), true_quats, found, quats)
-        errors = pose_reading(poses, places[:, 0].ravel(), places[:, 1].ravel())
-        lengths_m = path_lengths(true_positions, starts, ends)
-        left = relative_errors(errors, lengths_m.ravel()).reshape(lengths_m.shape)
-        yield from (Offset(int(offset_ns), each) for offset_ns, each in zip(some_ns, left, strict=True))
+        batch_ns = offsets_ns[(kept == (first, last)).all(axis=1)]
+        step = max(1, (last - first) // SEARCHED_POSES)
+        left = _disagreements(estimate[first:last:step], truth, batch_ns)
+        yield from (Offset(int(offset_ns), each) for offset_ns, each in zip(batch_ns, left, strict=True))
+
+
+def _disagreements(estimate: Trajectory, truth: Trajectory, offsets_ns: IntArray) -> FloatArray:
+    """Return the disagreement `(K, M)` of each sub-trajectory with each of K offsets, which keep all N poses."""
+    stamps_ns = estimate.stamps_ns + offsets_ns[:, None]
+    after = np.searchsorted(truth.stamps_ns, stamps_ns, side="right")
+    before = after - 1
+    share = (stamps_ns - truth.stamps_ns[before]) / (truth.stamps_ns[after] - truth.stamps_ns[before])
+    move = truth.positions[after] - truth.positions[before]
+    true_positions = truth.positions[before] + share[..., None] * move
+    starts, ends = eighths(len(estimate))
+    lengths_m = path_lengths(true_positions, starts, ends)
+    rows = np.concatenate((starts, ends))  # only their attitudes are needed
+    row_before = before[:, rows].ravel()
+    true_quats = slerp(truth.quats_xyzw[row_before], truth.quats_xyzw[row_before + 1], share[:, rows].ravel())
+    positions = np.tile(estimate.positions[rows], (len(offsets_ns), 1))
+    quats = np.tile(estimate.quats_xyzw[rows], (len(offsets_ns), 1))
+    poses = Poses(true_positions[:, rows].reshape(-1, 3), true_quats, positions, quats)
+    places = np.arange(len(positions)).reshape(len(offsets_ns), 2, len(starts))
+    errors = pose_reading(poses, places[:, 0].ravel(), places[:, 1].ravel())
+    return disagreement_of(errors, lengths_m.ravel()).reshape(lengths_m.shape)

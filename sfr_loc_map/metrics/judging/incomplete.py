@@ -116,7 +116,7 @@ def largest_complete(kind: ShortfallKind, score: Score) -> float | None:
     """Return the largest value of a figure with which the scope is complete by the rules of a score; None for any."""
     rules = score.active_rules
     most = kind.most if rules.limits else kind.most_without_limits
-    if most is None or (rules.partial and kind.is_lifted_by_partial):
+    if most is None or (rules.partial and kind.accepted_by.partial):
         return None
     has_images = score.association is None or score.association.images is not None
     for limit in rules.limits:

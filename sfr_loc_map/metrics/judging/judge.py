@@ -76,8 +76,10 @@ def with_bounds(score: Score) -> tuple[Score, dict[Limit, ProvedBound]]:
         sample = sample_of(score, figure, limit.condition)
         truth_error = truth_error_of(limit, score, score.reading)
         proof = prove(limit.terms, limit.limit, {"": [sample]} if sample else {}, truth_error)
-        proved[limit] = ProvedBound(proof, len(rows), truth_error)
-        rows.append(bound_row(figure, KINDS[figure].unit, limit.condition, proof))
+        row = bound_row(figure, KINDS[figure].unit, limit.condition, proof)
+        if row not in rows:  # limits with the same terms have one bound
+            rows.append(row)
+        proved[limit] = ProvedBound(proof, rows.index(row), truth_error)
     return struct_replace(score, figures=tuple(rows)), proved
 
 

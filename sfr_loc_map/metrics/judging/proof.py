@@ -149,11 +149,15 @@ def prove_sample(terms: Terms, limit: float, sample: Sample, truth_error: float 
 
 
 def bound_row(figure: str, unit: str, condition: str | None, proof: Proof) -> Figure:
-    """Return the row of a tolerance bound."""
+    """Return the row of a tolerance bound. Its part states all terms, so that bounds by other terms are other rows."""
     record = proof.record
     share = f"{100.0 * record.prob:g} %"
     confidence = f"{100.0 * record.confidence:g} %"
     part = f"{share} of {figure} errors with {confidence} confidence, {record.interpretation}"
+    if record.normal:
+        part += ", declared normal"
+    if record.good is not None:
+        part += f", good {100.0 * record.good:g} % with {100.0 * (record.power or 0.0):g} % power"
     return figure_row("bound", condition, part, unit, value=proof.bound, independent=record.independent)
 
 

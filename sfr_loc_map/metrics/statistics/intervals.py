@@ -107,28 +107,28 @@ def scatter_of(figures: FloatArray, share: float, freedom: float, *, unsigned: b
     return Scatter(float(widening * np.std(figures) / np.sqrt(share)), max(freedom, MIN_FREEDOM))
 
 
-class Moments(NamedTuple):
+class SeriesMoments(NamedTuple):
     """Number of values n `(...)` of series, their means and sums of squared deviations from the mean `(..., d)`."""
 
     n: FloatArray
     mean: FloatArray
     squares: FloatArray
 
-    def rows(self, index: NDArray[np.integer]) -> Moments:
+    def rows(self, index: NDArray[np.integer]) -> SeriesMoments:
         """Return the moments of the indexed series, in the shape of the index."""
-        return Moments(self.n[index], self.mean[index], self.squares[index])
+        return SeriesMoments(self.n[index], self.mean[index], self.squares[index])
 
 
-def group_moments(offsets: FloatArray, size: int) -> Moments:
+def group_moments(offsets: FloatArray, size: int) -> SeriesMoments:
     """Return the moments of groups of `size` consecutive offsets `(n, d)`; the last group may be smaller."""
     first = np.arange(0, len(offsets), size)
     count = np.diff(first, append=len(offsets))
     mean = np.add.reduceat(offsets, first) / count[:, None]
     deviations = offsets - np.repeat(mean, count, axis=0)
-    return Moments(count.astype(np.float64), mean, np.add.reduceat(np.square(deviations), first))
+    return SeriesMoments(count.astype(np.float64), mean, np.add.reduceat(np.square(deviations), first))
 
 
-def joined(parts: Moments) -> Moments:
+def joined(parts: SeriesMoments) -> SeriesMoments:
     """Return the moments of series that are concatenated along the last axis of `n`.
 
     Squares are summed about the common mean to avoid cancellation (Chan, Golub, LeVeque 1983).
@@ -137,10 +137,12 @@ def joined(parts: Moments) -> Moments:
     number = parts.n[..., None]
     mean = np.sum(number * parts.mean, axis=-2) / count[..., None]
     apart = number * np.square(parts.mean - mean[..., None, :])
-    return Moments(count, mean, np.sum(parts.squares + apart, axis=-2))
+    return SeriesMoments(count, mean, np.sum(parts.squares + apart, axis=-2))
 
 
-def resampled(groups: Moments, mean: FloatArray, overlap: float, size: int = 1) -> tuple[FloatArray, FloatArray, float]:
+def resampled(
+    groups: SeriesMoments, mean: FloatArray, overlap: float, size: int = 1
+) -> tuple[FloatArray, FloatArray, float]:
     """Return mean vectors `(B, d)` and figures `(B,)` of resampled series, and the fraction of the variance they have.
 
     `groups` are the result of `group_moments` for `size` offsets from the mean. The draws depend only on the number of

@@ -136,8 +136,8 @@ def _concluded(pair: PairedDifference, p_corrected: float | None, *, is_incomple
 
 def _side_by_side(scores: Sequence[Score]) -> Iterator[SideBySide]:
     """Yield every figure of whole runs that at least two scores have, by the statistics of the catalogue."""
-    rows = {_key(row): row for score in scores for row in score.figures if _is_of_a_whole_run(score, row)}
-    of_scores = [{_key(row): row for row in score.figures} for score in scores]
+    rows = {row.keys: row for score in scores for row in score.figures if _is_of_a_whole_run(score, row)}
+    of_scores = [{row.keys: row for row in score.figures} for score in scores]
     for key, row in rows.items():
         for statistic in _statistics_side_by_side(row):
             found = [None if key not in known else known[key].statistic(statistic) for known in of_scores]
@@ -165,10 +165,6 @@ def _statistics_side_by_side(row: Figure) -> Sequence[str]:
     """Return the statistics by which runs are compared, without the statistic that is compared by pairs."""
     compared = KINDS[row.figure].compared if row.figure in KINDS else ()
     return [name for name in compared if row.subject is not Subject.TRAJECTORY or name != TOTAL]
-
-
-def _key(row: Figure) -> tuple[str, str | None, str | None, str]:
-    return row.subject, row.condition, row.part, row.figure
 
 
 def _paired(first: Score, other: Score, name: str) -> Iterator[PairedDifference]:

@@ -1,14 +1,16 @@
 """Check that a stored score does not contradict itself.
 
-Rows must have the keys of a figure of the catalogue. Mean + 3 sigma must follow from mean and sigma, the figures from
-the raw values (`raw_values`), and tolerance bounds and verdicts from figures and rules. `score_json` also compares the
-hash of the values of a file.
+Rows must have the keys of a figure of the catalogue, and no two rows may have the same keys. Mean + 3 sigma must follow
+from mean and sigma, the figures from the raw values (`raw_values`), and tolerance bounds and verdicts from figures and
+rules. `score_json` also compares the hash of the values of a file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
+
+from msgspec.structs import replace
 
 from sfr_loc_map.metrics.config import is_written_condition
 from sfr_loc_map.metrics.formulas import mean_plus_3sigma
@@ -22,35 +24,61 @@ from sfr_loc_map.metrics.table.rows import Figure
 ROUNDING = 1e-9  #: Relative tolerance between a stored and a derived number.
 
 
-def fault_of_file(score: Score) -> str | None:
-    """Return the first contradiction between a stored score and its figures and rules; None if there is none."""
+class ContradictionError(ValueError):
+    """A stored score contradicts itself; the message states the contradiction."""
+
+
+def checked_score(score: Score) -> Score:
+    """Return a stored score after its check, with the wording of this version; ContradictionError if it fails.
+
+    The text of missing data (`incomplete`) is derived again, so that its wording is not part of the format.
+    """
+    for check in (fault_of_rows, fault_of_raw_values):
+        if (problem := check(score)) is not None:
+            raise ContradictionError(problem)
+    derived = with_verdicts(score)
+    if (problem := fault_of_verdicts(score, derived)) is not None:
+        raise ContradictionError(problem)
+    return replace(score, incomplete=derived.incomplete)
+
+
+def fault_of_rows(score: Score) -> str | None:
+    """Return the first fault of the keys of the rows or of a mean + 3 sigma; None if there is none."""
+    known: set[tuple[str | None, ...]] = set()
     for row in score.figures:
         if (problem := fault_of_keys(row)) is not None:
             return problem
+        if row.keys in known:
+            return f"it has the row {row.label} twice"
+        known.add(row.keys)
         if row.mean is None or row.sigma is None or row.mean_plus_3sigma is None:
             continue
         expected = mean_plus_3sigma(row.mean, row.sigma)
         if abs(row.mean_plus_3sigma - expected) > ROUNDING * max(expected, 1e-300):
-            return (
-                f"mean_plus_3sigma of {row.label} is {row.mean_plus_3sigma:.9g}, but |mean| + 3 sigma is {expected:.9g}"
-            )
-    if (problem := fault_of_raw_values(score)) is not None:
-        return problem
-    again = with_verdicts(score)
-    if not _are_near(again.figures, score.figures):
+            found = f"mean_plus_3sigma of {row.label} is {row.mean_plus_3sigma:.9g}"
+            return f"{found}, but |mean| + 3 sigma is {expected:.9g}"
+    return None
+
+
+def fault_of_verdicts(score: Score, derived: Score) -> str | None:
+    """Return the first difference of a score from the one whose bounds and verdicts were derived again; None if equal.
+
+    The texts of missing data are not compared.
+    """
+    if not _are_near(derived.figures, score.figures):
         return "its tolerance bounds do not follow from its sub-trajectories"
-    if len(again.verdicts) != len(score.verdicts):
-        return f"it has {len(score.verdicts)} verdicts, but its figures and limits give {len(again.verdicts)}"
-    for stored, derived in zip(score.verdicts, again.verdicts, strict=True):
+    if len(derived.verdicts) != len(score.verdicts):
+        return f"it has {len(score.verdicts)} verdicts, but its figures and limits give {len(derived.verdicts)}"
+    for mine, theirs in zip(score.verdicts, derived.verdicts, strict=True):
         for field in Verdict.__struct_fields__:
-            mine, theirs = getattr(stored, field), getattr(derived, field)
-            if mine != theirs and not _is_near(mine, theirs):
-                what = f"{json_name(field)} of the verdict on {stored.name}"
-                return f"{what} is {_text(mine)}, but the figures give {_text(theirs)}"
-    for field in ("verdict", "incomplete"):
-        mine, theirs = getattr(score, field), getattr(again, field)
-        if mine != theirs:
-            return f"{field} is {_text(mine)}, but the figures give {_text(theirs)}"
+            stored, expected = getattr(mine, field), getattr(theirs, field)
+            if stored != expected and not _is_near(stored, expected):
+                what = f"{json_name(field)} of the verdict on {mine.name}"
+                return f"{what} is {_text(stored)}, but the figures give {_text(expected)}"
+    if score.verdict != derived.verdict:
+        return f"verdict is {_text(score.verdict)}, but the figures give {_text(derived.verdict)}"
+    if (score.incomplete is None) != (derived.incomplete is None):
+        return f"incomplete is {_text(score.incomplete)}, but the figures give {_text(derived.incomplete)}"
     return None
 
 

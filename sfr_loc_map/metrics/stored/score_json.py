@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.score.score import SCHEMA, Score
-from sfr_loc_map.metrics.stored.file_check import fault_of_file
+from sfr_loc_map.metrics.stored.file_check import ContradictionError, checked_score
 from sfr_loc_map.metrics.table.catalogue import Subject
 
 T = TypeVar("T")
@@ -109,8 +109,10 @@ def from_dict(
     except (msgspec.ValidationError, ValueError) as error:
         reason = " ".join(str(error).split())  # keys of the file may contain line breaks
         raise InputError(f"{origin} does not match {SCHEMA}: {reason}; give the JSON of sfr score --json") from error
-    if (problem := fault_of_file(score)) is not None:
-        raise InputError(f"{origin} contradicts itself: {problem}; {SCORE_AGAIN}")
+    try:
+        score = checked_score(score)
+    except ContradictionError as error:
+        raise InputError(f"{origin} contradicts itself: {error}; {SCORE_AGAIN}") from error
     if needs_hash and score.content_sha256 is None:
         raise InputError(f"{origin} has no {HASH}, the hash of its values: {SCORE_AGAIN}")
     if score.content_sha256 not in (None, hash_of_values(content)):

@@ -41,6 +41,11 @@ class Figure(RowNumbers, frozen=True):
     part: str | None = None
 
     @property
+    def keys(self) -> tuple[str | None, ...]:
+        """Subject, figure, condition and part, which no two rows of a table have in common."""
+        return self.subject, self.figure, self.condition, self.part
+
+    @property
     def place(self) -> Place:
         """Where the calls of the row were measured."""
         return RowPart.of(self.part).place
