@@ -2,7 +2,8 @@
 
 The metadata of a field from `param` contain unit, range and description. `flatten` returns the dotted names that ROS
 parameters and YAML files use. `build` constructs the dataclass from such names and rejects unknown names.
-`config_yaml` reads and writes the YAML of parameters, and `config_file` the sections of `sfr.yaml`.
+`config_yaml` reads and writes the YAML of parameters. `config_file` reads the sections of `sfr.yaml`, and
+`config_nodes` relates them to the parameters of nodes.
 """
 
 from __future__ import annotations
@@ -117,7 +118,7 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
     except ConfigError as error:
         raise ConfigError(f"{origin}: {error}") from error
     known = {info.name: info for info in parameters(config_type)}
-    groups = {name[:end] for name in known for end, letter in enumerate(name) if letter == "."}
+    groups = _groups_of(known)
     flat = {name: value for name, value in flat.items() if name not in groups or not is_empty(value)}
     problems = [f"unknown key '{name}'{suggestion(name, known)}" for name in flat if name not in known]
     converted: dict[str, Any] = {}
@@ -133,6 +134,15 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
         return _construct(config_type, converted, "")
     except ConfigError as error:
         raise ConfigError(f"{origin}: {error}") from error
+
+
+def _groups_of(names: Collection[str]) -> set[str]:
+    """Return the groups of parameters by dotted name: `a` and `a.b` for the name `a.b.c`."""
+    groups: set[str] = set()
+    for name in names:
+        *parents, _ = name.split(".")
+        groups |= {".".join(parents[: depth + 1]) for depth in range(len(parents))}
+    return groups
 
 
 def _converted(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type

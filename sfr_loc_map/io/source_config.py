@@ -15,7 +15,7 @@ from sfr_loc_map.config_file import SECTIONS, read_config
 from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag
-from sfr_loc_map.io.truth.config import TruthConfig
+from sfr_loc_map.io.truth.config import NO_TURN, TruthConfig
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
 
@@ -37,6 +37,16 @@ class FramesConfig:
     head_to_navsb_quat_xyzw: tuple[float, float, float, float] = param(
         (0.0, 0.0, 0.0, 0.0), doc="Orientation of NAVSB in the head; all zero: that of the head.", low=-1.01, high=1.01
     )
+
+    def head_transform(self, name: str = "frames") -> Transform | None:
+        """Return `T_head_navsb`, None if it is not given; error messages name the section `name`."""
+        position, quat = self.head_to_navsb_m, self.head_to_navsb_quat_xyzw
+        if not any((*position, *quat)):
+            return None
+        try:
+            return Transform.from_quat(position, quat if any(quat) else NO_TURN)
+        except GeometryError as error:
+            raise ConfigError(f"{name}: head_to_navsb_quat_xyzw: {error}") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +176,7 @@ class SourceConfig:
         }
         config = cls(path, {topic: name for name, topic in topics.items()}, **parts)
         config.extrinsics.transform(f"{origin}, extrinsics")  # reports invalid extrinsics with the name of the file
+        config.frames.head_transform(f"{origin}, frames")
         return replace(
             config,
             truth=replace(config.truth, source=file_or_topic(config.truth.source, folder)),

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.config import changed
-from sfr_loc_map.config_file import node_parameters
+from sfr_loc_map.config_nodes import node_parameters
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.truth.config import TrackedBodyConfig

@@ -41,7 +41,7 @@ BROKEN = [
     ("euroc", CAM1, "radial-tangential", "equidistant", "equidistant"),
     ("euroc", CAM1, "0.16", "-0.16", "swapped"),
     ("euroc", CAM1, "0.16, 0.0, 1.0, 0.0, -0.02", "0.05, 0.0, 1.0, 0.0, 0.2", "one above the other"),
-    ("euroc", CAM0, ALL, "#x\n12,a.png\n", "stamps within"),
+    ("euroc", CAM0, ALL, "#x\n12,a.png\n", "has a stamp within"),
     ("euroc", CAM0, ALL, "#x\n12,a.png\n12,b.png\n", "in increasing order"),
 ]
 
@@ -96,7 +96,7 @@ def test_a_pair_without_its_image_is_left_out_and_counted(tmp_path: Path, layout
     assert len(list(source.loc.pairs())) == len(source.loc) > 0
     for file in files[:-1]:
         file.unlink()
-    with pytest.raises(InputError, match=r"lists missing images: .*; restore them|stamps within|has no image"):
+    with pytest.raises(InputError, match=r"lists missing images: .*; restore them|has a stamp within|has no image"):
         open_source(path)
 
 

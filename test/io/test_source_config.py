@@ -20,12 +20,19 @@ from sfr_loc_map.io.source_settings import changed_sections, truth_config
         ("topics", 3),
         ("conditions.x", 1),
         ("conditions", "distance=5"),
+        ("conditions", []),
         ("limits", ["limits.yaml"]),
+        ("limits", ""),
     ],
 )
 def test_a_setting_that_does_not_fit_its_section_is_refused(key: str, value: object) -> None:
     with pytest.raises(ConfigError, match=f"^setting '{key}' is "):
         changed_sections({"conditions": ["time=1"]}, {key: value})
+
+
+def test_an_orientation_of_the_head_that_is_not_a_rotation_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"frames: head_to_navsb_quat_xyzw: .* is not a rotation"):
+        SourceConfig.of({"frames": {"head_to_navsb_quat_xyzw": [0.5, 0.0, 0.0, 0.0]}})
 
 
 def test_settings_of_sections_replace_them() -> None:

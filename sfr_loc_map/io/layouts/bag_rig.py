@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.extrinsics import RigInBody
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -46,15 +45,6 @@ def require_topic(bag: Bag, name: str, *msgtypes: str) -> Topic:
             f"with --remap old:=new"
         )
     return topic
-
-
-@contextmanager
-def naming_bag(bag: Bag) -> Iterator[None]:
-    """Add the path of the bag to errors about its messages."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"bag '{bag.path}': {error}") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +109,7 @@ class BagRig:
 def rig_of_bag(images: BagImages, calibration: CalibrationConfig, config: SourceConfig) -> BagRig:
     """Return the rig of a task; `calibration` applies to this task."""
     found, frame = _by_file(images, Path(calibration.file)) if calibration.file else _by_camera_info(images)
-    with naming_bag(images.bag):
+    with naming(images.bag.path):
         if calibration.baseline_m:
             found = found.with_baseline(calibration.baseline_m)
         rig, rectifier = found.rig(images.task.rig)
@@ -144,7 +134,7 @@ def _by_file(images: BagImages, file: Path) -> tuple[StereoCalibration, str]:
     if not images.layout:
         left_name, right_name = (topic.bag_name for topic in images.topics)
         sides = " and ".join(f"{images.task.rig}/{side}" for side in SIDES)
-        with naming_bag(images.bag):
+        with naming(images.bag.path):
             found.check_images(left_name, right_name, f"Exchange the topics of {sides} in 'topics' of sfr.yaml")
     return found, str(message.header.frame_id)
 
@@ -169,7 +159,7 @@ def _by_camera_info(images: BagImages) -> tuple[StereoCalibration, str]:
         one, other = (RectifiedCamera.of(info) for info in (left, right))
         cameras = RectifiableCamera.of_rectified(one.size, one.p), RectifiableCamera.of_rectified(other.size, other.p)
     else:
-        with naming_bag(bag):
+        with naming(bag.path):
             cameras = rectifiable_cameras((left, right), rig)
     return StereoCalibration(cameras, images.are_rectified, None, "camera_info"), str(left.header.frame_id)
 
@@ -186,7 +176,7 @@ def check_one_calibration(images: BagImages, topic: Topic, messages: Iterable[by
             rectified = RectifiedCamera.of(info)
             camera = RectifiableCamera.of_rectified(rectified.size, rectified.p)
         else:
-            with naming_bag(images.bag):
+            with naming(images.bag.path):
                 camera = RectifiableCamera.of(topic.name, info)
         first = first or camera
         if not camera.is_same(first):

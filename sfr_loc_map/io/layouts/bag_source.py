@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.geometry.extrinsics import RigInBody
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -26,7 +26,6 @@ from sfr_loc_map.io.layouts.bag_rig import (
     camera_info_topics,
     check_one_calibration,
     image_name,
-    naming_bag,
     require_topic,
     rig_of_bag,
 )
@@ -256,7 +255,7 @@ class BagNavSequence(_BagPairs):
             truth = None
             if self._points and self._points.name in raw:
                 message = self._bag.deserialise(self._points, raw[self._points.name])
-                with naming_bag(self._bag):
+                with naming(self._bag.path):
                     truth = points_image(message, (self.rig.width, self.rig.height))
             yield PosedStereoPair(pair, self._poses[self._pose_of_pair[pair.stamp_ns]], truth)
 

@@ -77,14 +77,12 @@ def _by_joints(bag: Bag, camera_frame: str, stamps_ns: IntArray, config: FramesC
     for kind, wanted in (("pan", config.pan_joint), ("tilt", config.tilt_joint)):
         name = _joint_name(recorded, kind, wanted, f"bag '{bag.path}'", camera_frame)
         angles.append(_angles_at(stamps_ns, recorded[name], f"bag '{bag.path}', joint '{name}'"))
-    position, quat = config.head_to_navsb_m, config.head_to_navsb_quat_xyzw
-    if not any((*position, *quat)):
+    T_head_navsb = config.head_transform()
+    if T_head_navsb is None:
         raise InputError(
             f"bag '{bag.path}': the cameras are moved by joints: give their position on the head by "
             "--set 'frames.head_to_navsb_m=[X, Y, Z]'"
         )
-    with refusing("frames.head_to_navsb_m, frames.head_to_navsb_quat_xyzw", "correct them"):
-        T_head_navsb = Transform.from_quat(position, quat if any(quat) else (0.0, 0.0, 0.0, 1.0))
     return [mast_head_in_rb(float(pan), float(tilt)) @ T_head_navsb for pan, tilt in zip(*angles, strict=True)]
 
 

@@ -113,11 +113,6 @@ REFUSED: dict[str, tuple[Callable[[], Recording], FramesConfig, str]] = {
         FramesConfig(),
         "give their position on the head by --set 'frames.head_to",
     ),
-    "a turn that is none": (
-        lambda: joints_at(0, 900),
-        FramesConfig(head_to_navsb_quat_xyzw=(0.5, 0.0, 0.0, 0.0)),
-        "frames.head_to_navsb_quat_xyzw: the quaternion .* is not a rotation",
-    ),
     "no joint of the head": (
         lambda: joints_at(0, 900, wheel=0.1),
         PLACE,

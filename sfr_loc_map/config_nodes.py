@@ -1,0 +1,136 @@
+"""The parameters of nodes: sections of `sfr.yaml` that contain them, and ROS parameter files.
+
+A ROS parameter file has the parameters of all nodes below `/**: ros__parameters:`, and those of a node below `NODE:
+ros__parameters:`. `sections_of_nodes` returns them as the sections of an `sfr.yaml`, and `node_parameters` is the
+inverse.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from sfr_loc_map.config import is_empty, suggestion
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.suite_names import MONITOR_NODE, SUITE_NODES, Task
+
+
+class NodeSection(NamedTuple):
+    """Node parameters that a section of `sfr.yaml` contains."""
+
+    prefix: str  #: First part of the names of the node parameters; empty if the names have no prefix.
+    nodes: tuple[str, ...]  #: Nodes with these parameters. A ROS parameter file is read for the first of them.
+
+
+_LOCALISER, _MAPPER = Task.LOCALISATION.node, Task.MAPPING.node
+NODE_SECTIONS = {
+    "localisation": NodeSection("localisation", (_LOCALISER,)),
+    "mapping": NodeSection("mapping", (_MAPPER,)),
+    "monitor": NodeSection("", (MONITOR_NODE,)),
+    "truth": NodeSection("truth", (MONITOR_NODE,)),
+    "extrinsics": NodeSection("T_rb_locsb", (_LOCALISER,)),
+    "sync": NodeSection("input", (_LOCALISER, _MAPPER)),
+}
+"""Sections that contain node parameters."""
+SIMILAR = 0.8
+"""Minimum similarity (`difflib`) of an unknown prefix to the prefix that it misspells. No parameter of another node is
+as similar to a prefix."""
+SIMILAR_NODES = 0.9
+"""Minimum similarity (`difflib`) of an unknown node to the node of the suite that it misspells: one or two letters."""
+STAMP_TOLERANCE = "stamp_tolerance_s"  #: Parameter of a node's input that the section `sync` has, too.
+ROS_PARAMETERS = "ros__parameters"  #: Name of the parameters of a node in a ROS parameter file.
+ALL_NODES = "**"  #: Name of all nodes in a ROS parameter file.
+_SECTION_OF_PREFIX = {known.prefix: name for name, known in NODE_SECTIONS.items() if known.prefix}
+
+
+def node_parameters(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return the parameters of each node from the values of `NODE_SECTIONS` by dotted name."""
+    found: dict[str, dict[str, Any]] = {node: {} for node in SUITE_NODES}
+    for section, values in sections.items():
+        prefix, nodes = NODE_SECTIONS[section]
+        for node in nodes:
+            for name, value in values.items():
+                found[node][f"{prefix}.{name}" if prefix else name] = value
+    return found
+
+
+def has_nodes(flat: Mapping[str, Any]) -> bool:
+    """Return whether dotted names are those of a ROS parameter file."""
+    return any(ROS_PARAMETERS in name.split(".") for name in flat)
+
+
+def sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Return the sections of a ROS parameter file; values of a node have priority over those of all nodes (`/**`).
+
+    Other parameters of nodes are ignored. Raises the errors of `_by_node` and `_by_suite_node`.
+    """
+    parameters = _by_suite_node(_by_node(flat, path), path)
+    sections: dict[str, Any] = {}
+    for name in (ALL_NODES, *SUITE_NODES):
+        for parameter, value in parameters.get(name, {}).items():
+            prefix, _, key = parameter.partition(".")
+            section = _SECTION_OF_PREFIX.get(prefix)
+            if not key and is_empty(value):
+                continue
+            if section is None or name not in (ALL_NODES, NODE_SECTIONS[section].nodes[0]):
+                continue
+            if section == "sync" and key != STAMP_TOLERANCE:  # nodes have other settings of their inputs
+                continue
+            sections.setdefault(section, {})[key] = value
+    return sections
+
+
+def _by_node(flat: Mapping[str, Any], path: Path) -> dict[str, dict[str, Any]]:
+    """Return the parameters of each node by its name in the file; ConfigError for a value of no node."""
+    nodes: dict[str, dict[str, Any]] = {}
+    for key, value in flat.items():
+        node, is_parameter, name = key.partition(f".{ROS_PARAMETERS}.")
+        if is_parameter:
+            nodes.setdefault(node, {})[name] = value
+        elif not is_empty(value):
+            raise ConfigError(
+                f"{path}: '{key}' is not in {ROS_PARAMETERS}, but the file has parameters of nodes: move '{key}' to a "
+                "file without parameters of nodes"
+            )
+    return nodes
+
+
+def _by_suite_node(nodes: Mapping[str, dict[str, Any]], path: Path) -> dict[str, dict[str, Any]]:
+    """Return the parameters of all nodes and of the nodes of the suite, by their names without a namespace.
+
+    ConfigError for a misspelt prefix or node, and for several nodes with one name.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    node_of_name: dict[str, str] = {}
+    for node, values in nodes.items():
+        name = node.replace(".", "/").rpartition("/")[2]
+        _check_spelling(node, name, values, path)
+        if name not in (ALL_NODES, *SUITE_NODES):
+            continue
+        other = node_of_name.setdefault(name, node)
+        if other != node:
+            raise ConfigError(f"{path}: '{other}' and '{node}' are nodes of one name: give a file for each of them")
+        found[name] = values
+    return found
+
+
+def _check_spelling(node: str, name: str, values: Mapping[str, Any], path: Path) -> None:
+    """Raise ConfigError if the prefix of a parameter of the suite, or the name of its node, is misspelt."""
+    is_of_suite = name in (ALL_NODES, *SUITE_NODES)
+    is_similar = not is_of_suite and _is_misspelt(name, SUITE_NODES, SIMILAR_NODES)
+    for parameter in values:
+        prefix = parameter.partition(".")[0]
+        is_known = prefix in _SECTION_OF_PREFIX
+        is_misspelt = not is_known and _is_misspelt(prefix, _SECTION_OF_PREFIX, SIMILAR)
+        if is_similar and (is_known or is_misspelt):
+            raise ConfigError(f"{path}: unknown node '{node}' with '{parameter}'{suggestion(name, SUITE_NODES)}")
+        if is_of_suite and is_misspelt:
+            hint = suggestion(prefix, _SECTION_OF_PREFIX)
+            raise ConfigError(f"{path}: unknown parameter '{parameter}' of '{node}'{hint}")
+
+
+def _is_misspelt(name: str, known: Collection[str], similar: float) -> bool:
+    """Return whether an unknown name has at least this similarity to a known name."""
+    return bool(difflib.get_close_matches(name, known, n=1, cutoff=similar))
