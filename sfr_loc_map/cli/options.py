@@ -136,9 +136,12 @@ def parse_settings(settings: Sequence[str] | None, form: str = SETTING_FORM) -> 
         if not separator or not key:
             raise ConfigError(f"'--set {item}': {form}")
         try:
-            values[key] = parse_yaml(text)
+            value = parse_yaml(text)
         except (yaml.YAMLError, ValueError) as error:
             raise ConfigError(f"'--set {item}': the value is not valid YAML") from error
+        if key in values and values[key] != value:
+            raise ConfigError(f"'--set {item}': '{key}' is set to {values[key]!r:.40} already: omit one")
+        values[key] = value
     return values
 
 

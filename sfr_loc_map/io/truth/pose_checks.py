@@ -123,7 +123,11 @@ def has_no_tilt(poses: Trajectory) -> bool:
 
 
 def path_turns(positions: FloatArray) -> bool:
-    """Return whether a path `(N, 3)` turns; driving backwards along the same line is not a turn."""
+    """Return whether a path `(N, 3)` turns; driving backwards along the same line is not a turn.
+
+    The path is divided into `PARTS` of equal length. It turns if the lines along two parts differ also without any
+    single part, which may contain position noise, a jump or a change of lanes.
+    """
     along_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1)))
     if not along_m[-1] >= SHORTEST_M:
         return False
@@ -136,8 +140,9 @@ def path_turns(positions: FloatArray) -> bool:
     if len(lines) < 3:
         return False
     cosines = np.abs(lines @ lines.T)
-    turned = np.degrees(np.arccos(np.clip(cosines, 0.0, 1.0)))
-    return bool(np.sort(turned, axis=None)[-4] > TURN_DEG)  # second largest: the largest may be due to one noisy part
+    turned_deg = np.degrees(np.arccos(np.clip(cosines, 0.0, 1.0)))
+    others = ~np.eye(len(lines), dtype=np.bool_)
+    return all(turned_deg[kept][:, kept].max() > TURN_DEG for kept in others)
 
 
 def possible_poses(poses: Trajectory) -> tuple[Mask, tuple[str, ...]]:

@@ -108,6 +108,15 @@ def test_a_path_below_half_a_metre_does_not_turn(length_m: float, turns: bool) -
     assert path_turns(bent(90.0) * length_m / 12.0) is turns
 
 
+def test_a_straight_path_with_one_step_to_the_side_does_not_turn() -> None:
+    path = np.zeros((200, 3))
+    path[:, 0] = np.linspace(0.0, 10.0, 200)
+    path[120:, 1] = 0.6
+    assert not path_turns(path)
+    path[160:, 1] += np.linspace(0.0, 2.0, 40)
+    assert path_turns(path)
+
+
 def test_an_attitude_that_never_changes_is_detected_only_on_a_path_that_turns() -> None:
     signs = np.where(np.arange(COUNT) % 2, 1.0, -1.0)[:, None]
     assert has_constant_attitude(poses(bent(90.0)))
