@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,8 @@ from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.message_types import STRING, TF
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import configuration_topic
+
+_log = logging.getLogger(__name__)
 
 
 def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
@@ -38,10 +41,21 @@ def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
 
 
 def read_frame_tree(bag: Bag) -> FrameTree:
-    """Return the tree of the frames in `/tf_static`; empty if the bag does not have this topic."""
+    """Return the tree of the frames in `/tf_static`; empty if the bag does not have this topic.
+
+    A warning reports a frame with several parents, of which the last is used.
+    """
     frames, topic = FrameTree(), bag.find("tf_static", TF)
+    parents: dict[str, str] = {}
     for _, _, message in () if topic is None else bag.messages([topic]):
         for item in message.transforms:
+            parent = parents.setdefault(item.child_frame_id, item.header.frame_id)
+            if parent != item.header.frame_id:
+                _log.warning(
+                    f"/tf_static of bag '{bag.path}': '{item.child_frame_id}' has the parents '{parent}' and "
+                    f"'{item.header.frame_id}': the last is used"
+                )
+                parents[item.child_frame_id] = item.header.frame_id
             with refusing(f"/tf_static of bag '{bag.path}': '{item.child_frame_id}'", "record it again"):
                 add_transform(frames, item)
     return frames

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,8 @@ from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 from sfr_loc_map.suite_names import SIDES, Task
 from sfr_loc_map.topics import RAW, RECTIFIED
+
+_log = logging.getLogger(__name__)
 
 HALVED_AXIS = {"side_by_side": 1, "top_bottom": 0}  #: Axis along which a joint image is halved, by its layout.
 
@@ -118,6 +121,11 @@ def rig_of_bag(images: BagImages, calibration: CalibrationConfig, config: Source
         T_rb_sb = config.extrinsics.transform() or found.T_rb_sb
         if T_rb_sb is None:
             mount = read_extrinsics(images.bag, frame, rig.baseline_m, config.frames.base)
+            if mount is None and config.frames.base:
+                _log.warning(
+                    f"bag '{images.bag.path}': frames.base is '{config.frames.base}', but /tf_static does not connect "
+                    f"this frame to '{frame}', the frame of the left camera: the extrinsics are unknown"
+                )
             T_rb_sb = None if mount is None else mount.T_rb_sb
         rig = replace(rig, T_rb_sb=T_rb_sb)
     return BagRig(rig, rectifier, frame, found.text, mount)

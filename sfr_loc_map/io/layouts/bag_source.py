@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sfr_loc_map.config import changed
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.geometry.extrinsics import RigInBody
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
@@ -206,6 +207,10 @@ class BagNavSequence(_BagPairs):
             self._poses = dict(zip(stamps, poses, strict=True))
             self.is_adapted = True
             return
+        if unused := [name for name in changed(config.frames, "frames.") if name != "frames.base"]:
+            _log.warning(
+                f"bag '{bag.path}': {', '.join(unused)} ignored: the poses of mapping pairs are on '{NAV_POSE}'"
+            )
         topic = require_topic(bag, NAV_POSE, POSE)
         repeated = 0
         for _, stamp_ns, message in bag.messages([topic]):

@@ -17,13 +17,13 @@ from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.encoding import TYPESTORE
-from sfr_loc_map.io.bag.poses import read_odometry
+from sfr_loc_map.io.bag.poses import read_frame_tree, read_odometry
 from sfr_loc_map.io.bag.writer import BagWriter, CheckedWriter
 from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos
 from sfr_loc_map.io.layouts.bag_source import open_bag
 from sfr_loc_map.io.message_stream import messages_of
 from sfr_loc_map.io.registry import open_source, read_truth
-from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
+from sfr_loc_map.io.source_config import CalibrationConfig, FramesConfig, SourceConfig, SyncConfig
 from sfr_loc_map.message_types import ODOMETRY
 from sfr_loc_map.suite_names import SIDES
 
@@ -81,6 +81,26 @@ def test_a_baseline_that_contradicts_camera_info_is_refused(tmp_path: Path, worl
     bag = write_messages(tmp_path / "b", loc_entries(world))
     with pytest.raises(InputError, match=r"calibration.baseline_m is 9 m, but P of .* states 0\."):
         open_source(bag, SourceConfig(calibration=CalibrationConfig(baseline_m=9.0)))
+
+
+def test_frames_that_do_not_apply_are_reported(tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture) -> None:
+    bag = write_bag(tmp_path / "x.mcap", world)
+    source = open_source(bag, SourceConfig(frames=FramesConfig(base="nothing", pan_joint="neck")))
+    assert source.loc is not None
+    assert source.loc.rig.T_rb_sb is None
+    assert "frames.base is 'nothing', but /tf_static does not connect this frame" in caplog.text
+    assert "frames.pan_joint ignored" in caplog.text
+
+
+def test_a_frame_with_two_parents_is_reported(tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture) -> None:
+    first = messages.static_transforms(1, world.loc_rig)
+    item = first.transforms[0]
+    other = replace(first, transforms=[replace(item, header=replace(item.header, frame_id="other"))])
+    bag = Bag(write_messages(tmp_path / "b", [("/tf_static", 1, first), ("/tf_static", 2, first)]))
+    read_frame_tree(bag)
+    assert "parents" not in caplog.text
+    read_frame_tree(Bag(write_messages(tmp_path / "c", [("/tf_static", 1, first), ("/tf_static", 2, other)])))
+    assert f"'{item.child_frame_id}' has the parents '{item.header.frame_id}' and 'other'" in caplog.text
 
 
 def test_a_file_that_the_metadata_do_not_name_is_reported(
