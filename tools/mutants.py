@@ -214,8 +214,8 @@ MUTATIONS = (
     Mutation("metrics/errors/cloud_error.py", "truth.depths_m(truth.points) / truth.rig.fx", "distance / truth.rig.fx"),
     Mutation(
         "metrics/errors/cloud_error.py",
-        "without_truth = len(cloud) - len(errors.index)",
-        "without_truth = len(errors.index)",
+        "without_truth=len(cloud) - len(errors.index)",
+        "without_truth=len(errors.index)",
     ),
     # association, completeness, consistency, limits
     Mutation(
@@ -305,8 +305,8 @@ MUTATIONS = (
         "np.isin(estimate_ns, localised).mean()",
         "np.isin(localised, estimate_ns).mean()",
     ),
-    Mutation("metrics/calls/call_meter.py", "(self._clock_ns() - begin) * 1e-9", "(self._clock_ns() - begin) * 0.5e-9"),
-    Mutation("metrics/calls/call_meter.py", "peak_bytes - self._idle_bytes, 0)", "peak_bytes, 0)"),
+    Mutation(FORMULAS, "(returned_ns - called_ns) * 1e-9", "(returned_ns - called_ns) * 0.5e-9"),
+    Mutation(FORMULAS, "peak_bytes - idle_bytes, 0)", "peak_bytes, 0)"),
     Mutation("metrics/calls/call_score.py", "if row.call in kinds else row for", "if row.part in kinds else row for"),
     # verdicts
     Mutation(SHORTFALLS, '"missing", Scope.DRIVE, IMAGES, 0.0', '"missing", Scope.DRIVE, IMAGES, 0.01'),
@@ -376,12 +376,12 @@ MUTATIONS = (
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
     Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),
     # edited scores
-    Mutation("metrics/stored/raw_values.py", "    _required,\n", ""),
-    Mutation("metrics/stored/raw_values.py", "    _of_pairs,\n", ""),
-    Mutation("metrics/stored/raw_values.py", "    _of_first_calls,\n", ""),
-    Mutation("metrics/stored/raw_values.py", "    yield from _required_details(score)\n", ""),
+    Mutation("metrics/stored/related_rows.py", "    _required,\n", ""),
+    Mutation("metrics/stored/related_rows.py", "    _of_pairs,\n", ""),
+    Mutation("metrics/stored/related_rows.py", "    _of_first_calls,\n", ""),
+    Mutation("metrics/stored/related_rows.py", "    yield from _required_details(score)\n", ""),
     Mutation("metrics/stored/raw_values.py", "        yield from _of_memory(score, kind, plots)\n", ""),
-    Mutation("metrics/stored/raw_values.py", 'for name in ("lost", "degraded"):', 'for name in ("degraded",):'),
+    Mutation("metrics/stored/related_rows.py", 'for name in ("lost", "degraded"):', 'for name in ("degraded",):'),
     Mutation("scoring/input_files.py", "if _states_of(self.path) != self.states:", "if False:"),
     Mutation("scoring/provenance.py", "if given != (limits.limits,", "if given == (limits.limits,"),
     # inputs besides the poses
@@ -440,8 +440,8 @@ MUTATIONS = (
     # the table against the raw values of a file
     Mutation(
         "metrics/stored/file_check.py",
-        "for check in (fault_of_rows, fault_of_raw_values):",
-        "for check in (fault_of_rows,):",
+        "CHECKS = (fault_of_rows, fault_of_raw_values, fault",
+        "CHECKS = (fault_of_rows, fault",
     ),
     Mutation(
         "metrics/stored/raw_values.py", "DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5", "DIGITS_M, POINT_DIGITS_M = 1e-2, 5e-2"
@@ -457,12 +457,12 @@ MUTATIONS = (
         "> 1e9 * row.n * (row.rmse + rounding) ** 2",
     ),
     Mutation(
-        "metrics/stored/raw_values.py",
+        "metrics/stored/related_rows.py",
         "abs(share.value * count.n - count.value) > EXACT",
         "count.value - share.value * count.n > EXACT",
     ),
     Mutation(
-        "metrics/stored/raw_values.py", "if share.value is None:\n            yield", "if False:\n            yield"
+        "metrics/stored/related_rows.py", "if share.value is None:\n            yield", "if False:\n            yield"
     ),
     Mutation("metrics/score/limits.py", "if item.section is LimitSection.TRAJECTORY]", "if item.terms is not None]"),
     # several scores, several drives

@@ -150,7 +150,17 @@ def standard_deviation(errors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.sum(squares, axis=0) / (len(errors) - 1)))
 
 
-# ---- 4.2.1 and 4.2.2, time and memory of a localisation call: the modules of `metrics.calls`
+# ---- 4.2.1 and 4.3.1 Time, 4.2.2 and 4.3.2 memory of a call; `metrics.calls.call_meter` measures both
+
+
+def call_time_s(called_ns: int, returned_ns: int) -> float:
+    """Return the wall-clock time from the call of the API to its return with an estimate [4.2.1] or a cloud [4.3.1]."""
+    return (returned_ns - called_ns) * 1e-9
+
+
+def memory_above_idle(peak_bytes: int, idle_bytes: int) -> int:
+    """Return the memory of a call [4.2.2, 4.3.2]: its peak resident memory above that of the idle process, bytes."""
+    return max(peak_bytes - idle_bytes, 0)
 
 
 # ---- 4.2.3.1 3D position error
@@ -207,9 +217,6 @@ def heading_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
     error = np.degrees(estimated - actual)
     is_wrapped = (error > -180.0) & (error <= 180.0)  # kept to the bit, because rounding could move it out of the range
     return np.where(is_wrapped, error, error - 360.0 * np.ceil((error - 180.0) / 360.0))
-
-
-# ---- 4.3.1 and 4.3.2, time and memory of a mapping call: the modules of `metrics.calls`; 4.3.3 is a title
 
 
 # ---- 4.3.4 Error in the output point cloud

@@ -24,6 +24,7 @@ from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
 from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limits, LimitSection, Rules
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
+from sfr_loc_map.metrics.stored.related_rows import fault_of_related_rows
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, to_dict, to_json
 from sfr_loc_map.metrics.table.details import Details
 from sfr_loc_map.metrics.table.records import AnswerCounts, Association, ExternalScore, FindingKind, FindingRecord
@@ -231,7 +232,7 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
         smaller = replace(row, rmse=0.9 * row.rmse)
         rows = tuple(smaller if each is row else each for each in score.figures)
         assert "'rmse' of 'horizontal" in (fault_of_raw_values(replace(score, figures=rows)) or "")
-        assert "its errors are absent" in (fault_of_raw_values(replace(score, errors=(), details=None)) or "")
+        assert "its errors are absent" in (fault_of_related_rows(replace(score, errors=(), details=None)) or "")
 
 
 def test_a_limit_on_horizontal_errors_is_judged_by_each_reading() -> None:

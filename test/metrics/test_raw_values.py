@@ -19,6 +19,7 @@ from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
+from sfr_loc_map.metrics.stored.related_rows import fault_of_related_rows
 from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.metrics.table.details import Details
 from sfr_loc_map.metrics.table.records import AnswerCounts, ExternalScore
@@ -42,6 +43,11 @@ def scored(frames: int, side: int, *, bounded: bool = False) -> Score:
     )
 
 
+def fault_of(score: Score) -> str | None:
+    """The first contradiction of the figures of a score."""
+    return fault_of_raw_values(score) or fault_of_related_rows(score)
+
+
 def edited(score: Score, figure: str, statistic: str, factor: float, part: str | None) -> Score:
     rows = list(score.figures)
     place = next(n for n, row in enumerate(rows) if (row.figure, row.part) == (figure, part))
@@ -58,11 +64,11 @@ def test_a_statistic_that_was_made_smaller_contradicts_the_raw_values(
     figure: str, part: str | None, statistic: str, *, long: bool
 ) -> None:
     score = scored(5000, 200) if long else scored(300, 48)
-    assert fault_of_raw_values(score) is None
+    assert fault_of(score) is None
     thinned_mean = long and statistic == "mean" and figure != "localisation"
-    problem = fault_of_raw_values(edited(score, figure, statistic, 0.1 if long else 0.95, part))
+    problem = fault_of(edited(score, figure, statistic, 0.1 if long else 0.95, part))
     if thinned_mean:  # a sample bounds the mean by the root mean square alone
-        assert fault_of_raw_values(edited(score, figure, "rmse", 0.1, part)) is not None
+        assert fault_of(edited(score, figure, "rmse", 0.1, part)) is not None
     else:
         assert problem is not None
         assert problem.startswith(f"'{statistic}' of '{figure}"), problem
@@ -72,9 +78,9 @@ def test_a_statistic_that_was_made_smaller_contradicts_the_raw_values(
 def test_an_interval_that_was_changed_contradicts_the_errors(*, bounded: bool) -> None:
     """The number of independent errors follows from the frames of all sub-trajectories, if the details have them."""
     score = scored(5000 if bounded else 300, 8, bounded=bounded)
-    assert fault_of_raw_values(score) is None
+    assert fault_of(score) is None
     for name in ("low95", "high95") if bounded else ("low95", "high95", "independent"):
-        problem = fault_of_raw_values(edited(score, "position", name, 1.01, "pose"))
+        problem = fault_of(edited(score, "position", name, 1.01, "pose"))
         assert problem is not None
         assert problem.startswith(f"'{name}' of 'position")
 
@@ -83,8 +89,8 @@ def test_an_interval_that_was_changed_contradicts_the_errors(*, bounded: bool) -
 def test_an_axis_that_was_made_smaller_contradicts_the_position_error(statistic: str) -> None:
     """A suite pools the axes."""
     score = scored(300, 8)
-    assert fault_of_raw_values(score) is None
-    problem = fault_of_raw_values(edited(score, "position", statistic, 0.9, "x"))
+    assert fault_of(score) is None
+    problem = fault_of(edited(score, "position", statistic, 0.9, "x"))
     assert problem is not None
     assert "axes" in problem
 
@@ -94,19 +100,19 @@ def test_a_score_that_is_older_than_a_statistic_does_not_contradict_itself(frame
     """A row without the statistic is accepted; a row without its number of values is not."""
     score = scored(frames, 48)
     older = replace(score, figures=tuple(replace(row, p99=None) for row in score.figures))
-    assert fault_of_raw_values(older) is None
+    assert fault_of(older) is None
     uncounted = replace(score, figures=tuple(replace(row, n=None) for row in score.figures))
-    assert (fault_of_raw_values(uncounted) or "").startswith("'n' of")
+    assert (fault_of(uncounted) or "").startswith("'n' of")
 
 
 def test_a_limited_figure_keeps_all_errors_of_a_long_drive() -> None:
     """One part in a million is found, and a number of errors that is one less."""
     score = scored(5000, 48, bounded=True)
-    assert fault_of_raw_values(score) is None
+    assert fault_of(score) is None
     for statistic in ("p50", "p95", "max", "mean", "sigma"):
-        assert fault_of_raw_values(edited(score, "position", statistic, 1.0 - 1e-6, "pose")) is not None
+        assert fault_of(edited(score, "position", statistic, 1.0 - 1e-6, "pose")) is not None
     rows = [replace(row, n=(row.n or 0) - 1) if row.figure == "position" else row for row in score.figures]
-    assert (fault_of_raw_values(replace(score, figures=tuple(rows))) or "").startswith("'n' of 'position")
+    assert (fault_of(replace(score, figures=tuple(rows))) or "").startswith("'n' of 'position")
 
 
 def test_counts_and_fractions_of_completeness_agree() -> None:
@@ -116,7 +122,7 @@ def test_counts_and_fractions_of_completeness_agree() -> None:
             rows = [
                 replace(row, value=0.25) if (row.figure, row.part) == (name, part) else row for row in score.figures
             ]
-            assert (fault_of_raw_values(replace(score, figures=tuple(rows))) or "").startswith(f"'{name}'")
+            assert (fault_of(replace(score, figures=tuple(rows))) or "").startswith(f"'{name}'")
 
 
 def test_the_calls_of_an_external_node_are_compared_with_its_statements_and_not_with_its_latencies() -> None:
@@ -132,10 +138,10 @@ def test_the_calls_of_an_external_node_are_compared_with_its_statements_and_not_
     others = [row for row in score.figures if row.subject not in ("calls", "memory")]
     of_answers = answers_completeness(node)
     score = replace(score, figures=(*others, *external.figures, *of_answers), external=node)
-    assert fault_of_raw_values(score) is None
+    assert fault_of(score) is None
     fewer = replace(node, answers=AnswerCounts(pairs=300, answered=299, missing=1))
-    assert "answers of the node give" in (fault_of_raw_values(replace(score, external=fewer)) or "")
-    problem = fault_of_raw_values(edited(score, "localisation", "max", 0.9, "stated"))
+    assert "answers of the node give" in (fault_of(replace(score, external=fewer)) or "")
+    problem = fault_of(edited(score, "localisation", "max", 0.9, "stated"))
     assert problem is not None
     assert "localisation" in problem
 

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from sfr_loc_map.memory_mark import peak_of, reset_peak
+from sfr_loc_map.metrics import formulas
 
 HOST_CLOCK = "host monotonic"
 METHOD = "kernel high-water mark of resident memory (VmHWM), reset before each call"
@@ -50,11 +51,11 @@ class CallMeter:
         usage = CallUsage()
         if self._available:
             reset_peak("self")
-        begin = self._clock_ns()
+        called_ns = self._clock_ns()
         try:
             yield usage
         finally:
-            usage.processing_time_s = (self._clock_ns() - begin) * 1e-9
+            usage.processing_time_s = formulas.call_time_s(called_ns, self._clock_ns())
             if self._available and (peak_bytes := peak_of("self")) is not None:
                 usage.peak_rss_bytes = peak_bytes
-                usage.above_idle_bytes = max(peak_bytes - self._idle_bytes, 0)
+                usage.above_idle_bytes = formulas.memory_above_idle(peak_bytes, self._idle_bytes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -236,27 +237,48 @@ def score_map(
         covered = pixel_coverage(cloud, truths)
     figures = [*error_rows(None, errors, np.full(len(errors.index), True))]
     figures.append(coverage_row(None, covered, ranges, *scored))
-    for low, high in zip(config.range_edges_m, config.range_edges_m[1:], strict=False):
-        part = range_part(low, high)
-        figures += error_rows(part, errors, (errors.range_m >= low) & (errors.range_m < high))
-        figures.append(coverage_row(part, covered, ranges, low, high))
-    pair_of_point = cloud.pair[errors.index]
-    for number in range(len(truths)):
-        part = pair_part(number)
-        figures += error_rows(part, errors, pair_of_point == number)
-        figures.append(coverage_row(part, covered[number : number + 1], ranges[number : number + 1], *scored))
+    figures += rows_of_ranges(errors, covered, ranges, config.range_edges_m)
+    figures += rows_of_pairs(cloud.pair[errors.index], errors, covered, ranges, scored)
     figures += [figure_row("points", value=len(cloud)), figure_row("pairs", value=len(truths))]
-    without_truth = len(cloud) - len(errors.index)
-    bare = [bare_share(image, distance, *scored) for image, distance in zip(covered, ranges, strict=True)]
-    many = len(truths) if expected_pairs is None else expected_pairs
     point_pairs = pairs_by_stamp(cloud)
     pixels = (point_pairs << 32) | (cloud.v.astype(np.int64) << 16) | cloud.u
-    repeated = len(cloud) - len(np.unique(pixels))
-    figures += map_completeness(len(cloud), not_finite, without_truth, point_pairs, many, bare, repeated)
+    figures += map_completeness(
+        points=len(cloud),
+        not_finite=not_finite,
+        without_truth=len(cloud) - len(errors.index),
+        point_pairs=point_pairs,
+        expected_pairs=len(truths) if expected_pairs is None else expected_pairs,
+        bare=[bare_share(image, distance, *scored) for image, distance in zip(covered, ranges, strict=True)],
+        repeated=len(cloud) - len(np.unique(pixels)),
+    )
     figures += sigma_rows(cloud, errors)
     kind = CloudKind.FUSED if cloud.fused else CloudKind.SINGLE_PAIRS
     record = CloudRecord(kind=kind, scored_range_m=scored)
     return MapResult(figures=tuple(figures), cloud=record, details=_details(cloud, errors, truths))
+
+
+def rows_of_ranges(
+    errors: PointErrors, covered: Sequence[Mask], ranges: Sequence[FloatArray], edges_m: Sequence[float]
+) -> Iterator[Figure]:
+    """Yield the rows of the points in each range between two edges."""
+    for low, high in pairwise(edges_m):
+        part = range_part(low, high)
+        yield from error_rows(part, errors, (errors.range_m >= low) & (errors.range_m < high))
+        yield coverage_row(part, covered, ranges, low, high)
+
+
+def rows_of_pairs(
+    pair_of_point: NDArray[np.integer],
+    errors: PointErrors,
+    covered: Sequence[Mask],
+    ranges: Sequence[FloatArray],
+    scored: tuple[float, float],
+) -> Iterator[Figure]:
+    """Yield the rows of the points of each mapping pair; `scored` is the range of its coverage, m."""
+    for number, (image, distance) in enumerate(zip(covered, ranges, strict=True)):
+        part = pair_part(number)
+        yield from error_rows(part, errors, pair_of_point == number)
+        yield coverage_row(part, [image], [distance], *scored)
 
 
 def pairs_by_stamp(cloud: PointCloud) -> IntArray:

@@ -31,6 +31,15 @@ class Common(NamedTuple):
 SETTINGS_OF = {Scope.DRIVE: ("trajectory", "localisation"), Scope.MAP: ("map", "mapping")}
 """Prefixes of the names of settings that apply to a drive or a map."""
 
+INPUTS_OF_RUN = {
+    "truth": "ground truths",
+    "map_truth": "ground truths",
+    "images": "sets of images",
+    "estimate": "estimates",
+    "cloud": "clouds",
+}
+"""Inputs that are equal in all scores of one run, by role, and their words in a message."""
+
 
 def common_verdict(scores: Sequence[Score]) -> Common:
     """Return the verdict over scores: the worst verdict, which can be a pass only if all scores come from one run.
@@ -121,24 +130,39 @@ def difference_of(scores: Sequence[Score]) -> str | None:
         return "not every score states its inputs and version"
     if len({(item.version, item.commit) for item in made}) > 1:
         return "the scores were made by several versions of sfr_loc_map"
-    of_run = {"truth": "ground truths", "map_truth": "ground truths", "images": "sets of images"}
-    of_run |= {"estimate": "estimates", "cloud": "clouds"}
-    for role, several in of_run.items():
-        files = [item.inputs[role] for item in made if role in item.inputs]
-        if len({file.data_sha256 or file.sha256 for file in files}) > 1:
-            return f"the scores come from several {several}, which only a suite judges together"
+    if (several := several_inputs(made)) is not None:
+        return f"the scores come from several {several}, which only a suite judges together"
     if other_recording(made) is not None:
         return "the drive and the map come from different recordings, which only a suite judges together"
-    for part, words in SETTINGS_OF.items():
+    if names := different_settings(scores, made):
+        return f"the scores come from several configurations ({', '.join(names)})"
+    return None
+
+
+def several_inputs(made: Sequence[Provenance]) -> str | None:
+    """Return the words for the first kind of input that has several contents; None if there is none."""
+    for role, words in INPUTS_OF_RUN.items():
+        files = [item.inputs[role] for item in made if role in item.inputs]
+        if len({file.data_sha256 or file.sha256 for file in files}) > 1:
+            return words
+    return None
+
+
+def different_settings(scores: Sequence[Score], made: Sequence[Provenance]) -> list[str]:
+    """Return the names of the settings that differ among the scores of a drive, or among those of a map.
+
+    Only the first of these two tasks that has a difference is reported.
+    """
+    for task, words in SETTINGS_OF.items():
         settings = [
             {name: value for name, value in item.configuration.items() if name.partition(".")[0] in words}
             for score, item in zip(scores, made, strict=True)
-            if part in tasks_of(score)
+            if task in tasks_of(score)
         ]
-        names = sorted({name for mine in settings for name, value in mine.items()})
+        names = sorted({name for mine in settings for name in mine})
         if odd := [name for name in names if any(mine.get(name) != settings[0].get(name) for mine in settings)]:
-            return f"the scores come from several configurations ({', '.join(odd)})"
-    return None
+            return odd
+    return []
 
 
 def other_recording(made: Sequence[Provenance]) -> tuple[InputFile, InputFile] | None:

@@ -1,5 +1,5 @@
 """Scores as files: their JSON, the check that a score that is read does not contradict itself, and comparisons.
 
-`score_json` reads and writes a score. `file_check` derives figures and verdicts again, with `raw_values` for the
-figures. `comparison` compares several scores of the same data.
+`score_json` reads and writes a score. `file_check` derives figures and verdicts again, with `raw_values` and
+`related_rows` for the figures. `comparison` compares several scores of the same data.
 """

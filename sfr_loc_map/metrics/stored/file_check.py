@@ -1,7 +1,8 @@
 """Check that a stored score does not contradict itself.
 
 Rows must have the keys of a figure of the catalogue, and no two rows may have the same keys. Mean + 3 sigma must follow
-from mean and sigma, the figures from the raw values (`raw_values`), and tolerance bounds and verdicts from figures and
+from mean and sigma, the figures from the raw values (`raw_values`) and related rows
+(`related_rows`), and tolerance bounds and verdicts from figures and
 rules. `score_json` also compares the hash of the values of a file.
 """
 
@@ -18,6 +19,7 @@ from sfr_loc_map.metrics.judging.judge import with_verdicts
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
+from sfr_loc_map.metrics.stored.related_rows import fault_of_related_rows
 from sfr_loc_map.metrics.table.catalogue import KINDS, clause_of
 from sfr_loc_map.metrics.table.rows import Figure
 
@@ -33,7 +35,7 @@ def checked_score(score: Score) -> Score:
 
     The text of missing data (`incomplete`) is derived again, so that its wording is not part of the format.
     """
-    for check in (fault_of_rows, fault_of_raw_values):
+    for check in CHECKS:
         if (problem := check(score)) is not None:
             raise ContradictionError(problem)
     derived = with_verdicts(score)
@@ -121,3 +123,7 @@ def _is_near(mine: object, theirs: object) -> bool:
 
 def _text(value: object) -> str:
     return "null" if value is None else f"'{value}'" if isinstance(value, str) else f"{value}"
+
+
+CHECKS = (fault_of_rows, fault_of_raw_values, fault_of_related_rows)
+"""The checks of the figures, in the order in which their faults are reported."""

@@ -163,3 +163,8 @@ def find_rows(
         )
         if all(fits):
             yield row
+
+
+def number_text(value: float | None) -> str:
+    """Return a number of a row as the text of a message."""
+    return "null" if value is None else f"{value:.9g}"
