@@ -63,7 +63,8 @@ class PoseConverter:
     def __init__(self, peer: ReplayPeer, options: ExternalOptions, received: ReceivedDrive, loc: LocSequence) -> None:
         """Create the publisher of converted poses. The convention may require the rig and the ground truth."""
         self._received = received
-        self._convention, self._truth = options.convention, loc.ground_truth
+        self._convention = options.convention
+        self._truth = loc.ground_truth
         self._in_own_world = replace(options.convention, world="ds")
         self._T_rb_child = options.convention.T_rb_child(loc.rig)
         self._T_ds_world: Transform | None = None  # of the first pose, if the convention aligns the world with it
@@ -112,9 +113,11 @@ class CloudConverter:
     def __init__(self, peer: ReplayPeer, options: ExternalOptions, received: ReceivedMaps, nav: NavSequence) -> None:
         """Create the publisher of converted clouds, whose points are transformed to LM by the poses of the pairs."""
         self._received = received
-        convention, here = options.convention, replace(nav.rig, T_rb_sb=Transform.identity())
-        self._is_in_lm = convention == PoseConvention(metres_per_unit=convention.metres_per_unit)
-        self._unit, self._T_sb_child = convention.metres_per_unit, convention.T_rb_child(here)
+        convention = options.convention
+        self._unit = convention.metres_per_unit
+        self._is_in_lm = convention == PoseConvention(metres_per_unit=self._unit)
+        # If RB is the rig SB, `T_rb_child` is the transform from the frame of the points to SB.
+        self._T_sb_child = convention.T_rb_child(replace(nav.rig, T_rb_sb=Transform.identity()))
         self._poses = {item.pair.stamp_ns: item.T_lm_navsb for item in nav.pairs()}
         self._publisher = peer.ros_node.create_publisher(PointCloud2, options.converted_topic, LATCHED)
 
@@ -124,9 +127,10 @@ class CloudConverter:
 
     def read(self, message: PointCloud2) -> FloatArray:
         """Return the points `(N, 3)` in LM."""
-        stamp_ns, points = stamp_of(message), messages.xyz_from_msg(message) * self._unit
+        points = messages.xyz_from_msg(message) * self._unit
         if self._is_in_lm:
             return points
+        stamp_ns = stamp_of(message)
         if stamp_ns not in self._poses:
             raise InputError(
                 f"no pair has the stamp {stamp_ns} of the cloud, so its points cannot be transformed to LM: "

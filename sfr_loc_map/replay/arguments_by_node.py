@@ -36,8 +36,9 @@ def arguments_by_node(source: Source, options: ReplayOptions, folder: Path) -> d
         }
     )
     given[Task.MAPPING.node]["pairs_per_map"] = pairs_per_map(source)
-    if options.limits_file is not None:
-        given[MONITOR_NODE]["limits_file"] = str(options.limits_file.resolve())
+    limits_file = options.judgement.limits_file
+    if limits_file is not None:
+        given[MONITOR_NODE]["limits_file"] = str(limits_file.resolve())
     external = options.external
     of_all = [] if options.parameter_file is None else ["--params-file", str(options.parameter_file)]
     found = {}

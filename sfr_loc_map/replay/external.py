@@ -140,7 +140,8 @@ class ExternalNode:
             self.check_process()
         if self._watch is not None:
             self._watch.stop()
-        answers, options = self._answers, self._options
+        answers = self._answers
+        options = self._options
         score = ExternalScore(
             task=options.task.value,
             topic=options.topic,
@@ -150,10 +151,16 @@ class ExternalNode:
             process=None if self._watch is None or not self._is_measured else self._watch.usage,
             ended=answers.ended,
         )
-        method = MethodRecord(name=self._name, version=version, kind=MethodKind.EXTERNAL)
-        log, declared = "" if self._command is None else self._command.text, options.convention.settings
-        of_cloud = ConventionRecord(declared=declared) if options.task is Task.MAPPING and declared else None
-        return ExternalResult(method, score, answers.findings, log, of_cloud)  # poses are converted later
+        convention = None  # poses are converted later
+        if options.task is Task.MAPPING and options.convention.settings:
+            convention = ConventionRecord(declared=options.convention.settings)
+        return ExternalResult(
+            MethodRecord(name=self._name, version=version, kind=MethodKind.EXTERNAL),
+            score,
+            answers.findings,
+            log="" if self._command is None else self._command.text,
+            convention=convention,
+        )
 
     def _publishers(self) -> set[tuple[int, ...]]:
         """Return the global ids of the publishers of the answers."""

@@ -18,9 +18,9 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
-from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.runs.drive_start import start_pose
 from sfr_loc_map.scoring.inputs import Correction
+from sfr_loc_map.scoring.judgement import Judgement
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import RESULTS
 
@@ -58,8 +58,7 @@ class ReplayOptions:
     localisation: LocalisationConfig  #: Parameters of the localiser.
     mapping: MappingConfig  #: Parameters of the mapper.
     score: ScoreConfig  #: Settings of the monitor's score.
-    limits_file: Path | None  #: Limits file for the monitor's verdicts; None: no limits.
-    limits: Limits | None  #: Content of the limits file.
+    judgement: Judgement  #: Limits by which the replay and the monitor are judged.
     start: StartPose | None  #: Pose of RB in DS at the start, with its stamp; None: identity.
     rate: float  #: Multiple of the recorded speed; 0: lock step, which waits for the results of each pair.
     offset_s: float  #: Start of the replay, s after the first message.
@@ -69,6 +68,11 @@ class ReplayOptions:
     monitor: Mapping[str, Any] = field(default_factory=dict)  #: Parameters of the monitor besides score and limits.
     page: PageProcess | None = None  #: Live page that shows the run; None: no page.
     external: ExternalOptions | None = None  #: External node under test; None: only nodes of the suite.
+
+    @property
+    def external_task(self) -> Task | None:
+        """Task of the external node; None without one."""
+        return None if self.external is None else self.external.task
 
     @property
     def changed_settings(self) -> dict[Task, dict[str, Any]]:

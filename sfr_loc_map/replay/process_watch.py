@@ -29,9 +29,12 @@ def processes_watched(text: str, started: Sequence[int]) -> list[int]:
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error):
             words = process.cmdline()
-            is_replay = any(word.partition("=")[0] == "--watch" for word in words)  # its command line has the text, too
-            named = not is_replay and (text == process.name() or text in " ".join(words))
-            if str(process.pid) == text if text.isdigit() else named:
+            if text.isdigit():
+                is_watched = str(process.pid) == text
+            else:
+                is_replay = any(word.partition("=")[0] == "--watch" for word in words)  # its command line has the text
+                is_watched = not is_replay and (text == process.name() or text in " ".join(words))
+            if is_watched:
                 found[process.pid] = process.parents()
     if not found:
         raise ConfigError(f"'--watch {text}': there is no such process; give a process id or a part of a command line")
@@ -49,8 +52,10 @@ class ProcessWatch:
     def __init__(self, pids: Sequence[int]) -> None:
         """Start sampling; `pids` are the roots of the process trees."""
         self._trees = [ProcessTree(pid) for pid in pids if psutil.pid_exists(pid)]
-        self._begin_s = self._cpu_s = [tree.usage().cpu_s for tree in self._trees]
-        self._peak_bytes = self._most = 0
+        self._begin_s = [tree.usage().cpu_s for tree in self._trees]
+        self._cpu_s = self._begin_s
+        self._peak_bytes = 0
+        self._most_processes = 0
         self._stop = threading.Event()
         self._sample()
         self._thread = threading.Thread(target=self._run, name="process-watch", daemon=True)
@@ -69,7 +74,8 @@ class ProcessWatch:
         Only ids of Fast DDS name the process. Publishers with other ids are assumed to belong to the processes.
         """
         found = {pid & 0xFFFF for tree in self._trees for item in tree.members() for pid in _numbers_of(item.pid)}
-        return all(tuple(each[:2]) != FAST_DDS or each[4] | each[5] << 8 in found for each in ids)
+        of_fast_dds = [each for each in ids if tuple(each[:2]) == FAST_DDS]
+        return all(each[4] | each[5] << 8 in found for each in of_fast_dds)
 
     @property
     def usage(self) -> ProcessUsage | None:
@@ -77,7 +83,9 @@ class ProcessWatch:
         if not self._peak_bytes:
             return None
         spent_s = sum(self._cpu_s) - sum(self._begin_s)
-        return ProcessUsage(cpu_s=spent_s, peak_rss_bytes=self._peak_bytes, processes=self._most, method=METHOD)
+        return ProcessUsage(
+            cpu_s=spent_s, peak_rss_bytes=self._peak_bytes, processes=self._most_processes, method=METHOD
+        )
 
     def _run(self) -> None:
         while not self._stop.wait(PERIOD_S):
@@ -87,7 +95,7 @@ class ProcessWatch:
         now = [tree.usage() for tree in self._trees]
         self._cpu_s = [max(before_s, item.cpu_s) for before_s, item in zip(self._cpu_s, now, strict=True)]
         self._peak_bytes = max(self._peak_bytes, sum(item.rss_bytes for item in now))
-        self._most = max(self._most, sum(item.processes for item in now))
+        self._most_processes = max(self._most_processes, sum(item.processes for item in now))
 
 
 def _numbers_of(pid: int) -> Iterator[int]:

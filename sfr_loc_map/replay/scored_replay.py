@@ -46,7 +46,7 @@ def replay_and_score(
     the poses of an external localiser. If a signal ends the replay, the played part is scored; without any result, a
     KeyboardInterrupt is raised. If the replay or the conversion fails, the received results are written but not scored.
     """
-    read = files_of_source(source, options.limits_file)
+    read = files_of_source(source, options.judgement.limits_file)
     with naming(source.path):
         replayed = replay(source, options, progress=progress, say=say)
         if replayed.was_interrupted and replayed.result.is_empty:
@@ -59,7 +59,7 @@ def replay_and_score(
         source,
         result,
         options.score,
-        options.limits,
+        options.judgement.limits,
         settings=options.changed_settings,
         read=read,
         files=files,

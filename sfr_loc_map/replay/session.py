@@ -129,7 +129,7 @@ def started_participants(source: Source, options: ReplayOptions, say: Say) -> It
     # An external node must not receive the ground truth. The score reads the ground truth from the source.
     if options.external is not None:
         topics = {name: kind for name, kind in topics.items() if name not in names(Role.TRUTH)}
-    received = Received.without_messages(None if options.external is None else options.external.task)
+    received = Received.without_messages(options.external_task)
     with ExitStack() as stack:
         supervisor, command = stack.enter_context(_started_processes(source, options))
         peer = stack.enter_context(ReplayPeer(supervisor))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from std_srvs.srv import Trigger
 
@@ -18,37 +19,27 @@ from sfr_loc_map.suite_names import Task
 QUIET_S = 5.0  #: Time for which the end of a replay waits for further results after the last one, s.
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class ResultWaits:
     """Notes the published pairs, and waits for their results."""
 
-    def __init__(
-        self,
-        peer: ReplayPeer,
-        received: Received,
-        collector: ResultCollector,
-        external: ExternalNode | None,
-        *,
-        pairs_per_map: int,
-        is_lock_step: bool,
-    ) -> None:
-        """Wait for results in `received`, which the collector and the external node add."""
-        self._peer = peer
-        self._received = received
-        self._collector = collector
-        self._external = external
-        self._pairs_per_map = pairs_per_map
-        self._is_lock_step = is_lock_step
+    peer: ReplayPeer
+    received: Received  #: Results, which the collector and the external node add.
+    collector: ResultCollector
+    external: ExternalNode | None
+    pairs_per_map: int = field(kw_only=True)
+    is_lock_step: bool = field(kw_only=True)
 
     def note_sent(self, task: Task, stamp_ns: int, sent_s: float) -> None:
         """Note when the last image of a pair was published (monotonic clock); in lock step, wait for its results."""
-        self._received.of(task).sent_ns.add(stamp_ns)
+        self.received.of(task).sent_ns.add(stamp_ns)
         if (external := self._external_of(task)) is not None:
             external.note_sent(stamp_ns, sent_s)
-        if self._is_lock_step:
+        if self.is_lock_step:
             self._wait_for_pair(task, stamp_ns)
-        elif self._external is not None:
-            self._external.check_process()
-        self._collector.check_nodes()
+        elif self.external is not None:
+            self.external.check_process()
+        self.collector.check_nodes()
 
     def finish(self) -> None:
         """Wait for the missing results, finish a map in progress, and wait for the last map.
@@ -58,14 +49,14 @@ class ResultWaits:
         An external node has at least its timeout for an answer. The wait for the answer of our mapper is longer,
         because nothing arrives during a fusion.
         """
-        timeout_s = 0.0 if self._external is None else self._external.timeout_s
+        timeout_s = 0.0 if self.external is None else self.external.timeout_s
         self._wait_while_results_arrive(self._has_all_results, max(QUIET_S, timeout_s))
-        maps = self._received.maps
+        maps = self.received.maps
         if not maps.is_external and maps.sent_ns:
             self._finish_map()
-        if self._external is not None:
-            self._external.check_process()
-        self._collector.check_nodes()
+        if self.external is not None:
+            self.external.check_process()
+        self.collector.check_nodes()
 
     def _wait_for_pair(self, task: Task, stamp_ns: int) -> None:
         """Wait for the results of a pair of a replay in lock step.
@@ -78,27 +69,27 @@ class ResultWaits:
             return
 
         def is_complete() -> bool:
-            self._collector.check_nodes()
-            self._collector.check_inputs()
-            return self._received.of(task).has_pair(stamp_ns)
+            self.collector.check_nodes()
+            self.collector.check_inputs()
+            return self.received.of(task).has_pair(stamp_ns)
 
         def problem() -> str:
-            line = self._peer.supervisor.processes[task.node].last_log_line
+            line = self.peer.supervisor.processes[task.node].last_log_line
             return f"{task.node} published no result for the pair of stamp {stamp_ns} (its last log line: {line})"
 
-        self._peer.wait_for(is_complete, ANSWER_TIMEOUT_S, problem)
+        self.peer.wait_for(is_complete, ANSWER_TIMEOUT_S, problem)
 
     def _external_of(self, task: Task) -> ExternalNode | None:
         """Return the external node if it has the task; None if a node of the suite does."""
-        return self._external if self._received.of(task).is_external else None
+        return self.external if self.received.of(task).is_external else None
 
     def _has_all_results(self) -> bool:
         """Return whether the results of all pairs are complete or no longer awaited."""
-        return all(self._has_results(task, stamp_ns) for task in Task for stamp_ns in self._received.of(task).sent_ns)
+        return all(self._has_results(task, stamp_ns) for task in Task for stamp_ns in self.received.of(task).sent_ns)
 
     def _has_results(self, task: Task, stamp_ns: int) -> bool:
         external = self._external_of(task)
-        return self._received.of(task).has_pair(stamp_ns) if external is None else external.is_settled(stamp_ns)
+        return self.received.of(task).has_pair(stamp_ns) if external is None else external.is_settled(stamp_ns)
 
     def _finish_map(self) -> None:
         """Let our mapper finish a map in progress, and wait for the maps of the pairs that it received.
@@ -107,24 +98,24 @@ class ResultWaits:
         progress, so that only a missing map of left pairs is an error.
         """
         problem = f"{Task.MAPPING.node} did not finish its map"
-        answer = self._peer.request(Trigger, f"{Task.MAPPING.node}/finish", Trigger.Request(), problem)
+        answer = self.peer.request(Trigger, f"{Task.MAPPING.node}/finish", Trigger.Request(), problem)
         self._wait_while_results_arrive(self._has_all_maps, QUIET_S)
-        maps, left = divmod(len(self._received.maps.mapped_ns), self._pairs_per_map)
-        if left and self._received.maps.map_count <= maps and not answer.success:
+        maps, left = divmod(len(self.received.maps.mapped_ns), self.pairs_per_map)
+        if left and self.received.maps.map_count <= maps and not answer.success:
             raise NodeError(f"{problem}: {answer.message}")
 
     def _has_all_maps(self) -> bool:
         """Return whether our mapper has published the results of all its pairs and their maps."""
-        maps = self._received.maps
+        maps = self.received.maps
         pairs = len(maps.sent_ns)
-        return len(maps.mapped_ns) == pairs and maps.map_count >= math.ceil(pairs / self._pairs_per_map)
+        return len(maps.mapped_ns) == pairs and maps.map_count >= math.ceil(pairs / self.pairs_per_map)
 
     def _wait_while_results_arrive(self, is_complete: Callable[[], bool], quiet_s: float) -> None:
         """Wait until a condition holds, or until no result has arrived for `quiet_s`."""
         unchanged = Unchanged()
 
         def is_over() -> bool:
-            self._collector.check_nodes()
-            return is_complete() or unchanged.seconds(self._received.count) >= quiet_s
+            self.collector.check_nodes()
+            return is_complete() or unchanged.seconds(self.received.count) >= quiet_s
 
-        self._peer.spin(math.inf, is_over)
+        self.peer.spin(math.inf, is_over)

@@ -24,6 +24,7 @@ from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.score import score_replay
 from sfr_loc_map.replay.session import Participants, play_and_collect, started_participants
 from sfr_loc_map.runs.drive_start import start_pose
+from sfr_loc_map.scoring.judgement import Judgement
 
 POSES, PAIRS = 12, 3
 EXACT = 1e-12
@@ -62,8 +63,7 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
         localisation=LocalisationConfig(),
         mapping=MappingConfig(),
         score=config,
-        limits_file=None,
-        limits=None,
+        judgement=Judgement(None, None, None),
         start=start_pose(source.loc, "truth"),
         rate=0.0,
         offset_s=0.0,

@@ -23,14 +23,14 @@ from sfr_loc_map.replay.received import Received
 from sfr_loc_map.replay.result import ExternalResult
 from sfr_loc_map.replay.session import Replayed
 from sfr_loc_map.scoring.inputs import Correction
+from sfr_loc_map.scoring.judgement import Judgement
 from sfr_loc_map.suite_names import Task
 
 OPTIONS = ReplayOptions(
     localisation=LocalisationConfig(),
     mapping=MappingConfig(),
     score=score_config(["frames=3"], {}),
-    limits_file=None,
-    limits=None,
+    judgement=Judgement(None, None, None),
     start=None,
     rate=1.0,
     offset_s=0.0,

@@ -30,8 +30,13 @@ POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64
 TRUE_POSE = [*POSE, ("variances", np.float64, 6)]
 ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE)]
 STEP = [("row", np.int64), ("step", np.float64, STEP_SIZE)]
-CALL: list[Any] = [("stamp_ns", np.int64), ("seconds", np.float64), ("state", "U16"), ("peak", np.float64)]
-CALL += [("above_idle", np.float64)]
+CALL = [
+    ("stamp_ns", np.int64),
+    ("seconds", np.float64),
+    ("state", "U16"),
+    ("peak", np.float64),
+    ("above_idle", np.float64),
+]
 STAGE = [("row", np.int64), ("stage", np.int64), ("seconds", np.float64)]
 USAGE = [("row", np.int64), ("usage", np.float64, len(USAGE_NAMES))]
 COVARIANCE = [("row", np.int64), ("covariance", np.float64, COVARIANCE_SIZE)]
