@@ -67,17 +67,20 @@ def replay_and_score(
     )
     localised = [record for record in result.records if record.task is Task.LOCALISATION]
     states = f"{len(result.estimate)} poses, {states_text(result.records)}"
-    total = sum(len(part) for part in (source.loc, source.nav) if part is not None)
-    interrupted = (
-        f"interrupted: {result.loc_pairs.sent + result.nav_pairs.sent} of {total} pairs were played and scored"
-    )
     return ScoredReplay(
         result,
         score,
-        (*_remarks(result), states),
-        tracking_warning(localised, source.path),
-        interrupted if replayed.was_interrupted else "",
+        remarks=(*_remarks(result), states),
+        warning=tracking_warning(localised, source.path),
+        interrupted=_played_part(source, result) if replayed.was_interrupted else "",
     )
+
+
+def _played_part(source: Source, result: ReplayResult) -> str:
+    """Return which part of a source was played before the replay was interrupted."""
+    played = result.loc_pairs.sent + result.nav_pairs.sent
+    total = sum(len(part) for part in (source.loc, source.nav) if part is not None)
+    return f"interrupted: {played} of {total} pairs were played and scored"
 
 
 def _converted_or_saved(

@@ -8,17 +8,25 @@ import cv2
 import numpy as np
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.live.feed import RosFeed
+from sfr_loc_map.live.page_process import connected_nodes_topic
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
 from sfr_loc_map.live.updates import ImageSample, MediaKind
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_types import Level
+from sfr_loc_map.nodes.lifecycle.diagnostics import status_msg
 from sfr_loc_map.ros.messages import header_msg, image_msg, message_type
-from sfr_loc_map.topics import IMAGES
+from sfr_loc_map.ros.qos import LATCHED
+from sfr_loc_map.topics import DIAGNOSTICS, IMAGES
 
 PIXELS = np.arange(64 * 48, dtype=np.uint16).reshape(48, 64).astype(np.uint8)
 
@@ -79,6 +87,29 @@ def test_a_camera_that_changes_to_another_transport_is_followed(own_domain: None
                 time.sleep(0.1)
             assert awaited in state.image_problems["loc/left"]
             node.destroy_node()
+
+
+def test_a_node_is_connected_once_its_status_is_received_and_its_last_service_is_discovered(own_domain: None) -> None:
+    with RosFeed(LiveState()) as feed:
+        node, executor = rclpy.create_node("monitor_node"), SingleThreadedExecutor()
+        executor.add_node(node)
+        connected: list[str] = []
+        topic = connected_nodes_topic(feed.ros_node.get_name())
+        node.create_subscription(String, topic, lambda message: connected.append(message.data), LATCHED)
+        statuses = node.create_publisher(DiagnosticArray, DIAGNOSTICS, QoSProfile(depth=10))
+        status = status_msg("monitor_node: health", Level.OK, "", {})
+
+        def is_connected_within(seconds: float) -> bool:
+            deadline = time.monotonic() + seconds
+            while not connected and time.monotonic() < deadline:
+                statuses.publish(DiagnosticArray(status=[status]))
+                executor.spin_once(timeout_sec=0.1)
+            return connected == ["monitor_node"]
+
+        assert not is_connected_within(3.0)
+        node.create_service(Trigger, "~/reset", lambda _, response: response)
+        assert is_connected_within(60.0)
+        node.destroy_node()
 
 
 def test_tracks_are_shown_with_the_right_image_of_their_pair() -> None:
