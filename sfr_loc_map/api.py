@@ -155,7 +155,7 @@ def map(
         if isinstance(how, MappingConfig):
             how = how if refine_poses is None else replace(how, refine_poses=bool(refine_poses))
         elif refine_poses:
-            raise ConfigError(f"refine_poses is an option of our mapper: omit it with method {method}")
+            raise ConfigError(f"refine_poses applies only to the suite's mapper: omit it with method {method}")
         run = run_mapper(panorama, how)
     for line in run.warnings:
         warnings.warn(line, UserWarning, stacklevel=2)
@@ -231,7 +231,7 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
     calls = _own_stats(estimate)
     if isinstance(estimate, PointCloud):
         if isinstance(place, Trajectory):
-            raise ConfigError("a cloud requires a source with mapping pairs and truth; a trajectory was given")
+            raise ConfigError("the truth is a trajectory: a cloud requires a source with mapping pairs and their truth")
         loaded = estimate.loaded if isinstance(estimate, api_types.PointCloud) else LoadedCloud.of(estimate)
         inputs = ScoreInputs(map_truth=place, stats=stats, config=config)
         return load_run(inputs, fused, InMemory(cloud=loaded, calls=calls))

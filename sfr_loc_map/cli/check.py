@@ -84,7 +84,8 @@ def check(
         covered = f"{item.pairs} of {item.pairs_of_source} pairs"
         checked = f"{covered}; {found.checked[subject]} comparisons have enough data"
         say(
-            f"{subject}: {item.result} ({checked}). This proves no accuracy: errors that all runs share stay hidden",
+            f"{subject}: {item.result} ({checked}). The result proves no accuracy, because errors that all runs share "
+            "are not observable",
             err=is_silent,
         )
     for text in found.calibration:

@@ -146,7 +146,8 @@ def _warn_of_lost_properties(truth: Trajectory) -> None:
     if lost:
         settings = " and ".join(f"{name}={value}" for name, value in lost.items())
         _log.warning(
-            f"the output cannot declare the accuracy or the unknown components of the truth: read it with {settings}"
+            "the output cannot declare the accuracy or the unknown components of the truth: read the output with "
+            f"{settings}"
         )
 
 

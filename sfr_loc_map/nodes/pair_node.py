@@ -62,7 +62,7 @@ class PairNodeConfig(NodeConfig):
         for name in names:
             full = self.frame(name)
             if not name or full.startswith("/") or full.split() != [full]:
-                raise ConfigError(f"'{full}' is not a frame name: give a name without blanks and without a leading /")
+                raise ConfigError(f"'{full}' is not a frame name: give a name without spaces and without a leading /")
         if len(set(names)) < len(names):
             raise ConfigError(f"the frames are {', '.join(names)}: different names are required")
 

@@ -139,7 +139,7 @@ def started_participants(source: Source, options: ReplayOptions, say: Say) -> It
             publish_extrinsics(peer.ros_node, source.loc.rig.T_rb_sb)
         say("waiting for the nodes")
         if options.page is not None and not peer.wait_for_page(options.page):
-            say("the page does not receive all messages yet: the start of the replay may be missing there")
+            say("the page does not receive all messages yet: the start of the replay may be missing on the page")
         player = connected_player(peer, topics, options.rate, paused=options.paused)
         external = None
         if options.external is not None and converter is not None:

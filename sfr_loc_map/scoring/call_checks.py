@@ -73,8 +73,8 @@ def check_one_method(stats: Sequence[CallStats], target: CallStats | None) -> No
             )
     if target is not None and target.method is not None and here and _identity(target.method) not in here:
         raise InputError(
-            f"the calls on the target are of the method {target.method.name} {target.method.version or ''}, those on "
-            f"this host of {names}: give the calls of one method"
+            f"the calls on the target are of the method {target.method.name} {target.method.version or ''}, but the "
+            f"calls on this host are of {names}: give the calls of one method"
         )
 
 

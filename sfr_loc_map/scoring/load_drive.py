@@ -83,8 +83,8 @@ def _read_bag(path: Path | None, stats: Sequence[CallStats]) -> BagEstimate | No
     if bag.calls is not None and any(item.has_task(Task.LOCALISATION) for item in stats):
         raise InputError(
             f"bag '{path}' has the calls of its localiser, and --stats has calls of a localiser, too: give the calls "
-            "once; --stats EST.stats.csv is the default if the file exists: move the file, or convert the poses with "
-            "sfr convert"
+            "once. Without --stats, EST.stats.csv is read if it exists: move this file, or convert the poses with sfr "
+            "convert"
         )
     return bag
 

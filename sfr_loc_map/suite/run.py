@@ -186,5 +186,5 @@ def run_and_keep(
                 continue
             decision.add(job)
             if decision.is_made:
-                say(f"decided after {done} of {len(jobs)} jobs: the remaining jobs are not needed")
+                say(f"the limits are decided after {done} of {len(jobs)} jobs: the remaining jobs are not needed")
                 break

@@ -88,7 +88,7 @@ def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: 
     with refusing(f"'{found_in[0]}' of bag '{bag.path}': T_rb_locsb cannot be read", advice):
         values = parse_json(message.data)
         if not isinstance(values, dict):
-            raise TypeError("its text is not a JSON object")
+            raise TypeError("the message is not a JSON object")
         translation, quat = (values.get(f"T_rb_locsb.{name}", []) for name in ("translation_m", "quat_xyzw"))
         if not any(quat):  # not given
             return None

@@ -66,7 +66,10 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> StereoCalibration:
         raise InputError(f"{where} and the images differ in size, {shown} px: calibrate both cameras at the image size")
     rig = rig_from_projections(np.array(left.p), common_projection(left, right), left.size, where)
     if rig.baseline_m > LARGEST_BASELINE_M:
-        raise InputError(f"{where}: the baseline is {rig.baseline_m:g} m: give it in metres")
+        raise InputError(
+            f"{where}: the baseline is {rig.baseline_m:g} m: at most {LARGEST_BASELINE_M:g} m is allowed; give the "
+            "baseline in metres"
+        )
     if rig.baseline_m > LONG_BASELINE_M:
         _log.warning(
             f"{where}: the baseline is {rig.baseline_m:g} m, which is unusually long: verify that the squares of the "

@@ -79,7 +79,8 @@ def rig_from_projections(
     """Return the rig of two rectified cameras of equal size (width, height); both P `(12,)` refer to one frame."""
     if not have_one_camera_matrix(p_left, p_right):
         raise InputError(
-            f"{where}: P of {names[0]} and {names[1]} differ in more than P[3]: rectify both to one camera matrix"
+            f"{where}: P of {names[0]} and {names[1]} differ in more than P[3]: rectify both cameras to one camera "
+            "matrix"
         )
     fx, cx, fy, cy = (float(p_left[i]) for i in (0, 2, 5, 6))
     shift = float(p_right[3] - p_left[3])

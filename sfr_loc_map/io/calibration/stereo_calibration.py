@@ -82,7 +82,8 @@ def check_one_baseline(baselines_m: Mapping[str, float]) -> None:
     for (name, baseline_m), (other, other_m) in pairwise(baselines_m.items()):
         if not abs(baseline_m - other_m) <= BASELINE_TOLERANCE * abs(other_m):
             raise ValueError(
-                f"{name} states a baseline of {baseline_m:g} m, but {other} states {other_m:g} m: one is required"
+                f"{name} states a baseline of {baseline_m:g} m, but {other} states {other_m:g} m: equal baselines are "
+                "required"
             )
 
 
@@ -127,10 +128,12 @@ class PosedCamera:
 def rectified_cameras(name: str, left: PosedCamera, right: PosedCamera) -> tuple[RectifiableCamera, RectifiableCamera]:
     """Return both cameras with the R and P that rectify them; R = I if the pair is already rectified."""
     if left.size != right.size:
-        raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}; equal sizes are required")
+        sizes = " and ".join(f"{width} x {height}" for width, height in (left.size, right.size))
+        raise InputError(f"{name}: the sizes of the left and right camera are {sizes} px: equal sizes are required")
     if (left.model in FISHEYE) != (right.model in FISHEYE):
         raise InputError(
-            f"{name}: the left lens is {left.model}, the right {right.model}: calibrate both with one model"
+            f"{name}: the lens models of the left and right camera are {left.model} and {right.model}: calibrate both "
+            "cameras with one model"
         )
     T_right_left = right.T_body_cam.inverse() @ left.T_body_cam
     right_m = -T_right_left.rotation.T @ T_right_left.translation  # in the left camera

@@ -102,7 +102,7 @@ def _joint_name(names: Collection[str], kind: str, wanted: str, where: str, came
     if len(found) != 1:
         raise InputError(
             f"{where} has no transforms from the rover to '{camera_frame}', and {len(found)} joints match "
-            f"'{wanted or kind}' among {', '.join(sorted(names)) or '(none)'}: one is required; record /tf, "
+            f"'{wanted or kind}' among {', '.join(sorted(names)) or '(none)'}: one joint is required; record /tf, "
             f"nav/pose or sensor_msgs/JointState, or set frames.base, frames.pan_joint, frames.tilt_joint"
         )
     return found[0]

@@ -257,7 +257,7 @@ def _check_height_is_no_heading(head: TableHead, layout: Layout, table: FloatArr
         if 1.0 - _along_path(axis, path) < HEADING_FIT * curvature:
             raise InputError(
                 f"{head.name} has four columns and no header, and the last one is the heading of the path in {unit}, "
-                f"not a height: a position with a height is required: add a column of heights, and "
+                f"not a height: a position with a height is required; add a column of heights, and "
                 f"{head.named_by('t[s],x,y,z')}"
             )
 

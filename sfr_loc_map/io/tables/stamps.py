@@ -196,7 +196,7 @@ def check_padded(texts: Sequence[str], name: str) -> None:
         example = next(text for text in texts if text.strip().endswith(shorter[0]))
         raise InputError(
             f"{name}: the fractions of seconds have different lengths and no leading zeros, such as "
-            f"'{example.strip()}': they are probably whole nanoseconds or microseconds: write them with leading zeros"
+            f"'{example.strip()}', and are probably whole nanoseconds or microseconds: write leading zeros"
         )
 
 

@@ -125,8 +125,8 @@ class LoadedTrajectory:
         """The trajectory with the stamps of the file; InputError if the file has no stamps."""
         if self.by_index:
             raise InputError(
-                f"'{self.path}' has no stamps ({len(self.trajectory)} poses by number): put the seconds of each pose "
-                f"into '{times_beside(self.path).name}' beside it"
+                f"'{self.path}' has no stamps ({len(self.trajectory)} poses by number): write the time of each pose in "
+                f"seconds into '{times_beside(self.path)}'"
             )
         return self.trajectory
 
@@ -137,8 +137,8 @@ class LoadedTrajectory:
         count, others = len(self.trajectory), len(other.trajectory)
         if count != others:
             raise InputError(
-                f"'{self.path}' has no stamps ({count} KITTI poses) and '{other.path}' has {others} poses: put the "
-                f"seconds of each pose into '{times_beside(self.path).name}' beside it"
+                f"'{self.path}' has no stamps ({count} KITTI poses) and '{other.path}' has {others} poses: write the "
+                f"time of each pose in seconds into '{times_beside(self.path)}'"
             )
         stamped = replace(self.trajectory, stamps_ns=other.trajectory.stamps_ns)
         return replace(self, trajectory=stamped, stamps=f"those of {other.path}, pose by pose", by_index=False)

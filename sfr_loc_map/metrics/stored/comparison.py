@@ -273,6 +273,6 @@ def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
         if not same:
             what = role.replace("_", " ")
             raise MetricsError(
-                f"different data: the {what} of '{names[0]}' is '{mine.path}', of '{names[1]}' it is '{theirs.path}'; "
+                f"the {what} of '{names[0]}' is '{mine.path}', but the {what} of '{names[1]}' is '{theirs.path}': "
                 "compare scores of the same data"
             )

@@ -68,7 +68,7 @@ def _value(context: LaunchContext, name: str) -> str:
 def _node(context: LaunchContext, task: str, argument: str) -> Any:  # noqa: ANN401 - launch has no types
     remaps = [tuple(item.split(":=")) for item in _value(context, "remaps").split()]
     if any(len(remap) != 2 or not all(remap) for remap in remaps):
-        raise ConfigError(f"remaps:={_value(context, 'remaps')}: rules FROM:=TO are required, separated by blanks")
+        raise ConfigError(f"remaps:={_value(context, 'remaps')}: rules FROM:=TO are required, separated by spaces")
     default = Path(get_package_share_directory(PACKAGE)) / "config" / f"{task}.yaml"
     file = Path(_value(context, argument) or default)
     with refusing(f"{argument}:={file}", "give a parameter file"):

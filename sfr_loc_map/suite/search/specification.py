@@ -180,7 +180,7 @@ def load_search(path: Path) -> SearchSpecification:
 def _parameter(name: str, value: object, base: Mapping[str, object], origin: str) -> Parameter:
     if isinstance(value, Mapping):
         if set(value) != {"fault", "range"}:
-            raise ConfigError(f"{origin} requires 'fault: KIND' and 'range: [LOW, HIGH]' of its amount")
+            raise ConfigError(f"{origin} requires 'fault: KIND' and 'range: [LOW, HIGH]' of the amount")
         if not re.fullmatch(r"[\w .-]+", name):
             raise ConfigError(f"{origin}: the name may have only letters, digits, spaces, '_', '.' and '-'")
         low, high = _bounds(value["range"], origin)
