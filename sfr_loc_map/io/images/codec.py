@@ -236,7 +236,7 @@ def samples_of(message: Any) -> Samples:  # noqa: ANN401 - a message of any libr
     if height <= 0 or width <= 0 or step < row or len(data) < step * (height - 1) + row:
         raise InputError(
             f"image of stamp {stamp} is {width} x {height} {message.encoding} with step {step} and {len(data)} bytes, "
-            f"which is too small: the message is corrupt"
+            f"which are too few: the message is corrupt"
         )
     rows = np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
     image = np.ascontiguousarray(rows).view(dtype).astype(kind, copy=False)

@@ -309,10 +309,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "two baselines of OpenCV": (two_baselines, "T states a baseline of 0.24"),
     "no extrinsics": (edited(kalibr, ("T_cn_cnm1", "T_cam_imu")), "cam1 has no T_cn_cnm1"),
     "a rotation that is none": (edited(opencv("yml"), ("R: !!opencv", "R0: !!opencv")), "it has no R"),
-    "millimetres": (
-        lambda folder: kalibr(folder, moved(-60.0, 0, 0)),
-        "the baseline is 60 m: at most 5 m is allowed",
-    ),
+    "millimetres": (lambda folder: kalibr(folder, moved(-60.0, 0, 0)), "the baseline is 60 m: at most 5 m is allowed"),
     "many millimetres": (lambda folder: kalibr(folder, moved(-120.0, 0, 0)), "120"),
     "swapped sides": (lambda folder: opencv("xml")(folder, moved(0.12, 0, 0)), "swapped, or"),
     "one above the other": (lambda folder: kalibr(folder, moved(0, -0.12, 0)), "one above the other"),
