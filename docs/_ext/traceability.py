@@ -58,7 +58,8 @@ CLAUSES = (
     Clause(
         "2.1",
         "Applicable documents",
-        note="A list of documents, which were not available. Requirements that only they contain are not traced.",
+        note="A list of documents, which were not available. Requirements that only these documents contain are not "
+        "traced.",
     ),
     Clause("2.2", "Reference documents", note="The list is empty."),
     Clause("2.3", "Acronyms and abbreviations", note="A list. The terms of the suite are in the glossary."),
@@ -116,7 +117,7 @@ CLAUSES = (
         "The stereo bench frame of the localisation cameras.",
         ("geometry/stereo.py", "nodes/input/extrinsics.py"),
         "parameter `T_rb_locsb`, in the provenance",
-        "The document does not give its pose in RB. The pose is part of the data set.",
+        "The document does not give the pose of this frame in RB. The pose is part of the data set.",
         "as 3.2.3; pose from the data set",
     ),
     Clause(
@@ -178,9 +179,9 @@ CLAUSES = (
         ("metrics/formulas.py", "metrics/config.py"),
         "note below the figures: re-based by; interpretations side by side",
         'The document does not define how the error is "taken into account". `pose` is the default, because a heading '
-        "error from before N is an error from before N. `displacement` follows 4.1.1 and 4.2.3.1 literally. `position` "
-        "removes the position error at N, but not the attitude error at N. All three interpretations are computed, and "
-        "a verdict that depends on the interpretation is reported.",
+        "error that exists at N is part of the error at the start. `displacement` follows 4.1.1 and 4.2.3.1 literally. "
+        "`position` removes the position error at N, but not the attitude error at N. All three interpretations are "
+        "computed, and a verdict that depends on the interpretation is reported.",
         "pose by default; displacement, position",
     ),
     Clause(
@@ -259,7 +260,7 @@ CLAUSES = (
         "As 4.2.1.",
         ("metrics/calls/call_meter.py", "metrics/calls/call_score.py", "calls/call_record.py"),
         "table of times per call: mapping_call; mapping and fusion are its stages",
-        "The call takes up to three pairs and returns one cloud (1.3). Its time is the time for the set.",
+        "The call takes up to three pairs and returns one cloud (1.3). The time of the call is the time for the set.",
         "one call per set of pairs",
         "As for 4.2.1: a run on a GR740.",
     ),
@@ -280,9 +281,9 @@ CLAUSES = (
         "For each point, the error is the norm of the difference of its estimated and its actual position, m.",
         ("metrics/errors/cloud_error.py",),
         "row map: point error; error over the images, over range and in space",
-        'The text requires an error "for each point". The nearest true point is therefore not used, because its '
-        "distance is too small. The actual position is the truth of the pixel that the point names. Points whose pixel "
-        "has no truth (sky) are counted, and their fraction can be limited.",
+        'The text requires an error "for each point". The nearest true point is therefore not used, because the '
+        "distance to it is smaller than the error. The actual position is the truth of the pixel that the point names. "
+        "Points whose pixel has no truth (sky) are counted, and their fraction can be limited.",
         "truth of the point's own pixel",
     ),
 )
@@ -321,7 +322,8 @@ def page() -> str:
             'This page lists each numbered clause of "Clarification of performance metrics for SFR Breadboarding", '
             "with its requirement, its interpretation and the reasons, the modules that implement it, the tests that "
             "verify it, the part that no test verifies, and its place in the report. `docs/_ext/traceability.py` "
-            "(`make traceability`) writes the page from the markers of the tests. A test checks that it is up to date."
+            "(`make traceability`) writes the page from the markers of the tests. A test checks that the page is up to "
+            "date."
         ),
         "",
         "| clause | title | interpretation | tests |",

@@ -104,7 +104,7 @@ ColumnsOption = Annotated[
         metavar="[estimate:|truth:]NAME=COLUMN,...",
         rich_help_panel=MORE,
         help="Columns of a text table, by header (t=Time[s],x=East[mm],...) or by order "
-        "(t[ns],x,y,z,qw,qx,qy,qz). Without a prefix they apply to the estimate; repeatable.",
+        "(t[ns],x,y,z,qw,qx,qy,qz). Without a prefix, the columns apply to the estimate; repeatable.",
     ),
 ]
 

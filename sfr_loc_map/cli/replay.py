@@ -123,7 +123,7 @@ def replay(
         Option(
             metavar="PID|NAME",
             rich_help_panel=UNDER_TEST,
-            help="External process whose CPU and memory are measured, in addition to that of CMD.",
+            help="External process whose CPU and memory are measured, in addition to the process of CMD.",
         ),
     ] = "",
     answers: Annotated[
@@ -139,7 +139,7 @@ def replay(
         Option(
             metavar="PARENT,CHILD",
             rich_help_panel=UNDER_TEST,
-            help="Required frame ids of the answers; others are ignored (default: as in the first answer).",
+            help="Required frame ids of the answers; others are not used (default: as in the first answer).",
         ),
     ] = "",
     answer_timeout: Annotated[

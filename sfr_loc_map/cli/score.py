@@ -98,7 +98,7 @@ def score(
         ),
     ] = None,
     align: Annotated[
-        Align | None, Option(help="Report also APE (ATE) and RPE after alignment; other figures stay unaligned.")
+        Align | None, Option(help="Also report APE (ATE) and RPE after alignment; other figures use no alignment.")
     ] = None,
     partial: PartialOption = False,
     junit: Annotated[Path | None, Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None,

@@ -41,7 +41,7 @@ MlflowOption = Annotated[str | None, Option(metavar="URI", help="Log the suite a
 OutOption = Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing folder is continued.")]
 WorkersOption = Annotated[
     int | None,
-    Option(min=1, metavar="N", help="Parallel jobs; default: the number of cores over the threads of a job."),
+    Option(min=1, metavar="N", help="Parallel jobs; default: the number of cores divided by the threads of a job."),
 ]
 SchedulerOption = Annotated[
     str | None, Option(metavar="ADDR", help="Running Dask scheduler, for example tcp://host:8786.")
