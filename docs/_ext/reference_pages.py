@@ -231,7 +231,7 @@ def shortfalls() -> str:
     from sfr_loc_map.metrics.table.catalogue import JUDGED
 
     lines = [
-        "| part of `judged` | figure | fraction of | complete up to | without limits | allowed by |",
+        "| part of `judged` | figure | fraction of | complete up to, with limits | without limits | allowed by |",
         "|---|---|---|---|---|---|",
         f"| all | `{JUDGED}` | expected items | any known fraction | any | `--partial` |",
     ]

@@ -97,7 +97,11 @@ class HealthConfig:
         1.0, unit="s", doc="Period of the health status, which is also published when it changes.", low=0.1, high=60.0
     )
     window_s: float = param(
-        5.0, unit="s", doc="Averaging window for rates; drops and problems stay visible this long.", low=0.5, high=600.0
+        5.0,
+        unit="s",
+        doc="Averaging window for rates; drops and problems are reported for this time.",
+        low=0.5,
+        high=600.0,
     )
     stale_after_s: float = param(
         5.0, unit="s", doc="Time without input after which an active node is stale.", low=0.1, high=3600.0
