@@ -21,7 +21,7 @@ class MotionBounds:
     unseen_turn_rad_s: float = param(
         0.5,
         unit="rad/s",
-        doc="Standard deviation of the turn rate while the motion is unobserved. The last rate is used if it is larger.",
+        doc="Standard deviation of the turn rate while the motion is unobserved. The last rate is used if larger.",
         low=0.0,
         high=100.0,
     )
