@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager
 from types import MappingProxyType
 from typing import Self, TypeVar
 
+from sfr_loc_map.config import checked
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
@@ -23,7 +24,11 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
     """The process of a method; the common part of localisers and mappers."""
 
     def __init__(self, settings: ProcessSettings, T_ds_rb: Transform) -> None:
-        """Start the process; `T_ds_rb` is the pose at which a localiser starts."""
+        """Start the process; `T_ds_rb` is the pose at which a localiser starts.
+
+        ConfigError for limits out of range, MethodFailureError if the method cannot be started.
+        """
+        checked(settings.limits)
         self._settings = settings
         self.rig = settings.rig
         self._starts_left = 1 + settings.limits.restarts

@@ -145,20 +145,22 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
     if spec.startswith(LIBRARY_PREFIX):
         path = Path(spec.removeprefix(LIBRARY_PREFIX)).resolve()
         if not path.is_file():
-            raise MethodError(f"method '{spec}': {missing(path)}; build the library (docs/candidates.md)")
+            problem = f"'{path}' is a folder" if path.is_dir() else missing(path)
+            raise MethodError(f"method '{spec}': {problem}; build the library (docs/candidates.md)")
         library = (LIBRARY_ADAPTER, str(path), config)
         return _identified(Method(spec, task, MethodKind.LIBRARY, *library, is_paced=True))
-    if ":" not in spec:
+    module, _, name = spec.rpartition(":")
+    if not module or not name:
         names = ", ".join(BUILT_IN[task])
         raise MethodError(
             f"no method '{spec}' for {task}: give one of {names}, package.module:Class, lib:PATH.so (sfr bench methods)"
         )
-    place = Path(spec.rpartition(":")[0])
+    place = Path(module)
     is_file = place.suffix == ".py" and place.is_file()
     if place.suffix == ".py" and not is_file:
         raise MethodError(f"method '{spec}': {missing(place)}; give the file of the class")
     # an absolute path, because the process has another working directory
-    target = f"{place.resolve()}:{spec.rpartition(':')[2]}" if is_file else spec
+    target = f"{place.resolve()}:{name}" if is_file else spec
     return _identified(Method(spec, task, MethodKind.PYTHON, CLASS_ADAPTER, target, config, is_paced=True))
 
 

@@ -146,7 +146,7 @@ def test_the_accuracy_and_unknown_components_of_a_truth_are_reported(
     convert_trajectory(Truth(*poses), tmp_path / "exact.csv")
     assert not caplog.records
     convert_trajectory(Truth(*poses, sigma_m=0.02, has_height=False), tmp_path / "planar.csv")
-    assert "read the output with truth.sigma_m=0.02 and truth.unknown=height" in caplog.text
+    assert "truth.sigma_m=0.02 and truth.unknown=height" in caplog.text
 
 
 def test_a_truth_file_in_any_order_is_written_in_order(tmp_path: Path, world: World) -> None:

@@ -38,6 +38,8 @@ def test_names_are_looked_up(tmp_path: Path, sfr: Sfr) -> None:
         ("none", Task.LOCALISATION, "no method 'none' for localisation: give one of sfr, opencv, package.module"),
         ("none.py:Class", Task.LOCALISATION, "No such file"),
         ("pandora", Task.MAPPING, "no method 'pandora'"),
+        ("package:", Task.MAPPING, "no method 'package:'"),
+        (f"lib:{tmp_path}", Task.MAPPING, "is a folder"),
     ):
         with pytest.raises(MethodError, match=words):
             find_method(name, task)
