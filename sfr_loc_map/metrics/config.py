@@ -277,10 +277,15 @@ class MapScoreConfig:
     )
 
     def __post_init__(self) -> None:
-        """Check that the scored range is not empty; ConfigError if it is."""
+        """Check that the scored range is not empty and that the edges ascend; ConfigError if not."""
         if self.scored_from_m >= self.scored_to_m:
             given = f"{self.scored_from_m:g} to {self.scored_to_m:g} m"
             raise ConfigError(f"the scored range {given} is empty: give the minimum, then the maximum")
+        edges = [f"{edge:g}" for edge in self.range_edges_m]
+        if len(set(edges)) < len(edges) or list(self.range_edges_m) != sorted(self.range_edges_m):
+            raise ConfigError(
+                f"the edges {', '.join(edges)} m of the range bins do not ascend: give each once, in order"
+            )
 
 
 @dataclass(frozen=True, slots=True)

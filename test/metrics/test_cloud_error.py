@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from helpers.map_scenes import RIG, cloud_of, points_of, wall
-from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.config import MapScoreConfig
 from sfr_loc_map.metrics.errors.cloud_error import PairTruth, score_map, score_nearest
@@ -46,6 +46,12 @@ def test_a_fused_cloud_is_scored_without_ranges() -> None:
     fused = replace(cloud_of(truths), fused=True)
     found = score_map(fused, truths, replace(CONFIG, range_edges_m=()))
     assert Score(figures=found.figures).number("coverage") == 1.0
+
+
+@pytest.mark.parametrize("edges_m", [(0.0, 4.0, 2.0), (0.0, 4.0, 4.0), (0.0, 4.0, 0.0, 4.0)])
+def test_edges_of_ranges_that_do_not_ascend_are_refused(edges_m: tuple[float, ...]) -> None:
+    with pytest.raises(ConfigError, match="do not ascend"):
+        MapScoreConfig(range_edges_m=edges_m)
 
 
 def test_pairs_of_the_same_stamp_count_as_one_pair() -> None:
