@@ -16,6 +16,7 @@ from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, s
 from sfr_loc_map.cli.verdict import conclude_all, write_junit
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 
 if TYPE_CHECKING:
@@ -130,11 +131,11 @@ def report(
         case ResultKind.SCORES:
             scores = _read_scores(results)
             if is_signed:
-                _sign(results, scores, (title, number, issue), evidence or (), test_report, junit, control)
+                _sign(scores, (title, number, issue), evidence or (), test_report, junit, control)
             elif len(scores) == 1 and output is not None:
-                _write_score(scores[0], output, json_path)
+                _write_score(next(iter(scores.values())), output, json_path)
             else:
-                _compare_scores(results, scores, output, json_path)
+                _compare_scores(results, list(scores.values()), output, json_path)
             conclude_all(scores, requires_common_verdict=is_signed, lenient=lenient)
         case ResultKind.SUITES:
             _compare_suites(results, output, json_path)
@@ -170,10 +171,10 @@ def _check_partners(context: Context, *, is_signed: bool) -> None:
         refuse_given(context, ("align", "max_difference"), "compares with the ground truth: give --truth TRUTH, too")
 
 
-def _read_scores(paths: list[Path]) -> list[Score]:
+def _read_scores(paths: list[Path]) -> dict[str, Score]:
     """Return the scores of files, each judged by its limits; a score whose limits are unavailable has a caveat.
 
-    ConfigError if a file is given twice.
+    The keys are the files. ConfigError if a file is given twice.
     """
     from sfr_loc_map.metrics.judging.several_scores import each_by_its_limits
     from sfr_loc_map.metrics.stored.score_json import load_score
@@ -188,7 +189,7 @@ def _read_scores(paths: list[Path]) -> list[Score]:
             warn(unseen)
             score = score.with_caveat(unseen)
         scores.append(score)
-    return each_by_its_limits(scores)
+    return dict(zip(map(str, paths), each_by_its_limits(scores), strict=True))
 
 
 def _write_score(score: Score, page: Path, json_path: str | None) -> None:
@@ -213,8 +214,7 @@ def _write_score(score: Score, page: Path, json_path: str | None) -> None:
 
 
 def _sign(
-    paths: list[Path],
-    scores: list[Score],
+    scores: dict[str, Score],
     heading: tuple[str, str, str],
     evidence: Sequence[Path],
     test_report: Path | None,
@@ -230,15 +230,16 @@ def _sign(
     from sfr_loc_map.suite.pages.evidence_files import read_evidence
 
     found = read_evidence(evidence)
+    in_order = list(scores.values())
     if junit is not None:
-        write_junit(scores, junit)
+        write_junit(in_order, junit)
     if test_report is not None:
-        write_text(render_test_report(scores, *heading, found), test_report)
+        write_text(render_test_report(in_order, *heading, found), test_report)
         say(f"test report: {test_report}")
         propose(f"open {test_report} in a browser, print it for the signatures")
     if control is not None:
         _, number, issue = heading
-        _write_control_document(dict(zip(map(str, paths), scores, strict=True)), control, (number, issue))
+        _write_control_document(scores, control, (number, issue))
 
 
 def _write_control_document(scores: dict[str, Score], control: Path, report: tuple[str, str]) -> None:
@@ -285,7 +286,7 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
 
     if len(folders) != 2:
         what = "sfr suite report makes the page of one" if len(folders) == 1 else "sfr suite history takes several"
-        raise ConfigError(f"{len(folders)} folders of suites given: exactly two are compared; {what}")
+        raise ConfigError(f"{counted(len(folders), 'suite')} given: exactly two are compared; {what}")
     check_suffix(page, HTML_SUFFIXES)
     reference, compared = (summarise(Store(folder)) for folder in folders)
     result = compare_suites(reference, compared, (str(folders[0]), str(folders[1])))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -104,27 +104,34 @@ def _failures_of(score: Score) -> Iterator[str]:
         yield f"{len(views)} of {len(score.on_limits)} limits missed: {missed}"
 
 
-def conclude_all(scores: Sequence[Score], *, requires_common_verdict: bool, lenient: bool) -> None:
-    """Raise the error of the verdicts of scores; a missed limit precedes a limit that could not be judged.
+def conclude_all(scores: Mapping[str, Score], *, requires_common_verdict: bool, lenient: bool) -> None:
+    """Raise the error of the verdicts of scores, given by file; missed limits precede missing judgements.
 
     Scores without limits are ignored. If a common verdict is required, they count as not judged.
     """
+    from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
     from sfr_loc_map.metrics.judging.several_scores import common_verdict
 
-    undecided: NotJudgedError | None = None
-    for score in scores:
-        if not score.is_judged:
-            continue
-        try:
-            conclude(score, (), lenient=lenient)
-        except NotJudgedError as error:
-            undecided = error
-    if undecided is not None:
-        raise undecided
+    def text_of(name: str, reasons: Iterable[str]) -> str:
+        text = "; ".join(reasons)
+        return f"{name}: {text}" if len(scores) > 1 else text
+
+    judged = {name: score for name, score in scores.items() if score.is_judged}
+    failures = [text_of(name, _failures_of(score)) for name, score in judged.items() if score.missed]
+    if failures:
+        raise FailedVerdictError("; ".join(failures))
+    reasons: list[str] = []
+    for name, score in judged.items():
+        if of_score := reasons_not_judged(score, ()):
+            text = text_of(name, of_score)
+            if score.verdict is VerdictState.PASS:
+                not_judged([text], lenient=True)
+            else:
+                reasons.append(text)
     if requires_common_verdict:
-        reason = common_verdict(scores).text
-        if reason or not all(score.is_judged for score in scores):
-            not_judged([reason or NO_LIMITS], lenient=lenient)
+        without = common_verdict([*scores.values()]).text or (NO_LIMITS if len(judged) < len(scores) else "")
+        reasons += [without] if without else []
+    not_judged(reasons, lenient=lenient)
 
 
 def check_conditions(truth: Trajectory | None, conditions: Sequence[str], *, lenient: bool) -> None:

@@ -12,7 +12,6 @@ from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import MissingExtraError, OutputError
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.rows import COLUMNS
 from sfr_loc_map.report.junit import junit
@@ -32,10 +31,7 @@ def suite_junit(summary: Summary) -> str:
 
     failed = {unique_name(item.label, item.key): f"{item.cause}: {item.message}" for item in summary.failures}
     refused = {item.path: item.reason for item in summary.refusals}
-    judged = {
-        f"all drives, {group.key.text}": Score(figures=group.figures, verdicts=group.verdicts)
-        for group in summary.groups
-    }
+    judged = {f"all drives, {group.key.text}": summary.score_of(group) for group in summary.groups}
     waiting = {"jobs": f"{summary.waiting} of {summary.jobs} have no result yet"} if summary.waiting else {}
     scores = {unique_name(result.job.label, result.job.key): result.score for result in summary.results}
     return junit(judged | scores, failed | refused | waiting)

@@ -16,11 +16,13 @@ def with_unique_names(sources: Sequence[JobSource]) -> list[JobSource]:
     """Return the sources with unique names.
 
     Simulations with equal names and different settings are named by the folder of their scenario, then by the settings
-    that differ. Other sources with equal names are named by the ends of their paths.
+    that differ. Other sources with equal names are named by the ends of their paths, and estimates with several ground
+    truths also by the path of the ground truth.
     """
     named = _with_simulations_renamed(sources, _name_with_folder)
     named = _with_simulations_renamed(named, _name_with_settings)
-    return _with_files_renamed(named)
+    named = _with_files_renamed(named)
+    return _with_truths_named(named)
 
 
 def _with_simulations_renamed(
@@ -62,3 +64,16 @@ def _with_files_renamed(sources: Sequence[JobSource]) -> list[JobSource]:
         is_shared = any(other.path != source.path and other.path.endswith(f"/{end}") for other in sources)
         renamed.append(replace(source, name=source.path if is_shared else end))
     return renamed
+
+
+def _with_truths_named(sources: Sequence[JobSource]) -> list[JobSource]:
+    """Return the sources; an estimate that occurs with several ground truths is also named by the ground truth."""
+    truths: dict[str, set[str]] = {}
+    for source in sources:
+        truths.setdefault(source.name, set()).add(source.truth)
+    return [
+        replace(source, name=f"{source.name} (truth={source.truth})")
+        if source.truth and len(truths[source.name]) > 1
+        else source
+        for source in sources
+    ]

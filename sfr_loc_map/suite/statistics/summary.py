@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limit_scope import limits_about, tasks_of
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
-from sfr_loc_map.metrics.score.limits import Limits
+from sfr_loc_map.metrics.score.limits import Limits, Rules
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.rows import Figure
@@ -152,6 +152,7 @@ class Summary:
     copies: tuple[tuple[str, ...], ...] = ()  #: Names of the sources that are copies, for each drive with copies.
     replaced_truths: tuple[ReplacedTruth, ...] = ()
     deviations: tuple[CommonDeviation, ...] = ()
+    limits: Limits | None = None  #: Limits of the suite; None if there are none.
 
     @property
     def counts(self) -> JobCounts:
@@ -171,6 +172,12 @@ class Summary:
     def on_limits(self) -> list[GroupVerdict]:
         """The verdicts on limits. Verdicts on findings, contradictions and missing results have no figure."""
         return [item for group in self.groups for item in group.verdicts if item.figure is not None]
+
+    def score_of(self, group: Group) -> Score:
+        """Return the pooled figures of a group and its verdicts as a score, whose rules require as many values."""
+        limits = self.limits or Limits()
+        rules = Rules(minimum_count=limits.minimum_count, minimum_independent=limits.minimum_independent)
+        return Score(figures=group.figures, verdicts=group.verdicts, rules=rules)
 
     @property
     def is_decided(self) -> bool:
@@ -272,6 +279,7 @@ def summarise(store: Store) -> Summary:
         copies=tuple(copies_in(jobs)),
         replaced_truths=replaced_truths_in(results),
         deviations=common_deviations(results),
+        limits=limits,
     )
 
 

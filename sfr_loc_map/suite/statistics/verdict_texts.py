@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judging.proof import words_of
+from sfr_loc_map.metrics.judging.reasons import why_open
 from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
 from sfr_loc_map.suite.statistics.summary import Group, Summary
@@ -37,7 +38,7 @@ def verdict_texts_of(summary: Summary) -> VerdictTexts:
         failed_jobs=len(summary.failures) + len(summary.refusals),
         waiting=(f"{summary.waiting} of {summary.jobs} jobs have no result yet",) if is_waiting else (),
         incomplete=tuple(_incomplete_text(*pair) for pair in verdicts if pair[1].state is VerdictState.INCOMPLETE),
-        undecided=tuple(_undecided_text(*pair) for pair in verdicts if pair[1].state in UNDECIDED),
+        undecided=tuple(_undecided_text(summary, *pair) for pair in verdicts if pair[1].state in UNDECIDED),
     )
 
 
@@ -54,14 +55,12 @@ def _failures(summary: Summary) -> Iterator[str]:
 
 def _incomplete_text(group: Group, item: GroupVerdict) -> str:
     if item.figure is not None:
-        return (
-            f"{item.name} of {group.task}, {group.configuration}: incomplete, because drives lack values of the figure"
-        )
-    drives = "1 drive" if item.missed_by == 1 else f"{item.missed_by} drives"
-    text = f"incomplete: {drives} of {group.task}, {group.configuration}"
+        return f"{item.name} of {group.key.text}: incomplete, because drives lack values of the figure"
+    text = f"incomplete: {counted(item.missed_by, 'drive')} of {group.key.text}"
     return text if item.value is None else f"{text}; the worst drive covers {100.0 * item.value:.4g} %"
 
 
-def _undecided_text(group: Group, item: GroupVerdict) -> str:
-    reason = item.state.value if item.proof is None else words_of(item.proof, item.state)
-    return f"{item.name} of {group.task}, {group.configuration}: {reason}"
+def _undecided_text(summary: Summary, group: Group, item: GroupVerdict) -> str:
+    is_open = item.state is VerdictState.NOT_ENOUGH_DATA
+    reason = why_open(item, summary.score_of(group)) if is_open else item.state.value
+    return f"{item.name} of {group.key.text}: {reason}"

@@ -18,6 +18,7 @@ from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit, write_par
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobFailure
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, groups_of
+from sfr_loc_map.suite.statistics.verdict_texts import verdict_texts_of
 
 
 @pytest.fixture
@@ -40,6 +41,23 @@ def test_junit_has_every_limit_and_what_has_no_result(summary: Summary) -> None:
     assert suites["localise first, default"].get("failures") == "1"
     assert suites["localise third"].find("testcase/error").get("message") == "over the time limit: not done after 5 s"
     assert suites["gone.mcap"].get("errors") == "1"
+
+
+def test_an_undecided_limit_states_the_numbers_that_the_suite_requires(score: Score) -> None:
+    """The message of the command names the faults of the group, and both outputs have one reason."""
+    limits = parse_limits(
+        {"minimum_independent": 50, "trajectory": [{"condition": "distance=1", "position_mean_m": 9.0}]}, "limits"
+    )
+    drives = [ScoredJob(replace(JOB, faults="black"), judged_by(score, limits))]
+    found = Summary(
+        jobs=1, waiting=0, groups=tuple(groups_of(drives, limits)), results=(), failures=(), refusals=(), code="c",
+        limits=limits,
+    )  # fmt: skip
+    (undecided,) = verdict_texts_of(found).undecided
+    (error,) = ET.fromstring(suite_junit(found)).findall("testsuite/testcase/error")
+    assert undecided.startswith("position_mean_m of localise, default, black: ")
+    assert undecided.endswith("(50 are required)")
+    assert error.get("message") == f"not enough data: {undecided.partition(': ')[2]}"
 
 
 def test_failures_with_equal_names_are_separate_test_cases(summary: Summary) -> None:
