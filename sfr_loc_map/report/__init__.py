@@ -11,7 +11,7 @@ follows:
   `call_plots`, `map_plots`, in the terms of `plots`), and `printed_plot` makes those of the test report. `limit_lines`
   draws limits.
 - records: `summary` makes the banner, the header and the first items to look at, `notes` the notes of tables, and
-  `deviations` the deviations from the specification.
+  `deviations` the deviations from the specification. `settings` finds the settings that differ from their defaults.
 
 `page` (`Page`) and `test_report` (`SignedReport`) compose these parts in the order of their templates. Several scores
 of the same data are shown by `comparison` and `methods_page`. `benchmark_tables`, `diagnosis_table` and `path_plot`

@@ -91,10 +91,11 @@ class SearchFile(SearchRecord, frozen=True, kw_only=True):
 
     def open_points(self) -> Iterator[str]:
         """Yield an open point if any scenario misses the limit."""
-        if self.missed:
+        if self.found.fails:
+            unchanged = " and in the unchanged scenario" if self.usual.fails else ""
             yield (
-                f"The limit is missed in {self.missed} of {len(self.points)} searched scenarios; the worst has "
-                f"{ratio_text(self.found.ratio)}."
+                f"The limit is missed in {self.missed} of {len(self.points)} searched scenarios{unchanged}; "
+                f"the worst has {ratio_text(self.found.ratio)}."
             )
 
 

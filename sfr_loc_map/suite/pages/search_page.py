@@ -81,9 +81,11 @@ def render_search(record: SearchRecord) -> str:
     text = f"{record.title}: limit {record.limit:g}, missed at {record.missed} of {len(record.points)} points"
     if record.until_first_miss is not None:
         text += f", first at point {record.until_first_miss}"
+    if record.usual.fails:
+        text += ", and by the unchanged scenario"
     if record.left_out:
         text += f"; {len(record.left_out)} scenarios cannot be run and are skipped"
-    state = VerdictState.FAIL if record.missed else None
+    state = VerdictState.FAIL if record.found.fails else None
     plots = [_course(record), *(_slice_plot(record, number) for number in range(len(record.slices)))]
     banner = Banner.of(state, f"{text}.")
     return render_overview("Search for the worst case", banner, search_tables(record), [("Search", plots)])

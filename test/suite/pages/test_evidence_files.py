@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from helpers.cli_result import Sfr
@@ -16,6 +17,8 @@ from sfr_loc_map.evidence.overlap import Overlap, overlap_rows
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.pages.evidence_files import read_evidence
+from sfr_loc_map.suite.pages.search_page import render_search
+from sfr_loc_map.suite.search.record import SearchRecord
 from sfr_loc_map.suite.statistics.budget import Budget, BudgetFigure, BudgetRow
 
 COVERED = {"pairs": {"drive": 600, "maps": 2}, "pairs_of_source": {"drive": 3000, "maps": 2}}
@@ -65,6 +68,17 @@ def search_file(folder: Path, *ratios: float) -> Path:
     return write(
         folder / "search.json", content | {"points": points, "usual": points[0], "found": worst, "case": worst}
     )
+
+
+def test_an_unchanged_scenario_that_alone_misses_the_limit_is_an_open_point(tmp_path: Path) -> None:
+    path = search_file(tmp_path, 0.5)
+    content = json.loads(path.read_text())
+    usual = {"ratio": 1.25, "point": {"light": 5.0}}
+    (evidence,) = read_evidence([write(path, content | {"usual": usual, "found": usual, "case": usual})])
+    (text,) = evidence.open_points
+    assert "0 of 1 searched scenarios and in the unchanged scenario" in text
+    record = msgspec.json.decode(path.read_bytes(), type=SearchRecord)
+    assert "FAIL" in render_search(record)
 
 
 def test_evidence_is_in_the_order_of_a_review_with_its_open_points(tmp_path: Path) -> None:

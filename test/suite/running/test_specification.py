@@ -56,6 +56,15 @@ def test_every_key_means_something(tmp_path: Path) -> None:
     assert (made.settings.memory_mb, made.settings.repeats) == (500, 1)
 
 
+def test_an_estimate_with_two_ground_truths_has_two_names(tmp_path: Path) -> None:
+    for name in ("t1.csv", "t2.csv", "e.csv"):
+        (tmp_path / name).touch()
+    entries = [{"estimate": "e.csv", "truth": truth} for truth in ("t1.csv", "t2.csv")]
+    made = load_specification(written(tmp_path, {"sources": entries, "conditions": ["distance=5"]}))
+    assert len({source.name for source in made.sources}) == 2
+    assert [source.name.endswith(f"{Path(source.truth).name})") for source in made.sources] == [True, True]
+
+
 def test_a_mask_is_found_beside_the_suite_and_known_by_its_content(tmp_path: Path) -> None:
     masked = GOOD | {"configurations": {"masked": {"localisation": {"left_mask": "mask.png"}}}}
     with pytest.raises(SfrError, match=r"left_mask is '.*mask.png', which is not a file"):
