@@ -7,7 +7,7 @@ as `figures.3.value`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from sfr_loc_map.errors import InputError
@@ -72,14 +72,9 @@ def items_with(figure: str, figures: Sequence[Figure]) -> list[Item]:
     return [item for item in items.values() if figure in item.rows]
 
 
-UnitOfItem = Callable[[Item], Unit]
-
-
-def numbers(title: str, figure: str, name: str = "value", unit: Unit | UnitOfItem = NONE) -> RowColumn[Item]:
-    """Return the column of a statistic of a figure, in one unit or in the unit of each line."""
-    if isinstance(unit, Unit):
-        return RowColumn(Column(title, unit), lambda item: item.cell(figure, name, unit))
-    return RowColumn(Column(title), lambda item: item.cell(figure, name, unit(item)))
+def numbers(title: str, figure: str, name: str = "value", unit: Unit = NONE) -> RowColumn[Item]:
+    """Return the column of a statistic of a figure."""
+    return RowColumn(Column(title, unit), lambda item: item.cell(figure, name, unit))
 
 
 def intervals(title: str, figure: str, unit: Unit) -> RowColumn[Item]:
@@ -90,14 +85,25 @@ def intervals(title: str, figure: str, unit: Unit) -> RowColumn[Item]:
     )
 
 
-def units(unit_of: UnitOfItem) -> RowColumn[Item]:
-    """Return the column of the unit of each line."""
-    return RowColumn(Column("unit"), lambda item: Cell(unit_of(item).symbol))
+class Length(NamedTuple):
+    """A statistic of a figure in metres, which is displayed in a unit that suits its line."""
+
+    title: str
+    figure: str
+    name: str = "value"  #: Name of the statistic.
 
 
-def in_metres(*lengths: tuple[str, str]) -> UnitOfItem:
-    """Return the function that returns the displayed unit of figures of a line, given by their names and statistics."""
-    return lambda item: fitting(METRE, *(item.number(figure, name) for figure, name in lengths))
+def lengths(*shown: Length) -> tuple[RowColumn[Item], ...]:
+    """Return the column of the unit, which the lengths of a line share, and the column of each length."""
+
+    def unit_of(item: Item) -> Unit:
+        return fitting(METRE, *(item.number(length.figure, length.name) for length in shown))
+
+    def column_of(length: Length) -> RowColumn[Item]:
+        return RowColumn(Column(length.title), lambda item: item.cell(length.figure, length.name, unit_of(item)))
+
+    units: RowColumn[Item] = RowColumn(Column("unit"), lambda item: Cell(unit_of(item).symbol))
+    return units, *map(column_of, shown)
 
 
 def parts(title: str) -> RowColumn[Item]:
@@ -124,16 +130,13 @@ class CheckTable(NamedTuple):
         return table_of(self.kind.name, self.kind.title, self.columns, items, self.kind.note)
 
 
-OF_DIFFERENCE = in_metres(("difference", "rmse"), ("error_at_least", "value"))
 AGREEMENT_TABLE = CheckTable(
     kinds.AGREEMENT,
     "difference",
     (
         parts("runs"),
         words("over", lambda item: label_of(item.condition) or REVISITED_PLACES),
-        units(OF_DIFFERENCE),
-        numbers("difference, rmse", "difference", "rmse", OF_DIFFERENCE),
-        numbers("minimum error of a run", "error_at_least", unit=OF_DIFFERENCE),
+        *lengths(Length("difference, rmse", "difference", "rmse"), Length("minimum error of a run", "error_at_least")),
         numbers("n", "difference", "n"),
         numbers("NEES", "difference_nees", "mean"),
         numbers("expected below", "difference_nees", "high95"),
@@ -141,20 +144,17 @@ AGREEMENT_TABLE = CheckTable(
         numbers("p", "agreement"),
     ),
 )
-OF_MISCLOSURE = in_metres(("misclosure", "value"))
 REVISITED_TABLE = CheckTable(
     kinds.REVISITED,
     "misclosure",
     (
         parts("revisited place"),
         numbers("path", "revisited_path", unit=METRE),
-        units(OF_MISCLOSURE),
-        numbers("misclosure", "misclosure", unit=OF_MISCLOSURE),
+        *lengths(Length("misclosure", "misclosure")),
         numbers("of the path", "misclosure_of_path", unit=PERCENT),
         numbers("NEES", "misclosure_nees"),
     ),
 )
-OF_PREDICTED = in_metres(("predicted", "value"))
 PREDICTED_TABLE = CheckTable(
     kinds.PREDICTED,
     "predicted",
@@ -162,8 +162,7 @@ PREDICTED_TABLE = CheckTable(
         parts("source"),
         OVER,
         numbers("fraction of the mean square", "predicted_share", unit=PERCENT),
-        units(OF_PREDICTED),
-        numbers("position, rms", "predicted", unit=OF_PREDICTED),
+        *lengths(Length("position, rms", "predicted")),
         numbers("attitude, rms", "predicted_attitude", unit=Unit("deg")),
         numbers("n", "predicted", "n"),
     ),
@@ -180,27 +179,18 @@ SCALE_TABLE = CheckTable(
         numbers("independent", "scale", "independent"),
     ),
 )
-OF_SIGMA = in_metres(("hat_sigma", "value"))
 HAT_TABLE = CheckTable(
     kinds.HAT,
     "hat_sigma",
-    (
-        parts("estimate"),
-        OVER,
-        units(OF_SIGMA),
-        numbers("sigma", "hat_sigma", unit=OF_SIGMA),
-        numbers("n", "hat_sigma", "n"),
-    ),
+    (parts("estimate"), OVER, *lengths(Length("sigma", "hat_sigma")), numbers("n", "hat_sigma", "n")),
 )
-OF_RANGES = in_metres(("overlap_difference", "value"))
 OVERLAP_TABLE = CheckTable(
     kinds.OVERLAP,
     "overlap",
     (
         parts("maps"),
         numbers("overlap", "overlap", unit=PERCENT),
-        units(OF_RANGES),
-        numbers("range difference, rms", "overlap_difference", unit=OF_RANGES),
+        *lengths(Length("range difference, rms", "overlap_difference")),
         numbers("ratio to the expected difference", "overlap_ratio"),
         numbers(f"grey difference over that {SHIFT_PX} px away", "overlap_grey"),
         numbers("points", "overlap", "n"),
