@@ -46,13 +46,13 @@ def allowed_types(name: str) -> tuple[str, ...]:
 class ObservedTopic:
     """One topic: its name and types in the bag or graph, and its messages."""
 
-    source_name: str  #: Name in the bag or graph
+    source_name: str  #: Name in the bag or graph.
     types: tuple[str, ...]
-    publishers: tuple[Publisher, ...] | None = None  #: On the graph; None for a recording
-    stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))  #: `(N,)`, in the order of reception
-    messages: tuple[Any, ...] = ()  #: The first messages, with fields as attributes
-    requests: Mapping[str, Reliability] = field(default_factory=dict)  #: Requested reliability by node of the suite
-    lost: int = 0  #: Messages that were published between received ones but not received
+    publishers: tuple[Publisher, ...] | None = None  #: On the graph; None for a recording.
+    stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))  #: `(N,)`, in the order of reception.
+    messages: tuple[Any, ...] = ()  #: The first messages, with fields as attributes.
+    requests: Mapping[str, Reliability] = field(default_factory=dict)  #: Requested reliability by node of the suite.
+    lost: int = 0  #: Messages that were published between received ones but not received.
 
     @property
     def is_published(self) -> bool:
@@ -65,13 +65,13 @@ class ObservedNode:
     """A running node of the suite; its name includes the namespace."""
 
     name: str
-    rig: str  #: `loc`, `nav`, or empty for the monitor
-    state: str = "active"  #: Lifecycle state; empty if the node did not answer
+    rig: str  #: `loc`, `nav`, or empty for the monitor.
+    state: str = "active"  #: Lifecycle state; empty if the node did not answer.
     use_sim_time: bool = False
-    extrinsics_given: bool = False  #: Whether the parameters of the node give the extrinsics
-    stamp_tolerance_ns: int | None = None  #: Largest stamp difference of paired messages; None without an answer
-    has_worked: bool = False  #: Whether the node has processed a pair since it became active
-    rectifies: bool = False  #: Whether the node subscribes to raw images and rectifies them
+    extrinsics_given: bool = False  #: Whether the parameters of the node give the extrinsics.
+    stamp_tolerance_ns: int | None = None  #: Largest stamp difference of paired messages; None without an answer.
+    has_worked: bool = False  #: Whether the node has processed a pair since it became active.
+    rectifies: bool = False  #: Whether the node subscribes to raw images and rectifies them.
 
 
 class SourceKind(Enum):
@@ -86,23 +86,23 @@ class SourceKind(Enum):
 class Observation:
     """The observation of a bag, of a source of files, or of a graph over some time."""
 
-    subject: str  #: Name of the source in messages
+    subject: str  #: Name of the source in messages.
     kind: SourceKind = SourceKind.BAG
-    prefix: str = ""  #: Prefix of the suite's names in the graph
-    topics: Mapping[str, ObservedTopic] = field(default_factory=dict)  #: Existing topics by suite name
-    ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  #: Possible topics
-    others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  #: Types of all topics by name
-    stamp_tolerance_ns: int = SyncConfig().stamp_tolerance_ns  #: Of the configuration, used for rigs without a node
-    extrinsics_given: bool = False  #: Whether a parameter file gives the extrinsics
-    extrinsics_in_tf: bool | None = False  #: Whether /tf_static (files: rig.json) gives them; None: unreadable
+    prefix: str = ""  #: Prefix of the suite's names in the graph.
+    topics: Mapping[str, ObservedTopic] = field(default_factory=dict)  #: Existing topics by suite name.
+    ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  #: Possible topics.
+    others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  #: Types of all topics by name.
+    stamp_tolerance_ns: int = SyncConfig().stamp_tolerance_ns  #: Of the configuration, used for rigs without a node.
+    extrinsics_given: bool = False  #: Whether a parameter file gives the extrinsics.
+    extrinsics_in_tf: bool | None = False  #: Whether /tf_static (files: rig.json) gives them; None: unreadable.
     nodes: tuple[ObservedNode, ...] = ()
-    has_clock: bool = False  #: /clock is published
-    now_ns: int | None = None  #: Host time at the end of the observation; None for a recording
-    export_line: str = ""  #: Shell command that gives a publisher enough shared memory
-    broken: str = ""  #: Error that ended the reading; empty if complete
+    has_clock: bool = False  #: /clock is published.
+    now_ns: int | None = None  #: Host time at the end of the observation; None for a recording.
+    export_line: str = ""  #: Shell command that gives a publisher enough shared memory.
+    broken: str = ""  #: Error that ended the reading; empty if complete.
     truth_has_attitude: bool = False
-    unfinished: bool = False  #: The bag was not closed; its last second may be missing
-    skipped_pairs: int = 0  #: Files: number of listed pairs without images
+    unfinished: bool = False  #: The bag was not closed; its last second may be missing.
+    skipped_pairs: int = 0  #: Files: number of listed pairs without images.
 
     @property
     def is_live(self) -> bool:
