@@ -83,7 +83,8 @@ def test_the_finding_of_a_camera_has_the_problem_and_its_fix() -> None:
         for kind, message in kinds.items()
     }
     (found,) = [item for item in examine(Observation("", SourceKind.BAG, topics=topics)) if item.cause == "camera_info"]
-    assert (found.text, found.fix) == ("loc/left/camera_info: r is not a rotation", "calibrate the pair")
+    assert found.text.startswith("loc/left/camera_info: r is not a rotation: ")
+    assert found.fix == "calibrate the pair"
 
 
 def test_stamps_are_compared_within_the_tolerance_of_the_node_or_of_the_configuration() -> None:
