@@ -67,6 +67,7 @@ SOURCES: dict[str, str] = {
 }
 """Sources of stamped messages, each with its description for log messages. A new run of one source is a new run of all
 sources."""
+SCORE_PREFIX = "score."  #: Prefix of the parameters that are the settings of the score.
 IN_FLIGHT_S = 5.0  #: During a run, results of pairs younger than this do not count as missing.
 
 
@@ -344,9 +345,10 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self.status.note_arrival()
 
     def _result(self, *, details: bool = True, in_flight_s: float = 0.0) -> Score:
-        """Return the score so far, with the configurations of the nodes."""
-        configuration = self._configurations | {"monitor": json.loads(self.config_json())}
-        made = Provenance(version=__version__, configuration=configuration)
+        """Return the score so far, with the configurations of the nodes. The score itself states its settings."""
+        parameters = json.loads(self.config_json()).items()
+        monitor = {name: value for name, value in parameters if not name.startswith(SCORE_PREFIX)}
+        made = Provenance(version=__version__, configuration=self._configurations | {"monitor": monitor})
         dropped = sum(self.counts().values())
         live = LiveRun(
             in_flight_s=in_flight_s,

@@ -26,7 +26,7 @@ from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, JUDGED, STANDING, TOTAL, Subject
 from sfr_loc_map.metrics.table.records import MethodKind
 from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope, range_of
-from sfr_loc_map.report.settings import changed_settings
+from sfr_loc_map.report.settings import changed_settings, settings_of
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.tables.model import METRE, fitting, number
 
@@ -109,11 +109,12 @@ def _caveats(score: Score) -> Iterator[str]:
 
 def _map_range(score: Score) -> Iterator[str]:
     """Yield ranges of the map that differ from the default ranges, if a verdict depends on them."""
-    if score.provenance is None or not any(item.subject is Subject.MAP for item in score.verdicts):
+    settings = settings_of(score)
+    if settings is None or not any(item.subject is Subject.MAP for item in score.verdicts):
         return
     usual = MapScoreConfig()
-    used = [score.provenance.configuration.get(f"map.{name}") for name in ("scored_from_m", "scored_to_m")]
-    if None not in used and used != [usual.scored_from_m, usual.scored_to_m]:
+    used = [settings["map.scored_from_m"], settings["map.scored_to_m"]]
+    if used != [usual.scored_from_m, usual.scored_to_m]:
         yield (
             f"Coverage counts true points from {used[0]:g} m to {used[1]:g} m (--range); the default is "
             f"{usual.scored_from_m:g} m to {usual.scored_to_m:g} m."
@@ -122,13 +123,14 @@ def _map_range(score: Score) -> Iterator[str]:
 
 def _points_beyond(score: Score) -> Iterator[str]:
     """Yield how many true pixels beyond the range of the coverage have a point, if a verdict depends on the points."""
-    if score.provenance is None or not any(item.subject is Subject.MAP for item in score.verdicts):
+    settings = settings_of(score)
+    if settings is None or not any(item.subject is Subject.MAP for item in score.verdicts):
         return
-    to_m = score.provenance.configuration.get("map.scored_to_m")
+    to_m = settings["map.scored_to_m"]
     beyond = []
     for row in score.rows("coverage"):
         bounds = range_of(row.part)
-        if to_m is not None and bounds is not None and bounds[0] >= to_m and row.n:
+        if bounds is not None and bounds[0] >= to_m and row.n:
             beyond.append(row)
     pixels = sum(row.n or 0 for row in beyond)
     if pixels:
@@ -140,7 +142,12 @@ def _points_beyond(score: Score) -> Iterator[str]:
 
 
 def _other_settings(score: Score) -> Iterator[str]:
-    """Yield the settings of the score that differ from the defaults, if no other deviation is about them."""
+    """Yield the settings of the score that differ from the defaults, if no other deviation is about them.
+
+    Yield one sentence if the settings are unknown.
+    """
+    if settings_of(score) is None:
+        yield "The settings of the score are unknown, so that they may differ from the defaults."
     for item in changed_settings(score):
         if item.is_of_score and item.name not in SETTINGS_WITH_A_SENTENCE:
             used, usual = _setting_text(item.value), _setting_text(item.default)

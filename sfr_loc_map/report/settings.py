@@ -1,8 +1,8 @@
-"""Settings of a score that differ from their defaults, for the header of a page and for the deviations."""
+"""Settings of a score and those that differ from their defaults, for the header of a page and for the deviations."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from sfr_loc_map.config import flatten
@@ -18,6 +18,13 @@ class ChangedSetting(NamedTuple):
     value: Any
     default: Any  #: None for a setting of another package.
     is_of_score: bool  #: Whether the setting is one of `ScoreConfig`; other packages record only changed settings.
+
+
+def settings_of(score: Score) -> Mapping[str, Any] | None:
+    """Return the settings of `ScoreConfig` that a score was made with, by dotted name; None if any is unknown."""
+    stated = {} if score.provenance is None else score.provenance.configuration
+    names = flatten(ScoreConfig()).keys()
+    return {name: stated[name] for name in names} if names <= stated.keys() else None
 
 
 def changed_settings(score: Score) -> Iterator[ChangedSetting]:

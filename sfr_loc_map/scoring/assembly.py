@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from msgspec.structs import replace as struct_replace
 
+from sfr_loc_map.config import flatten
 from sfr_loc_map.metrics.config import Condition, ScoreConfig
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.judge import judged_by
@@ -43,13 +44,16 @@ def figures_with_all_errors(
 def score_of_parts(
     run: Run, parts: ScoreParts, provenance: Provenance | None, config: ScoreConfig, limits: Limits | None
 ) -> Score:
-    """Return the score of the parts of a run, with its verdicts and warnings."""
+    """Return the score of the parts of a run, with its verdicts and warnings.
+
+    The provenance also states the settings of the score, so that every score states them by the same names.
+    """
     trajectory, surface, calls = parts
     score = Score(
         figures=(*trajectory.figures, *surface.figures, *calls.figures),
         association=trajectory.association,
         truth=trajectory.truth,
-        provenance=provenance,
+        provenance=_with_settings(provenance, config),
         alignment=trajectory.alignment,
         cloud=surface.cloud,
         calls=calls.records,
@@ -68,6 +72,13 @@ def score_of_parts(
     caveats = (*trajectory.caveats, *surface.caveats, *calls.caveats, *of_run)
     warnings = _warnings(judged, run, parts, caveats)
     return struct_replace(judged, warnings=tuple(warnings), caveats=caveats)
+
+
+def _with_settings(provenance: Provenance | None, config: ScoreConfig) -> Provenance | None:
+    """Return a provenance whose configuration contains the settings of the score by dotted name."""
+    if provenance is None:
+        return None
+    return struct_replace(provenance, configuration={**provenance.configuration, **flatten(config)})
 
 
 def _warnings(judged: Score, run: Run, parts: ScoreParts, caveats: Sequence[str]) -> Iterator[str]:

@@ -13,11 +13,9 @@ from msgspec.structs import replace as struct_replace
 from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
-from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth
 from sfr_loc_map.hashes import hash_arrays, hash_path
-from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import InputFile, Provenance
@@ -26,8 +24,8 @@ from sfr_loc_map.scoring.input_files import ReadFile
 from sfr_loc_map.scoring.inputs import IN_MEMORY, Run
 
 
-def provenance_of(run: Run, config: ScoreConfig) -> Provenance:
-    """Return the provenance of a score; a ground truth also has the hash of its values (`data_sha256`).
+def provenance_of(run: Run) -> Provenance:
+    """Return the provenance of a run; a ground truth also has the hash of its values (`data_sha256`).
 
     InputError if a file was changed or replaced since it was read.
     """
@@ -51,7 +49,7 @@ def provenance_of(run: Run, config: ScoreConfig) -> Provenance:
         commit=package_commit().commit,
         command=origin.command,
         inputs=found,
-        configuration={**flatten(config), **origin.settings},
+        configuration=dict(origin.settings),
         host=host_facts(),
         time=datetime.now(UTC).isoformat(timespec="seconds"),
     )

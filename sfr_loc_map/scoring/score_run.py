@@ -49,7 +49,7 @@ def score_run(
         map=_map_part(run, config),
         calls=calls_result(run, expected_calls(run)),
     )
-    return score_of_parts(run, parts, provenance_of(run, config), config, limits)
+    return score_of_parts(run, parts, provenance_of(run), config, limits)
 
 
 def _trajectory_part(

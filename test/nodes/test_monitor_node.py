@@ -89,8 +89,10 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
         saved = json.loads(save.read_text())
         assert rows_about(saved, "trajectory") == rows_about(score, "trajectory")
         assert row(saved, "judged") == row(saved, "judged") | {"n": 21, "value": 1.0}, "all results are due"
-        assert saved["provenance"]["configuration"]["monitor"]["score.trajectory.spacing"] == 5
-        assert list(saved["provenance"]["configuration"]) == ["monitor"]
+        configuration = saved["provenance"]["configuration"]
+        assert configuration["trajectory.spacing"] == 5
+        assert not [name for name in configuration["monitor"] if name.startswith("score.")], "settings are stated once"
+        assert "localisation" not in configuration, "the hostile configurations are ignored"
         assert peer.call("monitor_node/reset").success
         peer.until(lambda: not association_of(report), "the reset")
         last_ns = START_NS + 20 * PERIOD_NS

@@ -29,7 +29,7 @@ from sfr_loc_map.io.truth.config import TrackedBodyConfig
 from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_types import STRING
-from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.config import AssociationConfig, MapScoreConfig, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.cloud_error import score_map, truths_of
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates, symmetric
@@ -38,6 +38,7 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 from sfr_loc_map.metrics.table.details import Details
+from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.metrics.table.results import TrajectoryResult
 from sfr_loc_map.nodes.score_file import ScoreFile
 from sfr_loc_map.replay.received import ReceivedDrive
@@ -283,6 +284,26 @@ def test_calls_of_a_live_run_are_stated_and_resets_are_a_deviation() -> None:
         assert "was stated by the node and not measured from outside" in deviations
         assert "was measured on the host" not in deviations
         assert ("reset last after the stamp 7 ns" in deviations) == bool(resets_ns)
+
+
+def test_settings_of_a_live_score_are_deviations_as_those_of_a_file() -> None:
+    """Without a provenance, the settings are unknown, which is a deviation as well."""
+    association = AssociationConfig(truth="interpolate", max_gap_s=3000.0)
+    config = ScoreConfig(replace(CONFIG, association=association), MapScoreConfig(scored_to_m=2.5))
+    monitor = MonitorScore(config, parse_limits({"map": {"coverage_min": 0.1}}, "limits"))
+    for name, arguments in messages_of(small_drive(3)):
+        getattr(monitor, name)(*arguments)
+    of_parameters = {"monitor": {"input.queue_depth": 10}}
+    score = monitor.result(LiveRun(provenance=Provenance(version="0", configuration=of_parameters)))
+    deviations = " ".join(deviations_of(from_json(to_json(score))))
+    for text in (
+        "The setting trajectory.association.truth is interpolate; the default is auto.",
+        "The setting trajectory.association.max_gap_s is 3000; the default is 1.",
+        "Coverage counts true points from 0 m to 2.5 m",
+    ):
+        assert text in deviations
+    assert "settings of the score are unknown" not in deviations
+    assert "settings of the score are unknown" in " ".join(deviations_of(monitor.result()))
 
 
 def report(name: str) -> str:
