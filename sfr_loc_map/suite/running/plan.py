@@ -23,7 +23,10 @@ READER_THREADS = 8
 def make_plan(
     specification: SuiteSpecification, facts_of: Callable[[Path], SourceFacts], cache: Path
 ) -> tuple[list[Job], list[Refusal]]:
-    """Return the jobs of a suite in the order of its file, without duplicates, and the unreadable sources."""
+    """Return the jobs of a suite in the order of its file, without duplicates, and the refused sources.
+
+    A source is refused if it is unreadable, and for each requested task for which it has no data.
+    """
 
     def inspected(source: JobSource) -> ReadySource:
         return SOURCE_READERS[source.kind].ready(source, facts_of, cache)
@@ -48,7 +51,22 @@ def make_plan(
                 jobs[job.key] = replace(known, source=replace(known.source, identical=identical))
     if not jobs and not refusals:
         raise ConfigError(f"{specification.path}: there is no job: the sources have no data for 'tasks'")
+    for item in ready:
+        refusals += _tasks_without_data(specification, item)
     return list(jobs.values()), refusals
+
+
+def _tasks_without_data(specification: SuiteSpecification, item: ReadySource) -> Iterator[Refusal]:
+    """Yield a refusal for each requested task for which a source has no data, or for a source without any data."""
+    if not item.possible:
+        yield Refusal(item.source.name, "the source has no data for any task")
+        return
+    if JobTask.SCORE in item.possible:
+        return
+    for task in specification.tasks or ():
+        if task not in item.possible:
+            reason = f"the source has no data for the task '{task}', which 'tasks' requests of each source"
+            yield Refusal(f"{item.source.name}, {task}", reason)
 
 
 def _jobs(

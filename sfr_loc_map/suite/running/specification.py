@@ -57,9 +57,9 @@ class SuiteSettings:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """A source that cannot be read, or that has a result but no job any more, and the reason."""
+    """A source that cannot be read, lacks data for a task, or has a result but no job any more, and the reason."""
 
-    path: str  #: Path or URL of an unreadable source; name of a source with a result.
+    path: str  #: Path or URL of an unreadable source; otherwise the name of the source, with the task if it lacks data.
     reason: str
 
 

@@ -48,6 +48,17 @@ def test_every_combination_once(tmp_path: Path) -> None:
     assert {job.source.name for job in localise} == {"drive1", "drive2", "both"}
 
 
+def test_a_source_without_data_for_a_requested_task_is_refused(tmp_path: Path) -> None:
+    """Without `tasks`, each source is run with the tasks for which it has data."""
+    for name in ("drive1", "both"):
+        (tmp_path / name).write_text(name)
+    for tasks, refused in ((["localise", "map"], ["drive1, map"]), (["map"], ["drive1, map"]), (None, [])):
+        given = {} if tasks is None else {"tasks": tasks}
+        jobs, refusals = plan_of(tmp_path, sources=["drive1", "both"], **given)
+        assert [item.path for item in refusals] == refused
+        assert {job.source.name for job in jobs} >= {"both"}
+
+
 def test_a_seed_of_the_suite_decides_the_order_of_the_drives(tmp_path: Path) -> None:
     """A supplier of the files who does not know the seed cannot select the order. No job is run again."""
     for number in range(5):
