@@ -217,6 +217,8 @@ def decode_call(text: str, task: Task) -> CallRecord:
             raise ValueError(f"task is '{record.task}': '{task}' is required on this topic")
         if record.state not in ("", *STATES_OF[task]):
             raise ValueError(f"state is '{record.state}': one of {', '.join(STATES_OF[task])} is required")
+        if len(set(record.pair_stamps_ns)) < len(record.pair_stamps_ns):
+            raise ValueError("'pair_stamps_ns' contains a stamp twice: each pair is required once")
         for name, value, shape in (("step", record.step, (STEP_SIZE,)), ("covariance", record.covariance, (6, 6))):
             if value is not None and (value.shape != shape or not np.isfinite(value).all()):
                 raise ValueError(f"'{name}' has the shape {value.shape}: finite numbers of shape {shape} are required")

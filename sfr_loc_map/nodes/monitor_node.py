@@ -51,7 +51,7 @@ from sfr_loc_map.ros.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.ros.qos import LATCHED, RELIABILITIES, profile
 from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.run_order import AnyOrder, CommonRuns
-from sfr_loc_map.scoring.live.live_score import LiveRun
+from sfr_loc_map.scoring.live.live_score import DiscardedInterval, LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import SIDES, Side, Task
 from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TRUE_POINTS, call_topic, configuration_topic
@@ -122,7 +122,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     State of the node, and what becomes of the state at a new run of any source and at `~/reset`. An activation clears
     the waiting messages, and whether the ground truth was received, because the type of the ground truth may have
-    changed. All other state is kept. A configuration and a clean-up create all state again (`reset_state`).
+    changed. All other state is kept. A configuration and a clean-up create all state again (`reset_state`), except the
+    list of discarded intervals. Every event that discards received data adds to this list (`_discard`).
 
     | state | new run | `~/reset` |
     |---|---|---|
@@ -138,6 +139,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     task = "monitor"
     config_type = MonitorNodeConfig
+    _received_ns: tuple[int, int] | None = None  # earliest and latest stamp of the data of the present score
+    _discarded: tuple[DiscardedInterval, ...] = ()  # kept for the life of the node
     foreign_parameters = tuple(f"input.{item.name}" for item in fields(StereoInputConfig))
 
     def check_config(self, config: MonitorNodeConfig) -> None:
@@ -182,6 +185,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     def reset_state(self) -> None:
         """Create the state of the node, without input and results."""
+        self._discard("clean-up or configuration")
         config = self.config
         self._score = MonitorScore(config.score, None, config.truth)  # `setup` reads the limits
         self._score_file = ScoreFile(Path(config.save_file)) if config.save_file else None
@@ -192,7 +196,6 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self._truth = FrameTruthInput(config.truth.frame)
         self._runs: CommonRuns[Callable[[], None]] = CommonRuns({source: AnyOrder() for source in SOURCES})
         self._restarts = 0  # number of new runs since the operator's reset
-        self._resets_ns: list[int] = []  # last stamp before each reset by the operator
         self._has_estimate = False
         self._has_truth = False
         self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)  # received before camera_info
@@ -238,9 +241,13 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _on_image_info(self, message: CameraInfo) -> None:
         """Add the stamp of an image. Lost messages do not count, because stamps matter only if no estimate exists."""
         if (stamp_ns := stamp_of(message)) > 0:
-            self.worker.enqueue_droppable(lambda: self._score.add_image(stamp_ns))
+            self.worker.enqueue_droppable(partial(self._add_image, stamp_ns))
 
     # ---- in the worker's thread
+
+    def _add_image(self, stamp_ns: int) -> None:
+        self._score.add_image(stamp_ns)
+        self._note_stamp(stamp_ns)
 
     def _on_estimate(self, message: Odometry) -> None:
         stamp_ns, position, quat = odometry_row(message)
@@ -268,15 +275,22 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         accepted, begins_run = self._runs.add(source, stamp_ns, add)
         if begins_run:
             self.get_logger().warning(f"the stamps of {SOURCES[source]} have jumped: the score restarts")
-            self._begin_run()
+            self._begin_run("a new run")
             self._restarts += 1
         for add_item in accepted:
             add_item()
 
-    def _begin_run(self) -> None:
+    def _begin_run(self, cause: str) -> None:
         """Discard what was received in the previous run."""
+        self._discard(cause)
         self._score.restart()
         self._last_ns = 0
+
+    def _discard(self, cause: str) -> None:
+        """Record the interval of the data that are about to be discarded, if there are any."""
+        if self._received_ns is not None:
+            self._discarded = (*self._discarded, DiscardedInterval(*self._received_ns, cause))
+        self._received_ns = None
 
     def _on_call(self, task: Task, message: String) -> None:
         call = decode_call(message.data, task)
@@ -296,6 +310,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
         def add() -> None:
             self._score.map_inputs.add_pose(stamp_ns, pose)
+            self._note_stamp(stamp_ns)
             self._score_maps()
 
         self._add_in_order(NAV_POSE, stamp_ns, add)
@@ -342,7 +357,13 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _note(self, stamp_ns: int) -> None:
         self._changed = self._unsaved = True
         self._last_ns = max(self._last_ns, stamp_ns)
+        self._note_stamp(stamp_ns)
         self.status.note_arrival()
+
+    def _note_stamp(self, stamp_ns: int) -> None:
+        """Extend the interval of the received data."""
+        first_ns, last_ns = self._received_ns or (stamp_ns, stamp_ns)
+        self._received_ns = min(first_ns, stamp_ns), max(last_ns, stamp_ns)
 
     def _result(self, *, details: bool = True, in_flight_s: float = 0.0) -> Score:
         """Return the score so far, with the configurations of the nodes. The score itself states its settings."""
@@ -355,7 +376,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             details=details,
             dropped=dropped,
             restarts=self._restarts,
-            resets_ns=tuple(self._resets_ns),
+            discarded=self._discarded,
             provenance=made,
         )
         return self._score.result(live)
@@ -399,9 +420,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self.status.warn(str(error))
 
     def _reset(self) -> str:
-        if self._last_ns:
-            self._resets_ns.append(self._last_ns)
-        self._begin_run()
+        self._begin_run("~/reset")
         self._runs.restart()
         self._restarts = 0
         self._changed = True

@@ -95,8 +95,8 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
         assert "localisation" not in configuration, "the hostile configurations are ignored"
         assert peer.call("monitor_node/reset").success
         peer.until(lambda: not association_of(report), "the reset")
-        last_ns = START_NS + 20 * PERIOD_NS
-        assert any(f"reset last after the stamp {last_ns} ns" in text for text in warnings_of(report))
+        interval = f"{START_NS} to {START_NS + 20 * PERIOD_NS} ns (~/reset)"
+        assert any(interval in text for text in warnings_of(report))
 
 
 def test_a_run_without_any_pose_for_its_images_is_incomplete(ros: None, capfd: Capture, tmp_path: Path) -> None:
@@ -332,8 +332,13 @@ def test_a_truth_of_another_type_is_received_after_another_activation_with_the_s
         assert np.linalg.norm(node._score.rows._truth.all()["position"][-1]) > 1.0
 
 
-def test_a_clean_up_discards_the_score(ros: None, capfd: Capture) -> None:
-    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode) as local:
+def test_a_clean_up_discards_the_score_and_the_score_after_it_states_the_discarded_data(
+    ros: None, capfd: Capture, tmp_path: Path
+) -> None:
+    """Neither a clean-up nor a reset erases what the other one has discarded."""
+    save = tmp_path / "score.json"
+    arguments = params(f"save_file:={save}")
+    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode, *arguments) as local:
         node = local.node
         peer.publish(Odometry, "localisation/odometry", raw(bag_messages.odometry(START_NS, np.zeros(3), NO_TURN)))
         peer.until(lambda: len(node._score.rows._estimates) == 1, "the estimate")
@@ -341,6 +346,16 @@ def test_a_clean_up_discards_the_score(ros: None, capfd: Capture) -> None:
         assert len(node._score.rows._estimates) == 1
         assert peer.change(Transition.TRANSITION_CLEANUP) == (True, "unconfigured")
         assert not len(node._score.rows._estimates)
+        assert peer.change(Transition.TRANSITION_CONFIGURE) == (True, "inactive")
+        assert peer.change(Transition.TRANSITION_ACTIVATE) == (True, "active")
+        message = bag_messages.odometry(START_NS + PERIOD_NS, np.zeros(3), NO_TURN)
+        peer.publish(Odometry, "localisation/odometry", raw(message))
+        peer.until(lambda: len(node._score.rows._estimates) == 1, "the second estimate")
+        assert peer.call("monitor_node/reset").success
+        assert peer.call("monitor_node/save").success
+        (caveat,) = json.loads(save.read_text())["caveats"]
+        assert f"{START_NS} to {START_NS} ns (clean-up or configuration)" in caveat
+        assert f"{START_NS + PERIOD_NS} to {START_NS + PERIOD_NS} ns (~/reset)" in caveat
 
 
 def test_figures_that_cannot_be_computed_are_not_reported_as_published(

@@ -102,8 +102,8 @@ class MapInputs:
                 continue
             T_sb_left = self.rig.T_sb_left
             truths = [PairTruth(self._true_points[s], self._poses[s] @ T_sb_left, self.rig) for s in wanted_ns]
-            cloud = replace(self._clouds.pop(stamp_ns), fused=fusion.is_fused)
-            expected_pairs = max(self._pairs_since_previous_map(last_ns), len(wanted_ns))
+            cloud = replace(self._clouds.pop(stamp_ns), fused=fusion.is_fused, pair_stamps_ns=wanted_ns)
+            expected_pairs = max(self._pairs_since_previous_map(last_ns), len(set(wanted_ns)))
             self._scored_ns.add(last_ns)
             yield MapToScore(cloud, truths, expected_pairs)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.message_stamps import NS_PER_S
@@ -27,6 +28,16 @@ from sfr_loc_map.scoring.score_parts import (
 )
 from sfr_loc_map.suite_names import Task
 
+MAX_LISTED = 5  #: Maximum number of discarded intervals that a caveat lists, the latest ones.
+
+
+class DiscardedInterval(NamedTuple):
+    """Received data that a live score has discarded."""
+
+    first_ns: int  #: Earliest stamp of the discarded data.
+    last_ns: int  #: Latest stamp of the discarded data.
+    cause: str  #: Event that discarded the data.
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LiveRun:
@@ -36,7 +47,7 @@ class LiveRun:
     details: bool = True  #: Whether the data of plots is kept, in addition to the errors of sub-trajectories.
     dropped: int = 0  #: Number of messages that were lost in transport or dropped.
     restarts: int = 0  #: Number of restarts caused by a jump of the stamps.
-    resets_ns: tuple[int, ...] = ()  #: Last stamps before each reset by the operator.
+    discarded: tuple[DiscardedInterval, ...] = ()  #: What earlier scores of the same node had received.
     provenance: Provenance | None = None  #: Provenance of the score.
 
     @property
@@ -97,10 +108,17 @@ def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:
 
 def _with_transport(calls: CallsResult, live: LiveRun, messages: int) -> CallsResult:
     """Return the result of the calls with the counts of dropped messages and restarts. Zero counts have no rows."""
-    if live.resets_ns:
-        last = f"last after the stamp {live.resets_ns[-1]} ns (number of resets: {len(live.resets_ns)})"
-        caveat = f"the live score was reset {last}: the score does not contain what was received before the last reset"
-        calls = replace(calls, caveats=(*calls.caveats, caveat))
+    if live.discarded:
+        calls = replace(calls, caveats=(*calls.caveats, _discarded_text(live.discarded)))
     if not messages and not live.dropped and not live.restarts:
         return calls
     return replace(calls, figures=(*calls.figures, *live_completeness(messages, live.dropped, live.restarts)))
+
+
+def _discarded_text(discarded: tuple[DiscardedInterval, ...]) -> str:
+    """Return the caveat about discarded data, with the latest intervals."""
+    listed = [f"{item.first_ns} to {item.last_ns} ns ({item.cause})" for item in discarded[-MAX_LISTED:]]
+    return (
+        f"the live score does not contain data that was received and then discarded; number of discarded intervals: "
+        f"{len(discarded)}, the latest: {', '.join(listed)}"
+    )

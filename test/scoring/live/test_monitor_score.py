@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from helpers.made_scene import NAV_RIG, nav_pair, true_cloud
 from helpers.message_bags import write_messages
 from helpers.random_drives import as_score
-from sfr_loc_map.calls.call_record import CallRecord, encode_call
+from sfr_loc_map.calls.call_record import CallRecord, decode_call, encode_call
 from sfr_loc_map.calls.call_stats import estimates_of, stats_of
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
@@ -44,7 +44,7 @@ from sfr_loc_map.nodes.score_file import ScoreFile
 from sfr_loc_map.replay.received import ReceivedDrive
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.scoring.live.live_maps import LiveMaps
-from sfr_loc_map.scoring.live.live_score import LiveRun
+from sfr_loc_map.scoring.live.live_score import DiscardedInterval, LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.scoring.load_trajectories import load_estimates
 from sfr_loc_map.suite_names import Task
@@ -276,14 +276,14 @@ def test_calls_of_a_live_run_are_stated_and_resets_are_a_deviation() -> None:
         monitor.add_truth(stamp, position, quat)
         monitor.add_estimate(stamp, position, quat, None)
         monitor.add_call(CallRecord(stamp, 0.001, "tracking", 1_000_000, None, {}))
-    for resets_ns in ((), (7,)):
-        score = monitor.result(LiveRun(resets_ns=resets_ns))
+    for discarded in ((), (DiscardedInterval(3, 7, "~/reset"),)):
+        score = monitor.result(LiveRun(discarded=discarded))
         assert score.calls is not None
         assert set(score.calls.clocks.values()) == {score.calls.memory_method} == {"stated by the node"}
         deviations = " ".join(deviations_of(score))
         assert "was stated by the node and not measured from outside" in deviations
         assert "was measured on the host" not in deviations
-        assert ("reset last after the stamp 7 ns" in deviations) == bool(resets_ns)
+        assert ("3 to 7 ns (~/reset)" in deviations) == bool(discarded)
 
 
 def test_settings_of_a_live_score_are_deviations_as_those_of_a_file() -> None:
@@ -471,6 +471,25 @@ def test_a_map_without_points_is_worse_than_a_map_within_the_limits() -> None:
     assert maps.result is not None
     rows = Score(figures=maps.result.figures)
     assert (rows.number("points"), rows.number("maps")) == (0, 2)
+
+
+def test_a_pair_that_a_fusion_names_several_times_is_one_pair_of_the_map() -> None:
+    """Two pairs are not mapped. The points of the third pair are published once for each pair."""
+    monitor, stamps_ns = MonitorScore(ScoreConfig(), None), (1, 2, 3)
+    monitor.map_inputs.set_rig(NAV_RIG)
+    for stamp_ns in stamps_ns:
+        monitor.map_inputs.add_pose(stamp_ns, Transform.identity())
+        monitor.map_inputs.add_true_points(stamp_ns, np.full((NAV_RIG.height, NAV_RIG.width, 3), 2.0))
+    fusion = CallRecord(3, 0.1, "fused", pair_stamps_ns=(3, 3, 3), fused=False, task=Task.MAPPING)
+    monitor.add_call(fusion)
+    ones, pixels = np.ones(3, np.float32), np.zeros(3, np.uint16)
+    cloud = PointCloud(np.full((3, 3), 2.0, np.float32), ones, ones, pixels, pixels, np.arange(3, dtype=np.uint8))
+    monitor.map_inputs.add_cloud(3, cloud)
+    score = monitor.result()
+    assert score.number("pairs_without_cloud", part="count") == 2
+    assert score.number("points_repeated", part="count") == 2
+    with pytest.raises(InputError, match="a stamp twice"):
+        decode_call(encode_call(fusion), Task.MAPPING)
 
 
 @pytest.mark.parametrize("later", [0, 2])
