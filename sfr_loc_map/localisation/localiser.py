@@ -88,6 +88,7 @@ from sfr_loc_map.localisation.stage_clock import StageClock
 from sfr_loc_map.localisation.stale_images import ImageComparison
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
+from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
 from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
@@ -386,7 +387,7 @@ class Localiser:
         ground = candidate.ground
         landmark_map = candidate.landmark_map
         residuals = residual_statistics(tracks)
-        pair = trajectory.AcceptedPair(
+        pair = AcceptedPair(
             stamp_ns=candidate.frame.stamp_ns,
             tracks=tracks,
             landmark_map=landmark_map,

@@ -17,65 +17,30 @@ return the step to that pose.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
-from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap, SlidingWindow
 from sfr_loc_map.localisation.datum import MAX_AHEAD_NS, MAX_START_AHEAD_NS, Datum, PendingPose
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
-from sfr_loc_map.localisation.findings import Inflation
-from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.history import History, PastPose
 from sfr_loc_map.localisation.motion_model import LastPose
-from sfr_loc_map.localisation.motion_size import MotionSize, size_of
+from sfr_loc_map.localisation.motion_size import size_of
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
-from sfr_loc_map.localisation.uncertainty.inflation import AddedError, inflation_of, unobserved_motion, unobserved_size
-from sfr_loc_map.localisation.uncertainty.path_errors import (
-    NOTHING,
-    ZERO,
-    LocatedCovariance,
-    Origin,
-    PathErrors,
-    sums_after_step,
-)
+from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
+from sfr_loc_map.localisation.uncertainty.inflation import inflation_of, unobserved_rb, unobserved_size
+from sfr_loc_map.localisation.uncertainty.path_errors import NOTHING, LocatedCovariance, Origin, PathErrors
+from sfr_loc_map.localisation.uncertainty.published_pose import PublishedPose
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
-from sfr_loc_map.localisation.uncertainty.step_covariance import (
-    MIN_VARIANCE,
-    StepMotion,
-    pose_noise,
-    step_covariance,
-    systematic_step,
-    updated_variance_factor,
-)
-from sfr_loc_map.message_stamps import NS_PER_S
 
 MAX_LATER_PERIODS = 1.5
 """Maximum number of periods between the last accepted pose and a later external pose that applies to it. An external
 pose for the next pair, which is kept, is one period later. With a limit of exactly one period, the jitter of the stamps
 would decide whether the map is discarded. The period is the shorter of two times: that between the last two accepted
 pairs, and that between the newest two pairs. Each of these times may span missing pairs."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PublishedPose:
-    """The last published pose that was not lost, at which the next step starts."""
-
-    stamp_ns: int | None = None  #: Stamp of the pose; None before the first pose.
-    T_world_left: Transform | None = None  #: The pose as it was published; adjustments do not move it.
-    #: `(6, 6)` in RB: the part of the covariance of the step to this pose that is added to the next step as well. If
-    #: this pose is wrong, the next step starts at the wrong pose and contains the same error with the opposite sign.
-    #: The part consists of the inflation by findings, and of the displacement by a correction of the yaw.
-    undone_by_next_step: FloatArray = field(default_factory=lambda: ZERO)
-    #: `(6, 6)` in RB: covariance of the unobserved motion since the last accepted pose, while that pose was kept; zero
-    #: if a window began at this pose.
-    unobserved_rb: FloatArray = field(default_factory=lambda: ZERO)
-    noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of the pose, in RB.
-    variance_factor: float | None = None  #: Variance factor (`step_covariance`); None before the first residuals.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,30 +54,6 @@ class PathState:
     history: History = History()  #: Past poses, to which an external pose can be applied.
     arrived_ns: int | None = None  #: Stamp of the newest pair, refused or not; None before the first pair.
     period_ns: int = 0  #: Time between the newest two pairs, refused or not; 0 before the second pair.
-
-
-class AcceptedPair(NamedTuple):
-    """A pair whose pose was accepted."""
-
-    stamp_ns: int
-    tracks: Tracks
-    landmark_map: LandmarkMap  #: Map in which the pose was estimated.
-    calibration: OnlineCalibration  #: The calibration, updated by the pair.
-    chi_median: float  #: Median squared Mahalanobis residual per degree of freedom; NaN without residuals.
-    was_known: bool  #: Whether the previous pose was known (tracked or kept, not lost).
-    shear_chi2: float  #: Squared shear of the image rows divided by its variance, per degree of freedom.
-    inflation: Inflation  #: What the findings of the pair add to the covariance.
-    other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
-
-    @property
-    def T_world_left(self) -> Transform:
-        """Pose of the left camera in the world."""
-        return Transform(*self.tracks.pose)
-
-    @property
-    def given_keyframes(self) -> FloatArray:
-        """Covariance `(6, 6)` of the pose given the keyframes."""
-        return np.asarray(np.linalg.inv(self.tracks.information))
 
 
 def started(start: StartPose, model: RoverModel) -> PathState:
@@ -152,9 +93,8 @@ def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[Pa
         other_distance=pair.other_distance,
         sources=model.sources,
     )
-    errors = _errors_at(path, pair, added, model)
-    published = _published_at(path, pair, added, model)
-    step = _step_to_new_pose(path, pair, published, model)
+    errors = path.errors.with_pair(pair, path.last.T_world_left, added, model)
+    published, step = path.published.to_pair(pair, path.last.speed, added, model)
     last = path.last.tracked(
         pair.stamp_ns, pair.T_world_left, since, period_ns=path.period_ns, was_known=pair.was_known
     )
@@ -165,88 +105,24 @@ def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[Pa
     return replace(path, last=last, errors=errors, published=published, history=history), step
 
 
-def _errors_at(path: PathState, pair: AcceptedPair, added: AddedError, model: RoverModel) -> PathErrors:
-    """Return the errors at the pose of an accepted pair."""
-    position = pair.T_world_left.translation
-    depth_m = pair.landmark_map.landmarks.median_depth
-    return path.errors.with_pose(
-        of_landmarks=model.sources.adjustment_inflation * pair.given_keyframes,
-        blur=model.blur(depth_m).covariance,
-        unobserved_motion=_covariance_of_left(path, added.unobserved_rb, model),
-        sums=sums_after_step(
-            path.errors.sums,
-            position=position,
-            displacement=position - path.last.T_world_left.translation,
-            depth_m=depth_m,
-            ambiguity=added.ambiguity,
-            calibration=pair.calibration,
-            model=model,
-        ),
-    )
-
-
-def _published_at(path: PathState, pair: AcceptedPair, added: AddedError, model: RoverModel) -> PublishedPose:
-    """Return the values of the pose of an accepted pair that the next step requires."""
-    factor = updated_variance_factor(path.published.variance_factor, pair.chi_median, model.sources)
-    noise = pose_noise(
-        pair.given_keyframes,
-        R_world_left=pair.T_world_left.rotation,
-        variance_factor=factor,
-        shear_chi2=pair.shear_chi2,
-        model=model,
-    )
-    return PublishedPose(
-        stamp_ns=pair.stamp_ns,
-        T_world_left=pair.T_world_left,
-        undone_by_next_step=added.of_step,
-        noise=noise,
-        variance_factor=factor,
-    )
-
-
-def _step_to_new_pose(path: PathState, pair: AcceptedPair, now: PublishedPose, model: RoverModel) -> StepEstimate:
-    """Return the step from the last published pose to a new pose; the first step is from the new pose to itself."""
-    before = path.published
-    before_ns = pair.stamp_ns if before.stamp_ns is None else before.stamp_ns
-    seconds = (pair.stamp_ns - before_ns) / NS_PER_S
-    step = StepMotion.between(before.T_world_left or pair.T_world_left, pair.T_world_left, model)
-    depth_m = pair.tracks.landmarks.median_depth
-    keyframes = pair.landmark_map.window.last_motion
-    of_images = step_covariance(step, keyframes, pair.given_keyframes, depth_m, now.variance_factor, model)
-    return StepEstimate(
-        seconds=seconds,
-        motion=step.vector,
-        covariance=of_images + before.undone_by_next_step + before.unobserved_rb + now.undone_by_next_step,
-        systematic=systematic_step(step, depth_m, pair.calibration, model),
-        noise=now.noise,
-        noise_before=before.noise,
-        speed_change=ZERO if pair.was_known else _unobserved_rb(path, seconds, model),
-    )
-
-
 def kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, StepEstimate]:
     """Return the path with the last pose kept at a stamp, and the step; the rover may have moved unobserved."""
     errors = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
-    published, step = _step_to_kept_pose(path, stamp_ns, model)
+    published, step = path.published.to_kept(path.last, stamp_ns, model)
     return replace(path, errors=errors, published=published), step
 
 
 def restarted(
     path: PathState, stamp_ns: int, landmark_map: LandmarkMap, model: RoverModel
 ) -> tuple[PathState, StepEstimate]:
-    """Return the path with a new window that begins at the last pose, and the step to it.
-
-    The next step is measured from the image of this pair. It therefore contains no errors and no noise of the earlier
-    poses.
-    """
+    """Return the path with a new window that begins at the last pose, and the step to it."""
     until_now = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
     errors = until_now.restarted(
         path.last.T_world_left.translation,
         first_image=model.blur(landmark_map.landmarks.median_depth).covariance,
         in_window=model.sources.adjustment_inflation * landmark_map.window.covariance,
     )
-    published, step = _step_to_kept_pose(path, stamp_ns, model)
-    published = replace(published, undone_by_next_step=ZERO, unobserved_rb=ZERO, noise=ZERO)
+    published, step = path.published.to_window(path.last, stamp_ns, model)
     last = path.last.restarted(stamp_ns)
     history = path.history.with_pose(_past_pose(last, errors, follows_directly=False))
     return replace(path, last=last, errors=errors, published=published, history=history), step
@@ -260,17 +136,12 @@ def lost(path: PathState) -> PathState:
 def adjusted(path: PathState, window: SlidingWindow, model: RoverModel, *, has_yaw_step: bool) -> PathState:
     """Return the path that continues from the adjusted pose of the last pair, the newest keyframe of a window.
 
-    A change of the yaw correction displaces the pose. The covariance of the next step to a new pose grows by the square
-    of this displacement. If the pose is kept first, the step to the kept pose contains the displacement itself, and its
-    covariance is that of an unobserved motion.
-
     An external pose for this pair applies to the adjusted pose, because later poses continue from it.
     """
     T_world_left = Transform(*window.newest_pose)
     published = path.published
     if has_yaw_step:
-        moved = size_of(path.last.T_world_left.inverse() @ T_world_left)
-        published = replace(published, undone_by_next_step=published.undone_by_next_step + moved.covariance)
+        published = published.displaced(size_of(path.last.T_world_left.inverse() @ T_world_left))
     errors = path.errors.adjusted(model.sources.adjustment_inflation * window.covariance)
     last = path.last.adjusted(T_world_left)
     history = path.history
@@ -287,48 +158,8 @@ def _past_pose(last: LastPose, errors: PathErrors, *, follows_directly: bool) ->
 
 def _unobserved_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:
     """Return the covariance of the unobserved motion up to a stamp, for the left camera in the world."""
-    of_rb = _unobserved_rb(path, path.last.unobserved_s(stamp_ns), model)
-    return _covariance_of_left(path, of_rb, model)
-
-
-def _unobserved_rb(path: PathState, seconds: float, model: RoverModel) -> FloatArray:
-    """Return the covariance of the motion of RB in a time without images, in RB at the last known pose."""
-    return unobserved_motion(unobserved_size(path.last.speed, seconds, model.bounds), model.sources)
-
-
-def _covariance_of_left(path: PathState, covariance: FloatArray, model: RoverModel) -> FloatArray:
-    """Return a covariance of RB, in RB at the last known pose, as that of the left camera in the world."""
-    R_world_left = path.last.T_world_left.rotation
-    R_world_rb = R_world_left @ model.T_rb_left.rotation.T
-    return model.covariance_of_left(covariance, R_world_frame=R_world_rb, R_world_left=R_world_left)
-
-
-def _step_to_kept_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
-    """Return the step to the last known pose. Its covariance is the growth of the unobserved motion in the step.
-
-    The motion of the step is the displacement of the pose by an adjustment of its keyframe; zero without adjustment.
-    """
-    before = path.published
-    seconds = 0.0 if before.stamp_ns is None else (stamp_ns - before.stamp_ns) / NS_PER_S
-    unobserved = _unobserved_rb(path, path.last.unobserved_s(stamp_ns), model)
-    # both are diagonal, so that the larger elements form a covariance
-    growth = np.maximum(unobserved - before.unobserved_rb, _unobserved_rb(path, seconds, model))
-    covariance = growth + MIN_VARIANCE * np.eye(6)
-    now = path.last.T_world_left
-    published = replace(before, stamp_ns=stamp_ns, T_world_left=now, unobserved_rb=unobserved)
-    motion = np.zeros(6)
-    if before.T_world_left is not None:
-        motion = StepMotion.between(before.T_world_left, now, model).vector
-    step = StepEstimate(
-        seconds=seconds,
-        motion=motion,
-        covariance=covariance,
-        systematic=np.zeros(6),
-        noise=before.noise,
-        noise_before=before.noise,
-        speed_change=ZERO,
-    )
-    return published, step
+    last = path.last
+    return model.covariance_at(last.T_world_left, unobserved_rb(last.speed, last.unobserved_s(stamp_ns), model))
 
 
 # ---- external poses
@@ -387,7 +218,7 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     """
     past, apart_s = path.history.at(at_ns)
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ past.T_world_left.inverse()
-    unobserved = _unobserved_rb(path, apart_s, model)
+    unobserved = unobserved_rb(path.last.speed, apart_s, model)
     unobserved = symmetric(propagated_covariance(unobserved, np.zeros(3), pose.T_ds_rb.rotation))
     covariance = model.covariance_of_left(
         pose.covariance + unobserved, R_world_frame=T_ds_world.rotation.T, R_world_left=past.T_world_left.rotation

@@ -26,7 +26,8 @@ from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
-from sfr_loc_map.localisation.trajectory import AcceptedPair, PathState
+from sfr_loc_map.localisation.trajectory import PathState
+from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
 from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
 from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
@@ -293,7 +294,7 @@ def test_an_unobserved_motion_is_at_most_as_fast_as_the_rover() -> None:
     """Two pairs 0.1 ms apart show 2 cm: 200 m/s."""
     bounds = MotionBounds(max_speed_m_s=2.0)
     model = RoverModel.of(IN_CAMERA, bounds, KEYFRAME_FLOW)
-    pair = pair_at(1, 0.02 * STEP / LENGTH)._replace(stamp_ns=100_000)
+    pair = replace(pair_at(1, 0.02 * STEP / LENGTH), stamp_ns=100_000)
     path = accepted(begun(), pair, model)[0]
     gap = trajectory.kept(path, 100_000 + PERIOD_NS, model)[1]
     assert np.sqrt(gap.covariance[0, 0]) == pytest.approx(0.1 * bounds.max_speed_m_s)

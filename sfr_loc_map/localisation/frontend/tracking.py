@@ -97,9 +97,10 @@ class Tracks:
     @property
     def stereo_fraction(self) -> float:
         """Ratio of the inliers observed in both images to the inliers observed in the image with more inliers."""
-        in_both = int(np.count_nonzero(self.left_inliers & self.right_inliers))
-        most = max(self.left_inlier_count, int(np.count_nonzero(self.right_inliers)), 1)
-        return in_both / most
+        in_left = self.left_inliers
+        in_right = self.right_inliers
+        most = max(int(np.count_nonzero(in_left)), int(np.count_nonzero(in_right)), 1)
+        return int(np.count_nonzero(in_left & in_right)) / most
 
 
 class Tracker:

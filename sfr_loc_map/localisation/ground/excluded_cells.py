@@ -65,16 +65,6 @@ class ExcludedCells:
         count = cell_counts(shape)
         return cls(np.zeros(count, np.int64), np.zeros(count, np.bool_))
 
-    def with_fixed(self, cells: Mask) -> ExcludedCells:
-        """Start the lifetime of cells `(R, C)` that are fixed to the camera."""
-        life = np.where(cells, FIXED_LIFE, self.life)
-        return replace(self, life=life, is_fixed=self.is_fixed | cells)
-
-    def with_dynamic(self, cells: Mask) -> ExcludedCells:
-        """Start the lifetime of cells `(R, C)` that move differently from the ground."""
-        life = np.where(cells, DYNAMIC_LIFE, self.life)
-        return replace(self, life=life, is_fixed=self.is_fixed & ~cells)
-
     def after_pair(self, exclusion: Exclusion, stationary: Mask, shape: tuple[int, int]) -> ExcludedCells:
         """Return the excluded cells after a compared pair, including the cells that the pair excludes.
 
@@ -87,18 +77,16 @@ class ExcludedCells:
             stationary: `(R, C)` stationary cells.
             shape: Height and width of the image.
         """
+        is_fixed = (self.is_fixed | exclusion.fixed) & ~exclusion.dynamic
+        life = np.where(exclusion.fixed, FIXED_LIFE, self.life)
+        life = np.where(exclusion.dynamic, DYNAMIC_LIFE, life)
+        life = np.maximum(life - 1, 0)
+        life = np.where(is_fixed & stationary & (life > 0), FIXED_LIFE, life)
+        excluded = ExcludedCells(life, is_fixed, dynamic_fraction=float(np.mean((life > 0) & ~is_fixed)))
         is_masked = self.mask is not None or len(exclusion.rows) > 0
-        excluded = self.with_fixed(exclusion.fixed).with_dynamic(exclusion.dynamic).aged(stationary)
-        return excluded.with_mask(shape) if is_masked else excluded
+        return excluded._with_mask(shape) if is_masked else excluded
 
-    def aged(self, stationary: Mask) -> ExcludedCells:
-        """Return the cells after another pair, without a mask. `stationary` `(R, C)` marks stationary cells."""
-        life = np.maximum(self.life - 1, 0)
-        life = np.where(self.is_fixed & stationary & (life > 0), FIXED_LIFE, life)
-        dynamic_fraction = float(np.mean((life > 0) & ~self.is_fixed))
-        return ExcludedCells(life, self.is_fixed, dynamic_fraction=dynamic_fraction)
-
-    def with_mask(self, shape: tuple[int, int]) -> ExcludedCells:
+    def _with_mask(self, shape: tuple[int, int]) -> ExcludedCells:
         """Return the cells with a mask that covers them and their neighbours; the shape is (height, width)."""
         if not self.life.any():
             return self

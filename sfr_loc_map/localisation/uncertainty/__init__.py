@@ -14,14 +14,15 @@
 | module | content |
 |---|---|
 | `error_sources` | the parameters of the error sources, with units and values |
-| `path_errors` | the state: errors of the present pose, and how each event changes them |
+| `accepted_pair` | the input: a pair whose pose was accepted |
+| `path_errors` | state of the pose: errors of the present pose, and how each event changes them |
 | `pose_covariance` | the terms of the covariance of a pose, computed from this state |
-| `step_covariance` | the covariance of the motion between two poses |
-| `inflation` | what an unobserved motion and the findings of the guards add |
+| `published_pose` | state of the step: the pose published last, and the steps from this pose |
+| `step_covariance` | the terms of the covariance of a step |
+| `inflation`, `directed_error` | what an unobserved motion and the findings of the guards add |
 | `rover_model` | constants of a run: extrinsics, camera geometry, bounds of the motion, error sources |
 
-All functions are pure, and each states its formula. `trajectory` calls them with each pair and holds the state:
-`PathErrors` of the pose, and `PublishedPose` of the next step.
+All functions are pure, and each states its formula. `trajectory` calls them with each pair and holds the two states.
 
 Names in the formulas: f is the focal length, px, and b the baseline, m. Z is the median depth of the landmarks, m: of
 the map in a pose, of the tracked landmarks in a step. `given_keyframes` is the covariance of a pose given the
@@ -60,7 +61,7 @@ from `pose`, because consecutive poses share most of their errors:
 | `systematic` | errors common to all steps, which add up with their sign | `systematic_step` |
 | `speed_change` | mean velocity of a motion that was unobserved after tracking was lost | `unobserved_motion` |
 
-`added` (`trajectory._step_to_new_pose`) has three parts: what findings add to the two poses of the step
+`added` (`PublishedPose.to_pair`) has three parts: what findings add to the two poses of the step
 (`AddedError.of_step`), the displacement of the previous pose by a correction of the yaw, and the motion while the
 previous pose was kept. An added error of a pose has opposite signs in the steps to and from that pose. Each of the two
 steps contains the covariance of this error, which is conservative (`PublishedPose.undone_by_next_step`). The parts of

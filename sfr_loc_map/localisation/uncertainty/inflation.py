@@ -10,8 +10,9 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize, Speed
+from sfr_loc_map.localisation.uncertainty.directed_error import NO_DIRECTED_ERROR, ZERO, DirectedError
 from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
-from sfr_loc_map.localisation.uncertainty.path_errors import NO_DIRECTED_ERROR, ZERO, DirectedError
+from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
 
 def unobserved_size(speed: Speed, seconds: float, bounds: MotionBounds) -> MotionSize:
@@ -42,6 +43,11 @@ def unobserved_motion(size: MotionSize, sources: ErrorSources) -> FloatArray:
     tilt = min(sources.tilt_ratio * radians, MAX_ANGLE_RAD)
     climb = sources.climb_ratio * metres
     return np.diag(np.square([metres, metres, climb, tilt, tilt, min(radians, MAX_ANGLE_RAD)]))
+
+
+def unobserved_rb(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
+    """Return the covariance `(6, 6)` of the motion of RB in a time without images, s, in RB at its start."""
+    return unobserved_motion(unobserved_size(speed, seconds, model.bounds), model.sources)
 
 
 class AddedError(NamedTuple):
@@ -80,13 +86,13 @@ def inflation_of(
         other_distance: Distance between the poses of two possible motions; zero if only one motion was found.
         sources: Error sources of an unobserved motion.
     """
-    unobserved_rb = ZERO
+    of_rb = ZERO
     if Inflation.UNOBSERVED in inflation:
-        unobserved_rb = unobserved_motion(unobserved, sources)
+        of_rb = unobserved_motion(unobserved, sources)
     ambiguity = NO_DIRECTED_ERROR
     if Inflation.AMBIGUITY in inflation:
         ambiguity = DirectedError(
             max(other_distance.metres, moved.metres, unobserved.metres),
             max(other_distance.radians, moved.radians, min(unobserved.radians, MAX_ANGLE_RAD)),
         )
-    return AddedError(unobserved_rb, ambiguity)
+    return AddedError(of_rb, ambiguity)

@@ -12,13 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, length, read_only
-from sfr_loc_map.geometry.transform import propagated_covariance
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
-from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
 from sfr_loc_map.localisation.symmetric_matrices import positive_part
+from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
+from sfr_loc_map.localisation.uncertainty.directed_error import NO_DIRECTED_ERROR, ZERO, DirectedError
+from sfr_loc_map.localisation.uncertainty.inflation import AddedError
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
-ZERO = read_only(np.zeros((6, 6)))  #: No uncertainty.
 ZERO_VECTOR = read_only(np.zeros(3))  #: Origin of the world, m, or a sum without steps.
 
 
@@ -34,29 +35,6 @@ class LocatedCovariance(NamedTuple):
 
 
 NOTHING = LocatedCovariance(ZERO_VECTOR, ZERO)  #: No error.
-
-
-class DirectedError(NamedTuple):
-    """Standard deviations of errors that have the same direction in all steps and therefore add up."""
-
-    metres: float  #: In position, along each axis.
-    radians: float  #: About each axis.
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance `(6, 6)` of the errors; the angle is at most that of an unknown attitude."""
-        return MotionSize(self.metres, min(self.radians, MAX_ANGLE_RAD)).covariance
-
-    def plus(self, other: DirectedError) -> DirectedError:
-        """Return the sum with a further error."""
-        return DirectedError(self.metres + other.metres, self.radians + other.radians)
-
-    def since(self, earlier: DirectedError) -> DirectedError:
-        """Return what was added since an earlier sum."""
-        return DirectedError(self.metres - earlier.metres, self.radians - earlier.radians)
-
-
-NO_DIRECTED_ERROR = DirectedError(0.0, 0.0)
 
 
 class PathSums(NamedTuple):
@@ -151,7 +129,7 @@ class PathErrors:
     The table shows how each event changes each component: `=` sets the component, `+` adds to the component, `0` sets
     the component to zero. Other components stay as they are.
 
-    | component | `with_pose` | `kept` | `adjusted` | `restarted` | `placed` | `rebased` |
+    | component | `with_pair` | `kept` | `adjusted` | `restarted` | `placed` | `rebased` |
     |---|---|---|---|---|---|---|
     | `origin` | | | | | = external pose | = external pose |
     | `before_window` | | | | + `in_window`, `alone`, `kept_motion`, first image | 0 | |
@@ -164,7 +142,7 @@ class PathErrors:
 
     | event | is |
     |---|---|
-    | `with_pose` | an accepted pair |
+    | `with_pair` | an accepted pair |
     | `kept` | a pair whose pose is refused, so that the last pose is published again |
     | `adjusted` | the end of the adjustment of a keyframe in the background |
     | `restarted` | a pair that begins a window at the last pose |
@@ -218,12 +196,34 @@ class PathErrors:
         """
         return positive_part(self.shared(position).covariance - self.origin.shared.at(position))
 
-    def with_pose(
-        self, *, of_landmarks: FloatArray, blur: FloatArray, unobserved_motion: FloatArray, sums: PathSums
+    def with_pair(
+        self, pair: AcceptedPair, T_world_left_before: Transform, added: AddedError, model: RoverModel
     ) -> PathErrors:
-        """Return the errors of a new pose that was estimated from images."""
+        """Return the errors of the pose of an accepted pair.
+
+        Args:
+            pair: The pair.
+            T_world_left_before: Last known pose, where the step to the pair begins.
+            added: What the findings of the pair add.
+            model: Camera geometry and error sources.
+        """
+        position = pair.T_world_left.translation
+        depth_m = pair.landmark_map.landmarks.median_depth
         return replace(
-            self, of_landmarks=of_landmarks, blur=blur, unobserved_motion=unobserved_motion, kept_motion=ZERO, sums=sums
+            self,
+            of_landmarks=model.sources.adjustment_inflation * pair.given_keyframes,
+            blur=model.blur(depth_m).covariance,
+            unobserved_motion=model.covariance_at(T_world_left_before, added.unobserved_rb),
+            kept_motion=ZERO,
+            sums=sums_after_step(
+                self.sums,
+                position=position,
+                displacement=position - T_world_left_before.translation,
+                depth_m=depth_m,
+                ambiguity=added.ambiguity,
+                calibration=pair.calibration,
+                model=model,
+            ),
         )
 
     def kept(self, motion: FloatArray) -> PathErrors:

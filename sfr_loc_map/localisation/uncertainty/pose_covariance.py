@@ -32,7 +32,8 @@ class PoseTerms(NamedTuple):
     @property
     def total(self) -> FloatArray:
         """Covariance `(6, 6)` of the pose."""
-        return np.asarray(np.sum(self, axis=0))
+        of_map = self.external + self.drift + self.alone + self.kept_motion
+        return of_map + self.directed + self.disparity + self.attitude
 
 
 def pose_terms(

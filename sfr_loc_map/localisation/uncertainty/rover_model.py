@@ -70,3 +70,9 @@ class RoverModel:
         """Return the covariance of the left camera in the world from that of RB in another frame."""
         lever = R_world_left @ self.T_rb_left.rotation.T @ self.T_rb_left.translation
         return symmetric(propagated_covariance(covariance, lever, R_world_frame))
+
+    def covariance_at(self, T_world_left: Transform, covariance: FloatArray) -> FloatArray:
+        """Return the covariance of the left camera in the world from that of RB in RB, at a pose of the left camera."""
+        R_world_left = T_world_left.rotation
+        R_world_rb = R_world_left @ self.T_rb_left.rotation.T
+        return self.covariance_of_left(covariance, R_world_frame=R_world_rb, R_world_left=R_world_left)

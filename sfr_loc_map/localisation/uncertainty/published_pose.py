@@ -1,0 +1,132 @@
+"""The pose published last, and the steps from this pose to the next one (table in `uncertainty`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.estimate import StepEstimate
+from sfr_loc_map.localisation.motion_model import LastPose
+from sfr_loc_map.localisation.motion_size import MotionSize, Speed
+from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
+from sfr_loc_map.localisation.uncertainty.directed_error import ZERO
+from sfr_loc_map.localisation.uncertainty.inflation import AddedError, unobserved_rb
+from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+from sfr_loc_map.localisation.uncertainty.step_covariance import (
+    MIN_VARIANCE,
+    StepMotion,
+    pose_noise,
+    step_covariance,
+    systematic_step,
+    updated_variance_factor,
+)
+from sfr_loc_map.message_stamps import NS_PER_S
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PublishedPose:
+    """The last published pose that was not lost, at which the next step starts."""
+
+    stamp_ns: int | None = None  #: Stamp of the pose; None before the first pose.
+    T_world_left: Transform | None = None  #: The pose as it was published; adjustments do not move it.
+    #: `(6, 6)` in RB: the part of the covariance of the step to this pose that is added to the next step as well. If
+    #: this pose is wrong, the next step starts at the wrong pose and contains the same error with the opposite sign.
+    #: The part consists of the inflation by findings, and of the displacement by a correction of the yaw.
+    undone_by_next_step: FloatArray = field(default_factory=lambda: ZERO)
+    #: `(6, 6)` in RB: covariance of the unobserved motion since the last accepted pose, while that pose was kept; zero
+    #: if a window began at this pose.
+    unobserved_rb: FloatArray = field(default_factory=lambda: ZERO)
+    noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of the pose, in RB.
+    variance_factor: float | None = None  #: Variance factor (`step_covariance`); None before the first residuals.
+
+    def seconds_until(self, stamp_ns: int) -> float:
+        """Return the time from this pose to a stamp, s; 0 before the first pose."""
+        return 0.0 if self.stamp_ns is None else (stamp_ns - self.stamp_ns) / NS_PER_S
+
+    def to_pair(
+        self, pair: AcceptedPair, speed: Speed, added: AddedError, model: RoverModel
+    ) -> tuple[PublishedPose, StepEstimate]:
+        """Return the pose of an accepted pair, and the step to it. The first step is from this pose to itself.
+
+        Args:
+            pair: The pair.
+            speed: Last speed before the pair.
+            added: What the findings of the pair add.
+            model: Extrinsics, camera geometry, bounds and error sources.
+        """
+        variance_factor = updated_variance_factor(self.variance_factor, pair.chi_median, model.sources)
+        noise = pose_noise(
+            pair.given_keyframes,
+            R_world_left=pair.T_world_left.rotation,
+            variance_factor=variance_factor,
+            shear_chi2=pair.shear_chi2,
+            model=model,
+        )
+        published = PublishedPose(
+            stamp_ns=pair.stamp_ns,
+            T_world_left=pair.T_world_left,
+            undone_by_next_step=added.of_step,
+            noise=noise,
+            variance_factor=variance_factor,
+        )
+        motion = StepMotion.between(self.T_world_left or pair.T_world_left, pair.T_world_left, model)
+        depth_m = pair.tracks.landmarks.median_depth
+        keyframes = pair.landmark_map.window.last_motion
+        of_images = step_covariance(motion, keyframes, pair.given_keyframes, depth_m, variance_factor, model)
+        seconds = self.seconds_until(pair.stamp_ns)
+        step = StepEstimate(
+            seconds=seconds,
+            motion=motion.vector,
+            covariance=of_images + self.undone_by_next_step + self.unobserved_rb + added.of_step,
+            systematic=systematic_step(motion, depth_m, pair.calibration, model),
+            noise=noise,
+            noise_before=self.noise,
+            speed_change=ZERO if pair.was_known else unobserved_rb(speed, seconds, model),
+        )
+        return published, step
+
+    def to_kept(self, last: LastPose, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
+        """Return the last known pose, kept at a stamp, and the step to it.
+
+        The motion of the step is the displacement of the pose by an adjustment of its keyframe; zero without
+        adjustment. The covariance of the step is the growth of the unobserved motion in the step.
+        """
+        seconds = self.seconds_until(stamp_ns)
+        unobserved = unobserved_rb(last.speed, last.unobserved_s(stamp_ns), model)
+        # both are diagonal, so that the larger elements form a covariance
+        growth = np.maximum(unobserved - self.unobserved_rb, unobserved_rb(last.speed, seconds, model))
+        motion = np.zeros(6)
+        if self.T_world_left is not None:
+            motion = StepMotion.between(self.T_world_left, last.T_world_left, model).vector
+        step = StepEstimate(
+            seconds=seconds,
+            motion=motion,
+            covariance=growth + MIN_VARIANCE * np.eye(6),
+            systematic=np.zeros(6),
+            noise=self.noise,
+            noise_before=self.noise,
+            speed_change=ZERO,
+        )
+        kept = replace(self, stamp_ns=stamp_ns, T_world_left=last.T_world_left, unobserved_rb=unobserved)
+        return kept, step
+
+    def to_window(self, last: LastPose, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
+        """Return the last known pose, at which a window begins, and the step to it.
+
+        The next step is measured from the image of this pair. It therefore contains no errors and no noise of the
+        earlier poses.
+        """
+        kept, step = self.to_kept(last, stamp_ns, model)
+        return replace(kept, undone_by_next_step=ZERO, unobserved_rb=ZERO, noise=ZERO), step
+
+    def displaced(self, moved: MotionSize) -> PublishedPose:
+        """Return the pose after a change of the yaw correction displaced the last known pose.
+
+        The covariance of the next step to a new pose grows by the square of the displacement. If the pose is kept
+        first, the step to the kept pose contains the displacement itself, and its covariance is that of an unobserved
+        motion.
+        """
+        return replace(self, undone_by_next_step=self.undone_by_next_step + moved.covariance)
