@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, length
 
 MIN_NORM: Final = 1e-12  #: Smallest norm of a quaternion that can be normalised.
 SMALL_SINE: Final = 1e-6  #: Sine of the angle below which `slerp` interpolates linearly, with an error below 1e-12.
@@ -135,7 +135,8 @@ def matrix_from_rotvec(rotvec: ArrayLike) -> FloatArray:
 def rotvec_from_matrix(matrix: ArrayLike) -> FloatArray:
     """Return the rotation vector `(3,)`, radians, angle in [0, pi], of one rotation matrix `(3, 3)`."""
     quat = quat_from_matrix(matrix)
-    sine = float(np.sqrt(quat[:3] @ quat[:3]))
+    axis = quat[:3]  # times the sine of half the angle
+    sine = length(axis)
     if sine < SMALL_HALF_SINE:
-        return np.asarray(2.0 * quat[:3])
-    return np.asarray(quat[:3] * (2.0 * np.arctan2(sine, quat[3]) / sine))
+        return np.asarray(2.0 * axis)
+    return np.asarray(axis * (2.0 * float(np.arctan2(sine, quat[3])) / sine))

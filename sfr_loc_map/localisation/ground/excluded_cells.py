@@ -82,7 +82,8 @@ class ExcludedCells:
         life = np.where(exclusion.dynamic, DYNAMIC_LIFE, life)
         life = np.maximum(life - 1, 0)
         life = np.where(is_fixed & stationary & (life > 0), FIXED_LIFE, life)
-        excluded = ExcludedCells(life, is_fixed, dynamic_fraction=float(np.mean((life > 0) & ~is_fixed)))
+        dynamic_count = np.count_nonzero((life > 0) & ~is_fixed)
+        excluded = ExcludedCells(life, is_fixed, dynamic_fraction=dynamic_count / max(life.size, 1))
         is_masked = self.mask is not None or len(exclusion.rows) > 0
         return excluded._with_mask(shape) if is_masked else excluded
 

@@ -80,7 +80,7 @@ class PublishedPose:
         step = StepEstimate(
             seconds=seconds,
             motion=motion.vector,
-            covariance=of_images + self.undone_by_next_step + self.unobserved_rb + added.of_step,
+            covariance=of_images + self.undone_by_next_step + self.unobserved_rb + published.undone_by_next_step,
             systematic=systematic_step(motion, depth_m, pair.calibration, model),
             noise=noise,
             noise_before=self.noise,
