@@ -554,7 +554,9 @@ class Localiser:
     def _without_map(self, state: State) -> State:
         """Return the state after an adjustment that diverged: the map and the calibration are discarded.
 
-        The sum of the drift corrections continues, because the attitude errors that the corrections caused remain.
+        The sum of the drift corrections continues, because the attitude errors that the corrections caused remain. The
+        sums of the path continue, too. Corrections of the yaw up to here then count as errors (`disparity` in
+        `uncertainty`), because the yaw that they were based on is discarded.
         """
         drift = DriftEstimate(followed_px=state.calibration.drift.followed_px)
         calibration = OnlineCalibration(self._camera, self._config.window_keyframes, drift=drift)

@@ -25,8 +25,16 @@ the transitions.
 While the ground is not identified, the motion that is not selected may be the ground's. Each pair with a second motion,
 or with an unexplained part of the image, is therefore degraded. Unexplained landmarks in the first tracked pair of a
 window are an exception, because their usual fraction is not known yet. Beside a body, only the covariance of that pose
-is larger, because the cells of the body are excluded from the next pairs. This assumes that the rover moves. If an
-object already moves in the first tracked pair of a window, beside a rover at rest, the pose follows the object.
+is larger, because the cells of the body are excluded from the next pairs.
+
+The method has three known limits:
+
+- The rover is assumed to move. If an object already moves in the first tracked pair of a window, beside a rover at
+  rest, the pose follows the object.
+- After a fault, a rover at rest remains degraded until it moves (`RECOVERING`, `AT_REST_IN_DOUBT`), because images of a
+  rover at rest do not show whether the fault has ended.
+- If the ground becomes so rough that each pair has unusually many unexplained landmarks, the pairs remain degraded
+  (`UNEXPLAINED`) until a new window begins, because a fault may look the same.
 
 | term | meaning |
 |---|---|
