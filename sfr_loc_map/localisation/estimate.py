@@ -152,7 +152,7 @@ class PoseEstimate:
     stamp_ns: int  #: Stamp of the pair.
     T_ds_rb: Transform  #: Takes points in RB to DS; the last known pose if lost.
     #: `(6, 6)` float64, ROS order: x, y, z (m, in DS), then rotation about the fixed axes of DS (rad). 9999 on the
-    #: diagonal if lost.
+    #: diagonal if lost. After a long unobserved motion, the variance of a pose that is not lost may exceed 9999.
     covariance: FloatArray
     state: TrackingState  #: State after this call.
     statistics: TrackingStatistics = TrackingStatistics()  #: Statistics of this call.

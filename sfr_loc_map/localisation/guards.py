@@ -19,6 +19,7 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Finding, Findings
+from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame, is_textured
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
@@ -78,9 +79,9 @@ def check_wiring(pair: StereoPair) -> Findings:
 # ---- the pose
 
 
-def check_landmarks(frame: StereoFrame, count: int, min_tracked: int) -> Findings:
+def check_landmarks(frame: StereoFrame, landmarks: Landmarks, min_tracked: int) -> Findings:
     """Report a map with too few landmarks, and whether the images are the cause."""
-    return frozenset() if count >= min_tracked else _too_few(frame)
+    return frozenset() if len(landmarks.rows) >= min_tracked else _too_few(frame)
 
 
 def check_tracks(frame: StereoFrame, tracks: Tracks) -> Findings:

@@ -252,10 +252,9 @@ class Localiser:
             frame = StereoFrame.of(images.pair, pair, has_frozen_image=images.is_one_frozen)
         if landmark_map is None:
             return self._begin(state, frame, findings)
-        count = len(landmark_map.landmarks.rows)
-        verdict = decide(findings | guards.check_landmarks(frame, count, self._config.min_tracked))
+        verdict = decide(findings | guards.check_landmarks(frame, landmark_map.landmarks, self._config.min_tracked))
         if verdict.refuses:
-            return self._refuse_or_restart(state, verdict, frame, count)
+            return self._refuse_or_restart(state, verdict, frame, landmark_map)
         # 2 predict
         guesses = state.path.last.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
@@ -268,7 +267,7 @@ class Localiser:
         verdict = decide(findings | guards.check_tracks(frame, ground.tracks))
         if verdict.refuses:
             state = replace(state, ground_memory=ground.memory.after(verdict))
-            return self._refuse_or_restart(state, verdict, frame, count, ground.tracks)
+            return self._refuse_or_restart(state, verdict, frame, landmark_map, ground.tracks)
         # 6 correct the right camera
         corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
         candidate = Candidate(frame, landmark_map.without(ground.not_ground), ground, corrected)
@@ -276,7 +275,7 @@ class Localiser:
         verdict = self._judge(state, candidate, findings)
         if verdict.refuses:
             state = replace(state, ground_memory=ground.memory.after(verdict))
-            return self._refuse_or_restart(state, verdict, frame, count, candidate.tracks)
+            return self._refuse_or_restart(state, verdict, frame, landmark_map, candidate.tracks)
         # 8 complete, 9 accept
         final = self._complete(state, candidate, verdict, clock)
         return self._accept(state, candidate, verdict, final)
@@ -432,12 +431,15 @@ class Localiser:
         return self._lose(state, verdict.reason, statistics, tracks)
 
     def _refuse_or_restart(
-        self, state: State, verdict: Verdict, frame: StereoFrame, count: int, tracks: Tracks | None = None
+        self,
+        state: State,
+        verdict: Verdict,
+        frame: StereoFrame,
+        landmark_map: LandmarkMap,
+        tracks: Tracks | None = None,
     ) -> Outcome:
-        """Refuse a pair, or begin a window with it if the action is `RESTART` and several good images were refused.
-
-        `count` is the number of landmarks in the map.
-        """
+        """Refuse a pair, or begin a window with it if the action is `RESTART` and several good images were refused."""
+        count = len(landmark_map.landmarks.rows)
         if verdict.action is Action.RESTART and self._relocaliser.is_good_image(frame, count):
             state = replace(state, failed_recoveries=state.failed_recoveries + 1)
             if state.failed_recoveries >= RESTART_AFTER and verdict.can_be_reference:
@@ -493,7 +495,7 @@ class Localiser:
         result = self._keyframes.begin(frame, pose, state.calibration, state.ground_memory.excluded.mask)
         landmarks = result.landmark_map.landmarks
         statistics = TrackingStatistics(features=len(landmarks.rows))
-        verdict = decide(findings | guards.check_landmarks(frame, len(landmarks.rows), self._config.min_tracked))
+        verdict = decide(findings | guards.check_landmarks(frame, landmarks, self._config.min_tracked))
         if verdict.refuses:
             return self._lose(state, verdict.reason, statistics, tracks)
         status = TrackingState.DEGRADED

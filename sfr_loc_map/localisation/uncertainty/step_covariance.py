@@ -16,7 +16,10 @@ from sfr_loc_map.localisation.symmetric_matrices import symmetric
 from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
-EXPECTED_CHI_MEDIAN = 0.839  #: Median of chi-square with four degrees of freedom, divided by four.
+EXPECTED_CHI_MEDIAN = 0.839
+"""Median of chi-square with four degrees of freedom, divided by four, as for a landmark observed in both images. A
+landmark observed in one image has two degrees of freedom, with a median of 0.693. The variance factor is therefore
+slightly too small if many landmarks are observed in one image only (a quarter of them on KITTI)."""
 MIN_VARIANCE = 1e-12  #: Added to the variances of a step, so that each is positive, m^2 and rad^2.
 
 
