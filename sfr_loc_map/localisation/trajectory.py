@@ -108,7 +108,7 @@ def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[Pa
 def kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, StepEstimate]:
     """Return the path with the last pose kept at a stamp, and the step; the rover may have moved unobserved."""
     errors = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
-    published, step = path.published.to_kept(path.last, stamp_ns, model)
+    published, step = _step_to_kept(path, stamp_ns, model)
     return replace(path, errors=errors, published=published), step
 
 
@@ -122,7 +122,8 @@ def restarted(
         first_image=model.blur(landmark_map.landmarks.median_depth).covariance,
         in_window=model.sources.adjustment_inflation * landmark_map.window.covariance,
     )
-    published, step = path.published.to_window(path.last, stamp_ns, model)
+    published, step = _step_to_kept(path, stamp_ns, model)
+    published = published.without_errors()
     last = path.last.restarted(stamp_ns)
     history = path.history.with_pose(_past_pose(last, errors, follows_directly=False))
     return replace(path, last=last, errors=errors, published=published, history=history), step
@@ -154,6 +155,13 @@ def adjusted(path: PathState, window: SlidingWindow, model: RoverModel, *, has_y
 def _past_pose(last: LastPose, errors: PathErrors, *, follows_directly: bool) -> PastPose:
     """Return the last pose for the history."""
     return PastPose(last.tracked_ns, last.T_world_left, follows_directly, last.T_world_left.translation, errors)
+
+
+def _step_to_kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
+    """Return the last known pose, kept at a stamp, and the step to it."""
+    last = path.last
+    unobserved_s = last.unobserved_s(stamp_ns)
+    return path.published.to_kept(stamp_ns, last.T_world_left, unobserved_s=unobserved_s, speed=last.speed, model=model)
 
 
 def _unobserved_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:

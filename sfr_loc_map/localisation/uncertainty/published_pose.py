@@ -9,7 +9,6 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import StepEstimate
-from sfr_loc_map.localisation.motion_model import LastPose
 from sfr_loc_map.localisation.motion_size import MotionSize, Speed
 from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
 from sfr_loc_map.localisation.uncertainty.directed_error import ZERO
@@ -88,19 +87,28 @@ class PublishedPose:
         )
         return published, step
 
-    def to_kept(self, last: LastPose, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
+    def to_kept(
+        self, stamp_ns: int, T_world_left: Transform, *, unobserved_s: float, speed: Speed, model: RoverModel
+    ) -> tuple[PublishedPose, StepEstimate]:
         """Return the last known pose, kept at a stamp, and the step to it.
 
         The motion of the step is the displacement of the pose by an adjustment of its keyframe; zero without
         adjustment. The covariance of the step is the growth of the unobserved motion in the step.
+
+        Args:
+            stamp_ns: Stamp at which the pose is kept.
+            T_world_left: Last known pose of the left camera in the world.
+            unobserved_s: Time between the last known pose and the stamp.
+            speed: Last speed.
+            model: Extrinsics, bounds and error sources.
         """
         seconds = self.seconds_until(stamp_ns)
-        unobserved = unobserved_rb(last.speed, last.unobserved_s(stamp_ns), model)
+        unobserved = unobserved_rb(speed, unobserved_s, model)
         # both are diagonal, so that the larger elements form a covariance
-        growth = np.maximum(unobserved - self.unobserved_rb, unobserved_rb(last.speed, seconds, model))
+        growth = np.maximum(unobserved - self.unobserved_rb, unobserved_rb(speed, seconds, model))
         motion = np.zeros(6)
         if self.T_world_left is not None:
-            motion = StepMotion.between(self.T_world_left, last.T_world_left, model).vector
+            motion = StepMotion.between(self.T_world_left, T_world_left, model).vector
         step = StepEstimate(
             seconds=seconds,
             motion=motion,
@@ -110,17 +118,16 @@ class PublishedPose:
             noise_before=self.noise,
             speed_change=ZERO,
         )
-        kept = replace(self, stamp_ns=stamp_ns, T_world_left=last.T_world_left, unobserved_rb=unobserved)
+        kept = replace(self, stamp_ns=stamp_ns, T_world_left=T_world_left, unobserved_rb=unobserved)
         return kept, step
 
-    def to_window(self, last: LastPose, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
-        """Return the last known pose, at which a window begins, and the step to it.
+    def without_errors(self) -> PublishedPose:
+        """Return the pose of a pair that begins a window.
 
         The next step is measured from the image of this pair. It therefore contains no errors and no noise of the
         earlier poses.
         """
-        kept, step = self.to_kept(last, stamp_ns, model)
-        return replace(kept, undone_by_next_step=ZERO, unobserved_rb=ZERO, noise=ZERO), step
+        return replace(self, undone_by_next_step=ZERO, unobserved_rb=ZERO, noise=ZERO)
 
     def displaced(self, moved: MotionSize) -> PublishedPose:
         """Return the pose after a change of the yaw correction displaced the last known pose.
