@@ -88,7 +88,7 @@ until then, and the term lasts until the next external pose.
 
 | the error is | code |
 |---|---|
-| of one pose only | a field of `PathErrors`, set by `with_pose` and part of `alone`; a term of `pose_noise` |
+| of one pose only | a field of `PathErrors`, set by `with_pair` and part of `alone`; a term of `pose_noise` |
 | a sum along the path | a field of `PathSums`, its increment in `sums_after_step`, and a term of `PoseTerms` |
 | common to all steps | the same, and a term of `systematic_step` |
 | independent from step to step | a term of `step_covariance`, and of `PathErrors.shared` |
