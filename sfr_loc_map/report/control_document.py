@@ -1,8 +1,8 @@
 """Verification control document as CSV: one row per verdict, with requirement, evidence, compliance and close-out.
 
 The columns follow ECSS-E-ST-10-02C (annex B): the requirement, the method and the evidence of its verification, the
-compliance of the item, and the close-out. Only a pass closes a requirement, and only if no finding fails the score,
-such as a crash of the item under test, and if no other row of the requirement is not a pass.
+compliance of the item, and the close-out. Only a pass closes a requirement. The requirement stays open if a finding
+fails the score (such as a crash of the item under test), or if another row of the requirement is not a pass.
 """
 
 from __future__ import annotations

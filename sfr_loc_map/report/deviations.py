@@ -36,7 +36,7 @@ MAX_STANDING = 0.1  #: Accepted fraction of sub-trajectories with a stationary r
 STAGES = (CallKind.MAPPING, CallKind.FUSION)  #: Calls that are stages of the mapping call of the specification.
 TASK_NAMES = {Scope.DRIVE: "localisation", Scope.MAP: "mapping"}
 KINDS_OF = {Scope.DRIVE: (CallKind.LOCALISATION,), Scope.MAP: (CallKind.MAPPING_CALL, CallKind.MAPPING)}
-"""Calls of each task. Findings are recorded with calls, and the states of poses with those of a localiser."""
+"""Calls of each task. Findings are recorded with calls, and the states of poses with the calls of a localiser."""
 UNKNOWN_WITHOUT_CALLS = {
     Scope.DRIVE: "Failures of the method in these calls, and which poses are lost or degraded,",
     Scope.MAP: "Failures of the method in these calls",

@@ -55,7 +55,7 @@ TRACE_BACK = (
 )
 """Hover text of a mark; `customdata` is a row of `_traces_to`."""
 HIDDEN_ABOVE = 10.0
-"""A limit above this multiple of the largest value is only in the legend of a linear axis with negative values."""
+"""Multiple of the largest value above which a limit is only in the legend, on linear axes with negative values."""
 
 
 def drive_plots(score: Score) -> list[Plot]:
@@ -76,8 +76,8 @@ def drive_plots(score: Score) -> list[Plot]:
 def _traces_to(rows: SubTrajectoryRows) -> list[list[str | int]]:
     """Return condition, frames and stamps of each sub-trajectory, the `customdata` of its marks.
 
-    On a click, `page.js` shows the segment of a mark with these five values: it moves the trace `chosen sub-trajectory`
-    of the plot `top-view` along the trace `truth`, which has one frame in `Page.every`.
+    On a click, `page.js` shows the segment of a mark with these five values. The script moves the trace `chosen
+    sub-trajectory` of the plot `top-view` along the trace `truth`, which contains every n-th frame (`Page.every`).
     """
     frames = zip(rows.start_frame, rows.end_frame, rows.start_stamp_ns, rows.end_stamp_ns, strict=True)
     return [[label_of(rows.condition), first, last, str(start), str(end)] for first, last, start, end in frames]

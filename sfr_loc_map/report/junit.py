@@ -17,15 +17,15 @@ ELEMENTS = {
     VerdictState.INCOMPLETE: ("error", "errors"),
     VerdictState.NOT_JUDGED: ("error", "errors"),
 }
-"""Element of a test case, and attribute of the suite that counts it, by state other than pass. A limit that is not
-judged is an error so that a pipeline fails if the command ends with exit code 3."""
+"""Element of a test case, and attribute of the suite that counts this element, for each state except a pass. A limit
+that is not judged is an error, so that a pipeline fails if the command ends with exit code 3."""
 
 
 def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None) -> str:
     """Return the verdicts as JUnit XML with a test case per limit.
 
-    `without` maps the name of each job without a score to the reason. Each such job gets one test case with an error,
-    and so does each score without verdicts that is incomplete or contradictory.
+    `without` maps the name of each job without a score to the reason. Each such job has one test case with an error.
+    Each score that has no verdicts, and is incomplete or contradictory, has such a test case, too.
     """
     unjudged = dict(without or {})
     for name, score in scores.items():

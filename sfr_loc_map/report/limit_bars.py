@@ -36,7 +36,7 @@ class LimitBar:
     margin: str
     interval: str
     bound: float  #: The limit in the unit of its name.
-    share: float | None  #: At most `MOST_DRAWN`, like the ends of the interval.
+    share: float | None  #: Drawn fraction of the limit. This fraction, `low` and `high` are at most `MOST_DRAWN`.
     low: float | None
     high: float | None
     text: str  #: The whole comparison in one phrase.

@@ -42,7 +42,7 @@ Named = Sequence[tuple[str, Score]]
 
 
 CALL_OF = {Task.LOCALISATION: CallKind.LOCALISATION, Task.MAPPING: CallKind.MAPPING_CALL}
-"""The call of each task whose time and memory the specification defines [4.2.1, 4.3.1]. Its stages are not compared."""
+"""The call of each task whose time and memory the specification defines [4.2.1, 4.3.1]. Stages are not compared."""
 SUBJECT_OF = {Task.LOCALISATION: Subject.TRAJECTORY, Task.MAPPING: Subject.MAP}
 """Subject of the errors of each task."""
 
@@ -171,9 +171,9 @@ def _finding_count(score: Score) -> Cell:
 
 
 def compared_condition(scores: Sequence[Score]) -> str:
-    """Return the condition over which errors are compared: the first one that all scores of trajectories have.
+    """Return the condition over which errors are compared: the first condition that all scores of trajectories have.
 
-    Without a common condition, it is the first condition of the first score. `ANY` if no score has a condition.
+    Without a common condition, the first condition of the first score is returned; `ANY` if no score has a condition.
     """
     conditions = [score.conditions for score in scores if score.conditions]
     if not conditions:
@@ -196,7 +196,7 @@ def compared_row(score: Score, kind: FigureKind, condition: str) -> Figure | Non
 
 
 def is_ranked(score: Score) -> bool:
-    """Return whether a method has results of its complete task, so that its figures can be the best ones."""
+    """Return whether a method has results of its complete task, so that its figures can be marked as the best."""
     return score.incomplete is None and score.contradiction is None and not score.fatal_findings
 
 

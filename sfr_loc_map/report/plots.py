@@ -123,7 +123,7 @@ class Plot:
 
 
 def plain(text: str) -> str:
-    """Return a text of a user, such as a name, with HTML tags escaped, which plotly would interpret.
+    """Return a text of a user, such as a name, with its HTML tags escaped, because plotly would interpret them.
 
     A leading `@` is escaped, too, because it marks the name of a colour in the data of a plot.
     """

@@ -26,7 +26,7 @@ Errors = list[float | None]
 class PlottedCondition(NamedTuple):
     """The sub-trajectories of one condition, and the distance travelled from the first frame of the drive to each end.
 
-    `rows.travelled_m` is the length of each sub-trajectory instead.
+    In contrast, `rows.travelled_m` is the length of each sub-trajectory.
     """
 
     rows: SubTrajectoryRows

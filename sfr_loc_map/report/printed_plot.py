@@ -103,7 +103,7 @@ class Series:
 
 
 def printed_plots(score: Score) -> list[PrintedPlot]:
-    """Return the plots of the position and attitude errors against the distance, of map points against the range."""
+    """Return plots of the position and attitude errors over the distance, and of the point errors over the range."""
     return [_drawn(series) for series in (*_of_drive(score), *_of_map(score))]
 
 

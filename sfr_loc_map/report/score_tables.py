@@ -233,7 +233,7 @@ def rows_of(view: View, score: Score) -> list[IndexedRow]:
 
 
 def view_table(view: View, score: Score) -> Table:
-    """Return the table of a view: the statistics of its rows, and those of its rows that have a limit."""
+    """Return the table of a view: its rows with the statistics of the view, and with every limited statistic."""
     rows, note = rows_of(view, score), view.note(score)
     if view.statistics is None:
         return figure_table(view.name, view.title, rows, note)

@@ -1,7 +1,7 @@
 """Common view of a verdict for tables, bars, the test report, JUnit, the last line of a command and suites.
 
-Unit, numbers, style and displayed name of a verdict are only formatted here. Reasons and caveats are sentences of
-`metrics` and name a limit as the limits file does.
+Unit, numbers, style and displayed name of a verdict are formatted only here. Reasons and caveats are sentences of
+`metrics`. They name a limit as the limits file does.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def unit_of(item: Verdict) -> Unit:
 
 
 def unit_of_numbers(figure: str, part: str | None, unit: str, *numbers: float | None) -> Unit:
-    """Return the common display unit of numbers of a figure, which have the unit of the table of figures."""
+    """Return the common display unit of numbers of a figure; `unit` is their unit in the table of figures."""
     if unit == "bytes":
         return MIB
     if unit == "1":

@@ -15,10 +15,10 @@
                                   (budget.py): Summary
       pages/page.py               suite.json, report.html, pages/, results.parquet (tables.py, export.py)
 
-`search/` chooses points of a scenario, runs their jobs in the same way and reads their results from the folder. Its
-page, `search.json` and the evidence of a test report are made from one record (`search/record.py`).
-`statistics/comparison.py` compares two summaries, and `statistics/history.py` the `suite.json` of many nights. Both
-pair jobs by `statistics/pairing.py`.
+`search/` chooses points of a scenario, runs their jobs in the same way and reads their results from the folder. The
+page of a search, `search.json` and the evidence of a test report are made from one record (`search/record.py`).
+`statistics/comparison.py` compares two summaries. `statistics/history.py` compares the `suite.json` of many nights.
+Both modules pair jobs by `statistics/pairing.py`.
 
 Terms, each with one meaning in this package:
 

@@ -129,10 +129,10 @@ class PlannedRun:
 
 
 def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: bool) -> PlannedRun:
-    """Return the jobs of a suite and those to execute. The facts of the sources are cached in the folder.
+    """Return all jobs of a suite, and the jobs to execute. The facts of the sources are cached in the folder.
 
-    A sequential test executes the jobs by drive. Once sequential tests have decided all limits, only failed jobs are
-    executed, if this is requested.
+    For sequential tests, the jobs are executed drive by drive. Once these tests have decided all limits, only failed
+    jobs are executed, if `retry_failed` is set.
     """
     all_jobs, refusals = make_plan(specification, store.facts_of, store.cache)
     wanted = (JobState.WAITING, JobState.FAILED) if retry_failed else (JobState.WAITING,)
@@ -148,7 +148,7 @@ def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: b
 
 
 def slots_for(settings: SuiteSettings, workers: int | None) -> int:
-    """Return the number of parallel jobs on this host: `workers`, or by default the cores over the threads of a job."""
+    """Return the number of parallel jobs on this host: `workers`, or else the number of cores per thread of a job."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return workers or max(1, cores // settings.threads)
 

@@ -283,7 +283,7 @@ def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
 def worst_first(summary: Summary) -> list[ScoredJob]:
     """Return the drives with a trajectory in the order of decreasing mean + 3 sigma of position.
 
-    A drive without this figure, for example a lost one, is before the others.
+    A drive without this figure, for example a lost drive, is before the others.
     """
     drives = [result for result in summary.results if result.score.association is not None]
     return sorted(drives, key=lambda result: _rank(result.position_m), reverse=True)
@@ -302,8 +302,8 @@ def _rank(error: float | None) -> float:
 def linked(summary: Summary) -> list[ScoredJob]:
     """Return the results that have their own page: the worst drives and the worst maps.
 
-    If there are too many, maps and drives have up to half of the pages each. Pages that one of them does not need go to
-    the other.
+    If there are too many results, drives and maps have up to half of the pages each. If one of the two needs fewer
+    pages, the other has the rest.
     """
     drives = worst_first(summary)
     maps = [result for result in worst_maps_first(summary.results) if result.score.association is None]
@@ -446,7 +446,7 @@ def history_tables(history: History) -> list[Table]:
     return [table_of("history", title, HISTORY, history.changes, note)]
 
 
-NO_NUMBER = "no number"  #: No number of drives is enough.
+NO_NUMBER = "no number"  #: Text if no number of drives is enough.
 DRIVE_COUNTS: tuple[RowColumn[DriveCount], ...] = (
     heads("requirement", lambda row: row.text),
     numbers("without a failure", lambda row: row.without_failure),

@@ -28,7 +28,7 @@ MASK_HASHES = {"left_mask": "left_mask_sha256", "right_mask": "right_mask_sha256
 
 
 def read_configurations(value: object, path: Path) -> dict[str, dict[str, object]]:
-    """Return the parameters of each configuration in the file of a suite, without those that have their defaults.
+    """Return the parameters of each configuration in a suite's file that differ from their defaults.
 
     `path` is the file of the suite, to whose folder the files of methods and the masks are relative.
     """

@@ -87,7 +87,7 @@ def estimate_hash(estimate: Path, truth: Path) -> str:
 
 
 def files_hash(*places: Path) -> str:
-    """Return a hash of files or folders, of their configurations, and of the files that these name."""
+    """Return a hash of files or folders, of their configurations, and of the files that the configurations name."""
     hashes = [cached(path, hash_path) for place in places for path in files_of_source(place)]
     return hashes[0] if len(hashes) == 1 else digest(hashes)
 

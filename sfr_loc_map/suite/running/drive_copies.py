@@ -179,7 +179,7 @@ def trace_of_source(source: Source) -> DriveTrace:
 
 
 def trace_of_estimate(estimate: Path, truth: Path) -> DriveTrace:
-    """Return the trace of the ground truth of an estimate; empty if the files are unreadable or of a map."""
+    """Return the trace of the ground truth of an estimate; empty if it cannot be read or is that of a map."""
     with suppress(SfrError):
         drive = load_run(ScoreInputs.of(estimate, truth)).drive
         if drive is not None:

@@ -121,11 +121,11 @@ class JobDescription:
 
     @property
     def work(self) -> tuple[object, ...]:
-        """The work on the source, which other code or another configuration does not change."""
+        """What the job does with its source, independent of the code and of the configuration."""
         return (self.task, self.faults, effective_seed(self.faults, self.fault_seed), self.repeat)
 
     def source_identities(self, cache: Path) -> tuple[object, object]:
-        """Return name with path, and data of the source. Two sources are the same if either is the same.
+        """Return name with path, and data of the source. Two sources are the same if either identity is equal.
 
         Names alone may be equal, and the name of a simulation depends on the other simulations. A source that was
         fetched to the cache has a folder for each version, so that only the name of its file counts.
@@ -229,7 +229,7 @@ class Job:
 
 
 def effective_seed(faults: str, fault_seed: int) -> int:
-    """Return the seed of the affected pairs, which has no effect without faults; then 0."""
+    """Return the seed that selects the affected pairs; 0 without faults, because it has no effect then."""
     return fault_seed if faults else 0
 
 

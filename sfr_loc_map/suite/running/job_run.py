@@ -176,7 +176,7 @@ RUN_OF_TASK: Mapping[JobTask, Callable[[Job, Path, Path, Path], Score]] = {
     JobTask.SCORE: _score,
     JobTask.REPLAY: _replay,
 }
-"""Function of each task, of the job, the local path of its source, the empty folder and the cache."""
+"""Function of each task. Its arguments are the job, the local path of the source, the empty folder and the cache."""
 
 
 def _source_with_faults(job: Job, path: Path) -> Source:
@@ -185,7 +185,10 @@ def _source_with_faults(job: Job, path: Path) -> Source:
 
 
 def _hidden(source: Source, cache: Path) -> tuple[Path, ...]:
-    """Return the paths that a method must not read: simulations of an error budget have the same true path."""
+    """Return the paths that a method must not read: the ground truth, and the cache.
+
+    The cache may contain other variants of an error budget, which have the same true path.
+    """
     return (*source.truth_paths(), cache)
 
 

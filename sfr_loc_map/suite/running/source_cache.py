@@ -1,4 +1,4 @@
-"""Sources that are made in the cache of a suite: rendered simulations, and remote sources (any that fsspec reads)."""
+"""Sources that are made in the cache of a suite: rendered simulations, and remote sources that fsspec can read."""
 
 from __future__ import annotations
 

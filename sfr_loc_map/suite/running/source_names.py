@@ -1,4 +1,4 @@
-"""Names of sources. Each source of a suite has its own name; the variants of an error budget share one."""
+"""Names of sources. Each source of a suite has its own name; the variants of an error budget share one name."""
 
 from __future__ import annotations
 

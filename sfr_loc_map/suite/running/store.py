@@ -141,8 +141,8 @@ class Store:
     def left_over(self) -> tuple[Refusal, ...]:
         """Return the sources that have a result or a failure in the folder, but no job of the same work in the plan.
 
-        Otherwise a suite would be complete after its bad drive was removed. Results and failures of work that is
-        planned with other code, configuration or data are superseded.
+        Without these sources, a suite would count as complete after a bad drive was removed from its file. Results and
+        failures of work that is planned with other code, configuration or data are superseded.
         """
         keys = {job.key for job in self.jobs}
         planned: dict[object, set[object]] = {}
@@ -158,7 +158,7 @@ class Store:
         return tuple(found)
 
     def _description_in(self, path: Path) -> JobDescription:
-        """Return the description of the job of a result or of a failure; a failure without one has only its source."""
+        """Return the description of the job of a result or of a failure; for an old failure, only its source."""
         if path.parent == self.failures:
             failure = _record(JobFailure, _read(path), path)
             return failure.description or JobDescription(source=failure.source)

@@ -9,7 +9,7 @@ from sfr_loc_map.metrics.table.catalogue import statistic_title, title_of
 
 SCHEMA = "sfr-search/2"
 LOST_RATIO = 2.0
-"""Smallest ratio that is shown, and told to the sampler, for a drive without the figure. Its true ratio is unknown."""
+"""Smallest ratio that is shown, and told to the sampler, for a drive without the figure, whose ratio is unknown."""
 
 
 class PointRecord(msgspec.Struct, frozen=True):
@@ -70,7 +70,7 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema"
     statistic: str
     condition: str
     limit: float
-    lost_ratio: float = LOST_RATIO  #: Ratio at which a drive without the figure is shown: at least that of all points.
+    lost_ratio: float = LOST_RATIO  #: Ratio at which a drive without the figure is shown: at least the largest ratio.
     parameters: list[ParameterRecord]
     points: list[PointRecord]  #: Points of the search with a result, in the order of the search.
     left_out: list[LeftOutRecord] = []  #: Points whose scenario cannot be run. They do not count as misses.

@@ -202,7 +202,7 @@ def _grid(parameter: Parameter, count: int) -> tuple[float, ...]:
 
 
 def most_important(parameters: Sequence[Parameter], case: TriedPoint, tried: Sequence[TriedPoint]) -> list[int]:
-    """Return at most three parameters: first those that the case changes, then by correlation with the ratio."""
+    """Return at most three parameters: first those that the case changes, then those most correlated with the ratio."""
     usual = [parameter.usual for parameter in parameters]
     correlations = rank_correlations(tried, len(parameters))
     order = sorted(

@@ -65,12 +65,12 @@ class FigureComparison(Struct, frozen=True, kw_only=True):
     figure: str  #: Name with unit.
     drives: int  #: Number of common drives that have the figure in at least one suite.
     without: tuple[int, int]  #: Number of these drives that lack the figure in the first and in the second suite.
-    ratio: float | None  #: Geometric mean of other / first over the drives that have both; None without such a drive.
+    ratio: float | None  #: Geometric mean of other / first over the drives with both values; None without such a drive.
     ci95: Interval | None  #: 95 % confidence interval of the ratio, by resampling drives.
     p: float | None  #: p-value of the sign-flip test.
     p_corrected: float | None  #: p-value corrected for the number of comparisons (Holm).
     outcome: Outcome
-    worst: DriveRatio  #: Drive that lacks the figure only in the second suite; otherwise the largest ratio.
+    worst: DriveRatio  #: Drive that lacks the figure only in the second suite; else the drive with the largest ratio.
 
 
 class CountComparison(Struct, frozen=True, kw_only=True):
@@ -89,7 +89,7 @@ class SuiteComparison:
 
     names: tuple[str, str]
     common: int  #: Number of common results.
-    left_out: tuple[int, int]  #: Number of results that only the first and only the second suite has.
+    left_out: tuple[int, int]  #: Numbers of results that only the first suite has, and that only the second suite has.
     figures: tuple[FigureComparison, ...]
     counts: tuple[CountComparison, ...]  #: Lost, degraded and missing frames.
 
@@ -194,7 +194,7 @@ def _log_ratios(drives: Collection[Sequence[DriveRatio]]) -> FloatArray:
 
 
 def _log_ratio(item: DriveRatio, loss: float) -> float:
-    """Return the log ratio; `loss` if only the second suite lacks the figure, and `-loss` if the first suite does."""
+    """Return the log ratio; `loss` if only the second suite lacks the figure, `-loss` if only the first lacks it."""
     if item.log is not None:
         return item.log
     return loss if item.other is None else -loss

@@ -93,7 +93,7 @@ def _verdicts_without_limit(results: Sequence[DriveScore]) -> Iterator[GroupVerd
 def verdict_over_drives(
     limit: Limit, limits: Limits, results: Sequence[DriveScore], pooled: tuple[Figure, ...]
 ) -> GroupVerdict:
-    """Return the verdict over drives on a limit, by the pooled value if the figure can be pooled, else by the worst.
+    """Return the verdict over drives on a limit: by the pooled value, or by the worst drive if none can be pooled.
 
     A drive without a value of the figure makes the verdict incomplete.
     """

@@ -143,7 +143,8 @@ class Change:
 
     night: str  #: First night after the change.
     before_night: str  #: Last night before the change in which a changed job has the figure.
-    commits: tuple[str | None, str | None]  #: Commits of these two nights; a commit between them made the change.
+    #: Commits of `before_night` and of `night`. A commit after the first, up to the second, made the change.
+    commits: tuple[str | None, str | None]
     kind: ComparedKind
     figure: str  #: Name with unit.
     outcome: Outcome
@@ -309,7 +310,7 @@ class FoundChange(Shift):
     night: int  #: First night after the change.
     last_before: int  #: Last night before the change in which a changed job has a value.
     detected: int  #: Night at which the change was detected.
-    nights_before: tuple[int, int]  #: First night of the values before the change, and the night after the last one.
+    nights_before: tuple[int, int]  #: First night of the values before the change, and the night after the last night.
     nights_after: tuple[int, int]  #: The same for the values after the change.
     is_return: bool = False  #: Whether the figure returned to its level before the previous change.
 

@@ -94,11 +94,11 @@ class ReplacedTruth:
 
 
 class CommonDeviation(Struct, frozen=True, kw_only=True):
-    """A deviation of one or more results from the specification, or data of them that is not judged."""
+    """A deviation of one or more results from the specification, or data of these results that is not judged."""
 
     text: str  #: The deviation of the result with the largest number in the text.
     results: int  #: Number of results with this deviation.
-    of: str  #: Label of the result of the text.
+    of: str  #: Label of the result whose deviation is `text`.
 
 
 class Group(Struct, frozen=True, kw_only=True):
