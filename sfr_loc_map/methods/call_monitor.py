@@ -52,7 +52,7 @@ def leak_in(resident: Sequence[int]) -> CallFinding | None:
 def is_misstated(measured_s: float, stated_s: float, calls: int, waited_s: float = 0.0) -> bool:
     """Return whether stated and measured times differ by more than copies and transfers explain.
 
-    `waited_s` is the time in which the call waited for a processor. A stated time may contain any part of it.
+    `waited_s` is the time in which the call waited for a processor. A stated time may contain any part of this time.
     """
 
     def allowed_s(of_s: float) -> float:

@@ -79,7 +79,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         begins_map: bool = False,
         largest_files: Mapping[str, int] = MappingProxyType({}),
     ) -> tuple[MethodCall, T | None]:
-        """Make a call. Return its record, and what `read` makes of the answer and of the files of its arrays.
+        """Make a call. Return its record, and the result of `read` for the answer and the files of its arrays.
 
         If the call fails or `read` rejects the answer, the result is None, and the record has the failure beside what
         is known of the call. `ordered` describes the pairs for the method. A localiser that was lost starts again at

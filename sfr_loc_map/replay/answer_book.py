@@ -94,8 +94,8 @@ class AnswerBook(Generic[Content]):
     def note_answer(self, stamp_ns: int, frames: str, problem: str, content: Content) -> Content | None:
         """Note an answer; return its content if it is used, None otherwise. Only the first answer to a pair is used.
 
-        An answer to a stamp that is not of a published pair is kept with its content, which `note_sent` returns once a
-        pair of this stamp is published. The oldest such answers are dropped.
+        An answer whose stamp is not that of a published pair is kept. `note_sent` returns its content once a pair with
+        this stamp is published. The oldest such answers are dropped.
 
         `frames` are `parent -> child` of a pose, `parent` of a cloud. `problem` is why the answer is unusable; empty if
         the answer is usable.

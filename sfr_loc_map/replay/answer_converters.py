@@ -141,8 +141,8 @@ class CloudConverter:
     def accept(self, message: PointCloud2, points: FloatArray) -> None:
         """Add the points in LM, and publish the finite points with their other fields if the cloud has all fields.
 
-        Points that are not finite are kept for the score, which counts them. They are normal in an organised cloud, so
-        that those of an organised cloud are omitted.
+        Points that are not finite are kept for the score, which counts them. In an organised cloud, such points are
+        normal and are therefore omitted.
         """
         stamp_ns = stamp_of(message)
         finite = np.asarray(np.isfinite(points).all(axis=1))

@@ -26,7 +26,8 @@ QUEUE_DEPTH = 1000
 class ResultCollector:
     """Subscribes to the results of the nodes and to the errors that they report.
 
-    The poses or clouds of an external node are received by `external.ExternalNode`, all others and all calls here.
+    The poses or clouds of an external node are received by `external.ExternalNode`. This class receives all others, and
+    all calls.
     """
 
     def __init__(self, peer: ReplayPeer, received: Received) -> None:

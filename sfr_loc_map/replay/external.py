@@ -30,8 +30,8 @@ from sfr_loc_map.topics import RECTIFIED
 
 PUBLISHER_GRACE_S = 2.0
 """Maximum wait for the publisher of a subscribed node. Some nodes create their publisher with the first result."""
-CHECK_PERIOD_S = 0.2  #: Period of the checks of its publishers.
-SETTLED_MARGIN_S = 60.0  #: Margin of the wait for an answer. Each pair is settled after its timeout, so much earlier.
+CHECK_PERIOD_S = 0.2  #: Period of the checks of the node's publishers.
+SETTLED_MARGIN_S = 60.0  #: Margin, beyond the timeout of an answer, after which a pair that is not settled is an error.
 
 
 class ExternalNode:
@@ -134,7 +134,7 @@ class ExternalNode:
     def result(self, version: str | None) -> ExternalResult:
         """Return answers and process of the node, and stop measuring the process; called while the process runs.
 
-        `version` is that of its calls.
+        `version` is the version that the calls of the node state.
         """
         with suppress(ConfigError):  # a wrong process to watch has ended the replay
             self.check_process()
@@ -207,7 +207,7 @@ def connected_node(
 def _wait_for_subscription(
     peer: ReplayPeer, options: ExternalOptions, command: ChildProcess | None, topics: Sequence[str]
 ) -> None:
-    """Wait until the node subscribes to one of the topics; raise a NodeError if its process ends or it does not."""
+    """Wait until the node subscribes to one of the topics; raise a NodeError if it does not, or if its process ends."""
 
     def listens() -> bool:
         if command is not None and command.ending:

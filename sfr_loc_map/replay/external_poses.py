@@ -24,7 +24,7 @@ from sfr_loc_map.suite_names import Task
 def with_converted_poses(
     result: ReplayResult, source: Source, config: ScoreConfig, correction: Correction
 ) -> ReplayResult:
-    """Return a result with the poses of an external localiser converted to RB in DS, as are their calls.
+    """Return a result in which the poses of an external localiser, and their calls, are converted to RB in DS.
 
     Each pose requires a call, and a call may have no pose. A result without an external localiser is returned
     unchanged.

@@ -37,10 +37,10 @@ class ExternalOptions:
     command: str = ""  #: Command that starts the node; empty: the user starts it.
     #: Process whose CPU and memory are measured in addition to that of `command`: process id or part of a command line.
     watch: str = ""
-    #: Required frame ids of the answers: `parent -> child` of a pose, `parent` of a cloud. Empty: those of the first.
+    #: Required frame ids of the answers: `parent -> child` of a pose, `parent` of a cloud. Empty: as in the first one.
     frames: str = ""
     timeout_s: float = 5.0  #: Timeout of the answer to a pair, also the wait in lock step; later answers are late.
-    start_timeout_s: float = 60.0  #: Timeout of its subscription to images.
+    start_timeout_s: float = 60.0  #: Timeout of the node's subscription to images.
     #: Convention of its poses relative to RB in DS; for a cloud, of its points relative to LM.
     convention: PoseConvention = field(default_factory=PoseConvention)
 
@@ -81,7 +81,7 @@ class ReplayOptions:
 
 
 def first_pose(source: Source, start: str, offset_s: float) -> StartPose | None:
-    """Return the start pose of a localisation that is played from an offset; None for the identity or without one."""
+    """Return the pose at which a localiser starts if a source is played from an offset; None for the identity."""
     if source.loc is None or start == "identity":
         return None
     with naming(source.path):

@@ -45,7 +45,7 @@ class Pacer:
 
 
 class Player:
-    """Publishes messages until their end or until `stop`. `connected_player` returns one that the nodes receive."""
+    """Publishes messages until their end or until `stop`. `connected_player` waits until the nodes receive them."""
 
     def __init__(self, peer: ReplayPeer, topics: Mapping[str, str], rate: float, *, paused: bool) -> None:
         """Advertise topics, given as name and type, and the services."""

@@ -177,7 +177,7 @@ class ReceivedMaps:
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """What was published and received during a replay. Only the node of a task, as received, adds its results."""
+    """What was published and received during a replay. Only the receiver of a task adds the results of this task."""
 
     drive: ReceivedDrive = field(default_factory=ReceivedDrive)
     maps: ReceivedMaps = field(default_factory=ReceivedMaps)

@@ -59,7 +59,7 @@ def score_replay(
     """Return the score of a replay, computed by the functions that score files.
 
     `settings` are the settings of localiser and mapper that differ from the defaults. They are added to the settings of
-    the score. For provenance, `read` has the result of `files_of_source`, and `files` those that `save_replay` has
+    the score. For provenance, `read` has the result of `files_of_source`, and `files` the files that `save_replay` has
     written.
     """
     run = replace(_run_of(source, result), method=method_of(result, settings))

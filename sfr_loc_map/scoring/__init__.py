@@ -8,9 +8,9 @@ The way from an estimate and a ground truth to a verdict:
 
 Each step takes values and returns values. The modules in the order of their use:
 
-- inputs: `inputs` defines what is given (`ScoreInputs`, `InMemory`) and the run to be scored (`Run`), and `settings`
+- inputs: `inputs` defines what is given (`ScoreInputs`, `InMemory`) and the run to be scored (`Run`). `settings` has
   the settings by name. `judgement` finds the limits and conditions. `load` builds a run from files or from data in
-  memory: `load_calls` reads its calls, `load_drive` its poses (those of a bag by `bag_estimates`) and `load_map` its
+  memory: `load_calls` reads the calls, `load_drive` the poses (from a bag with `bag_estimates`), and `load_map` the
   cloud. `call_checks` refuses calls of another run. `input_files` notes the state of each file before it is read, so
   that a changed file is refused when it is hashed. `load_trajectories` reads poses for pages without a score.
 - conventions: `conversion` converts the estimate to poses of RB in DS and diagnoses convention mismatches.

@@ -19,10 +19,11 @@ SAME_POSITION_M = 0.002  #: Tolerance for positions that were rounded to 1 mm tw
 
 
 def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> None:
-    """Raise InputError if calls with positions have other or missing positions than the estimates that they gave.
+    """Raise InputError if the positions of calls are missing, or differ from the estimates that the calls gave.
 
     An estimate was given by its nearest call, within the tolerance for stamps of one image. Further calls may have no
-    estimate. The completeness of the calls counts them as duplicates if they are of the same image.
+    estimate; the completeness of the calls counts those of the same image as duplicates. Calls of files without
+    positions are not checked.
     """
     stamps_ns, rows = np.unique(trajectory.stamps_ns, return_index=True)
     for item in stats:

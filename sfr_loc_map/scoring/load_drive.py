@@ -38,7 +38,7 @@ class ReadDrive(NamedTuple):
 
 
 def read_drive(inputs: ScoreInputs, given: InMemory, how: SourceConfig, calls: RunCalls) -> ReadDrive | None:
-    """Read estimate and truth, or use those in memory; None if one of both is not given."""
+    """Read estimate and truth, or use those in memory; None if either is not given."""
     if (inputs.truth or given.truth) is None or (inputs.estimate or given.estimate) is None:
         return None
     true, source = _read_truth(inputs.truth, given.truth, how)

@@ -21,7 +21,7 @@ from sfr_loc_map.scoring.inputs import CloudToScore, ScoreInputs
 def read_cloud(
     inputs: ScoreInputs, given: LoadedCloud | None, fused: bool | None
 ) -> tuple[CloudToScore | None, IntArray | None]:
-    """Read a cloud, or use that in memory; also the truth of its pairs, and the stamps of all pairs of the source."""
+    """Return a cloud, read or in memory, with the truth of its pairs; return also the stamps of all pairs."""
     if inputs.map_truth is None or (inputs.cloud or given) is None:
         return None, None
     if inputs.cloud is not None:

@@ -68,7 +68,7 @@ def hash_of_truth(truth: Trajectory) -> str:
 
 
 def limits_not_seen(score: Score, origin: str) -> str | None:
-    """Return why the limits of a score could not be compared with their file; None if they were or there are no limits.
+    """Return why the limits of a score could not be compared with their file; None if compared, or without limits.
 
     Raise InputError if the file contains other limits.
     """

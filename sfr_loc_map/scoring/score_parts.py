@@ -56,7 +56,7 @@ MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Mat
 
 
 class ScoreParts(NamedTuple):
-    """The parts of a score, which the verdicts are derived from."""
+    """The parts of a score, from which the verdicts are derived."""
 
     trajectory: TrajectoryResult
     map: MapResult
@@ -202,7 +202,7 @@ def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detail
 
 
 def kinds_of_external_nodes(stats: Sequence[CallStats]) -> frozenset[CallKind]:
-    """Return the kinds of calls that an external node has stated in the files of a replay; nothing measured them."""
+    """Return the kinds of calls that an external node has stated in the files of a replay, without a measurement."""
     tasks = {
         task
         for item in stats

@@ -4,7 +4,7 @@ Pyramidal Lucas-Kanade flow matches Shi-Tomasi corners to the right image, which
 the next left image and back. The motion is estimated by PnP with RANSAC and refined on the inliers.
 
 Without a motion the pair is lost, and the odometry continues from the last known pose: later poses lack the motion of
-the lost pairs. A pair without corners, such as black images, loses two motions, that to the pair and that from it.
+the lost pairs. With a pair without corners, such as black images, two motions are lost: to this pair and from it.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ class MapInputs:
     def take_complete(self) -> Iterator[MapToScore]:
         """Yield and remove the clouds whose pairs and truth are known.
 
-        A cloud whose last pair is not of the run was made of a previous run.
+        A cloud whose last pair is not of this run was made in a previous run.
         """
         for stamp_ns in list(self._clouds):
             fusion = self._fusions.get(stamp_ns)
@@ -120,7 +120,7 @@ class JudgedMap(NamedTuple):
     made: MapResult
     rank: tuple[int, int, float]
     """Severity of the verdict, number of missed limits and point error, m, the last two with a negative sign. The worst
-    map has the smallest rank. An unknown error is the largest."""
+    map has the smallest rank. An unknown error counts as the largest error."""
     missed: frozenset[str]  #: Names of the missed limits.
 
 

@@ -56,7 +56,7 @@ class MonitorScore:
     def add_image(self, stamp_ns: int) -> None:
         """Add the stamp of an image of the localisation cameras, for which a pose is expected.
 
-        Images only count if the run ends without any estimate. A best-effort subscription may lose messages, so that
+        Images count only if the run ends without any estimate. A best-effort subscription may lose messages, so that
         the images between the estimates are not all known.
         """
         if not self.rows.has_estimates:

@@ -109,7 +109,7 @@ class CallRows(_Rows):
         return CallStats.of_columns(self._calls(), covariance, steps, findings, usage_columns, is_stated=True)
 
     def _column(self, reported: NDArray[Any], name: str, width: int) -> FloatArray | None:
-        """Return the values `(N, width)` that calls report, NaN for other calls; None if no call reports one."""
+        """Return the values `(N, width)` that calls report, NaN for other calls; None if no call reports a value."""
         if not len(reported):
             return None
         values = np.full((len(self), width), np.nan)
