@@ -33,7 +33,7 @@ def live_page(
     """Show the run of the `with` block on a page if `--live` is given; yield the page, or None.
 
     The page subscribes to topics with the remappings `FROM:=TO` of the nodes.
-    The page of a replay (`isolated`) uses the ROS domain of the run. After the run, even after a failed one, it is
+    The page of a replay (`isolated`) uses the ROS domain of the run. After the run, even if it failed, the page is
     served until Ctrl-C.
     """
     if not context.params["live"]:

@@ -168,14 +168,14 @@ def announced_config(source: Path) -> Path | None:
 
 
 def files_read(source: Path, config: Path | None) -> tuple[Path, Path | None]:
-    """Return the files that a command reads: a source, and its configuration, by default that beside the source."""
+    """Return the files that a command reads: a source, and its configuration, by default the file beside the source."""
     from sfr_loc_map.io.source_settings import config_beside
 
     return source, config or config_beside(source)
 
 
 def open_as(source: Path, remap: list[str] | None = None, config: Path | None = None) -> tuple[Source, Path | None]:
-    """Open a source with a configuration, by default that beside the source; return both."""
+    """Open a source with a configuration, by default the file beside the source; return both."""
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.source_settings import source_config
 

@@ -300,7 +300,7 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
 
 
 def _draw(paths: list[Path], truth: Path | None, config: AlignedErrorConfig, page: Path | None) -> None:
-    """Draw trajectories from above, in height and, with the truth, their distance to it."""
+    """Draw trajectories from above and in height; with a truth, also their distance to the truth."""
     from sfr_loc_map.report.path_plot import curves_of, save_path_html
     from sfr_loc_map.scoring.load_trajectories import load_trajectories
 

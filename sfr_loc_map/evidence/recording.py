@@ -58,12 +58,12 @@ class RecordingCheck:
 
     @property
     def result(self) -> CheckResult:
-        """The result of the recording: not enough data if a subject could not be checked and no other disagrees."""
+        """The result of the recording: not enough data if a subject was not checked and no other subject disagrees."""
         return combined(self.results.values(), OF_SUBJECTS)
 
     @property
     def checked(self) -> dict[str, str]:
-        """The number of comparisons with enough data of each subject, and of all its comparisons."""
+        """For each subject, the number of comparisons with enough data, and the number of all comparisons."""
         return {subject: f"{check.checked} of {len(check.results)}" for subject, check in self.checks.items()}
 
     @property

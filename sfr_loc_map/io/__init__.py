@@ -1,4 +1,4 @@
-"""Recorded data: between files or messages of any format and the values of the suite, in both directions.
+"""Recorded data: conversion between files or messages of any format and the values of the suite, in both directions.
 
 `tables`, `images`, `calibration` and `clouds` convert the content of files, and of messages with images, points or
 calibrations. `bag` reads and writes the messages of bags, and reads their poses and frames. `truth` determines which
@@ -8,7 +8,7 @@ poses are the truth, and `source_config` how a source is read. `source_settings`
 
 Functions that take a path raise `InputError`, `OutputError` or `ConfigError` for invalid user input, with a message of
 one line that names the file, and `MissingExtraError` if a package is missing. Parsers of bytes and text raise
-`ValueError`, which `inputs.refusing` converts, or `InputError`, which `errors.naming` or the caller completes by the
+`ValueError`, which `inputs.refusing` converts, or `InputError`, to which `errors.naming` or the caller adds the
 name. Whether numbers are a pose is decided in `geometry.plausibility`.
 """
 

@@ -141,7 +141,7 @@ class Source:
 
     @property
     def _sequence(self) -> LocSequence | NavSequence | None:
-        """The drive, or the mapping pairs without a drive."""
+        """The drive, or the mapping pairs if there is no drive."""
         return self.nav if self.loc is None else self.loc
 
 

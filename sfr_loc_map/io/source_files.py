@@ -1,4 +1,4 @@
-"""Names of the files of sources, by which outputs never replace other files of a folder or files of an input."""
+"""Names of the files of sources, so that outputs replace neither other files of a folder nor files of an input."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def has_only_data_set(folder: Path) -> bool:
 
 
 def source_of_file(path: Path, sources: Iterable[Path]) -> Path | None:
-    """Return that of the folders of sources to which a file belongs by its name, None if there is none.
+    """Return the folder among `sources` to which a file belongs by its name; None if there is none.
 
     All paths are resolved.
     """

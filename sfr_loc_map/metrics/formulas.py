@@ -66,9 +66,9 @@ def ends_by_frames(starts: IntArray, frames: int) -> IntArray:
 
 # ---- 4.1.2 Error over a sub-trajectory by three readings (`trajectory.rebase`, default `pose`)
 #
-# All three remove the position error at N. `pose` also removes the attitude error at N. In `displacement` and
-# `position`, this attitude error turns the displacement and therefore counts in the position error. In the attitude
-# error it counts by `position` alone. A tilt error at N also counts in the heading error by `displacement`, because
+# All three remove the position error at N. `pose` also removes the attitude error at N. By `displacement` and
+# `position`, this attitude error turns the displacement and therefore counts in the position error. Only by `position`,
+# it also counts in the attitude error. By `displacement`, a tilt error at N also counts in the heading error, because
 # the heading of an attitude depends on its tilt.
 
 

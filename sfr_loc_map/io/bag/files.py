@@ -64,7 +64,7 @@ class BagFiles(NamedTuple):
     """The storage files of a bag, and what its metadata.yaml states about them."""
 
     paths: tuple[Path, ...]
-    has_metadata: bool = False  #: Whether metadata.yaml names the files, which is written when a recording ends.
+    has_metadata: bool = False  #: Whether metadata.yaml, which is written when a recording ends, names the files.
     compression: str = ""  #: `file` or `message`, if all files or all messages are compressed by zstd; else empty.
     message_count: int = 0  #: Number of messages that metadata.yaml states; 0 without metadata.yaml.
     unnamed: tuple[str, ...] = ()  #: Storage files in the folder that metadata.yaml does not name.

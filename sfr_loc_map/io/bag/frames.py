@@ -34,7 +34,7 @@ class Frame:
 
     @property
     def poses(self) -> Trajectory:
-        """The poses in the parent; only the last one if the frame is static. GeometryError if a pose is invalid."""
+        """The poses in the parent; only the last pose if the frame is static. GeometryError if a pose is invalid."""
         return trajectory_of(self.rows[-1 if self.is_static else 0 :])
 
 

@@ -271,7 +271,7 @@ def _chunk_of_index(content: bytes) -> Chunk:
 
 
 def _scanned(file: BinaryIO, start: int, end: int, *, is_cut_off: bool) -> _Contents:
-    """Return the contents of the records from `start` to `end`, or to the last complete one if the file is cut off."""
+    """Return the contents of the records from `start` to `end`; if the file is cut off, to the last complete record."""
     contents = _Contents()
     offset = start
     while offset < end:

@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
     """Read the poses and covariances `(N, 6, 6)` (m^2, rad^2) of a topic in the order of recording.
 
-    Invalid poses among valid ones are skipped, as in the monitor, and a warning reports their number.
+    Invalid poses among valid poses are skipped, as in the monitor, and a warning reports their number.
     """
     rows, covariances = [], []
     for _, _, message in bag.messages([topic]):

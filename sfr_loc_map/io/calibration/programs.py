@@ -66,7 +66,7 @@ class Reader(NamedTuple):
 
 
 def _side_by_side(name: str, cameras: list[PosedCamera], names: list[str]) -> CameraPair:
-    """Return the pair of two cameras; their poses determine which camera is the left one, unless `names` state it."""
+    """Return the pair of two cameras; their poses determine which of them is left, unless `names` state it."""
     is_named = any(SIDES[0] in each for each in names)
     if not is_named and (cameras[0].T_body_cam.inverse() @ cameras[1].T_body_cam).translation[0] < 0:
         cameras, names = cameras[::-1], names[::-1]

@@ -65,7 +65,7 @@ class StereoCalibration:
             )
 
     def with_baseline(self, baseline_m: float) -> StereoCalibration:
-        """Return the calibration with P[3] of the right camera from a baseline; InputError if P has another one."""
+        """Return the calibration with P[3] of the right camera from a baseline; InputError if that of P differs."""
         left, right = self.cameras
         stated_m = (left.p[3] - right.p[3]) / right.p[0] if right.p[0] else 0.0
         if stated_m and abs(stated_m - baseline_m) > BASELINE_TOLERANCE * abs(stated_m):

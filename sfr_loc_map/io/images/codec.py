@@ -27,7 +27,7 @@ FORMATS = "PNG, JPEG, PGM or PPM"  #: Supported formats; their size is known bef
 _GAP = rb"(?:\s|#[^\n]*\n)++"  #: Between the numbers in the head of a PGM or PPM; possessive, so that it is fast.
 _PNM = re.compile(rb"P[2356]%b(\d{1,9})%b(\d{1,9})\s" % (_GAP, _GAP))
 _BINARY_PNM = re.compile(rb"P[56]%b\d{1,9}%b\d{1,9}%b(\d{1,5})\s" % (_GAP, _GAP, _GAP))
-"""Head of a PGM or PPM; of a binary one with the value of a white sample."""
+"""Head of a binary PGM or PPM with the value of a white sample; `_PNM` is the head of any PGM or PPM."""
 BAYER = {
     "rggb": cv2.COLOR_BayerBG2GRAY,
     "bggr": cv2.COLOR_BayerRG2GRAY,
@@ -313,7 +313,7 @@ def encode_jpeg(image: GreyImage, quality: int) -> bytes:
 
 
 def _critical_chunks(raw: bytes) -> bytes:
-    """Verify a PNG's chunks (ISO/IEC 15948, 5.3), and return the critical ones; others may decompress to any size."""
+    """Verify a PNG's chunks (ISO/IEC 15948, 5.3); return only the critical, as others may decompress to any size."""
     offset, kind, kept = len(PNG_MAGIC), b"", [PNG_MAGIC]
     while kind != b"IEND":
         head = raw[offset : offset + 8]

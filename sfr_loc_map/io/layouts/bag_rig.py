@@ -32,7 +32,7 @@ HALVED_AXIS = {"side_by_side": 1, "top_bottom": 0}  #: Axis along which a joint 
 
 
 def image_name(bag: Bag, rig: str) -> str | None:
-    """Return the last part of the names of a rig's image topics, if possible of rectified images; None without any."""
+    """Return the last part of the names of a rig's image topics, if possible of rectified images; None if absent."""
     for name in (RECTIFIED, RAW):
         if any(bag.find(f"{rig}/{side}/{name}", IMAGE, COMPRESSED) for side in SIDES):
             return name

@@ -266,7 +266,7 @@ class BagNavSequence(_BagPairs):
 
 
 def _increasing(stamps_ns: Sequence[int], where: str) -> list[int]:
-    """Return the stamps without those that are not later than all before; InputError if many are not."""
+    """Return the stamps that are later than all earlier stamps; InputError if many are not."""
     stamps = np.asarray(stamps_ns, np.int64)
     is_later = np.ones(len(stamps), np.bool_)
     is_later[1:] = stamps[1:] > np.maximum.accumulate(stamps)[:-1]

@@ -189,7 +189,7 @@ def _units_below(head: TableHead, number: int, count: int) -> list[str]:
     """Return the units of `count` columns in a line between the header and the rows; empty without such a line.
 
     A comment is such a line only if its units are known, or if it has a unit of time. Any other line without a number
-    is one, and `column_detection` refuses its unknown units.
+    is also such a line, and `column_detection` refuses its unknown units.
     """
     for line in head.before[number + 1 :]:
         units = _as_units(head.cells_of(line))
@@ -235,7 +235,7 @@ def _of_header(cells: Sequence[str], found: Mapping[str, int], below: Sequence[s
 def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
     """Return the columns that the user names as `NAME=HEADER[UNIT]`, or as `NAME[UNIT]` in the order of columns.
 
-    A given unit has priority over that in the header, and this over that in a line of units below the header.
+    A given unit has priority over the unit in the header, which has priority over a line of units below the header.
     """
     header = _header_above(head)
     items = [item.strip() for item in columns.split(",")]

@@ -18,7 +18,7 @@ number would have three decimals like its neighbours."""
 
 
 class DecimalMarks:
-    """Collects the commas and points in all numbers of a table, which are read with decimal commas.
+    """Collects the commas and points in all numbers of a table that is read with decimal commas.
 
     Three decimals of metres are millimetres, as total stations write them. Three decimals of a smaller unit are not
     plausible.

@@ -263,7 +263,7 @@ def _check_height_is_no_heading(head: TableHead, layout: Layout, table: FloatArr
 
 
 def _straightness(path: FloatArray) -> float:
-    """Return the length of the mean direction of a path `(N, 2)`: 1 for a straight path, 0 for a closed one."""
+    """Return the length of the mean direction of a path `(N, 2)`: 1 for a straight path, 0 for a closed path."""
     ends = _ends_of_chords(path)
     chords = np.diff(path[ends], axis=0)
     length = np.linalg.norm(chords, axis=1).sum()

@@ -184,7 +184,7 @@ def check_padded(texts: Sequence[str], name: str) -> None:
     """Raise InputError if stamps are probably seconds, a point, and nanoseconds or microseconds without leading zeros.
 
     `1700000000.5000000` is then 5 ms after the second. Such fractions have different lengths and never begin with 0,
-    and shorter ones may end in 0.
+    and shorter fractions may end in 0.
     """
     fractions = [fraction for text in texts if len(fraction := text.strip().partition(".")[2]) > 1]
     longest = max(map(len, fractions), default=0)

@@ -286,7 +286,7 @@ def _covariance(values: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def _valid_covariances(covariance: FloatArray) -> tuple[FloatArray | None, int]:
-    """Return covariances `(N, 6, 6)`, None if none is valid, and the number of invalid ones, which become NaN."""
+    """Return covariances `(N, 6, 6)`, NaN where invalid (None if all are invalid), and the number that is invalid."""
     largest = np.diagonal(covariance, axis1=1, axis2=2).max(axis=1)
     is_valid = np.linalg.eigvalsh(covariance)[:, 0] >= -MAX_NEGATIVE * np.maximum(largest, 0.0)
     if not is_valid.any():

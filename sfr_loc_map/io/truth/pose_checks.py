@@ -24,7 +24,7 @@ from sfr_loc_map.message_stamps import NS_PER_S
 _log = logging.getLogger(__name__)
 
 MAX_SPEED_M_PER_S = 100.0  #: Largest speed of a vehicle with cameras; cars, trains and racing drones are slower.
-MIN_JUMP_M = 1.0  #: Smallest jump, m. Smaller ones may be position noise at two nearly equal stamps.
+MIN_JUMP_M = 1.0  #: Smallest jump, m. Smaller jumps may be position noise at two nearly equal stamps.
 JUMPS_PER_STEP = 20.0  #: Smallest ratio of a jump to the median step of the path: rovers pause and accelerate.
 MIN_STAMPS = 3  #: Smallest number of stamps for the detection of stray stamps.
 MIN_POSITIONS = 4  #: Smallest number of positions for the detection of jumps.

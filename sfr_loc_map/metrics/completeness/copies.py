@@ -10,7 +10,7 @@ Three figures of completeness count them:
 
 Short motions of any estimate are rounded to those of the truth, so only motions that are long compared with the
 resolution of the positions are tested. The last two figures are fractions of what can be tested, and unknown if nothing
-can. See docs/metrics.md, "Completeness".
+can be tested. See docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ DRIFT_SHARE = 0.02
 rover with a zero-velocity update repeats its pose while the truth drifts, for instance by 3 mm in 90 s."""
 EXACT_SHARE = 1e-5  #: Relative error of a motion that no odometry reaches: 10 um per metre.
 RESOLUTIONS_M = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  #: Resolutions of positions that are recognised, m.
-FINEST_M = RESOLUTIONS_M[-1]  #: Upper bound of the resolution of a file that is finer than all recognised ones, m.
+FINEST_M = RESOLUTIONS_M[-1]  #: Resolution that is assumed for files with more decimals than are recognised, m.
 COARSEST_OF_COPIES_M = 1e-3
 """Resolution at which positions are compared that lie on the same coarser grid as the true positions, m. A copy then
 equals the truth exactly, and the grid may be that of the drive and not that of the file."""
@@ -48,7 +48,7 @@ class Tested(NamedTuple):
     """Which poses or motions are long and precise enough to be recognised as copies of the truth, and which are."""
 
     is_testable: Mask
-    is_copy: Mask  #: Only testable ones.
+    is_copy: Mask  #: Only testable poses or motions are copies.
 
     def either(self, other: Tested) -> Tested:
         """Return which are testable, and which are copies, by one of two tests."""
@@ -60,7 +60,7 @@ class Tested(NamedTuple):
 
     @property
     def counts(self) -> tuple[int, int]:
-        """The number of copies, and the number of all that are testable."""
+        """The number of copies, and the number of testable poses or motions."""
         return int(np.count_nonzero(self.is_copy)), int(np.count_nonzero(self.is_testable))
 
 
@@ -226,7 +226,7 @@ def resolution_of(positions: FloatArray) -> float:
 
 
 def spline_positions(truth: Trajectory, frames: Frames) -> FloatArray:
-    """Return true positions at frames by a cubic spline; with fewer than 4 poses the linearly interpolated ones."""
+    """Return true positions at frames by a cubic spline; with fewer than 4 poses by linear interpolation."""
     from scipy.interpolate import CubicSpline  # slow to import, and only interpolated truths need it
 
     rows = unique_rows(truth.stamps_ns)

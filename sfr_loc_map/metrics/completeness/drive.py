@@ -260,7 +260,7 @@ def rows_without_poses(images: int) -> Iterator[Figure]:
 
 
 def gaps_between_images(coverage: Coverage) -> DriveGaps:
-    """Return the gaps of a drive whose images are known; all of them are evident, and their share is that missing."""
+    """Return the gaps of a drive whose images are known. All are evident; their share is the missing fraction."""
     gaps = gaps_of(coverage.expected_ns, ~coverage.has_estimate)
     return DriveGaps(gaps, gaps, share_of(coverage.missing, coverage.expected))
 

@@ -37,7 +37,7 @@ from sfr_loc_map.metrics.table.row_part import COUNT, Place, RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
-CALL_TOLERANCE_NS = 1000  #: Difference between stamps that is accepted of a single call, the default of `tolerance_s`.
+CALL_TOLERANCE_NS = 1000  #: Accepted difference between the stamps of a single call, the default of `tolerance_s`.
 
 
 def expected_row(part: RowPart, judged: int, expected: int | None) -> Figure:
@@ -175,8 +175,8 @@ def wrong_calls(part: str | None, given: IntArray, expected: IntArray) -> Iterat
 def answers_completeness(node: ExternalScore) -> Iterator[Figure]:
     """Yield the completeness of the calls of an external node, from its answers and the published pairs.
 
-    A missing or repeated answer is missing or repeated in the calls and also in the drive or the map. Both have a
-    figure of it, because other limits accept the shortfall of the calls (`shortfall_kinds`).
+    A missing or repeated answer is missing or repeated in the calls and also in the drive or the map. The calls and the
+    drive or map have separate figures, because other limits accept the shortfall of the calls (`shortfall_kinds`).
     """
     kind = CallKind(node.task)
     answers = node.answers

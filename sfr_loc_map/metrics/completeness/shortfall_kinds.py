@@ -50,7 +50,7 @@ NOT_WRONG = Acceptance(partial=False)  #: Wrong data are accepted only by a limi
 class ShortfallKind(NamedTuple):
     """A kind of missing, unjudged or unexpected data of one scope."""
 
-    figure: str  #: Figure of completeness, which counts the data as a fraction of the expected ones.
+    figure: str  #: Figure of completeness, which counts the data as a fraction of `expected`.
     scope: Scope | None  #: None for every scope, as of `UNKNOWN_ITEMS`.
     expected: str  #: What the figure is a fraction of.
     #: Largest value of the figure for which the scope is complete, if the score has limits; None for any value.

@@ -2,7 +2,7 @@
 
 A hypothesis is a mismatch of `mismatches`, or an offset of the stamps (`offset_search`). Its evidence is the
 disagreement that its correction leaves in each sub-trajectory (`Tried.left`). One rule decides whether a hypothesis is
-found (`_explains`), and the one with the smallest mean disagreement is reported.
+found (`_explains`). Of the hypotheses found, that with the smallest mean disagreement is reported.
 
 A hypothesis competes with the explanations that presume less: that the estimate is correct as delivered, that it has
 the scale error of a method, and, if numbers were fitted, each hypothesis without fitted numbers. In nine tenths of the

@@ -40,7 +40,7 @@ from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, pose
 from sfr_loc_map.metrics.diagnosis.compared_poses import ComparedPoses
 from sfr_loc_map.metrics.diagnosis.disagreement import PoseArrays, eighths
 
-MIN_LEVER_M = 0.05  #: Minimum fitted lever arm. Smaller lever arms are errors of extrinsics, and no other point.
+MIN_LEVER_M = 0.05  #: Minimum fitted lever arm. Smaller lever arms are errors of extrinsics, and not another point.
 MAX_TILT_DEG = 60.0  #: Maximum rotation of a fitted camera from forward-looking optical axes. Chosen by hand.
 MIN_CORRELATION = 0.5  #: Minimum correlation of estimated and true displacements for a wrong unit; noise has about 0.
 SPEEDS = (0.005, 40.0)  #: Range of the speed of a vehicle, from a slow rover to a car, m/s. Chosen by hand.

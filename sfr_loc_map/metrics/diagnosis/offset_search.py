@@ -25,8 +25,8 @@ SEARCHED_PERIODS, SEARCHED_NS = 20, 2 * NS_PER_S
 """The offset of the stamps is searched up to this number of periods and up to this time. Chosen by hand, above the
 delays of methods."""
 SEARCH_STEPS, SEARCH_ROUNDS = 200, 3
-"""Steps of the grid of offsets, and number of grids, each of two steps around the best offset of the last one. The step
-of the last grid is 8 us for a search of 2 s."""
+"""Steps of the grid of offsets, and number of grids. Each further grid spans two steps around the best offset of the
+previous grid. The step of the last grid is 8 us for a search of 2 s."""
 AS_GOOD = 1.1
 """Factor of disagreement up to which an offset to the exact stamps of the truth is preferred. Chosen by hand."""
 

@@ -10,9 +10,9 @@ both propagated to the origin of DS, and W is `F N F^T`. Then
 
 If the steps are unknown, Q is the growth of the published covariance, `P_end - F P_start F^T`. Q is not usable if the
 covariance shrank, for example because a calibration was estimated. Only sub-trajectories that do not overlap are used,
-because they share no step. Two of them may have a common end. Its noise enters both errors, and this correlation is
-neglected. The noise s of the truth at both ends is added: `2 s^2` for positions, `s^2` for the attitude at the end, and
-`F s^2 F^T` for the attitude at the start, which rotates the displacement.
+because they share no step. Two of them may have a common end. The noise at this end enters both errors; the correlation
+is neglected. The noise s of the truth at both ends is added: `2 s^2` for positions, `s^2` for the attitude at the end,
+and `F s^2 F^T` for the attitude at the start, which rotates the displacement.
 """
 
 from __future__ import annotations

@@ -51,7 +51,8 @@ def rows_of_moving(
 def is_moving(sub_trajectories: SubTrajectories, *, has_tilt: bool) -> Mask:
     """Return the sub-trajectories in which the rover moves or turns by a tenth of the largest motion or turn.
 
-    If the ground truth has no roll and pitch, only the heading counts, because those of its poses are estimated.
+    If the ground truth has no roll and pitch, only the heading counts, because its roll and pitch are then those of the
+    estimate.
     """
     starts = sub_trajectories.starts
     ends = sub_trajectories.ends
@@ -62,11 +63,11 @@ def is_moving(sub_trajectories: SubTrajectories, *, has_tilt: bool) -> Mask:
 
 
 def begins_elsewhere(sub_trajectories: SubTrajectories, *, has_tilt: bool) -> Mask:
-    """Return the sub-trajectories that do not begin at the place of the one before.
+    """Return the sub-trajectories that do not begin at the place of the previous sub-trajectory.
 
     The motion between neighbouring starts is summed, in units of a tenth of the largest motion and of the largest turn
-    between two of them. A sub-trajectory begins elsewhere if the sum has reached another whole number; the first one
-    does as well.
+    between two of them. A sub-trajectory begins elsewhere if the sum has reached another whole number. The first
+    sub-trajectory counts as beginning elsewhere.
     """
     poses = sub_trajectories.poses
     before = sub_trajectories.starts[:-1]

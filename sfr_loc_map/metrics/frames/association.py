@@ -335,7 +335,7 @@ def nearness_ns(needed: IntArray, tolerance_ns: int = 0) -> int:
 
 
 def has_own(expected_ns: IntArray, stamps_ns: IntArray, near_ns: int) -> Mask:
-    """Return which expected stamps are the nearest one to any of the stamps, within `near_ns`; both are ascending.
+    """Return which expected stamps are nearest to one of the stamps, within `near_ns`; both arrays are ascending.
 
     Each stamp counts for one expected stamp, so that expected stamps that are close together need one stamp each.
     """

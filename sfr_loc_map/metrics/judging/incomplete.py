@@ -178,9 +178,10 @@ def above_most(kind: ShortfallKind, part: RowPart, score: Score, most: float) ->
 def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
     """Yield a shortfall for each limit that the errors at the other frames miss.
 
-    They must also be far larger, because the figure always depends somewhat on the choice of the starts: a fraction of
-    the frames above `most` has an error far above the largest judged error, or a quantile of the other frames is far
-    above its limit. A limit on a quantile allows a large judged error, with which no other error would be far larger.
+    These errors must also be far larger, because the figure always depends somewhat on the choice of the starts: a
+    fraction of the frames above `most` has an error far above the largest judged error, or a quantile of the other
+    frames is far above its limit. A limit on a quantile allows a large judged error, with which no other error would be
+    far larger.
     """
     for limit in score.active_rules.limits:
         if limit.section is not LimitSection.TRAJECTORY:

@@ -242,12 +242,12 @@ def part_of(limited: LimitedNumber, row: Figure | None) -> str | None:
 
 
 def _by_reading(limit: Limit, score: Score, limits: Limits) -> dict[str, VerdictState]:
-    """Return the verdict by each reading, without `certain`: only the judged one has an interval."""
+    """Return the verdict by each reading, without `certain`: only the judged reading has an interval."""
     if limit.condition is None or limit.section is not LimitSection.TRAJECTORY:
         return {}
     loose = struct_replace(limit, certain=False)
     found = {str(reading): value_of(limit, score, reading) for reading in Reading if not reading.is_fit}
-    if any(figure.row is None for figure in found.values()):  # chord errors do not depend on it
+    if any(figure.row is None for figure in found.values()):  # chord errors do not depend on the reading
         return {}
     independent = value_of(limit, score).independent  # all readings have the same sub-trajectories
     found = {name: figure._replace(independent=independent) for name, figure in found.items()}

@@ -86,7 +86,7 @@ def why_open(item: Verdict, score: Score) -> str:
 
 
 def unknown_of_truth(figure: str, score: Score) -> str | None:
-    """Return why a figure cannot be judged by the truth of a score; None if it can."""
+    """Return why a figure cannot be judged by the truth of a score; None if it can be judged."""
     truth = score.truth
     if truth is None:
         return None

@@ -198,7 +198,7 @@ def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
 
 
 def _by_its_limits(score: Score, of_own_task: Collection[Limit]) -> Score:
-    """Return a score without the limits of another task, if they are in `of_own_task`, and have no value here."""
+    """Return a score without the limits of another task that are in `of_own_task` and have no value in this score."""
     rules = score.active_rules
     own = tasks_of(score)
     kept = tuple(

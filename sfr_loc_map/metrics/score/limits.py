@@ -235,7 +235,7 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
     minimum_independent: float = MINIMUM_INDEPENDENT
 
     def has_enough_values(self, count: int | None) -> bool:
-        """Return whether a number of values suffices for a verdict; a figure without it is a single number."""
+        """Return whether a number of values suffices for a verdict; None is that of a figure with a single number."""
         return count is None or count >= self.minimum_count
 
     def has_enough_independent(self, independent: float | None) -> bool:
@@ -292,5 +292,5 @@ def margin_of(name: str, limit: float, value: float) -> float:
 
 
 def meets(limit: Limit, value: float) -> bool:
-    """Return whether a value is within a limit; a value that equals the limit is."""
+    """Return whether a value is within a limit; a value that equals the limit is within it."""
     return value >= limit.limit if limit.is_lower_bound else abs(value) <= limit.limit

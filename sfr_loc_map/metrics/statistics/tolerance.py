@@ -165,7 +165,7 @@ def confidence_of(
     The bound is `norm(mean) + factor norm(sigma)`.
 
     `shape` contains the sigmas of the errors. The result is the lower of the confidences for a mean of zero and for a
-    dominant mean, or with `zero_mean` that for a mean of zero. None for fewer than two independent values.
+    dominant mean, or with `zero_mean` the confidence for a mean of zero. None for fewer than two independent values.
     """
     if count < 2.0 or not any(shape):
         return None
