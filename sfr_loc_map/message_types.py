@@ -59,4 +59,4 @@ class HealthKey(StrEnum):
 
 
 COMPILING = "compiling"  #: Activity of a node that compiles its kernels.
-DROPPED = "dropped_"  #: Start of the key of a number of dropped messages, which is followed by the cause.
+DROPPED = "dropped_"  #: Prefix of the keys that count dropped messages; the rest of the key is the cause.

@@ -45,9 +45,9 @@ def handle_signals() -> None:
 def ignore_signals() -> None:
     """Ignore signals permanently while Python itself exits, so that Python exits with the given code.
 
-    `python -m` ends by SIGINT, whatever the exit code is, if the source text that was executed last, as by `exec` or by
-    a dataclass, has raised KeyboardInterrupt, even if the exception was caught. Executing another text clears this
-    state.
+    `python -m` ends by SIGINT, whatever the exit code is, if the source text that was executed last has raised
+    KeyboardInterrupt, even if the exception was caught. `exec` and dataclasses execute such texts. Executing another
+    text clears this state.
     """
     for number in END_SIGNALS:
         signal.signal(number, signal.SIG_IGN)

@@ -108,8 +108,8 @@ class CallStats:
 def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: FloatArray | None = None) -> Estimates:
     """Return the poses with the states, covariances and steps that calls and published covariances report.
 
-    `covariance` `(N, 21)` has the upper triangles that were published with the poses. The covariance of a pose is the
-    published one, or that of its call if none is published (`is_covariance_reported`). A pose is lost if the state of
+    `covariance` `(N, 21)` has the upper triangles that were published with the poses. Without a published covariance,
+    the covariance of a pose is that of its call (`is_covariance_reported`). A pose is lost if the state of
     its call or its covariance reports a loss, or if its call initialises again after the first tracked pose.
     """
     states = np.full(len(trajectory), "", object)

@@ -46,7 +46,7 @@ Issues = Iterator[Issue]
 
 
 def examine(seen: Observation) -> list[Issue]:
-    """Return the issues of all checks, blocking ones first."""
+    """Return the issues of all checks, blocking issues first."""
     checks = [_source]
     if seen.topics or not seen.broken:
         checks += [_names, _waiting, _rigs, _extrinsics, _order, _poses, _truth, _nodes, _host_clock]

@@ -1,9 +1,9 @@
 """Agreement of two runs with the prediction of their covariances: NEES of the difference over sub-trajectories.
 
-Both runs share the calibration. A wrong baseline, focal length or mounting moves both equally and is unobservable. The
-predicted covariance `Q_a + Q_b` therefore contains the steps and the noise of the poses, without systematic errors.
-Runs that share images have common noise, so their difference is smaller than predicted. Only a difference that is
-too large is a finding. At least one of the runs has an error of at least half of the difference.
+Both runs share the calibration. A wrong baseline, focal length or mounting moves both runs equally and is unobservable.
+The predicted covariance `Q_a + Q_b` therefore contains the steps and the noise of the poses, without systematic errors.
+Runs that share images have common noise, so their difference is smaller than predicted. Only a difference that is too
+large is a finding. At least one of the runs has an error that is at least half of the difference.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def disagreement_of(agreements: Sequence[Agreement]) -> str:
 
 
 def agreement_rows(agreement: Agreement) -> list[Figure]:
-    """Return the rows of the table of figures of a comparison."""
+    """Return the figures of a comparison as rows of the table of figures."""
     differences = agreement.differences
     where = (agreement.condition, agreement.name)
     position = formulas.statistics(differences.position_m)

@@ -1,10 +1,11 @@
 """Misclosure at revisited places: comparison of the accumulated motion with a direct measurement.
 
 Between two visits of a place, the localiser accumulates its errors over the path between them. A second run omits this
-path. It uses the pairs up to the first visit and the pair of the second visit, and measures the motion between the
-visits directly from landmarks of the first visit. The difference is the misclosure. Both covariances predict its size.
-The systematic errors are included, because they accumulate along the path but not in the direct run.
-A scale error is nearly unobservable in a closed loop, because it cancels where the path returns.
+path. This run uses the pairs up to the first visit and the pair of the second visit, and measures the motion between
+the visits directly from landmarks of the first visit. The difference of the two motions is the misclosure. The
+covariances of both runs predict its size. The systematic errors are included, because they accumulate along the path
+but not in the direct run. A scale error is nearly unobservable in a closed loop, because it cancels where the path
+returns.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ class Affected:
 
     fault: Fault
     pair: StereoPair  #: The pair before this fault, with the previous faults.
-    #: The last earlier pair that is not a repetition, likewise with the previous faults; None for the first pair.
+    #: The last earlier pair that is not a repetition, also with the previous faults; None for the first pair.
     previous: StereoPair | None
     following_ns: int | None  #: Stamp of the next pair of the source, with faults of the clock; None after the last.
     rig: StereoRig  #: The true rig.

@@ -56,7 +56,7 @@ def stamp_with_fault(fault: Fault, stamp_ns: int, following_ns: int | None) -> i
 
 
 def following_stamp(fault: Fault, following_ns: int | None) -> int | None:
-    """Return the next stamp of the source with the effect of a fault of this pair.
+    """Return the next stamp of the source as a fault of this pair changes it.
 
     Only a fault of the clock also affects the next pair.
     """

@@ -36,7 +36,7 @@ class RecordOptions:
 
     #: Topic names, relative to the namespace. Empty: inputs and outputs of the suite's nodes.
     topics: Sequence[str] = ()
-    everything: bool = False  #: Whether all topics except hidden ones are recorded instead.
+    everything: bool = False  #: Whether all topics except hidden topics are recorded instead.
     namespace: str = ""  #: Namespace of the rover.
     duration_s: float | None = None  #: None: record until a signal arrives.
     zstd: bool = False  #: Whether chunks are compressed.

@@ -82,7 +82,7 @@ class RosFeed(Peer):
         self._images_of: dict[str, Subscription] = {}  # subscription to the images of each camera
         self._depths: dict[str, SampleDepth] = {}
         self._next_images: dict[str, float] = {}  # time of the next pair of each rig
-        self._shown: dict[str, tuple[str, int]] = {}  # camera and stamp of the first image of each rig's last pair
+        self._shown: dict[str, tuple[str, int]] = {}  # by rig: camera and stamp of the image that began the last pair
         self._images = TrackedImages(self._show_image)
         self._maps = MapFeed(state, lambda: self._has_publisher(ELEVATION))
         self._map_worker = Worker("sfr-live-maps", Overload.ALL, MAX_MAPS, self._log_fault)

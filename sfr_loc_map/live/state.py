@@ -64,7 +64,7 @@ class LiveState:
         self.aborted: Aborted | None = None
         self._report_page = b""  # HTML report after the end of the run
         self._has_final_score = False  # whether the score is that of the complete run, which the monitor cannot know
-        self._result_s: float | None = None  # reception of the last pose or call, s; None before the first one
+        self._result_s: float | None = None  # reception of the last pose or call, s; None before the first
         self._published = Latest[int, float](MAX_STAMPS)  # publication time of images by stamp, s
         self._call_count = 0
 

@@ -119,7 +119,7 @@ def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBoun
 
 
 def has_diverged(last: LastPose, pose: Pose, covariance: FloatArray) -> bool:
-    """Return whether an adjustment diverged: pose or covariance is not finite, or the pose is far from the last one.
+    """Return whether an adjustment diverged: pose or covariance is not finite, or the pose is far from the last pose.
 
     The covariance `(6, 6)` is that of the adjusted pose.
     """

@@ -54,7 +54,7 @@ value is between the sizes that were tried, 512 x 512 and 1024 x 1024 (measureme
 a megapixel: the sun and the edges of stones")."""
 MEGAPIXEL = 1024 * 1024  #: Number of pixels from which the number of landmarks grows with `GROWTH`.
 GROWTH = 0.25
-"""Exponent of the number of pixels in the number of landmarks, which thus grows with the square root of the image side.
+"""Power of the number of pixels with which the number of landmarks grows: the square root of the side of the image.
 Chosen by hand. If larger, the time of a keyframe exceeds the period of the pairs. If smaller, large images improve the
 accuracy less."""
 

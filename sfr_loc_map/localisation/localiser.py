@@ -156,7 +156,7 @@ class Localiser:
             MotionTools(self._tracker, self._relocaliser, rig.camera, (rig.height, rig.width), config.min_tracked)
         )
         self._keyframes = KeyframeMaker(rig, config)
-        # one thread, started with the first keyframe, which ends with this object
+        # one thread, which starts with the first keyframe and ends with this object
         self._background = ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
         self._pending: Future[KeyframeResult] | None = None
         self.reset(start)

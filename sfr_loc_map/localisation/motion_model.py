@@ -25,11 +25,11 @@ for the first pair degrades the first window. The covariance contains the motion
 class Guesses(NamedTuple):
     """Initial guesses of the next pose of the left camera in the world."""
 
-    #: The last pose moved by the last motion once more, however long that motion lasted (`LastPose.motion_ns`).
+    #: The last pose, moved again by the last motion, however long that motion lasted (`LastPose.motion_ns`).
     repeated_motion: Pose
     standstill: Pose  #: The last pose.
-    #: The last pose moved by the last motion once for each interval up to this pair, if pairs are missing; and the pose
-    #: by wheel odometry.
+    #: If pairs are missing: the last pose, moved by the last motion once for each interval up to this pair. If given:
+    #: the pose by wheel odometry.
     others: tuple[Pose, ...]
 
     @property

@@ -15,7 +15,7 @@ Five other events change the state:
   images, and the pose of the earlier image in the memory of the ground. If its adjustment diverged, the map is
   discarded, the calibration is reset and `has_diverged` is set instead.
 - An external pose is applied: path. `trajectory._placed` applies a pose whose stamp is more than 1.5 periods later
-  than the last pair that was accepted or began a window, and a pose without such a pair. The map is then
+  than the last pair that was accepted or began a window, and any pose before the first such pair. The map is then
   discarded, and `has_diverged` is reset. `trajectory._rebased` applies any other pose.
 - A pair arrives: path (its stamp; with the first pair also the stamp of the start pose).
 - `set_pose` is called: path.

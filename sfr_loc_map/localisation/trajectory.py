@@ -37,10 +37,10 @@ from sfr_loc_map.localisation.uncertainty.published_pose import PublishedPose
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
 MAX_LATER_PERIODS = 1.5
-"""Maximum number of periods between the last accepted pose and a later external pose that applies to it. An external
-pose for the next pair, which is kept, is one period later. With a limit of exactly one period, the jitter of the stamps
-would decide whether the map is discarded. The period is the shorter of two times: that between the last two accepted
-pairs, and that between the newest two pairs. Each of these times may span missing pairs."""
+"""Maximum number of periods between the last accepted pose and a later external pose that applies to it. If the next
+pair is kept, an external pose for this pair is one period later. With a limit of exactly one period, the jitter of the
+stamps would decide whether the map is discarded. The period is the shorter of two times: that between the last two
+accepted pairs, and that between the newest two pairs. Each of these times may span missing pairs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -32,7 +32,7 @@ class MethodCall:
     """Resource use, result and findings of one call of a method under test."""
 
     usage: CallUsage = field(default_factory=lambda: CallUsage(math.nan))  #: NaN if the call did not return.
-    findings: tuple[CallFinding, ...] = ()  #: Faults of the method, first the one because of which there is no result.
+    findings: tuple[CallFinding, ...] = ()  #: Faults of the method, first the fault that prevented a result.
     reason: str = ""  #: Why the pose is degraded or lost.
     statistics: Mapping[str, float] = field(default_factory=dict)
     covariance: FloatArray | None = None  #: `(6, 6)` covariance of the pose.

@@ -37,7 +37,7 @@ class ExternalOptions:
     command: str = ""  #: Command that starts the node; empty: the user starts it.
     #: Process whose CPU and memory are measured in addition to that of `command`: process id or part of a command line.
     watch: str = ""
-    #: Required frame ids of the answers: `parent -> child` of a pose, `parent` of a cloud. Empty: as in the first one.
+    #: Required frame ids of answers: `parent -> child` of a pose, `parent` of a cloud. Empty: as in the first answer.
     frames: str = ""
     timeout_s: float = 5.0  #: Timeout of the answer to a pair, also the wait in lock step; later answers are late.
     start_timeout_s: float = 60.0  #: Timeout of the node's subscription to images.

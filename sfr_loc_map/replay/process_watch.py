@@ -15,7 +15,7 @@ from sfr_loc_map.process_tree import ProcessTree
 
 PERIOD_S = 0.05
 FAST_DDS = (1, 15)
-"""First bytes of the global id of a publisher of Fast DDS. Its bytes 4 and 5 are the lowest bits of the process id."""
+"""First bytes of a publisher's global id in Fast DDS. Bytes 4 and 5 of the id are the lowest bits of the process id."""
 METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second (psutil)"
 
 

@@ -80,7 +80,7 @@ class ReceivedDrive:
 class ReceivedCloud(NamedTuple):
     """A cloud of a mapper."""
 
-    stamp_ns: int  #: Stamp of its pair; for several pairs, of the last one.
+    stamp_ns: int  #: Stamp of its pair; for several pairs, of the last pair.
     points: FloatArray | FloatArray32  #: `(N, 3)` in LM, m.
     cloud: PointCloud | None  #: The points with all fields; None if an external node publishes no pixels.
 
@@ -153,7 +153,7 @@ class ReceivedMaps:
         """Return the map of an external node from all its clouds, which have the stamps of their pairs.
 
         The map is a cloud if the pixel of each point is known, and points otherwise. A single cloud with the stamp of
-        the last of several pairs is the map of all pairs. Otherwise each cloud is that of the pair of its stamp, and
+        the last of several pairs is the map of all pairs. Otherwise each cloud belongs to the pair with its stamp, and
         the clouds are concatenated.
         """
         pairs_ns = tuple(sorted(self.sent_ns))

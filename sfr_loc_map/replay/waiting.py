@@ -16,7 +16,7 @@ from sfr_loc_map.replay.replay_peer import ANSWER_TIMEOUT_S, ReplayPeer
 from sfr_loc_map.ros.peer import Unchanged
 from sfr_loc_map.suite_names import Task
 
-QUIET_S = 5.0  #: Time for which the end of a replay waits for further results after the last one, s.
+QUIET_S = 5.0  #: Time after the last result, s, for which the end of a replay waits for further results.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -207,7 +207,7 @@ def _count_of(row: Figure | None) -> int:
 
 
 def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
-    """Return the plot of the errors of scores over the length of the sub-trajectories; empty without data."""
+    """Return the plot of errors over the length of the sub-trajectories, for several scores; empty without data."""
     series = []
     for k, (name, score) in enumerate(named):
         rows = score.rows("position", subject=Subject.TRAJECTORY, condition=None)

@@ -8,7 +8,7 @@ from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.report.verdict_view import name_of
 from sfr_loc_map.tables.model import UNKNOWN, number
 
-HOST = "host"  #: First word of the name of a clock of the host.
+HOST = "host"  #: First word in the names of the host's clocks.
 EXACT = "The truth is assumed exact; --set truth.sigma_m=M and truth.sigma_deg=DEG of sfr score set its noise."
 NO_INTERVAL = (
     "Only mean + 3 sigma over sub-trajectories has a 95 % interval, if at least two sub-trajectories are independent. "

@@ -98,7 +98,7 @@ def limits_on(score: Score, figure: str, condition: str | None = None, part: str
 
 
 def drawn_statistics(score: Score, row: Figure | None) -> dict[str, float]:
-    """Return the statistics of a row that plots of its errors draw as lines, by name; undefined ones are omitted.
+    """Return the defined statistics of a row that plots of its errors draw as lines, by name.
 
     These are the statistics that every view shows, and those with a limit. A sigma is not a level of errors.
     """

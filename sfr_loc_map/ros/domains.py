@@ -19,7 +19,7 @@ DOMAINS = range(1, 102)
 HELD_PORT = 249
 """Port that holds a domain, relative to the first port of the domain. Only the 120th participant would use it."""
 PROBED_PARTICIPANTS = 10
-"""Number of participants whose ports are probed. The first participants may have ended while later ones run."""
+"""Number of participants whose ports are probed. The first participants may have ended while later participants run."""
 
 
 class HeldDomain:

@@ -21,7 +21,7 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
 
     `identity`: RB is DS at the first pair. `truth`: the true pose at the first pair, interpolated if necessary. If the
     truth has a gap there, or if the pairs before `from_ns` are omitted, the next true pose is used; without a next true
-    pose, the last one is used.
+    pose, the last true pose is used.
     """
     if start == "identity":
         return StartPose(Transform.identity())

@@ -23,9 +23,9 @@ def load_run(
 ) -> Run:
     """Read the files of a run. Poses without stamps get the stamps of the other trajectory, pose by pose.
 
-    The calls of the run are those of the bag of the estimate, of the files and in memory. Lost flags and covariances of
-    an estimate come from its calls and its bag. Poses and cloud may be in memory. `fused` applies to clouds that do not
-    declare whether they are fused. `command` is for provenance.
+    The calls of the run come from the bag of the estimate, from the files and from memory. Lost flags and covariances
+    of an estimate come from its calls and its bag. Poses and cloud may be in memory. `fused` applies to clouds that do
+    not declare whether they are fused. `command` is for provenance.
     """
     given = in_memory or InMemory()
     how = _how_to_read(inputs)
@@ -69,7 +69,7 @@ def _noted_files(inputs: ScoreInputs, how: SourceConfig) -> dict[str, ReadFile]:
 
 
 def _how_to_read(inputs: ScoreInputs) -> SourceConfig:
-    """Return the configuration of the source of the truth: the given one, or else the one beside the source."""
+    """Return the configuration of the source of the truth: as given, or else from the file beside the source."""
     place = inputs.truth or inputs.map_truth
     if place is not None and inputs.config is None and (place.is_dir() or is_bag(place)):
         return source_config(place)

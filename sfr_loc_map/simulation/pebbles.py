@@ -74,7 +74,7 @@ def pebble_cache() -> PebbleCache:
 
 @jit
 def pebbles(x: float, y: float, footprint: float, fill: float, field: PebbleField, cache: PebbleCache) -> PebbleCover:
-    """Return the effect of pebbles at a position; larger pebbles lie on top of smaller ones."""
+    """Return the effect of pebbles at a position; larger pebbles lie on top of smaller pebbles."""
     seen = PebbleCover(0.0, 0.0, 0.0, 0.0, 0.0)
     if fill < 0.01:
         return seen

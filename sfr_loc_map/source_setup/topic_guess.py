@@ -18,7 +18,7 @@ from sfr_loc_map.topics import JOINTS as JOINTS_TOPIC
 from sfr_loc_map.topics import NAV_POSE, TRUE_POINTS
 
 IMAGES = (IMAGE, COMPRESSED)
-FEWEST = 0.5  #: Smallest ratio of the numbers of images of the two sides.
+FEWEST = 0.5  #: Smallest ratio between the numbers of left and right images.
 WIDE, TALL = 1.95, 0.95  #: An image may contain both sides if its width / height is above `WIDE` or below `TALL`.
 SENSOR_SHAPES = (1.0, 2448 / 2048, 5 / 4, 4 / 3, 3 / 2, 752 / 480, 8 / 5, 16 / 9)
 """Width / height of common sensors. An image contains both sides if its halves have such a shape."""

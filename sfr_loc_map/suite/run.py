@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 Say = Callable[[str], None]
 """Function that prints a line of progress of a suite."""
 Progress = Callable[[int, int, tuple[Job, JobOutcome] | None], None]
-"""Function of the numbers of finished and of all jobs, and of the last job with its outcome (None at the start)."""
+"""Function that reports progress. Its arguments are the number of finished jobs, the number of all jobs, and the last
+job with its outcome (None at the start)."""
 
 
 def run_suite(

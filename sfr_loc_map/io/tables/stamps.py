@@ -122,7 +122,7 @@ def parse_stamps(texts: NDArray[np.bytes_], stamp: Callable[[str], int]) -> IntA
 def _parse_aligned(texts: NDArray[np.bytes_], *, has_point: bool) -> IntArray | None:
     """Return the nanoseconds of decimal seconds (`has_point`) or of nanoseconds; None if a digit is not aligned.
 
-    All texts must have as many digits of whole seconds as the first one, and at most nine decimals.
+    All texts must have as many digits of whole seconds as the first text, and at most nine decimals.
     """
     whole_digits = texts[0].find(b".") if has_point else len(texts[0]) - NANOSECOND_DIGITS
     if not 0 < whole_digits <= 10:

@@ -43,8 +43,8 @@ class Neighbours(NamedTuple):
 def nearest(points: FloatArray, begin: NDArray[np.intp], support: FloatArray, count: int) -> Neighbours:
     """Return the nearest support points of each point.
 
-    The search proceeds in both directions along u. It ends where the distance along u alone exceeds the distance of all
-    `count` points found so far.
+    The search proceeds in both directions along u, and ends where the distance along u alone exceeds the distance of
+    all `count` points found so far.
 
     Args:
         points: `(N, 2)` u, v, pixels.

@@ -2,7 +2,8 @@
 
 The pose is estimated directly from the grey levels (sparse image alignment: Forster et al. 2014, section IV-A). Patches
 with little texture are supported by the others, and prediction errors of many pixels are corrected on the coarsest
-level. The shapes of the patches are computed once at the initial pose. Their positions follow the estimated pose.
+level. The shapes of the patches are computed once, at the initial pose; the positions of the patches follow the
+estimated pose.
 """
 
 from __future__ import annotations

@@ -204,9 +204,9 @@ def solve_pose(
 ) -> PoseSolution:
     """Estimate the pose of a pair by robust weighted least squares on both images (Gauss-Newton).
 
-    Landmarks have Geman-McClure weights. Their scale decreases to that of the residuals (graduated non-convexity: Yang
-    et al. 2020), so that an inaccurate prediction does not reject the inliers. With fewer than `MIN_LANDMARKS` observed
-    landmarks, the initial pose is returned with an information of zero.
+    Landmarks have Geman-McClure weights. The scale of the weights decreases to that of the residuals (graduated
+    non-convexity: Yang et al. 2020), so that an inaccurate prediction does not reject the inliers. With fewer than
+    `MIN_LANDMARKS` observed landmarks, the initial pose is returned with an information of zero.
 
     Args:
         start: Initial pose of the left camera.

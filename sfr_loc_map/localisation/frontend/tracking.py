@@ -197,7 +197,10 @@ class Tracker:
         rest: Landmarks,
         offset: RightOffset,
     ) -> Tracks:
-        """Solve for the pose with all landmarks. Those in `was_tracked` keep their observations; `rest` is observed."""
+        """Solve for the pose with all landmarks. The landmarks `was_tracked` keep their observations.
+
+        The landmarks `rest` are observed.
+        """
         of_rest = self.observe(frame, rest, tracks.pose, offset)
         is_in_map = tracks.landmarks.among(landmarks)
         uv = np.empty((len(landmarks.rows), 4))

@@ -1,9 +1,9 @@
 """The ground among the rigid motions in an image: how it is identified by its motion, and what follows for a pose.
 
-The ground is identified by its motion, not by its position in the image. The motion of the ground is the one that more
-landmarks follow and that continues the previous motion. Landmarks of another motion (own body, dirt on the lens, moving
-objects) are no longer tracked, and their image cells are excluded for several pairs. If the images do not distinguish
-two motions, the pose is ambiguous.
+The ground is identified by its motion, not by its position in the image. The motion of the ground is the motion that
+more landmarks follow and that continues the previous motion. Landmarks of another motion (own body, dirt on the lens,
+moving objects) are no longer tracked, and their image cells are excluded for several pairs. If the images do not
+distinguish two motions, the pose is ambiguous.
 
     left image ----> Change ----+
     earlier image               |

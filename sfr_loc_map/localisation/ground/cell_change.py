@@ -79,7 +79,7 @@ def _neighbour_covariance(residual: FloatImage) -> np.float32:
 
 @jit_fast_ir_inline
 def _gradient_variance(cell: FloatImage) -> np.float32:
-    """Return the smaller eigenvalue of the covariance of the gradients of a cell (compare Shi and Tomasi 1994).
+    """Return the smaller eigenvalue of the gradients' covariance in a cell (compare Shi and Tomasi 1994).
 
     The mean gradient is subtracted because the motion of a constant gradient only changes the brightness. The smaller
     eigenvalue is used because a motion along an edge does not change the image.

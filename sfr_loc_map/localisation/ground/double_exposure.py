@@ -151,8 +151,8 @@ def _subtract_means(columns: FloatArray) -> None:
 def _fill_products(columns: FloatArray, products: FloatArray, with_image: FloatArray) -> None:
     """Fill the products of the columns: the normal equations of the least-squares problem.
 
-    `products` `(4, 4)` holds those of the model's columns, upper half only, and `with_image` `(5,)` those of all
-    columns with the image.
+    `products` `(4, 4)` holds the products of the model's columns with each other (upper half only). `with_image` `(5,)`
+    holds the products of all columns with the image.
     """
     for c in range(IMAGE + 1):
         for d in range(c, IMAGE + 1):

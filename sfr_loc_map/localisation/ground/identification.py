@@ -40,9 +40,9 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import Mask
 
 AGREEING_PAIRS = 3
-"""Number of moving pairs that one motion must explain until it counts as the ground's, or until a faulty pair has no
-more effect. Chosen by hand. If larger, clean pairs stay degraded for longer after a fault. If smaller, a second faulty
-pair after a good pair is published as good."""
+"""Number of moving pairs that one motion must explain until it counts as the ground's, or until a faulty pair no longer
+has an effect. Chosen by hand. If larger, clean pairs stay degraded for longer after a fault. If smaller, a second
+faulty pair after a good pair is published as good."""
 LONG_DOUBT_PAIRS = 10
 """The larger number that replaces `AGREEING_PAIRS` after two motions or a contradiction while the ground was not
 identified, or after a mostly stale image, because these faults may last longer. Chosen by hand, like

@@ -1,6 +1,7 @@
 """Searches in a pair: for its main motion, the ground outside the own body, another motion, and a second exposure.
 
-A search takes up to some milliseconds. `cases.case_of` starts one only if the case of the pair depends on the result.
+A search takes up to some milliseconds. `cases.case_of` therefore starts a search only if the case of the pair depends
+on its result.
 """
 
 from __future__ import annotations
@@ -118,7 +119,7 @@ def is_double_exposure(pair: ComparedPair, main: Motion, previous: FloatImage | 
 
 
 def _image_motion_between(pair: ComparedPair, main: Motion, other: Motion) -> float:
-    """Return the image motion between the poses of two motions, px, of the landmarks of the other motion."""
+    """Return the image motion, px, of the landmarks of the other motion between the poses of the two motions."""
     return pair.image_motion_px(other.tracks, start=main.tracks.pose, end=other.tracks.pose)
 
 

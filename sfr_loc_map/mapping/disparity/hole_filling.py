@@ -2,8 +2,8 @@
 
 A hole is a region of invalid pixels. The hypotheses of a pixel are the nearest surfaces along eight directions,
 extrapolated as planes (`hole_hypotheses`). Each hypothesis has a matching cost over the neighbourhood of the pixel, in
-which invalid pixels have a larger weight than valid ones. A pixel is filled if all of these conditions are met, in the
-order of their evaluation:
+which invalid pixels have a larger weight than valid pixels. A pixel is filled if all of these conditions are met, in
+the order of their evaluation:
 
 1. The neighbourhood of the pixel is not completely saturated (`fill_holes`).
 2. A measured pixel is within `REACH`, or in later passes a pixel that was filled in the previous pass. The hypotheses

@@ -1,8 +1,8 @@
 """The roughness of the ground, which sets the scale at which second differences lose weight in the refinement.
 
-Roughness is measured in each pair, around each cell and along each axis, by second differences of the field. They are
-computed on a grid with a multiple of the spacing of the cells (`ROUGHNESS_LEVEL`), so that they exceed the noise of the
-field.
+Roughness is measured in each pair, around each cell and along each axis, by second differences of the field. These
+differences are computed on a grid with a multiple of the spacing of the cells (`ROUGHNESS_LEVEL`), so that they exceed
+the noise of the field.
 """
 
 from __future__ import annotations

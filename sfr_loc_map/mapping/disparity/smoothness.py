@@ -15,7 +15,7 @@ from numba import prange
 from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 
-MIN_DIAGONAL = F(1e-12)  #: Added to the diagonal, which must not be 0, 1 / px^2.
+MIN_DIAGONAL = F(1e-12)  #: Value added to the diagonal, 1 / px^2, because the diagonal must not be 0.
 BLOCK_ROWS = 32
 """Rows of a block, which one thread computes, so that intermediate results stay in its cache. Chosen by hand: smaller
 blocks compute more border rows twice, and larger blocks may not fit into the cache."""

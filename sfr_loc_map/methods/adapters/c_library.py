@@ -138,7 +138,7 @@ class LibraryLocaliser(Library):
 
 
 class LibraryMapper(Library):
-    """`sfr_candidate_map_pairs`, or `sfr_candidate_map` if the library does not have the former."""
+    """`sfr_candidate_map_pairs` if the library has this function, or else `sfr_candidate_map`."""
 
     def __init__(self, setup: Setup) -> None:
         super().__init__(setup)

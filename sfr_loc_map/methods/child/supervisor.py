@@ -40,7 +40,7 @@ CALLS = {
 A new socket could reach other processes, which could pass open files. A larger buffer (`setsockopt`) holds memory that
 no process has, and a message can hold open files (`sendmsg`). Memory of System V, message queues and keys outlive their
 process."""
-IO_URING_SETUP = 425  #: System call that makes sockets without the other system calls, on every architecture.
+IO_URING_SETUP = 425  #: System call that makes sockets without the others, on every architecture.
 SET_FILTER, ALLOW_SPECULATION = 1, 4  #: The flag keeps the speed of the processor on kernels before 5.16.
 LOAD, JUMP_IF_EQUAL, JUMP_IF_GREATER_EQUAL, RETURN = 0x20, 0x15, 0x35, 0x06  #: Instructions of the filter.
 ALLOWED, REFUSED, FIRST_OF_X32 = 0x7FFF0000, 0x00050001, 0x40000000  #: REFUSED is "operation not permitted".

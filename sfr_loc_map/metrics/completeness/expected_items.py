@@ -41,7 +41,7 @@ CALL_TOLERANCE_NS = 1000  #: Accepted difference between the stamps of a single 
 
 
 def expected_row(part: RowPart, judged: int, expected: int | None) -> Figure:
-    """Return the row of the number of expected items of a part and of the judged fraction; null if unknown."""
+    """Return the row `judged` of a part: the number of expected items, null if unknown, and the judged fraction."""
     share = None if expected is None else share_of(judged, expected)
     return figure_row(JUDGED, part=part.text, n=expected, value=share)
 

@@ -39,7 +39,7 @@ MAX_OFFSET_NS = 2**62  #: Maximum offset of stamps, ns, whose sum with a stamp f
 
 
 UNITS_M = (0.0254, 0.3048, 1200.0 / 3937.0, 0.9144)
-"""Units of positions that are no powers of ten of a metre: inch, foot, US survey foot and yard, m."""
+"""Units of positions that are not a power of ten of a metre: inch, foot, US survey foot and yard, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +183,7 @@ def aligned(trajectory: Trajectory, T_ds_world: Transform) -> Trajectory:
 def converted_estimates(
     estimates: Estimates, convention: PoseConvention, T_rb_child: Transform, truth: Trajectory | None
 ) -> Estimates:
-    """Return estimates, which are poses of a child frame of RB in a convention, as poses of RB in DS.
+    """Convert estimates from poses of a child frame of RB, in a convention, to poses of RB in DS.
 
     With `world=first_pose` the first pose is aligned with the truth, or with the identity if there is no truth.
     Covariances are propagated, but removed if poses are inverted or mirrored. Steps (`step_cov`) are motions of RB and

@@ -1,4 +1,4 @@
-"""Search for the offset of the stamps of an estimate with which it agrees best with the truth.
+"""Search for the offset of the stamps that makes an estimate agree best with the truth.
 
 The offset with the least disagreement is searched on a grid that is refined around the best offset. The offset to the
 exact stamps of the truth is then preferred if its disagreement is about the same.

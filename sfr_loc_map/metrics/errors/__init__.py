@@ -1,7 +1,7 @@
 """The errors of the trajectory [4.1, 4.2.3] and of the cloud [4.3.4] as rows of the table of figures.
 
 `trajectory_score` makes the score of the trajectory: `trajectory_errors` selects the sub-trajectories and makes their
-rows. `other_frames` and `standing` make the rows of errors that the figures do not contain, `consistency` those of the
-covariance (NEES), `three_sigma` those of the confidence, and `plot_columns` the data of the plots. `cloud_error` makes
-the score of a cloud.
+rows. `other_frames` and `standing` make the rows of errors that the figures do not contain. `consistency` makes the
+rows of the covariance (NEES), and `three_sigma` makes the rows of the confidence. `plot_columns` makes the data of the
+plots, and `cloud_error` makes the score of a cloud.
 """

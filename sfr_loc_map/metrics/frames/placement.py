@@ -76,7 +76,7 @@ class PlacedFrames(NamedTuple):
         return [self.reading, *others]
 
     def sub_trajectories(self, starts: IntArray, ends: IntArray, reading: Reading | None = None) -> SubTrajectories:
-        """Return sub-trajectories and their errors, by the judged reading or by another one.
+        """Return sub-trajectories and their errors, by the judged reading or by another reading.
 
         Attitude errors are unknown (NaN) if roll and pitch of the truth are unknown.
         """

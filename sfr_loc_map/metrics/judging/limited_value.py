@@ -37,7 +37,7 @@ class LimitedValue(NamedTuple):
 
 
 def value_of(limit: Limit, score: Score, reading: Reading | None = None) -> LimitedValue:
-    """Return the limited number by the judged reading of the specification, or by another one if it is given."""
+    """Return the limited number by the judged reading of the specification, or by another reading if it is given."""
     limited = limit.limited
     row = limited_row(limit, score, limited.part if reading is None else RowPart(reading))
     if row is None:

@@ -141,7 +141,7 @@ def _terms_of_bound(entry: Mapping[str, Any], origin: str) -> Terms:
 
 
 def _requirement_of(entry: Mapping[str, Any], name: str, origin: str) -> dict[str, Any]:
-    """Return the keys of the requirement of the limit of this name; ConfigError if one has another type."""
+    """Return the keys of the requirement in an entry; ConfigError, which names the limit, if a type is wrong."""
     found = {key: entry[key] for key in REQUIREMENT if key in entry}
     if type(found.get("id")) is int:
         found["id"] = str(found["id"])

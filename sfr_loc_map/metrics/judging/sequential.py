@@ -2,8 +2,8 @@
 
 A method whose fraction of failures is `bad` passes with a probability of at most `1 - confidence`. A method whose
 fraction is `good`, which is acceptable, fails with a probability of at most `1 - power`. A fixed plan decides after all
-drives. Wald's sequential probability ratio test (1945) is evaluated after each drive. Its bounds `1 / risk` keep both
-risks for any stopping time (Ville 1939).
+drives. Wald's sequential probability ratio test (1945) is evaluated after each drive. The bounds `1 / risk` of the test
+keep both risks for any stopping time (Ville 1939).
 """
 
 from __future__ import annotations

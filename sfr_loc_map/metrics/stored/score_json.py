@@ -1,8 +1,8 @@
 """Conversion of records to JSON and back by msgspec, with one schema for files, topics and the report.
 
 Numbers that are not finite are written as null. A record that is read is checked against the types of its fields. The
-JSON of a score contains the hash of its other values, so that a changed value is detected although no figure and no
-verdict depends on it, such as a deleted finding. The hash is not a signature.
+JSON of a score contains the hash of its other values. A change of a value on which no figure and no verdict depends,
+such as the deletion of a finding, is therefore also detected. The hash is not a signature.
 """
 
 from __future__ import annotations
@@ -100,8 +100,8 @@ def from_dict(
 ) -> Score:
     """Return the score of JSON values, without their hash; `origin` names their source in messages.
 
-    InputError, whose message of one line names fault and field, if the values do not match the schema or contradict
-    each other, or if they have another hash, or no hash although `needs_hash` is set.
+    InputError if the values do not match the schema or contradict each other, or if their hash differs or is missing
+    although `needs_hash` is set. The message, of one line, names fault and field.
     """
     _check_schema(content, origin)
     try:

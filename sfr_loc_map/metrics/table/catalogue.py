@@ -9,9 +9,14 @@ histories, limits, the topics of the monitor and the check of stored scores then
 Scores that were stored without a new statistic remain readable.
 
 Plots of the errors of sub-trajectories draw each statistic that is shown or limited. Three things have to be changed
-separately: the topics that `config/sros2_policy.xml` allows by name, the other plots, which draw mean, mean + 3 sigma,
-p50 and p95, and the quantiles over the drives of a suite, which is judged by its worst drive. A statistic that is added
-to `compared` adds a test to comparisons of suites and to histories, so the Holm correction of all other tests changes.
+separately:
+
+- the topics that `config/sros2_policy.xml` allows by name,
+- the other plots, which draw mean, mean + 3 sigma, p50 and p95,
+- the quantiles over the drives of a suite, which is judged by its worst drive.
+
+A statistic that is added to `compared` adds a test to comparisons of suites and to histories, so the Holm correction of
+all other tests changes.
 """
 
 from __future__ import annotations
@@ -68,7 +73,7 @@ class FigureKind(NamedTuple):
     title: str  #: Displayed name.
     #: Statistics of the complete figure that every view shows; if empty, only the detailed tables have the figure.
     shown: tuple[str, ...] = ()
-    compared: tuple[str, ...] = ()  #: Statistics by which runs are compared; the first one ranks them.
+    compared: tuple[str, ...] = ()  #: Statistics by which runs are compared; the first statistic ranks them.
     topic: str = ""  #: Topic below `metrics/` on which the monitor publishes the shown statistics; empty for none.
     is_unsigned: bool = False  #: Whether the errors cannot be negative, so their distribution is skewed.
     is_one_number: bool = False  #: Whether its rows have one number (`value`) instead of the statistics of many values.

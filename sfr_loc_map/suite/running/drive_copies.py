@@ -146,7 +146,7 @@ def _pairs_with_same_path(traces: Sequence[DriveTrace]) -> Iterator[tuple[int, i
 def _pairs_with_common_steps(windows: Sequence[StepWindows]) -> Iterator[tuple[int, int]]:
     """Yield the pairs of drives in which a large fraction of the shorter drive's windows occurs in the other drive.
 
-    All windows are in one search tree, so that the time grows with the number of drives and not with that of pairs.
+    All windows are in one search tree, so that the time grows with the number of drives, not with the number of pairs.
     """
     distinct = [item.distinct for item in windows]
     owners = np.repeat(np.arange(len(windows)), [len(item) for item in distinct])
