@@ -101,7 +101,10 @@ def test_copies_of_a_drive_do_not_dilute_an_estimate_that_misses(sfr: Sfr, tmp_p
 
 @pytest.mark.slow
 def test_the_drives_of_a_group_are_of_one_item_under_test(sfr: Sfr, tmp_path: Path, scheduler: str) -> None:
-    """The best method for each drive could be chosen, so that the group has no verdict in common."""
+    """The best method for each drive could be chosen, so that the group has no verdict in common.
+
+    Without a name, it is unknown whether the methods differ, which is a deviation of the suite.
+    """
     suite = made_suite(tmp_path / "suite", 2, limits=POSITION_OVER_1_M)
     header = "stamp_ns,processing_time_s,state,method,method_version,method_kind"
     for name, code in (("mine", 0), ("other", 3)):
@@ -113,6 +116,16 @@ def test_the_drives_of_a_group_are_of_one_item_under_test(sfr: Sfr, tmp_path: Pa
         assert done.code == code, done.out + done.err
         verdicts = [item["name"] for group in json.loads(done.out)["groups"] for item in group["verdicts"]]
         assert ("items_under_test_max" in verdicts) == (name == "other")
+        assert not any(text.startswith("The results do not name their item") for text in texts_of(done.out))
+    for stats in suite.parent.glob("*.stats.csv"):
+        stats.unlink()
+    done = sfr("suite", "run", suite, "--out", tmp_path / "unnamed", "--scheduler", scheduler, "--json", "-")
+    assert texts_of(done.out)[0].startswith("The results do not name their item")
+
+
+def texts_of(summary: str) -> list[str]:
+    """Return the deviations in the JSON of a suite."""
+    return [item["text"] for item in json.loads(summary)["deviations"]]
 
 
 @pytest.mark.slow

@@ -304,7 +304,10 @@ def replaced_truths_in(results: Sequence[ScoredJob]) -> tuple[ReplacedTruth, ...
 
 
 def common_deviations(results: Sequence[ScoredJob]) -> tuple[CommonDeviation, ...]:
-    """Return the deviations of all results. Sentences that differ only in numbers are one deviation."""
+    """Return the deviations of all results, and of several results without a named item under test.
+
+    Sentences that differ only in numbers are one deviation.
+    """
     found: dict[str, CommonDeviation] = {}
     for result in results:
         sentences = {NUMBER.sub("0", text): text for text in deviations_of(result.score)}
@@ -314,7 +317,15 @@ def common_deviations(results: Sequence[ScoredJob]) -> tuple[CommonDeviation, ..
                 largest = max(known, item, key=lambda each: largest_number(each.text))
                 item = msgspec.structs.replace(largest, results=known.results + 1)
             found[kind] = item
-    return tuple(found.values())
+    return (*_unnamed_items(results), *found.values())
+
+
+def _unnamed_items(results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
+    """Yield a deviation if several results do not name their item under test, because their items may differ."""
+    unnamed = [result for result in results if result.score.method is None]
+    if len(unnamed) > 1:
+        text = "The results do not name their item under test. They may be of different items (calls name the item)."
+        yield CommonDeviation(text=text, results=len(unnamed), of=unnamed[0].job.label)
 
 
 def largest_number(text: str) -> float:
