@@ -52,7 +52,7 @@ class ObservedTopic:
     stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))  #: `(N,)`, in the order of reception.
     messages: tuple[Any, ...] = ()  #: The first messages, with fields as attributes.
     requests: Mapping[str, Reliability] = field(default_factory=dict)  #: Requested reliability by node of the suite.
-    lost: int = 0  #: Messages that were published between received ones but not received.
+    lost: int = 0  #: Messages that were published between received messages, but were not received.
 
     @property
     def is_published(self) -> bool:

@@ -141,7 +141,7 @@ def _of_answers(score: Score) -> Iterator[str]:
 
 
 def _of_axes(score: Score) -> Iterator[str]:
-    """Yield the contradictions between the judged position errors and those of their axes, which a suite pools."""
+    """Yield the contradictions between the judged position errors and their components, which a suite pools."""
     for row in score.rows("position", part=score.reading):
         axes = [score.figure("position", condition=row.condition, part=axis) for axis in "xyz"]
         known = [axis for axis in axes if axis is not None]
