@@ -17,6 +17,7 @@ SOCKET_BYTES = 320_000
 """Largest memory of the data that a socket has sent and no process has read, bytes: 1.5 times the default of Linux for
 `net.core.wmem_default`, because the last message may exceed the limit. The supervisor prevents a method from enlarging
 the buffers of its sockets."""
+DELETED, SHARED = "(deleted)", "s"  #: Marks of a file without a name, and of a shared mapping, in `/proc/PID/maps`.
 CLOCK_SHIFT, CLOCK_OF_PROCESS = 3, 2
 """Numbers by which Linux encodes a process in the id of its processor clock (`clock_getcpuclockid`)."""
 
@@ -26,9 +27,9 @@ class TreeUsage:
     """Resource use of a process tree, summed over all processes."""
 
     cpu_s: float = 0.0  #: Processor time, including that of ended processes.
-    #: Resident memory, in which a shared page counts once for each process, and the storage of open files without a
-    #: name (`memfd_create`, deleted files), in which each file counts once. If the root is a supervisor, the buffers of
-    #: sockets are included at their largest size.
+    #: Resident memory, in which a shared page counts once for each process, and the storage of open or mapped files
+    #: without a name (`memfd_create`, anonymous shared memory, deleted files), in which each file counts once. If the
+    #: root is a supervisor, the buffers of sockets are included at their largest size.
     rss_bytes: int = 0
     threads: int = 0
     processes: int = 0
@@ -71,7 +72,7 @@ class ProcessTree:
                 rss_bytes += member.memory_info().rss
                 threads += member.num_threads()
         socket_bytes = SOCKET_BYTES if self._is_supervisor else 0
-        rss_bytes += bytes_of_open_files([member.pid for member in members], socket_bytes)
+        rss_bytes += bytes_of_nameless_files([member.pid for member in members], socket_bytes)
         return TreeUsage(cpu_s, rss_bytes, threads, len(members))
 
 
@@ -88,11 +89,11 @@ def _cpu_s(process: psutil.Process) -> float:
     return float(own_s + sum(of_children_s))
 
 
-def bytes_of_open_files(processes: Sequence[int], socket_bytes: int = 0) -> int:
-    """Return the storage of the files without a name that processes have open; each file counts once.
+def bytes_of_nameless_files(processes: Sequence[int], socket_bytes: int = 0) -> int:
+    """Return the storage of the files without a name that processes have open or have mapped; each file counts once.
 
-    Such a file is in no folder, and the resident memory of a process includes the file only if the process maps it. A
-    socket counts `socket_bytes`.
+    Such a file is in no folder, and the resident memory of a process includes only its pages that are mapped and in
+    use. A socket counts `socket_bytes`.
     """
     stored: dict[tuple[int, int], int] = {}
     for process in processes:
@@ -104,19 +105,49 @@ def bytes_of_open_files(processes: Sequence[int], socket_bytes: int = 0) -> int:
                         stored[about.st_dev, about.st_ino] = about.st_blocks * BLOCK_BYTES
                     elif stat.S_ISSOCK(about.st_mode):
                         stored[about.st_dev, about.st_ino] = socket_bytes
+        stored |= _nameless_mapped_files(process)
     return sum(stored.values())
+
+
+def _nameless_mapped_files(process: int) -> dict[tuple[int, int], int]:
+    """Return the storage of the files without a name that a process has mapped as shared, by device and number.
+
+    Without the right to examine the files of mappings (CAP_SYS_ADMIN or CAP_CHECKPOINT_RESTORE), the length of the
+    mapping counts.
+    """
+    stored: dict[tuple[int, int], int] = {}
+    with suppress(OSError):
+        for line in Path(f"/proc/{process}/maps").read_text(encoding="utf-8", errors="replace").splitlines():
+            if not line.endswith(DELETED):
+                continue
+            addresses, access, _, device, number = line.split()[:5]
+            if not access.endswith(SHARED):
+                continue
+            major, minor = (int(part, 16) for part in device.split(":"))
+            first, end = (int(part, 16) for part in addresses.split("-"))
+            size = end - first
+            with suppress(OSError):
+                size = os.stat(f"/proc/{process}/map_files/{first:x}-{end:x}").st_blocks * BLOCK_BYTES
+            stored[os.makedev(major, minor), int(number)] = size
+    return stored
 
 
 def bytes_of_files(folder: Path, provided: Path, provided_bytes: int) -> int:
     """Return the storage of all files below a folder; files that vanish meanwhile are ignored.
 
-    Of the file `provided`, only the storage beyond `provided_bytes` counts.
+    Of the file `provided`, only the storage beyond `provided_bytes` counts. OSError if a folder or a file cannot be
+    examined, for example because its path is too long.
     """
     stored = 0
-    for parent, _, names in os.walk(folder):
+    for parent, _, names in os.walk(folder, onerror=_raise_unless_vanished):
         for name in names:
             path = os.path.join(parent, name)
-            with suppress(OSError):
+            with suppress(FileNotFoundError):
                 used = os.lstat(path).st_blocks * BLOCK_BYTES
                 stored += max(used - provided_bytes, 0) if path == str(provided) else used
     return stored
+
+
+def _raise_unless_vanished(error: OSError) -> None:
+    if not isinstance(error, FileNotFoundError):
+        raise error

@@ -80,15 +80,23 @@ class ProcessMemory:
     """Resident memory of the processes of a method and of the files that they can write, which has a limit."""
 
     tree: ProcessTree
-    file_bytes: Callable[[], int]  #: Returns the memory of the files.
+    file_bytes: Callable[[], int]  #: Returns the memory of the files; OSError if a file cannot be examined.
     limit_mb: int
 
     def usage(self) -> TreeUsage:
         """Return the present resource use with the files; MethodFailureError beyond the limit."""
         usage = self.tree.usage()
-        usage = replace(usage, rss_bytes=usage.rss_bytes + self.file_bytes())
+        usage = replace(usage, rss_bytes=usage.rss_bytes + self.stored_bytes())
         self.check(usage.rss_bytes, "has")
         return usage
+
+    def stored_bytes(self) -> int:
+        """Return the memory of the files; MethodFailureError if it cannot be measured."""
+        try:
+            return self.file_bytes()
+        except OSError as error:
+            text = f"has a file that cannot be measured ({error.strerror}): its memory is unknown"
+            raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text, ended=True) from error
 
     def check(self, resident_bytes: int, verb: str) -> None:
         """Raise MethodFailureError if the limit is exceeded."""
@@ -137,7 +145,7 @@ class CallMonitor:
         self._keeps_rate = keeps_rate
         idle_bytes = reset_peak(pid)
         #: Resident memory after warm-up; None if unknown.
-        self.idle_bytes = None if idle_bytes is None else idle_bytes + memory.file_bytes()
+        self.idle_bytes = None if idle_bytes is None else idle_bytes + memory.stored_bytes()
         memory.tree.usage()
         self._warm_cpu_s = memory.tree.cpu_s()  # processor time of the warm-up
 

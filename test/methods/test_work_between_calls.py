@@ -103,6 +103,7 @@ class Asks(Standing):
             opened += 1
         opened += libc.shmget(0, 4096, 0o1600) >= 0 or libc.semget(0, 1, 0o1600) >= 0 or libc.msgget(0, 0o1600) >= 0
         opened += libc.mq_open(b"/sfr", os.O_CREAT | os.O_RDWR, 0o600, None) >= 0
+        opened += libc.syscall(447, 0) >= 0  # memfd_secret
         one.send(b"x")
         self.statistics = {"opened": opened, "received": len(other.recv(9))}
         return np.eye(4)

@@ -40,7 +40,9 @@ CALLS = {
 A new socket could reach other processes, which could pass open files. A larger buffer (`setsockopt`) holds memory that
 no process has, and a message can hold open files (`sendmsg`). Memory of System V, message queues and keys outlive their
 process."""
-IO_URING_SETUP = 425  #: System call that makes sockets without the others, on every architecture.
+IO_URING_SETUP, MEMFD_SECRET = 425, 447
+"""System calls, on every architecture: the first makes sockets without the others, the second memory that the kernel
+reports for no process."""
 SET_FILTER, ALLOW_SPECULATION = 1, 4  #: The flag keeps the speed of the processor on kernels before 5.16.
 LOAD, JUMP_IF_EQUAL, JUMP_IF_GREATER_EQUAL, RETURN = 0x20, 0x15, 0x35, 0x06  #: Instructions of the filter.
 ALLOWED, REFUSED, FIRST_OF_X32 = 0x7FFF0000, 0x00050001, 0x40000000  #: REFUSED is "operation not permitted".
@@ -107,7 +109,7 @@ def refuse_calls() -> list[str]:
     if platform.machine() not in CALLS:
         return []
     architecture, seccomp, *groups = CALLS[platform.machine()]
-    refused = [number for group in groups for number in group] + [IO_URING_SETUP]
+    refused = [number for group in groups for number in group] + [IO_URING_SETUP, MEMFD_SECRET]
     lines = [(LOAD, 0, 0, 4), (JUMP_IF_EQUAL, 0, len(refused) + 3, architecture)]
     lines += [(LOAD, 0, 0, 0), (JUMP_IF_GREATER_EQUAL, len(refused) + 1, 0, FIRST_OF_X32)]
     lines += [(JUMP_IF_EQUAL, len(refused) - place, 0, number) for place, number in enumerate(refused)]
