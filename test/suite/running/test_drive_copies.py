@@ -29,6 +29,14 @@ def moved(offset_m: object) -> Trajectory:
     return Trajectory(TRUTH.stamps_ns, TRUTH.positions + offset_m, TRUTH.quats_xyzw)
 
 
+def continued(poses: int) -> Trajectory:
+    """The first poses of the drive, and then another drive of 120 poses."""
+    other = straight(120, 0.01, 2)
+    positions = np.vstack((TRUTH.positions[:poses], other.positions + TRUTH.positions[poses]))
+    stamps_ns = np.arange(len(positions)) * 100_000_000
+    return Trajectory(stamps_ns, positions, np.vstack((TRUTH.quats_xyzw[:poses], other.quats_xyzw)))
+
+
 @pytest.mark.parametrize(
     ("trace", "is_copy"),
     [
@@ -44,6 +52,8 @@ def moved(offset_m: object) -> Trajectory:
         (_trace(TRUTH[1:], GREY), True),
         (_trace(TRUTH[:110], GREY), True),
         (_trace(TRUTH[60:140], GREY), True),
+        (_trace(continued(140), GREY), True),
+        (_trace(continued(60), GREY), False),
         (_trace(TRUTH[:-1], tuple(RNG.integers(0, 255, 64).tolist())), False),
     ],
 )
