@@ -51,7 +51,8 @@ from sfr_loc_map.suite_names import Task
 FEW_TRUE_POSES = 1.0 / SPARSER  #: A truth is reported as sparse up to this ratio of true poses to images.
 UNEVEN_PERIODS, UNEVEN_SHARE = 2.5, 0.05
 """Estimates are uneven if more than this fraction of the time is between estimates that are further apart than this
-number of median periods. A single missing estimate leaves two periods."""
+number of typical periods, or if more than this fraction of the periods is shorter than a typical period by this factor.
+A single missing estimate leaves two periods."""
 MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Matching errors are smaller.
 
 
@@ -114,11 +115,14 @@ def result_without_poses(images: int) -> TrajectoryResult:
 
 def _uneven_estimates(drive: DriveToScore, association: Association) -> Iterator[str]:
     """Yield a caveat if the spacing of the estimates varies and the images are unknown."""
-    share = 0.0 if association.images is not None else uneven_share(drive.estimates.trajectory.stamps_ns)
-    if share > UNEVEN_SHARE:
+    if association.images is not None:
+        return
+    sparse, dense = sparse_and_dense_shares(drive.estimates.trajectory.stamps_ns)
+    if max(sparse, dense) > UNEVEN_SHARE:
         yield (
-            f"the spacing of the estimates varies and the images are unknown: {100.0 * share:.3g} % of the time is "
-            f"between estimates that are more than {UNEVEN_PERIODS:g} typical periods apart; frames of denser parts "
+            f"the spacing of the estimates varies and the images are unknown: {100.0 * sparse:.3g} % of the time is "
+            f"between estimates that are more than {UNEVEN_PERIODS:g} typical periods apart, and {100.0 * dense:.3g} % "
+            f"of the periods are shorter than a typical period divided by {UNEVEN_PERIODS:g}; frames of denser parts "
             "have more weight in the figures"
         )
 
@@ -136,13 +140,20 @@ def _sparse_truth(drive: DriveToScore, association: Association) -> Iterator[str
         )
 
 
-def uneven_share(stamps_ns: IntArray) -> float:
-    """Return the fraction of the time between estimates that are more than `UNEVEN_PERIODS` median periods apart."""
-    periods_ns = np.diff(np.unique(stamps_ns))
+def sparse_and_dense_shares(stamps_ns: IntArray) -> tuple[float, float]:
+    """Return the fraction of the time in long periods between estimates, and the fraction of short periods.
+
+    A period is long above `UNEVEN_PERIODS` typical periods, and short below a typical period divided by this number.
+    Half of the time is in periods up to the typical one, so that a dense part of the drive does not determine it.
+    """
+    periods_ns = np.sort(np.diff(np.unique(stamps_ns)))
     if not len(periods_ns):
-        return 0.0
-    is_long = periods_ns > UNEVEN_PERIODS * np.median(periods_ns)
-    return float(periods_ns[is_long].sum() / periods_ns.sum())
+        return 0.0, 0.0
+    elapsed_ns = np.cumsum(periods_ns)
+    typical_ns = periods_ns[np.searchsorted(elapsed_ns, elapsed_ns[-1] / 2)]
+    is_long = periods_ns > UNEVEN_PERIODS * typical_ns
+    is_short = UNEVEN_PERIODS * periods_ns < typical_ns
+    return float(periods_ns[is_long].sum() / elapsed_ns[-1]), float(is_short.mean())
 
 
 # ---- the map
