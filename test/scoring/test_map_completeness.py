@@ -92,7 +92,17 @@ def test_points_without_pixels_are_repeated_at_one_place(tmp_path: Path, sfr: Sf
     good = wrong[~is_wrong]
     twenty = np.tile(good, (20, 1))
     moved = twenty + np.random.default_rng(1).normal(0.0, 1e-4, twenty.shape)
-    for points, code in ((wrong, 1), (good, 0), (np.vstack((wrong, twenty)), 3), (np.vstack((wrong, moved)), 3)):
+    sparse = wrong[::3]
+    at_one = good[0] + np.random.default_rng(2).normal(0.0, 1e-5, (2 * len(sparse) - 9, 3))
+    cases = (
+        (wrong, 1),
+        (good, 0),
+        (sparse, 1),
+        (np.vstack((wrong, twenty)), 3),
+        (np.vstack((wrong, moved)), 3),
+        (np.vstack((sparse, at_one)), 3),
+    )
+    for points, code in cases:
         save_points(path, points)
         assert sfr("score", path, folder, "--limits", rules).code == code, (len(points), code)
 

@@ -25,6 +25,9 @@ from sfr_loc_map.metrics.table.results import MapResult
 from sfr_loc_map.metrics.table.row_part import POINTS, pair_part, range_part
 from sfr_loc_map.metrics.table.rows import Figure, figure_row, nees_row
 
+MOST_AT_TRUE_POINT = 10
+"""Maximum number of points without pixels with the same nearest true point that count. On average at most one point per
+pixel counts, and noise concentrates points by much less."""
 FOOTPRINTS = 2.0  #: Distance, in pixel footprints Z / f, within which a point of a fused cloud covers a true point.
 BATCH = 262144
 PIXEL_SAMPLES = 2000  #: Number of points per pair whose projection is compared with their pixel.
@@ -301,13 +304,14 @@ def score_nearest(
     """Return the score of points with unknown pixels, by the distance to the nearest true point.
 
     The nearest true point is rarely the observed point, so these distances underestimate the errors. Points at the
-    position of an earlier point, and points in excess of the number of pixels of all pairs, count as repeated.
+    position of an earlier point, points in excess of the number of pixels of all pairs, and points in excess of
+    `MOST_AT_TRUE_POINT` with the same nearest true point count as repeated.
     """
     from scipy.spatial import cKDTree  # slow to import, and nodes rarely need it
 
     true = [truth.points[np.isfinite(truth.points).all(axis=2)] for truth in truths]
     tree = cKDTree(np.concatenate(true).astype(np.float64), balanced_tree=False, compact_nodes=False)
-    distance = np.asarray(tree.query(np.asarray(xyz, np.float64), workers=-1)[0])
+    distance, nearest = (np.asarray(values) for values in tree.query(np.asarray(xyz, np.float64), workers=-1))
     records = np.zeros(len(xyz), PointCloud.dtype())
     records["x"], records["y"], records["z"], records["pair"] = (*np.asarray(xyz).T, 255)  # 255: no pair
     ranges, scored = [truth.ranges_m() for truth in truths], (config.scored_from_m, config.scored_to_m)
@@ -316,7 +320,8 @@ def score_nearest(
     is_mapped = [share is not None and share < 1.0 for share in bare]  # the pairs of the points are unknown
     near_pairs = np.flatnonzero(is_mapped)
     pixels = sum(truth.rig.height * truth.rig.width for truth in truths)
-    repeated = max(len(xyz) - len(np.unique(xyz, axis=0)), len(xyz) - pixels, 0)
+    crowded = int(np.maximum(np.bincount(nearest) - MOST_AT_TRUE_POINT, 0).sum())
+    repeated = max(len(xyz) - len(np.unique(xyz, axis=0)), len(xyz) - pixels, crowded)
     many = len(truths) if expected_pairs is None else expected_pairs
     figures = (
         figure_row("nearest_distance", statistics=formulas.statistics(distance)),
