@@ -7,7 +7,7 @@ import pytest
 from sfr_loc_map import host_clock
 from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.host_clock import checked_clock
+from sfr_loc_map.host_clock import CallClock, checked_clock
 
 
 @pytest.fixture
@@ -16,6 +16,7 @@ def clocks(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
     seconds = {"process": 5.0, "kernel": 7000.0}
     monkeypatch.setattr(host_clock.time, "monotonic", lambda: seconds["process"])
     monkeypatch.setattr(host_clock, "kernel_s", lambda: seconds["kernel"])
+    monkeypatch.setattr(host_clock, "system_call_s", lambda: seconds["kernel"])
     return seconds
 
 
@@ -32,6 +33,24 @@ def test_clocks_that_differ_by_more_than_a_hundredth_are_refused(
         refused.append(str(error))
     assert bool(refused) is is_refused
     assert all(f"{passed_s:.2f} s passed by the clock of this process and 100.00 s" in text for text in refused)
+
+
+def test_a_clock_that_is_slow_in_calls_and_corrected_between_them_is_refused(clocks: dict[str, float]) -> None:
+    clock = CallClock()
+
+    def call() -> float:
+        clock.begin()
+        clocks["process"] += 0.09
+        clocks["kernel"] += 0.10
+        duration_s = clock.end()
+        clocks["process"] += 0.01
+        return duration_s
+
+    with checked_clock():
+        durations_s = [call() for _ in range(10)]  # ten steps of the kernel's clock are allowed
+    assert durations_s == pytest.approx([0.09] * 10)
+    with pytest.raises(MetricsError):
+        [call() for _ in range(10)]
 
 
 def test_the_clock_of_this_process_is_the_kernel_s() -> None:

@@ -70,6 +70,7 @@ def test_a_turned_copy_is_a_copy() -> None:
         for stamp, pose in zip(TRUTH.stamps_ns, poses, strict=True)
     )
     assert are_copies(_trace(turned, GREY), ORIGINAL)
+    assert are_copies(_trace(turned[:3], GREY), _trace(TRUTH[:3], GREY)), "three poses have too few steps"
 
 
 def test_a_copy_with_rounded_positions_and_a_copy_of_a_short_drive_are_copies() -> None:
