@@ -482,7 +482,10 @@ MUTATIONS = (
         "metrics/calls/call_score.py", "if row.call in kinds else row for", "if row.figure in kinds[:1] else row for"
     ),
     Mutation("metrics/table/catalogue.py", " or of_row.place is Place.STATED:", ":"),
-    Mutation("metrics/errors/cloud_error.py", "max(len(xyz) - len(np.unique(xyz, axis=0)), len(xyz) - pixels, 0)", "0"),
+    Mutation("metrics/errors/cloud_error.py", "len(xyz) - len(np.unique(xyz, axis=0)),", "0,"),
+    Mutation("metrics/errors/cloud_error.py", "len(xyz) - pixels, crowded)", "0, crowded)"),
+    Mutation("metrics/errors/cloud_error.py", "len(xyz) - pixels, crowded)", "len(xyz) - pixels, 0)"),
+    Mutation("scoring/score_parts.py", "UNEVEN_PERIODS * periods_ns < typical_ns", "periods_ns < 0"),
     Mutation("metrics/judging/several_scores.py", "if len(items) > 1:", "if len(items) > 2:"),
     Mutation(
         "metrics/judging/several_scores.py", "if len(configurations) > len({", "if len(configurations) > 1 + len({"
