@@ -26,8 +26,8 @@ def with_converted_poses(
 ) -> ReplayResult:
     """Return a result in which the poses of an external localiser, and their calls, are converted to RB in DS.
 
-    Each pose requires a call, and a call may have no pose. A result without an external localiser is returned
-    unchanged.
+    Each pose requires a call, and a call may have no pose. A time offset moves the stamps of all these calls, so that
+    each call keeps the stamp of its pose. A result without an external localiser is returned unchanged.
     """
     published = result.estimate
     run, loc = result.external, source.loc
@@ -37,7 +37,8 @@ def with_converted_poses(
     estimates = estimates_of(published, stats_of([*calls.values()]))
     estimates, convention = _converted(estimates, loc, config, correction)
     rows = {stamp_ns: row for row, stamp_ns in enumerate(published.stamps_ns.tolist())}
-    records = [_converted_call(call, estimates, rows.get(call.stamp_ns)) for call in calls.values()]
+    offset_ns = int(estimates.trajectory.stamps_ns[0] - published.stamps_ns[0])  # declared and diagnosed
+    records = [_converted_call(call, estimates, rows.get(call.stamp_ns), offset_ns) for call in calls.values()]
     records += [call for call in result.records if call.task is Task.MAPPING]
     external = replace(run, as_published=published, convention=convention)
     return replace(result, estimate=estimates.trajectory, records=records, external=external)
@@ -61,15 +62,16 @@ def _converted(
     return converted, ConventionRecord(declared=declared.settings)
 
 
-def _converted_call(call: CallRecord, estimates: Estimates, row: int | None) -> CallRecord:
+def _converted_call(call: CallRecord, estimates: Estimates, row: int | None, offset_ns: int) -> CallRecord:
     """Return a call with the converted covariance of its pose, which is in a row of the estimates; None without pose.
 
-    The step of the call is removed, because it is not converted.
+    The offset is added to the stamp. The step of the call is removed, because it is not converted.
     """
+    call = replace(call, stamp_ns=call.stamp_ns + offset_ns, covariance=None, step=None)
     if row is None:
-        return replace(call, covariance=None, step=None)
+        return call
     state = TrackingState.LOST.value if estimates.lost[row] else call.state
-    return replace(call, state=state, covariance=_full_covariance(estimates, row), step=None)
+    return replace(call, state=state, covariance=_full_covariance(estimates, row))
 
 
 def _full_covariance(estimates: Estimates, row: int) -> FloatArray | None:

@@ -26,6 +26,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.config import ScoreConfig, score_config
+from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.limits import OF_MAP
 from sfr_loc_map.metrics.score.score import Score
@@ -245,6 +246,25 @@ def test_calls_of_an_external_localiser_without_a_pose_are_kept(tmp_path: Path) 
     scored = score_files(replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,)), config)
     assert len(load_call_stats(files.stats).localised_ns) == 12
     assert scored.association.matched == 4
+
+
+def test_a_time_offset_moves_the_calls_with_their_poses(tmp_path: Path) -> None:
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
+    stamps_ns, config = source.loc.ground_truth.stamps_ns.tolist(), score_config(["frames=2"], {})
+    calls = [CallRecord(stamp_ns, 0.1, "tracking", covariance=np.eye(6)) for stamp_ns in stamps_ns]
+    calls[5] = CallRecord(stamps_ns[5], 0.1, "lost")
+    made = of_external(source, calls, AnswerCounts(pairs=12, answered=12), config)
+    late = Trajectory(made.estimate.stamps_ns + 50_000_000, made.estimate.positions, made.estimate.quats_xyzw)
+    moved = [replace(call, stamp_ns=call.stamp_ns + 50_000_000) for call in calls]
+    correction = Correction(PoseConvention(time_offset_ns=-50_000_000))
+    result = with_converted_poses(replace(made, estimate=late, records=moved), source, config, correction)
+    files = ReplayFiles(tmp_path)
+    save_replay(result, files, method_of(result, {}))
+    inputs = replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,))
+    wanted = score_replay(source, made, config, None)
+    for score in (score_replay(source, result, config, None), score_files(inputs, config)):
+        assert score.number("lost") == wanted.number("lost") == 1.0 / 12.0
+        assert score.rows("nees") == wanted.rows("nees") != []
 
 
 @pytest.mark.parametrize("state", [None, "", "tracking"])
