@@ -161,12 +161,18 @@ class Summary:
         return JobCounts(jobs=self.jobs, done=done, failed=failed, waiting=self.waiting)
 
     @property
+    def is_judged(self) -> bool:
+        """Whether the suite has limits, even if no job has a result yet, or verdicts on findings."""
+        return self.limits is not None or any(group.verdicts for group in self.groups)
+
+    @property
     def verdict(self) -> VerdictState | None:
-        """The worst verdict, None without limits; incomplete at best if a job has no result."""
-        states = [item.state for group in self.groups for item in group.verdicts]
-        if not states:
+        """The worst verdict, None if the suite is not judged; incomplete at best if a job has no result."""
+        if not self.is_judged:
             return None
-        return worst_of(states if self.completeness.value == 1.0 else [*states, VerdictState.INCOMPLETE])
+        states = [item.state for group in self.groups for item in group.verdicts]
+        is_complete = bool(states) and self.completeness.value == 1.0
+        return worst_of(states if is_complete else [*states, VerdictState.INCOMPLETE])
 
     @property
     def on_limits(self) -> list[GroupVerdict]:

@@ -32,7 +32,7 @@ class VerdictTexts:
 def verdict_texts_of(summary: Summary) -> VerdictTexts:
     """Return the outcome of a suite."""
     verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
-    is_waiting = bool(summary.waiting and verdicts) and not summary.is_decided
+    is_waiting = summary.waiting > 0 and summary.is_judged and not summary.is_decided
     return VerdictTexts(
         failures=tuple(_failures(summary)),
         failed_jobs=len(summary.failures) + len(summary.refusals),

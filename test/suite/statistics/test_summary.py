@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace as struct_replace
 
+from helpers.cli_result import Sfr
 from helpers.made_suites import JOB
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import InputError
@@ -54,6 +55,18 @@ def test_a_planned_group_without_a_result_is_undecided(tmp_path: Path) -> None:
     assert not any(states[:12])
     assert states[-1]
     assert summarise(store).verdict == "pass"
+
+
+def test_a_suite_with_limits_and_without_a_result_is_incomplete(sfr: Sfr, tmp_path: Path) -> None:
+    """No group has a verdict, because the only job waits."""
+    store = Store(tmp_path)
+    store.save_plan([JOB], limits={"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 1.0}]})
+    assert summarise(store).verdict == "incomplete"
+    done = sfr("suite", "report", tmp_path)
+    assert done.code == 3
+    assert "1 of 1 jobs have no result yet" in done.err
+    store.save_plan([JOB])
+    assert summarise(store).verdict is None
 
 
 def test_a_plan_of_an_earlier_version_is_refused_in_one_line(tmp_path: Path) -> None:
