@@ -259,8 +259,12 @@ def history(
     json_path: JsonOption = None,
     html: HtmlOption = None,
     overwrite: OverwriteOption = False,
+    lenient: LenientOption = False,
 ) -> None:
-    """Find the nights and drives at which figures changed; exit code 1 if a figure became and stayed worse."""
+    """Find the nights and drives at which figures changed; exit code 1 if a figure became and stayed worse.
+
+    A planned job without a result in the last night is worse, too. Exit code 3 if no figure could be tested.
+    """
     from sfr_loc_map.suite.pages.page import render_history
     from sfr_loc_map.suite.pages.tables import history_tables
     from sfr_loc_map.suite.statistics.history import Night, check_order, find_changes
@@ -276,11 +280,16 @@ def history(
     show(result.to_dict(), json_path, history_tables(result))
     for change in result.worse:
         say(change.text, err=True)
+    for label in result.without_result:
+        say(one_line(f"no result in the last night: {label}"), err=True)
+    failures = []
     if result.worse:
-        raise FailedVerdictError(
-            f"figures that got worse and did not recover: {len({change.figure for change in result.worse})}; the "
-            "messages above name them"
-        )
+        failures.append(f"figures that got worse and did not recover: {len({item.figure for item in result.worse})}")
+    if result.without_result:
+        failures.append(f"jobs without a result in the last night: {len(result.without_result)}")
+    if failures:
+        raise FailedVerdictError(f"{'; '.join(failures)}; the messages above name them")
+    not_judged([result.shortage] if result.shortage else [], lenient=lenient)
 
 
 def _open_store(folder: Path) -> Store:

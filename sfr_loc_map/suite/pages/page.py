@@ -95,8 +95,12 @@ def first_position(figures: tuple[Figure, ...]) -> Figure | None:
 def render_history(history: History) -> str:
     """Return the page of a history as HTML."""
     worse = [change.text for change in history.worse]
-    heading = "worse" if worse else "not worse"  # not a verdict, because no limit is judged
-    text = "; ".join(worse) or "No figure is certainly worse than before."
+    worse += [f"{label} has no result in the last night" for label in history.without_result]
+    heading, text = "worse", "; ".join(worse)  # not a verdict, because no limit is judged
+    if not worse and history.shortage:
+        heading, text = "not judged", history.shortage
+    elif not worse:
+        heading, text = "not worse", "No figure is certainly worse than before."
     plots, caption = [], "Geometric mean over the drives; arithmetic mean for counts."
     for number, (figure, values) in enumerate(history.figures.items()):
         trace = marks("all drives", _columns(list(enumerate(values, 1))), "@one")

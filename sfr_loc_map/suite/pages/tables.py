@@ -442,7 +442,11 @@ def history_tables(history: History) -> list[Table]:
     )
     if len(history.nights) <= MIN_REFERENCE:
         note += f" With fewer than {MIN_REFERENCE + 1} nights, only changes of most jobs are found."
-    title = "Changes" if history.changes else "No figure changed"
+    if history.without_result:
+        note += f" Jobs of the last night without a result: {', '.join(history.without_result)}."
+    if history.shortage:
+        note += f" Not judged: {history.shortage}."
+    title = "No figure changed" if history.tested and not history.changes else "Changes"
     return [table_of("history", title, HISTORY, history.changes, note)]
 
 

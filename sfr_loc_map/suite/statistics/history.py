@@ -12,10 +12,11 @@ A job is a source with its task, faults, configuration and repeat, which each ni
 from __future__ import annotations
 
 import json
+import shlex
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 from operator import itemgetter
 from pathlib import Path
 
@@ -96,6 +97,18 @@ class Night:
     paths: Mapping[PairKey, str]  #: Paths of the sources.
     figures: Mapping[PairKey, Mapping[FigureName, float]]
     time: str = ""  #: Time of the run, ISO 8601 in UTC; empty if unknown.
+    waiting: tuple[str, ...] = ()  #: Labels of the jobs that were not run, and paths of the refused sources.
+
+    @property
+    def without_result(self) -> tuple[str, ...]:
+        """Labels of the planned jobs without a result, and paths of the refused sources."""
+        failed = (label for key, label in self.labels.items() if key not in self.figures)
+        return (*failed, *self.waiting)
+
+    def is_copy_of(self, other: Night) -> bool:
+        """Return whether two folders have the same night: the same time, commit and figures."""
+        is_equal = (self.time, self.commit, self.figures) == (other.time, other.commit, other.figures)
+        return bool(self.time) and is_equal
 
     @classmethod
     def read(cls, folder: Path) -> Night:
@@ -116,18 +129,29 @@ class Night:
             }
             commit = content["git"]["commit"]
             time = str(content.get("time") or "")
-        return cls(str(folder), commit, labels, paths, figures, time)
+            refused = [str(item["path"]) for item in content.get("refusals", ())]
+            waiting = (*map(str, content.get("waiting_jobs", ())), *refused)
+        return cls(str(folder), commit, labels, paths, figures, time, waiting)
 
     def without_configurations(self) -> Night:
         """Return the night with jobs that are identified by their work and data only, not by their configuration."""
         labels = {without_configuration(key): label for key, label in self.labels.items()}
         paths = {without_configuration(key): path for key, path in self.paths.items()}
         figures = {without_configuration(key): of_job for key, of_job in self.figures.items()}
-        return Night(self.name, self.commit, labels, paths, figures, self.time)
+        return replace(self, labels=labels, paths=paths, figures=figures)
 
 
 def check_order(nights: Sequence[Night]) -> None:
-    """Raise MetricsError if a night is older than the night before; nights without a time are not compared."""
+    """Raise MetricsError if a night is given twice, or is older than the night before.
+
+    Nights without a time are not compared by their time.
+    """
+    places = [Path(night.name).resolve() for night in nights]
+    for first, second in combinations(range(len(nights)), 2):
+        if places[first] == places[second] or nights[first].is_copy_of(nights[second]):
+            raise MetricsError(
+                f"'{nights[first].name}' and '{nights[second].name}' are the same night: give each night once"
+            )
     timed = [night for night in nights if night.time]
     for before, after in pairwise(timed):
         if after.time < before.time:
@@ -170,8 +194,8 @@ class Change:
 
     @property
     def command(self) -> str:
-        """Command that displays the change."""
-        return f"sfr report {self.before_night} {self.night}"
+        """Command that displays the change, for a shell."""
+        return shlex.join(("sfr", "report", self.before_night, self.night))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,6 +207,18 @@ class History:
     false_alarm_rate: float  #: Maximum probability of an alarm in a night without a change.
     changes: tuple[Change, ...]  #: Changes in the order of the nights.
     figures: Mapping[str, tuple[float | None, ...]]  #: Mean over the jobs of each night, by figure.
+    tested: int  #: Number of figures of the last night whose scatter is known, so that a change would be detected.
+    without_result: tuple[str, ...]  #: Planned jobs and sources of the last night that have no result.
+
+    @property
+    def shortage(self) -> str:
+        """Why no figure of the last night could be tested; empty if a figure was tested."""
+        if self.tested:
+            return ""
+        return (
+            f"no figure of the last night could be tested: {MIN_REFERENCE} earlier nights with the figure are "
+            f"required, or {MIN_JOBS_OF_SCATTER} jobs if the figure does not depend on the host"
+        )
 
     @property
     def worse(self) -> tuple[Change, ...]:
@@ -216,6 +252,7 @@ def find_changes(nights: Sequence[Night]) -> History:
     last_night = {key: night for night in nights for key in night.labels}
     changes: list[tuple[int, Change]] = []
     series = {}
+    tested = 0
     for name, table in tables.items():
         scale = SCALES[name.kind]
         has_figure = np.asarray(np.isfinite(table).any(axis=1))
@@ -223,6 +260,7 @@ def find_changes(nights: Sequence[Night]) -> History:
         x = scale.apply(table[has_figure])
         means = _mean(table[has_figure]) if scale.undo is None else np.array([*map(scale.undo, _mean(x).tolist())])
         series[name.name] = tuple(mean if np.isfinite(mean) else None for mean in means.tolist())
+        tested += name != WITHOUT_RESULT and is_last_night_tested(x, scale)
         for found in changes_of(x, scale, FALSE_ALARM_RATE / len(tables)):
             changed = [jobs[index] for index in found.jobs]
             labels = [last_night[key].labels[key] for key in changed]
@@ -234,6 +272,8 @@ def find_changes(nights: Sequence[Night]) -> History:
         false_alarm_rate=FALSE_ALARM_RATE,
         changes=tuple(change for _, change in sorted(changes, key=itemgetter(0))),
         figures=series,
+        tested=tested,
+        without_result=nights[-1].without_result,
     )
 
 
@@ -372,6 +412,12 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
                 )
                 break
     return found
+
+
+def is_last_night_tested(x: FloatArray, scale: Scale) -> bool:
+    """Return whether the scatter of values `(D, T)` of jobs and nights is known, so that the last night is tested."""
+    jobs = _JobShifts.of(x[:, :-1], x[:, -1:], scale)
+    return bool(len(jobs.indices)) and bool(np.isfinite(jobs.scatter_of_mean(scale)[0]))
 
 
 def compare_nights(before: FloatArray, after: FloatArray, scale: Scale, false_alarm_rate: float) -> Shift | None:

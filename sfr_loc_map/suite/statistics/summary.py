@@ -210,6 +210,7 @@ class Summary:
         rows = ("deviations", "groups", "failures", "refusals", "workers", "budgets", "copies", "replaced_truths")
         named = ("verdict", *rows)
         parts = {name: to_plain(getattr(self, name)) for name in named}
+        parts["waiting_jobs"] = [] if self.is_decided else list(self.waiting_jobs)
         head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": to_plain(self.counts)}
         return {**head, **self.run, **parts, "drives": [result.to_dict() for result in self.results]}
 

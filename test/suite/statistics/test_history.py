@@ -70,7 +70,7 @@ def change_of(history: History, figure: str) -> Change:
     """Return the only change, which is for the worse, after a check of its figure, night, commits and command."""
     (change,) = history.worse
     assert (change.figure, change.night, change.commits) == (figure, "night 12", ("commit11", "commit12"))
-    assert change.command == "sfr report night 11 night 12"
+    assert change.command == "sfr report 'night 11' 'night 12'"
     return change
 
 
@@ -118,7 +118,7 @@ def test_a_missing_result_before_a_change_widens_the_range_of_commits(seed: int)
     tables[ACCURACY][4, CHANGED_NIGHT - 1] = np.nan
     (change,) = found(tables).worse
     assert (change.jobs, change.night, change.range) == ((DRIVES[4],), "night 12", "commit10..commit12")
-    assert change.command == "sfr report night 10 night 12"
+    assert change.command == "sfr report 'night 10' 'night 12'"
 
 
 def test_a_missing_result_of_a_drive_does_not_date_a_change() -> None:
@@ -212,7 +212,7 @@ def written(folder: Path, commits: list[str], tables: dict[ComparedKind, np.ndar
                 "label": key, "path": f"/data/{key}", "pairing": key, "configuration": "default",
                 "figures": [[kind.value, NAMES[kind], float(x[number, night])] for kind, x in tables.items()],
             }
-            for number, key in enumerate(DRIVES)
+            for number, key in enumerate(DRIVES[: len(next(iter(tables.values())))])
         ]  # fmt: skip
         (folder / f"night{night:02}").mkdir()
         content = {"schema": SCHEMA, "git": {"commit": commit}, "drives": drives, "failures": []}
@@ -239,6 +239,34 @@ def test_a_night_of_an_earlier_version_is_refused_in_one_line(sfr: Sfr, tmp_path
     assert done.code == 2
     assert len(done.err.strip().splitlines()) == 1
     assert "its schema is sfr-suite/9, sfr-suite/1 is required" in done.err
+
+
+def test_a_history_without_a_test_is_not_judged(sfr: Sfr, tmp_path: Path) -> None:
+    """The error of the only drive grows tenfold, but one earlier night has no scatter."""
+    folders = written(tmp_path, ["a" * 40] * 2, {ACCURACY: np.array([[0.01, 0.1]])})
+    done = sfr("suite", "history", *folders)
+    assert done.code == 3
+    assert "No figure changed" not in done.out
+    assert sfr("suite", "history", *folders, "--lenient").code == 0
+
+
+@pytest.mark.parametrize("count", [1, 45])
+def test_a_planned_job_without_a_result_in_the_last_night_is_worse(sfr: Sfr, tmp_path: Path, count: int) -> None:
+    folders = written(tmp_path, ["a" * 40] * 2, {ACCURACY: nights(2)[ACCURACY][:count]})
+    path = folders[1] / "suite.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"waiting_jobs": ["drive 45"]}))
+    done = sfr("suite", "history", *folders)
+    assert done.code == 1
+    assert "drive 45" in done.err
+
+
+def test_a_night_that_is_given_twice_is_refused(sfr: Sfr, tmp_path: Path) -> None:
+    folders = written(tmp_path, ["a" * 40] * 2, {ACCURACY: nights(1)[ACCURACY].repeat(2, axis=1)})
+    for folder in folders:
+        content = json.loads((folder / "suite.json").read_text()) | {"time": "2026-01-01T00:00:00+00:00"}
+        (folder / "suite.json").write_text(json.dumps(content))
+    assert sfr("suite", "history", *folders).code == 2
+    assert sfr("suite", "history", folders[0], folders[0] / ".." / folders[0].name).code == 2
 
 
 def test_nights_in_the_wrong_order_are_refused(sfr: Sfr, tmp_path: Path) -> None:
