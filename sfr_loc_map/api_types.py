@@ -41,6 +41,7 @@ from sfr_loc_map.metrics.table.details import columns_of
 from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.metrics.table.row_part import ANY, RowPart
 from sfr_loc_map.metrics.table.rows import COLUMNS, RowNumbers
+from sfr_loc_map.suite_names import Task
 
 if TYPE_CHECKING:
     import pandas
@@ -137,7 +138,8 @@ class Trajectory(Shown, trajectory.Trajectory):
         """Write one row per call (time, memory, state, covariance) as `sfr localise --stats` does."""
         if not self.records:
             raise ConfigError("these poses have no calls: to_stats() requires a trajectory that sfr.localise returned")
-        save_stats(path_of(path), self.records, self.method, self)
+        methods = {} if self.method is None else {Task.LOCALISATION: self.method}
+        save_stats(path_of(path), self.records, methods, self)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a pandas DataFrame, one row per pose, indexed by `stamp_ns`; with `state` and `reason` if known."""

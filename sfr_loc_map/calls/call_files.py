@@ -3,39 +3,47 @@
 The columns are in this order. A file has only the groups for which a call has a value; a missing value is empty.
 
     CALL_NAMES, MEMORY_METHOD         stamp, time, state, reason, memory
-    METHOD_NAMES, FINDING             method under test, and its error in the call
+    METHOD_NAMES, FINDING             method of the task, and its error in the call
+    FINDING_TASK, FINDING_COUNT       task and number of errors that belong to no call
     POSITION_NAMES                    estimated position
     statistics                        statistics of the calls by name, sorted
     COVARIANCE_NAMES, STEP_NAMES      covariance of the pose; step from the previous pose
+
+A row with a count of errors is no call. Such a row states a finding on an external node in a replay, with the stamp of
+the first error.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import msgspec
 import numpy as np
 
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.calls.call_findings import findings_of
-from sfr_loc_map.calls.call_record import CallRecord
+from sfr_loc_map.calls.call_record import CallRecord, check_variances
 from sfr_loc_map.calls.call_stats import USAGE_NAMES, CallStats, positions_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_table_text, refusing
+from sfr_loc_map.io.tables.number_text import is_decimal, parse_count
 from sfr_loc_map.io.tables.stamps import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.call_meter import METHOD
-from sfr_loc_map.metrics.calls.call_score import Calls, stage_of
+from sfr_loc_map.metrics.calls.call_score import STATE_KINDS, Calls, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.errors.consistency import WITHOUT_NOISE
 from sfr_loc_map.metrics.frames.association import UPPER
-from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
+from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, FindingRecord, MethodKind, MethodRecord
+from sfr_loc_map.suite_names import Task
 
 STATS_SUFFIX = ".stats.csv"  #: Suffix of a file of calls, which replaces the suffix of the result.
 CALL_NAMES = ("stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes")
@@ -45,19 +53,23 @@ METHOD_FIELDS = tuple(name for name in MethodRecord.__struct_fields__ if name !=
 OF_METHOD = {f"method_{name}": name for name in METHOD_FIELDS}  #: Field of a `MethodRecord` by its column.
 METHOD_NAMES = ("method", *OF_METHOD)
 FINDING = "finding"  #: Column of the error of a method in a call.
+FINDING_TASK, FINDING_COUNT = "finding_task", "finding_count"
+"""Columns of the task and of the number of errors that belong to no call; empty for a call."""
 POSITION_NAMES = ("position_x_m", "position_y_m", "position_z_m")
 """Columns of the estimated position of a call. The positions identify the estimate to which the calls belong."""
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
-STEP_NAMES = (
-    *(f"step_{name}" for name in COVARIANCE_NAMES),
-    *(f"systematic_cov_{i}" for i in range(6)),
-    *(f"noise_{name}" for name in COVARIANCE_NAMES),
-)
+VARIANCE_NAMES = tuple(f"cov_{i}{i}" for i in range(6))
+MOTION_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))
+"""Columns of the uncertainty of the motion since the previous pose."""
+NOISE_NAMES = tuple(f"noise_{name}" for name in COVARIANCE_NAMES)  #: Columns of the covariance of the pose noise.
+STEP_NAMES = (*MOTION_NAMES, *NOISE_NAMES)
 SIGNED_NAMES = frozenset((*POSITION_NAMES, *COVARIANCE_NAMES, *STEP_NAMES))  #: Columns that may be negative.
-RESERVED_NAMES = frozenset((*CALL_NAMES, *COST_NAMES, MEMORY_METHOD, *METHOD_NAMES, FINDING)) | SIGNED_NAMES
+FINDING_NAMES = (FINDING, FINDING_TASK, FINDING_COUNT)
+RESERVED_NAMES = frozenset((*CALL_NAMES, *COST_NAMES, MEMORY_METHOD, *METHOD_NAMES, *FINDING_NAMES)) | SIGNED_NAMES
 """Names of columns that are not those of statistics. A statistic with such a name has the column `statistics.NAME`."""
 STATES = (*TrackingState, *MappingState)
 MAX_NUMBER = 1e18  #: Limit of times, sizes and covariances in a file; its square is finite.
+NOT_FINITE = ("nan", "inf", "-inf")  #: Texts of numbers that are not finite.
 
 
 def stats_beside(result: Path) -> Path:
@@ -66,14 +78,22 @@ def stats_beside(result: Path) -> Path:
 
 
 def save_stats(
-    path: Path, records: Sequence[CallRecord], method: MethodRecord | None = None, estimate: Trajectory | None = None
+    path: Path,
+    records: Sequence[CallRecord],
+    methods: Mapping[Task, MethodRecord] = MappingProxyType({}),
+    estimate: Trajectory | None = None,
+    findings: Mapping[Task, Sequence[FindingRecord]] = MappingProxyType({}),
 ) -> None:
-    """Write one row per call. With a method each row names the method, and with an estimate the estimated position."""
+    """Write one row per call and per finding. Each row names the method of its task, if given.
+
+    With an estimate, each call has the estimated position at its stamp.
+    """
     positions = {} if estimate is None else positions_of(estimate)
     statistics = sorted({name for record in records for name in record.statistics})
     columns = [*CALL_NAMES, MEMORY_METHOD]
-    columns += METHOD_NAMES if method is not None else ()
-    columns += (FINDING,) if method is not None or any(record.finding for record in records) else ()
+    columns += METHOD_NAMES if methods else ()
+    columns += (FINDING,) if methods or findings or any(record.finding for record in records) else ()
+    columns += (FINDING_TASK, FINDING_COUNT) if findings else ()
     columns += POSITION_NAMES if positions else ()
     columns += map(_column_of_statistic, statistics)
     columns += COVARIANCE_NAMES if any(record.covariance is not None for record in records) else ()
@@ -83,13 +103,15 @@ def save_stats(
         writer.writeheader()
         for record in records:
             row = _call_cells(record) | {_column_of_statistic(k): repr(float(v)) for k, v in record.statistics.items()}
-            if method is not None:
-                row |= _method_cells(method)
+            row |= _method_cells(methods.get(record.task))
             if record.finding:
                 row[FINDING] = record.finding
             if (position := positions.get(record.stamp_ns)) is not None:
                 row |= zip(POSITION_NAMES, map(repr, position), strict=True)
             writer.writerow(row | _pose_cells(record))
+        for task, items in findings.items():
+            for finding in items:
+                writer.writerow(_method_cells(methods.get(task)) | _finding_cells(task, finding))
 
 
 def _column_of_statistic(name: str) -> str:
@@ -104,8 +126,17 @@ def _call_cells(record: CallRecord) -> dict[str, object]:
     return cells | {MEMORY_METHOD: None if record.peak_rss_bytes is None else METHOD}
 
 
-def _method_cells(method: MethodRecord) -> dict[str, object]:
-    """Return the cells about a method."""
+def _finding_cells(task: Task, finding: FindingRecord) -> dict[str, object]:
+    """Return the cells of a finding."""
+    text = str(CallFinding(finding.kind, finding.text))
+    values = (finding.first_stamp_ns, text, task.value, finding.count)
+    return dict(zip(("stamp_ns", *FINDING_NAMES), values, strict=True))
+
+
+def _method_cells(method: MethodRecord | None) -> dict[str, object]:
+    """Return the cells about a method; none without a method."""
+    if method is None:
+        return {}
     return {"method": method.name, **{column: getattr(method, name) for column, name in OF_METHOD.items()}}
 
 
@@ -122,25 +153,25 @@ def _pose_cells(record: CallRecord) -> dict[str, object]:
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     """Read a file with the needed column and a figure of calls. Without `stamp_ns` the calls are numbered."""
     table = _Table.read(path, needed)
+    methods, findings = table.methods(), table.findings()
+    table = table.of_calls()
     has_stamps = table.has(["stamp_ns"])
     stamps_ns = table.stamps_ns() if has_stamps else np.arange(len(table.rows), dtype=np.int64)
     states = table.states()
     times, peak, above_idle, heap, stack = map(table.numbers, COST_NAMES)
-    stages = {stage: table.numbers(name) for name in table.rows[0] if (stage := stage_of(name or ""))}
+    stages = {stage: table.numbers(name) for name in table.columns if (stage := stage_of(name))}
     memory_method = next(filter(None, table.texts(MEMORY_METHOD)), None)
     calls = Calls(stamps_ns, times, states, peak, above_idle, stages, heap, stack, memory_method)
-    covariance = table.matrix(COVARIANCE_NAMES) if table.has(COVARIANCE_NAMES) else None
-    steps = table.matrix(STEP_NAMES) if table.has(STEP_NAMES[:WITHOUT_NOISE]) else None
-    if steps is not None and not table.has(STEP_NAMES[-1:]):  # written by a version without pose noise
+    steps = table.matrix(STEP_NAMES) if table.has(MOTION_NAMES) else None
+    if steps is not None and not table.has(NOISE_NAMES):  # written by a version without pose noise
         steps[:, WITHOUT_NOISE:] = 0.0
-    usage_columns = [*map(table.numbers, USAGE_NAMES)] if table.has(USAGE_NAMES[1:2]) else None
     return CallStats.of_columns(
         calls,
-        covariance,
+        table.covariance() if table.has(COVARIANCE_NAMES) else None,
         steps,
-        findings_of(table.texts(FINDING), stamps_ns.tolist()),
-        usage_columns,
-        method=table.method(),
+        (*findings, *findings_of(table.texts(FINDING), stamps_ns.tolist())),
+        [*map(table.numbers, USAGE_NAMES)],
+        methods=methods,
         positions=table.matrix(POSITION_NAMES) if table.has(POSITION_NAMES) else None,
         has_stamps=has_stamps,
     )
@@ -148,39 +179,68 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
 
 @dataclass(frozen=True, slots=True)
 class _Table:
-    """The rows of a file of calls, at least one. Errors name the file and the line."""
+    """The rows of a file of calls. Errors name the file and the line."""
 
     path: Path
+    columns: tuple[str, ...]
     rows: list[dict[str, str]]
+    lines: list[int]  # number of the line of each row
 
     @classmethod
     def read(cls, path: Path, needed: str) -> _Table:
-        """Read a file that has a needed column and a figure of calls."""
+        """Read a file that has a needed column, a figure of calls, and at least one row."""
         advice = "give a CSV with one row for each call"
         with refusing(f"cannot read '{path}'", advice):
-            rows = list(csv.DictReader(io.StringIO(read_table_text(path, advice), newline="")))
-        if not rows or needed not in rows[0] or rows[0].keys().isdisjoint(("state", *COST_NAMES, COVARIANCE_NAMES[0])):
-            columns = [name for name in rows[0] if name is not None] if rows else []  # None: cells without a column
-            found = f"the columns are {', '.join(columns[:5])}" if rows else "the table has no row"
+            reader = csv.reader(io.StringIO(read_table_text(path, advice), newline=""))
+            numbered = [(reader.line_num, cells) for cells in reader if cells]
+        columns = numbered[0][1] if len(numbered) > 1 else []
+        if needed not in columns or {"state", *COST_NAMES, COVARIANCE_NAMES[0]}.isdisjoint(columns):
+            found = f"the columns are {', '.join(columns[:5])}" if columns else "the table has no row"
             required = f"{needed} and one of state, processing_time_s and cov_00 are required in each row"
             raise InputError(f"statistics '{path}': {found}: {required}; {advice}")
-        return cls(path, rows)
+        for name, count in Counter(filter(None, columns)).items():
+            if count > 1:
+                raise InputError(f"statistics '{path}' line 1: column {name} is given {count} times; {advice}")
+        for line, cells in numbered:
+            if len(cells) != len(columns):
+                text = f"{len(cells)} cells for {len(columns)} columns: one cell for each column is required"
+                raise InputError(f"statistics '{path}' line {line}: {text}; write numbers with a decimal point")
+        rows = [dict(zip(columns, cells, strict=True)) for _, cells in numbered[1:]]
+        return cls(path, tuple(columns), rows, [line for line, _ in numbered[1:]])
 
     def has(self, names: Sequence[str]) -> bool:
         """Return whether all columns exist."""
-        return self.rows[0].keys() >= set(names)
+        return set(names).issubset(self.columns)
 
     def texts(self, name: str) -> list[str]:
         """Return the cells of a column; empty texts if it is missing."""
-        return [row.get(name) or "" for row in self.rows]
+        return [row.get(name, "") for row in self.rows]
+
+    def of_calls(self) -> _Table:
+        """Return the table of the calls, without findings that belong to no call."""
+        kept = [number for number, text in enumerate(self.texts(FINDING_COUNT)) if not text]
+        return replace(self, rows=[self.rows[number] for number in kept], lines=[self.lines[number] for number in kept])
+
+    def findings(self) -> Iterator[FindingRecord]:
+        """Yield the findings that belong to no call."""
+        for line, row in zip(self.lines, self.rows, strict=True):
+            if not (count := row.get(FINDING_COUNT)):
+                continue
+            kind, _, text = row.get(FINDING, "").partition(": ")
+            stamp = row.get("stamp_ns")
+            with refusing(f"statistics '{self.path}' line {line}: invalid finding"):
+                first_ns = parse_stamp_ns(stamp) if stamp else None
+                yield FindingRecord(
+                    kind=FindingKind(kind), count=parse_count(count), first_stamp_ns=first_ns, text=text
+                )
 
     def states(self) -> list[str]:
         """Return the states of the calls; InputError if a state is neither a known state nor empty."""
         states = self.texts("state")
-        for number, state in enumerate(states, 2):
+        for line, state in zip(self.lines, states, strict=True):
             if state and state not in STATES:
                 text = f"state is '{state}': one of {', '.join(STATES)}, or an empty cell, is required"
-                raise InputError(f"statistics '{self.path}' line {number}: {text}")
+                raise InputError(f"statistics '{self.path}' line {line}: {text}")
         return states
 
     def stamps_ns(self) -> IntArray:
@@ -188,28 +248,48 @@ class _Table:
         with refusing(f"statistics '{self.path}': a stamp is not an integer number of nanoseconds"):
             return np.array([parse_stamp_ns(text) for text in self.texts("stamp_ns")], np.int64)
 
-    def method(self) -> MethodRecord | None:
-        """Return the method that the rows name; None without one. InputError if the rows name several methods."""
-        first = self.rows[0]
-        self._check_one_method()
-        if not (name := first.get("method")):
-            return None
-        about = {field: text for column, field in OF_METHOD.items() if (text := first.get(column))}
+    def methods(self) -> dict[Task, MethodRecord]:
+        """Return the method that the rows of each task name. InputError if several are named.
+
+        A file has the calls of one run, in which at most one task has a method under test.
+        """
+        named: dict[Task, set[tuple[str, ...]]] = {}
+        for line, row in zip(self.lines, self.rows, strict=True):
+            with refusing(f"statistics '{self.path}' line {line}"):
+                task = _task_of(row)
+            named.setdefault(task, set()).add(tuple(row.get(column, "") for column in METHOD_NAMES))
+        for of_task in named.values():
+            self._check_one_method(of_task)
+        found = {task: self._method(cells) for task, (cells,) in named.items() if cells[0]}
+        under_test = {task for task, method in found.items() if method.kind is not MethodKind.BUILT_IN}
+        self._check_one_method(set().union(*(named[task] for task in under_test)))
+        return found
+
+    def _method(self, cells: Sequence[str]) -> MethodRecord:
+        """Return the method of the cells of `METHOD_NAMES`."""
+        name, *others = cells
+        about = {field: text for field, text in zip(METHOD_FIELDS, others, strict=True) if text}
         if (kind := about.get("kind", "")) not in set(MethodKind):
             text = f"method_kind is '{kind}': one of {', '.join(MethodKind)} is required"
             raise InputError(f"statistics '{self.path}': {text}")
         with refusing(f"statistics '{self.path}'", "give the statistics of one run, unchanged"):
             return msgspec.convert({"name": name, "version": None, **about}, MethodRecord, strict=False)
 
-    def _check_one_method(self) -> None:
-        """Raise InputError if rows name different methods: a file has the calls of one run."""
-        named = {tuple(row.get(column) or "" for column in METHOD_NAMES) for row in self.rows}
+    def _check_one_method(self, named: set[tuple[str, ...]]) -> None:
+        """Raise InputError if the cells of `METHOD_NAMES` differ."""
         if len(named) > 1:
             methods = ", ".join(sorted({" ".join(filter(None, names[:2])) or "no method" for names in named}))
             raise InputError(
                 f"statistics '{self.path}': its rows name different methods or configurations ({methods}): give the "
                 "statistics of one run, unchanged"
             )
+
+    def covariance(self) -> FloatArray:
+        """Return the covariances `(N, 21)` of the poses; InputError if a variance is negative."""
+        for line, variances in zip(self.lines, self.matrix(VARIANCE_NAMES), strict=True):
+            with refusing(f"statistics '{self.path}' line {line}"):
+                check_variances(variances)
+        return self.matrix(COVARIANCE_NAMES)
 
     def matrix(self, names: Sequence[str]) -> FloatArray:
         """Return columns `(N, names)` of numbers, NaN where a cell is empty."""
@@ -219,21 +299,25 @@ class _Table:
         """Return a column `(N,)` of numbers, NaN where a cell is empty."""
         values = np.full(len(self.rows), np.nan)
         low = -MAX_NUMBER if name in SIGNED_NAMES else 0.0
-        for number, text in enumerate(self.texts(name)):
-            if not text:
+        for row, text in enumerate(self.texts(name)):
+            if not (word := text.strip(" \t")):
                 continue
-            try:
-                values[number] = float(text)
-            except ValueError as error:
-                line = number + 2
-                raise InputError(
-                    f"statistics '{self.path}' line {line}: {name} is '{text}', which is not a number"
-                ) from error
+            if not is_decimal(word) and word.lower() not in NOT_FINITE:
+                place = f"statistics '{self.path}' line {self.lines[row]}"
+                raise InputError(f"{place}: {name} is '{text}', which is not a number")
+            values[row] = float(word)
         wrong = ~np.isnan(values) & ~((values >= low) & (values <= MAX_NUMBER))
         if wrong.any():
-            number = int(np.argmax(wrong))
+            row = int(np.argmax(wrong))
             raise InputError(
-                f"statistics '{self.path}' line {number + 2}: {name} is {values[number]:g}: {low:g} to "
+                f"statistics '{self.path}' line {self.lines[row]}: {name} is {values[row]:g}: {low:g} to "
                 f"{MAX_NUMBER:g}, or an empty cell if not measured, is required"
             )
         return values
+
+
+def _task_of(row: Mapping[str, str]) -> Task:
+    """Return the task of a row: that of its finding, or else of its state. ValueError if the task is unknown."""
+    if row.get(FINDING_COUNT):
+        return Task(row.get(FINDING_TASK, ""))
+    return Task.MAPPING if row.get("state") in STATE_KINDS else Task.LOCALISATION

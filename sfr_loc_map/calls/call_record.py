@@ -222,10 +222,17 @@ def decode_call(text: str, task: Task) -> CallRecord:
         for name, value, shape in (("step", record.step, (STEP_SIZE,)), ("covariance", record.covariance, (6, 6))):
             if value is not None and (value.shape != shape or not np.isfinite(value).all()):
                 raise ValueError(f"'{name}' has the shape {value.shape}: finite numbers of shape {shape} are required")
-        if record.covariance is not None and (variances := np.diag(record.covariance)).min() < 0.0:
-            raise ValueError(f"a variance of 'covariance' is {variances.min():g}: at least 0 is required")
+        if record.covariance is not None:
+            check_variances(np.diag(record.covariance))
     time_s = record.processing_time_s or math.nan  # 0 is unknown, because JSON has no NaN
     return replace(record, processing_time_s=time_s, state=record.state or DEFAULT_STATE[task])
+
+
+def check_variances(variances: FloatArray) -> None:
+    """Raise ValueError if one of the variances of a pose is negative; NaN is an unknown variance."""
+    negative = variances[variances < 0.0]
+    if len(negative):
+        raise ValueError(f"a variance of 'covariance' is {negative.min():g}: at least 0 is required")
 
 
 def _to_plain(value: Any) -> Any:  # noqa: ANN401 - an array or a number of NumPy

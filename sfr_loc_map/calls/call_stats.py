@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 from msgspec.structs import replace as struct_replace
@@ -18,7 +19,7 @@ from sfr_loc_map.metrics.calls.call_meter import METHOD
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, Calls, concatenated, stacked, stage_of
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates, lost_by_covariance, nearness_ns
-from sfr_loc_map.metrics.table.records import FindingRecord, MethodRecord, ProcessUsage
+from sfr_loc_map.metrics.table.records import FindingRecord, MethodKind, MethodRecord, ProcessUsage
 from sfr_loc_map.stamp_pairing import nearest_stamps
 from sfr_loc_map.suite_names import Task
 
@@ -36,7 +37,7 @@ class CallStats:
     calls: Calls
     covariance: FloatArray | None  #: `(N, 21)` upper triangles, NaN if unknown; None if all are unknown.
     steps: FloatArray | None  #: `(N, 48)` steps between the poses (`CallRecord.step`); NaN and None as above.
-    method: MethodRecord | None = None  #: None if unknown.
+    methods: Mapping[Task, MethodRecord] = field(default_factory=dict)  #: Known methods by the task of their calls.
     findings: tuple[FindingRecord, ...] = ()  #: Errors of the method, one record for each kind.
     processes: ProcessUsage | None = None  #: Usage of the method's processes; None if not measured.
     positions: FloatArray | None = None  #: `(N, 3)` estimated positions of the calls, m, NaN without estimate.
@@ -52,7 +53,7 @@ class CallStats:
         findings: tuple[FindingRecord, ...],
         usage_columns: Sequence[FloatArray] | None,
         *,
-        method: MethodRecord | None = None,
+        methods: Mapping[Task, MethodRecord] = MappingProxyType({}),
         positions: FloatArray | None = None,
         has_stamps: bool = True,
         is_stated: bool = False,
@@ -72,13 +73,18 @@ class CallStats:
             calls,
             known_or_none(covariance),
             known_or_none(steps),
-            method,
+            methods,
             findings,
             processes,
             positions,
             has_stamps=has_stamps,
             is_stated=is_stated,
         )
+
+    @property
+    def method(self) -> MethodRecord | None:
+        """The method of the calls, or that under test if the tasks have different methods; None if unknown."""
+        return method_under_test(self.methods.values())
 
     @property
     def localised_ns(self) -> IntArray:
@@ -226,10 +232,16 @@ def stats_of(
         rows(steps, STEP_SIZE),
         findings,
         usage_columns,
-        method=method,
+        methods={} if method is None else {record.task: method for record in records},
         positions=positions,
         is_stated=is_stated,
     )
+
+
+def method_under_test(methods: Iterable[MethodRecord]) -> MethodRecord | None:
+    """Return the method under test, or else the first built-in method; None without a method."""
+    ordered = sorted(methods, key=lambda method: method.kind is MethodKind.BUILT_IN)  # stable
+    return ordered[0] if ordered else None
 
 
 def known_or_none(values: FloatArray | None) -> FloatArray | None:

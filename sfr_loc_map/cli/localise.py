@@ -89,7 +89,7 @@ def localise(
         with secondary_output():
             film.close()
     with secondary_output():
-        save_stats(stats, done.records, done.method, done.trajectory)
+        save_stats(stats, done.records, {Task.LOCALISATION: done.method}, done.trajectory)
     say(f"{len(done.steps)} poses, {states_text(done.records)}: {output}", err=True)
     again = given_words(context, "stats", *(("config",) if theirs is None else ()))
     propose("sfr", "score", output, truth, *again, why="against the truth")

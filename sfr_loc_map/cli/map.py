@@ -92,7 +92,7 @@ def map_cloud(
         hold()
     cloud = save_map(run, sequence.rig.fx, outputs, secondary_output)
     with secondary_output():
-        save_stats(stats, run.records, run.method)
+        save_stats(stats, run.records, {Task.MAPPING: run.method})
     for line in run.warnings:
         warn(line)
     say(f"{len(cloud)} points of {counted(len(run.maps), 'pair')}: {output}", err=True)

@@ -71,6 +71,11 @@ class ReplayResult:
         return cls(Trajectory.empty(), ReplayedMap(), ())
 
     @property
+    def has_stats(self) -> bool:
+        """Whether there are calls, or findings on an external node."""
+        return bool(self.records) or (self.external is not None and bool(self.external.findings))
+
+    @property
     def is_empty(self) -> bool:
         """Whether no node has published a result."""
         return not (len(self.estimate) or self.records or self.clouds)

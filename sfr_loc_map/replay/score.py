@@ -34,15 +34,22 @@ def files_of_source(source: Source, limits_file: Path | None = None) -> dict[str
     return read_files({**paths, **configuration_files(source.config)})
 
 
-def method_of(result: ReplayResult, settings: Mapping[Task, Mapping[str, object]]) -> MethodRecord:
-    """Return the method of a replay: the external node, or else our localiser, or else our mapper.
+def methods_of(result: ReplayResult, settings: Mapping[Task, Mapping[str, object]]) -> dict[Task, MethodRecord]:
+    """Return the method of each task in a replay: ours, or the external node.
 
     `settings` are those of localiser and mapper that differ from the defaults.
     """
+    methods = {task: record_of_ours(task, settings.get(task, {})) for task in Task}
+    if (node := result.external) is not None:
+        methods[Task(node.score.task)] = node.method
+    return methods
+
+
+def _judged_method(result: ReplayResult, methods: Mapping[Task, MethodRecord]) -> MethodRecord:
+    """Return the method that is judged: the external node, or else our localiser, or else our mapper."""
     if result.external is not None:
         return result.external.method
-    task = Task.LOCALISATION if len(result.estimate) else Task.MAPPING
-    return record_of_ours(task, settings.get(task, {}))
+    return methods[Task.LOCALISATION if len(result.estimate) else Task.MAPPING]
 
 
 def score_replay(
@@ -62,7 +69,7 @@ def score_replay(
     the score. For provenance, `read` has the result of `files_of_source`, and `files` the files that `save_replay` has
     written.
     """
-    run = replace(_run_of(source, result), method=method_of(result, settings))
+    run = replace(_run_of(source, result), method=_judged_method(result, methods_of(result, settings)))
     origin = Origin(
         _files_of(run, result, files_of_source(source) if read is None else read, files),
         _hashes_of(run, result) if files is None else {},
@@ -106,7 +113,7 @@ def _files_of(
     cloud_file = files.points if result.map.cloud is None else files.cloud
     results = {"estimate": None if run.drive is None else files.estimate}
     results["cloud"] = None if run.cloud is None else cloud_file
-    calls = {"stats_0": files.stats if result.records else None}
+    calls = {"stats_0": files.stats if result.has_stats else None}
     return {**read_files(results), **of_source, **read_files(calls)}
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from msgspec.structs import replace as struct_replace
 
+from sfr_loc_map.calls.call_stats import method_under_test
 from sfr_loc_map.config import flatten
 from sfr_loc_map.metrics.config import Condition, ScoreConfig
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
@@ -16,7 +17,7 @@ from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND
 from sfr_loc_map.metrics.table.details import CallPlots, Details, MapDetails, TrajectoryDetails
-from sfr_loc_map.metrics.table.records import ConventionRecord, MethodKind, MethodRecord, Provenance
+from sfr_loc_map.metrics.table.records import ConventionRecord, MethodRecord, Provenance
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import ScoreParts
 from sfr_loc_map.suite_names import Task
@@ -119,9 +120,7 @@ def _convention_warnings(convention: ConventionRecord | None) -> Iterator[str]:
 
 def _method_of(run: Run) -> MethodRecord | None:
     """Return the method of a run; a method under test takes precedence over a built-in method."""
-    methods = [item.method for item in run.all_calls if item.method is not None]
-    others = [method for method in methods if method.kind is not MethodKind.BUILT_IN]
-    return run.method or next(iter([*others, *methods]), None)
+    return run.method or method_under_test(item.method for item in run.all_calls if item.method is not None)
 
 
 def _unbound_calls(run: Run) -> Iterator[str]:

@@ -65,7 +65,7 @@ def check_one_method(stats: Sequence[CallStats], target: CallStats | None) -> No
     if len(here) > 1:
         raise InputError(f"the calls (--stats) come from {len(here)} methods ({names}): give the calls of one method")
     for task in Task:
-        methods = [item.method for item in stats if item.has_task(task) and item.method is not None]
+        methods = [item.methods[task] for item in stats if item.has_task(task) and task in item.methods]
         configurations = {method.config_sha256 for method in methods}
         if len(configurations) > 1:
             raise InputError(

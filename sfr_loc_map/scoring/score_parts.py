@@ -217,9 +217,8 @@ def kinds_of_external_nodes(stats: Sequence[CallStats]) -> frozenset[CallKind]:
     tasks = {
         task
         for item in stats
-        if item.method is not None and item.method.kind is MethodKind.EXTERNAL
-        for task in Task
-        if item.has_task(task)
+        for task, method in item.methods.items()
+        if method.kind is MethodKind.EXTERNAL and item.has_task(task)
     }
     return frozenset(kind for task in tasks for kind in KINDS_OF[task])
 

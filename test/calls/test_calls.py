@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from sfr_loc_map.calls.call_files import load_call_stats, save_stats
+from sfr_loc_map.calls.call_files import COVARIANCE_NAMES, load_call_stats, save_stats
 from sfr_loc_map.calls.call_record import CallRecord, decode_call, encode_call
 from sfr_loc_map.calls.call_stats import USAGE_NAMES, CallStats, stats_of
 from sfr_loc_map.errors import InputError
@@ -105,7 +105,7 @@ def test_the_file_of_the_calls_and_their_messages_have_what_the_records_have(
     records: list[CallRecord], method: MethodRecord | None
 ) -> None:
     with tempfile.TemporaryDirectory() as folder:
-        save_stats(Path(folder) / "s.csv", records, method)
+        save_stats(Path(folder) / "s.csv", records, {} if method is None else {Task.LOCALISATION: method})
         read, made = load_call_stats(Path(folder) / "s.csv"), stats_of(records, method)
     assert_same_calls(read, made)
     assert read.calls.memory_method == made.calls.memory_method
@@ -180,4 +180,22 @@ def test_what_is_not_a_call_is_refused_in_one_line(text: str) -> None:
 def test_a_table_with_more_cells_than_columns_is_refused_by_its_columns(tmp_path: Path) -> None:
     (tmp_path / "calls.csv").write_text("a,b\n1,2,3\n")
     with pytest.raises(InputError, match="the columns are a, b:"):
+        load_call_stats(tmp_path / "calls.csv")
+
+
+@pytest.mark.parametrize(
+    ("columns", "row", "words"),
+    [
+        ("processing_time_s", "0,05", "line 3: 3 cells for 2 columns"),
+        ("processing_time_s,state", "0.05", "line 3: 2 cells for 3 columns"),
+        ("processing_time_s,processing_time_s", "1,2", "line 1: column processing_time_s is given 2 times"),
+        ("processing_time_s", "1_0", "line 3: processing_time_s is '1_0'"),
+        (",".join(COVARIANCE_NAMES), ",".join(["-1", *20 * ["0"]]), "line 3: a variance of 'covariance' is -1"),
+    ],
+)
+def test_a_cell_that_may_be_misread_is_refused_with_its_line(
+    tmp_path: Path, columns: str, row: str, words: str
+) -> None:
+    (tmp_path / "calls.csv").write_text(f"stamp_ns,{columns}\n\n5,{row}\n")
+    with pytest.raises(InputError, match=words):
         load_call_stats(tmp_path / "calls.csv")

@@ -33,7 +33,6 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_dict
 from sfr_loc_map.metrics.table.records import (
     AnswerCounts,
-    CallFinding,
     ExternalScore,
     FindingKind,
     FindingRecord,
@@ -41,18 +40,19 @@ from sfr_loc_map.metrics.table.records import (
     MethodRecord,
 )
 from sfr_loc_map.replay.external_poses import with_converted_poses
-from sfr_loc_map.replay.files import ReplayFiles, save_replay, with_findings
+from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.result import ExternalResult, ReplayedMap, ReplayResult
-from sfr_loc_map.replay.score import method_of, score_replay
+from sfr_loc_map.replay.score import methods_of, score_replay
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.runs.mapper_run import MapRun, run_mapper
-from sfr_loc_map.scoring.inputs import Correction, ScoreInputs
+from sfr_loc_map.scoring.inputs import Correction, Run, ScoreInputs
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
-from sfr_loc_map.scoring.score_run import score_files
+from sfr_loc_map.scoring.score_parts import kinds_of_external_nodes
+from sfr_loc_map.scoring.score_run import score_files, score_run
 from sfr_loc_map.suite_names import Task
 
 SAMPLE = ROOT / "sample" / "sample.mcap"
-OURS = record_of_ours(Task.LOCALISATION)
+OURS = {task: record_of_ours(task) for task in Task}
 
 
 def mapped(path: Path) -> tuple[Source, MapRun]:
@@ -242,7 +242,7 @@ def test_calls_of_an_external_localiser_without_a_pose_are_kept(tmp_path: Path) 
         number % 3 > 0 for number in range(12)
     ]
     files = ReplayFiles(tmp_path)
-    save_replay(result, files, method_of(result, {}))
+    save_replay(result, files, methods_of(result, {}))
     scored = score_files(replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,)), config)
     assert len(load_call_stats(files.stats).localised_ns) == 12
     assert scored.association.matched == 4
@@ -259,7 +259,7 @@ def test_a_time_offset_moves_the_calls_with_their_poses(tmp_path: Path) -> None:
     correction = Correction(PoseConvention(time_offset_ns=-50_000_000))
     result = with_converted_poses(replace(made, estimate=late, records=moved), source, config, correction)
     files = ReplayFiles(tmp_path)
-    save_replay(result, files, method_of(result, {}))
+    save_replay(result, files, methods_of(result, {}))
     inputs = replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,))
     wanted = score_replay(source, made, config, None)
     for score in (score_replay(source, result, config, None), score_files(inputs, config)):
@@ -287,34 +287,41 @@ def test_the_files_of_a_replay_state_the_method_and_its_errors(tmp_path: Path) -
     stamps_ns = source.loc.ground_truth.stamps_ns.tolist()
     calls = [CallRecord(stamp_ns, 0.1, "tracking") for stamp_ns in stamps_ns]
     kinds = (FindingKind.MISSING, FindingKind.NOT_FINITE, FindingKind.CRASHED)
-    findings = tuple(FindingRecord(kind=kind, count=1, first_stamp_ns=stamps_ns[-1], text="why") for kind in kinds)
+    findings = tuple(FindingRecord(kind=kind, count=3, first_stamp_ns=stamps_ns[-1], text="why") for kind in kinds)
     config = score_config(["frames=2"], {})
     result = of_external(source, calls, AnswerCounts(pairs=12, answered=12), config, findings)
     files = ReplayFiles(tmp_path)
-    save_replay(result, files, method_of(result, {}))
+    save_replay(result, files, methods_of(result, {}))
     replayed = score_replay(source, result, config, None, files=files)
     inputs = replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,))
     scored = score_files(inputs, config)
     assert scored.method == replayed.method == result.external.method
-    assert (
-        {finding.kind for finding in scored.findings} == {finding.kind for finding in replayed.findings} == set(kinds)
-    )
+    assert scored.findings == replayed.findings == findings
     assert scored.verdict == replayed.verdict == "fail"
-    few = replace(result, records=calls[:2])
-    save_replay(few, files, method_of(few, {}))
-    assert {finding.kind for finding in load_call_stats(files.stats).findings} == set(kinds[1:])
     save_replay(replace(result, external=None), files, OURS)
-    assert load_call_stats(files.stats).method == OURS
+    assert load_call_stats(files.stats).methods == {Task.LOCALISATION: OURS[Task.LOCALISATION]}
 
 
-def test_a_finding_on_a_node_does_not_replace_that_of_a_call() -> None:
-    of_call = str(CallFinding(FindingKind.INVALID_RESULT, "of the call"))
-    calls = [CallRecord(1, 0.1, "tracking"), CallRecord(2, 0.1, "tracking", finding=of_call)]
-    node = ExternalScore(task="localisation", topic="t", frames="odom", answers=AnswerCounts(), latency_s=None)
-    crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=2, text="why")
-    run = ExternalResult(MethodRecord(name="n", version=None, kind=MethodKind.EXTERNAL), node, (crash,))
-    stated = [call.finding for call in with_findings(calls, run)]
-    assert stated == [str(CallFinding(FindingKind.CRASHED, "why")), of_call]
+def test_findings_on_an_external_mapper_without_calls_are_in_the_files(tmp_path: Path) -> None:
+    """The calls of our localiser, which takes part in the replay, are not attributed to the external mapper."""
+    node = ExternalScore(task="mapping", topic="t", frames="lm", answers=AnswerCounts(pairs=3), latency_s=None)
+    findings = (
+        FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="exit code 3; hanging: no"),
+        FindingRecord(kind=FindingKind.MISSING, count=3, first_stamp_ns=7, text="no answer"),
+    )
+    external = ExternalResult(MethodRecord(name="n", version=None, kind=MethodKind.EXTERNAL), node, findings)
+    files = ReplayFiles(tmp_path)
+    of_ours = CallRecord(5, 0.1, "tracking", finding="late answer: once")
+    for records in ([], [of_ours]):
+        result = ReplayResult(Trajectory.empty(), ReplayedMap(), records, external)
+        save_replay(result, files, methods_of(result, {}))
+        stats = load_call_stats(files.stats)
+        assert stats.findings[:2] == findings
+        assert stats.method == external.method
+        assert stats.methods.get(Task.LOCALISATION) == (OURS[Task.LOCALISATION] if records else None)
+        assert len(stats.calls.stamps_ns) == len(records)
+        assert score_run(Run(stats=[stats]), ScoreConfig()).verdict == "fail"
+    assert kinds_of_external_nodes([stats]) == frozenset()
 
 
 @pytest.mark.parametrize("doubled", [0, 3])

@@ -125,7 +125,7 @@ def test_calls_belong_to_the_estimate_that_they_gave(tmp_path: Path, sfr: Sfr) -
     """The file may be written in millimetres or hold a part of the poses; poses of another run are refused."""
     drive, stats = straight(scale=SHORT), tmp_path / "calls.csv"
     records = [CallRecord(stamp_ns, 0.1, "tracking") for stamp_ns in drive.stamps_ns.tolist()]
-    save_stats(stats, records, None, drive)
+    save_stats(stats, records, estimate=drive)
     save_trajectory(tmp_path / "t.csv", straight())
     away = drive.positions + np.array([0.0, 0.01, 0.0]) * (np.arange(COUNT) == 7)[:, None]
     cases = {

@@ -26,6 +26,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
+from sfr_loc_map.suite_names import Task
 
 DRIVES = 3
 LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 1.0}]}
@@ -201,7 +202,8 @@ def test_the_calls_beside_an_estimate_are_judged_as_by_score(sfr: Sfr, tmp_path:
     stamps = np.loadtxt(estimate, np.int64, delimiter=",", skiprows=1, usecols=0)
     calls = [CallRecord(int(stamp), 0.1, TrackingState.TRACKING) for stamp in stamps]
     calls[7] = replace(calls[7], finding="leaking: memory grows by 3.0 MB per call over 50 calls")
-    save_stats(stats_beside(estimate), calls, MethodRecord(name="theirs", version=None, kind=MethodKind.PYTHON))
+    method = MethodRecord(name="theirs", version=None, kind=MethodKind.PYTHON)
+    save_stats(stats_beside(estimate), calls, {Task.LOCALISATION: method})
     alone = sfr("score", estimate, suite.parent / "truth0.csv", "--condition", "distance=1")
     assert alone.code == 1, alone.err
     again = sfr(*run)

@@ -90,7 +90,7 @@ def _localise(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     done = run_localiser(source.loc, how, start)
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
     save_trajectory(estimate, done.trajectory)
-    save_stats(stats, done.records, done.method, done.trajectory)
+    save_stats(stats, done.records, {Task.LOCALISATION: done.method}, done.trajectory)
     run = load_run(ScoreInputs(estimate=estimate, truth=path, stats=(stats,)))
     assert run.drive is not None  # estimate and truth are given
     expected_ns = source.expected_loc_ns()  # excludes images that a fault has dropped
@@ -107,7 +107,7 @@ def _map(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     run = run_mapper(source.nav, how)
     cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
     save_cloud(cloud, run.fused.cloud)
-    save_stats(stats, run.records, run.method)
+    save_stats(stats, run.records, {Task.MAPPING: run.method})
     scored = CloudToScore(load_cloud(cloud), truths_of(list(source.nav.pairs()), source.nav.rig))
     origin = Origin(read_files({"cloud": cloud, "map_truth": path, "stats_0": stats}))
     return _scored(job, Run(origin, [load_call_stats(stats)], cloud=scored, nav_stamps_ns=source.expected_nav_ns()))
