@@ -141,8 +141,12 @@ def test_equal_suites_are_compared_as_equal(sfr: Sfr, serial: Path) -> None:
 
 @pytest.mark.slow
 def test_the_history_of_equal_suites_has_no_change(sfr: Sfr, serial: Path, tmp_path: Path) -> None:
-    page = tmp_path / "history.html"
-    assert sfr("suite", "history", serial, serial, "--html", page).code == 0
+    page, content = tmp_path / "history.html", json.loads((serial / "suite.json").read_text())
+    for number in range(6):
+        night = tmp_path / f"night{number}"
+        night.mkdir()
+        (night / "suite.json").write_text(json.dumps(content | {"time": f"2026-01-0{number + 1}T00:00:00+00:00"}))
+    assert sfr("suite", "history", *sorted(tmp_path.glob("night*")), "--html", page).code == 0
     assert "No figure is certainly worse" in page.read_text()
 
 

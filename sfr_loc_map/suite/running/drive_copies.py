@@ -4,7 +4,8 @@ Two sources are candidates if their paths agree, or if a large fraction of the s
 the frame nor on the first pose nor on the stamps. The paths are also compared because rounding changes the steps, but
 hardly the path, and because a short drive has too few steps. If the paths of two candidates agree, or if their first
 windows of steps agree, their first left images must agree as well. Steps at constant speed and curvature are equal in
-different drives and are therefore no evidence of a copy.
+different drives and are therefore no evidence of a copy. The same applies to the paths of two stationary rovers, which
+are copies only if their images or their simulated terrains agree.
 """
 
 from __future__ import annotations
@@ -58,6 +59,12 @@ class DriveTrace:
     steps_m: tuple[float, ...] = ()  #: Distances between successive poses of the ground truth.
     bends_m: tuple[float, ...] = ()  #: Norms of the differences between successive steps.
     terrain: int | None = None  #: Seed of a simulated terrain; None for other sources.
+
+    @property
+    def has_evidence(self) -> bool:
+        """Whether few drives share the path, the image and the terrain: a stationary rover has only the latter two."""
+        has_place = bool(self.grey) or self.terrain is not None
+        return has_place or bool((np.linalg.norm(np.reshape(self.path_m, (-1, 3)), axis=1) > SAME_M).any())
 
 
 class StepWindows(NamedTuple):
@@ -133,7 +140,7 @@ def _copies(traces: Sequence[DriveTrace]) -> Iterator[tuple[int, int]]:
 def _pairs_with_same_path(traces: Sequence[DriveTrace]) -> Iterator[tuple[int, int]]:
     by_count: dict[int, list[int]] = {}
     for number, trace in enumerate(traces):
-        if trace.poses:
+        if trace.poses and trace.has_evidence:
             by_count.setdefault(trace.poses, []).append(number)
     for numbers in by_count.values():
         paths = np.array([traces[number].path_m for number in numbers]).reshape(len(numbers), PLACES, 3)

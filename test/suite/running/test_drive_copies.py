@@ -62,6 +62,14 @@ def test_a_copy_is_known_by_its_path_and_its_images(trace: DriveTrace, is_copy: 
     assert not are_copies(DriveTrace(), DriveTrace()), "without ground truth nothing is known"
 
 
+@pytest.mark.parametrize(("grey", "is_copy"), [((), False), (GREY, True)], ids=["no images", "equal images"])
+def test_stationary_drives_are_copies_only_by_their_images(grey: tuple[int, ...], is_copy: bool) -> None:
+    """Two rovers stand at places 1000 m apart; their relative paths agree."""
+    standing = Trajectory(TRUTH.stamps_ns, np.zeros_like(TRUTH.positions), TRUTH.quats_xyzw[:1].repeat(200, axis=0))
+    elsewhere = replace(standing, positions=standing.positions + [1000.0, 0.0, 0.0])
+    assert are_copies(_trace(standing, grey), _trace(elsewhere, grey)) is is_copy
+
+
 def test_a_turned_copy_is_a_copy() -> None:
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     poses = [TRUTH.pose(index) for index in range(len(TRUTH))]
