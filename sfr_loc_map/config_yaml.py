@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,16 @@ def load_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ConfigError(f"'{path}' contains {content!r:.40}: names with values (NAME: VALUE) are required")
     return content
+
+
+def entries_by_name(content: Mapping[Any, Any], origin: str) -> dict[str, Any]:
+    """Return a mapping with texts as its keys; raises ConfigError if two keys are one text, such as 1 and '1'."""
+    entries: dict[str, Any] = {}
+    for key, value in content.items():
+        if str(key) in entries:
+            raise ConfigError(f"{origin}: '{key}' is given twice, as a text and as another value: give each name once")
+        entries[str(key)] = value
+    return entries
 
 
 def to_yaml_lines(config_type: type, indent: str) -> list[str]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from sfr_loc_map.config import build, flatten
+from sfr_loc_map.config_yaml import entries_by_name
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import read_text, refusing
@@ -37,7 +38,7 @@ def read_configurations(value: object, path: Path) -> dict[str, dict[str, object
     if not isinstance(value, Mapping) or not value:
         raise ConfigError(f"{path}: 'configurations' requires names with parameters, such as {{default: {{}}}}")
     found: dict[str, dict[str, object]] = {}
-    for name, content in value.items():
+    for name, content in entries_by_name(value, f"{path}: 'configurations'").items():
         parameters = _parameters(content, f"{path}: configuration '{name}'", path.parent)
         equal = next((other for other, of_other in found.items() if of_other == parameters), None)
         if equal is not None:
@@ -45,7 +46,7 @@ def read_configurations(value: object, path: Path) -> dict[str, dict[str, object
                 f"{path}: configuration '{name}' equals '{equal}': parameters that differ from their defaults are "
                 "compared; change a parameter, or remove one of the two"
             )
-        found[str(name)] = parameters
+        found[name] = parameters
     return found
 
 
@@ -62,7 +63,7 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
             )
         kind, task = SECTIONS[section]
         default = flatten(kind())
-        own = {name: value for name, value in values.items() if name not in METHOD_KEYS}
+        own = {name: value for name, value in values.items() if name not in (METHOD, METHOD_CONFIG)}
         given = flatten(build(kind, own, origin=origin))
         new = {name: value for name, value in given.items() if value != default[name]}
         for name in MASK_HASHES.keys() & new.keys():

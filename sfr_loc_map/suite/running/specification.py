@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.config import build, param
 from sfr_loc_map.config_yaml import load_yaml
-from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.errors import ConfigError, InputError, MetricsError
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
@@ -90,22 +91,21 @@ class SuiteSpecification:
 def load_specification(path: Path) -> SuiteSpecification:
     """Read the file of a suite; raise ConfigError if it is invalid, InputError if no source can be read."""
     content = load_yaml(path)
-    lists = {name: content.pop(name, None) or [] for name in LISTS}
+    lists = {name: _list_in(content, name, path) for name in LISTS}
     budget = parse_budget(content.pop("budget"), str(path)) if "budget" in content else ()
     configurations = content.pop("configurations", None)
     limits_value = content.pop("limits", None)
     stated_limits = _stated_limits(limits_value, path)
     settings = build(SuiteSettings, content, origin=str(path))
-    if odd := next((name for name, value in lists.items() if not isinstance(value, list)), None):
-        raise ConfigError(f"{path}: '{odd}' is {lists[odd]!r:.40}: a list is required")
     if not lists["sources"]:
         raise ConfigError(f"{path}: 'sources' is missing or empty: give paths, globs or simulations")
     tasks = _tasks(lists["tasks"], path)
     if not settings.nominal and not lists["perturb"]:
         raise ConfigError(f"{path}: with 'nominal: false' at least one fault in 'perturb' is required")
     for faults in lists["perturb"]:
-        for fault in str(faults).split("+"):
-            parse_fault(fault)
+        with naming(f"{path}: 'perturb'"):
+            for fault in str(faults).split("+"):
+                parse_fault(fault)
     sources, refusals = _sources(lists["sources"], path)
     if budget:
         sources = list(_budget_sources(sources, budget, path))
@@ -113,7 +113,8 @@ def load_specification(path: Path) -> SuiteSpecification:
         raise ConfigError(
             f"{path}: 'budget' cannot be combined with 'limits' or 'perturb', and requires 'tasks: [localise]'"
         )
-    named = [Condition.parse(str(text)).setting for text in lists["conditions"] or ["distance=5"]]
+    with naming(f"{path}: 'conditions'"):
+        named = [Condition.parse(str(text)).setting for text in lists["conditions"] or ["distance=5"]]
     limits = parse_limits(stated_limits, f"{path}: limits") if stated_limits else None
     named += () if limits is None else limits.conditions
     _check_effects(settings, limits, budget, path)
@@ -135,6 +136,25 @@ def load_specification(path: Path) -> SuiteSpecification:
     )
 
 
+def _list_in(content: dict[str, Any], name: str, path: Path) -> list[Any]:
+    """Remove a list from the content of a file and return the list, which is empty if the file has no value for it."""
+    value = content.pop(name, None)
+    if value is None:
+        return []
+    if not isinstance(value, list):
+        raise ConfigError(f"{path}: '{name}' is {value!r:.40}: a list is required")
+    return value
+
+
+@contextmanager
+def naming(origin: str) -> Iterator[None]:
+    """Add the file and the key to the errors of a parser that knows neither."""
+    try:
+        yield
+    except (ConfigError, MetricsError) as error:
+        raise ConfigError(f"{origin}: {error}") from error
+
+
 def _check_effects(settings: SuiteSettings, limits: Limits | None, budget: Sequence[ErrorSource], path: Path) -> None:
     """Raise ConfigError if a setting has no effect in this suite."""
     is_sequential = [] if limits is None else [limit.good is not None for limit in limits.limits]
@@ -152,7 +172,7 @@ def limits_in(path: Path) -> Mapping[str, Any]:
 
 
 def _tasks(names: Sequence[object], path: Path) -> tuple[JobTask, ...] | None:
-    if unknown := [name for name in names if name not in set(JobTask)]:
+    if unknown := [name for name in names if name not in list(JobTask)]:
         raise ConfigError(f"{path}: 'tasks' has {unknown[0]!r:.40}: {alternatives(JobTask)} is required")
     return tuple(JobTask(str(name)) for name in names) or None
 

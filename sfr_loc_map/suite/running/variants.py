@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sfr_loc_map.config import build, flatten
+from sfr_loc_map.config_yaml import entries_by_name
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.faults.kinds import parse_fault, with_amount
 from sfr_loc_map.simulation.config import SimulationConfig
@@ -89,7 +90,8 @@ def parse_budget(content: object, origin: str) -> tuple[ErrorSource, ...]:
             f"{origin}: 'budget' requires at least two sources of error, each as NAME: {{fault: KIND}} or "
             "NAME: {without: {SETTING: VALUE}}"
         )
-    return tuple(_error_source(str(name), value, f"{origin}: budget: '{name}'") for name, value in content.items())
+    entries = entries_by_name(content, f"{origin}: 'budget'")
+    return tuple(_error_source(name, value, f"{origin}: budget: '{name}'") for name, value in entries.items())
 
 
 def _error_source(name: str, value: object, origin: str) -> ErrorSource:

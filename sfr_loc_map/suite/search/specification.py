@@ -6,24 +6,45 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from sfr_loc_map.config import build, flatten, param
-from sfr_loc_map.config_yaml import load_yaml
+from sfr_loc_map.config_yaml import entries_by_name, load_yaml
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault, with_amount
-from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
+from sfr_loc_map.message_text import alternatives
+from sfr_loc_map.metrics.config import CallKind, Condition, Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score.score import JUDGED_ROW, Score
-from sfr_loc_map.metrics.table.catalogue import KINDS
+from sfr_loc_map.metrics.table.catalogue import (
+    ALIGNED,
+    ANSWERED_TWICE,
+    CATALOGUE,
+    KINDS,
+    UNANSWERED,
+    FigureKind,
+    Subject,
+)
+from sfr_loc_map.metrics.table.row_part import DIRECTIONS, MOVING, OTHER_FRAMES, distance_of
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.source_readers import scenario_settings, simulated_source
-from sfr_loc_map.suite.running.specification import SuiteSettings
+from sfr_loc_map.suite.running.specification import SuiteSettings, naming
 
 Point = tuple[float, ...]
 """Values of the parameters of a search, in the order of the file."""
 CHOICES = (*STATISTICS, "value")  #: Statistics that a search accepts.
+SUBJECTS = (Subject.TRAJECTORY, Subject.TIMING, Subject.MEMORY, Subject.COMPLETENESS, Subject.CONSISTENCY)
+"""Subjects of the figures that the score of a localised drive can have."""
+NOT_OF_A_DRIVE = (
+    *ALIGNED,
+    *(kind.name for kind in CATALOGUE if kind.is_without_height),
+    *(kind.value for kind in CallKind if kind is not CallKind.LOCALISATION),
+    *("points_without_truth", "pairs_without_cloud", "points_repeated", "points_not_finite", "pixels_without_point"),
+    *(UNANSWERED, ANSWERED_TWICE, "dropped", "restarts"),
+)
+"""Figures of these subjects that require an alignment, a ground truth without heights, maps, or running nodes."""
 WITHOUT_EFFECT = ("repeats", "stop_when_decided", "order_seed", "nominal")
 """Settings of a suite that a search rejects, because they would have no effect."""
 
@@ -141,40 +162,87 @@ class SearchSpecification:
 def load_search(path: Path) -> SearchSpecification:
     """Read the file of a search; raise a ConfigError if it is invalid."""
     content = load_yaml(path)
-    scenario_name, changes = content.pop("scenario", None), content.pop("set", None) or {}
-    ranges, seeds = content.pop("ranges", None), content.pop("seeds", [1])
-    stated_running = content.pop("running", None) or {}
+    scenario_name, changes = content.pop("scenario", None), _mapping_in(content, "set", path)
+    ranges, seeds = _mapping_in(content, "ranges", path), content.pop("seeds", [1])
+    stated_running = _mapping_in(content, "running", path)
     running = build(SuiteSettings, stated_running, origin=f"{path}: running")
     if rejected := [name for name in WITHOUT_EFFECT if name in stated_running]:
         raise ConfigError(f"{path}: running: '{rejected[0]}' has no effect in a search: remove it")
     settings = build(SearchSettings, content, origin=str(path))
-    if settings.figure not in KINDS:
-        raise ConfigError(f"{path}: 'figure: {settings.figure}' is unknown; one of {', '.join(KINDS)} is required")
+    _check_figure(settings, path)
     if not isinstance(scenario_name, str):
         raise ConfigError(f"{path}: the file of a scenario is required for 'scenario'")
     is_list = isinstance(seeds, list) and all(type(seed) is int for seed in seeds)
     if not is_list or not seeds:
         raise ConfigError(f"{path}: a list of whole numbers is required for 'seeds'")
-    if not isinstance(ranges, Mapping) or not ranges or not isinstance(changes, Mapping):
-        raise ConfigError(
-            f"{path}: 'ranges' requires parameters as NAME: [LOW, HIGH], and 'set' settings as NAME: VALUE"
-        )
+    if not ranges:
+        raise ConfigError(f"{path}: 'ranges' is missing or empty: give parameters as NAME: [LOW, HIGH]")
+    for name, settings_of_file in (("ranges", ranges), ("set", changes)):
+        if "seed" in settings_of_file:
+            raise ConfigError(f"{path}: 'seed' in '{name}' has no effect: give 'seeds'")
     scenario = path.absolute().parent / scenario_name
     given = scenario_settings(scenario)
     base = flatten(build(SimulationConfig, {**given, **changes}, origin=f"{path}: 'set'"))
-    condition = Condition.parse(settings.condition).setting
+    with naming(f"{path}: 'condition'"):
+        condition = Condition.parse(settings.condition).setting
     return SearchSpecification(
         path=path,
         scenario=scenario,
         base=base,
         changes={name: value for name, value in base.items() if value != given[name]},
         seeds=tuple(seeds),
-        parameters=tuple(_parameter(str(name), value, base, f"{path}: '{name}'") for name, value in ranges.items()),
+        parameters=tuple(_parameter(name, value, base, f"{path}: '{name}'") for name, value in ranges.items()),
         scoring=TrajectoryScoreConfig((condition,), running.spacing, running.rebase, running.partial),
         settings=settings,
         running=running,
         code=code_fingerprint(),
     )
+
+
+def _mapping_in(content: dict[str, Any], name: str, path: Path) -> dict[str, Any]:
+    """Remove a mapping from the content of a file and return it; empty if the file has no value for it."""
+    value = content.pop(name, None)
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise ConfigError(f"{path}: '{name}' is {value!r:.40}: names with values (NAME: VALUE) are required")
+    return entries_by_name(value, f"{path}: '{name}'")
+
+
+def _check_figure(settings: SearchSettings, path: Path) -> None:
+    """Raise ConfigError if the score of a localised drive has no such figure, statistic or part.
+
+    The parts of the other figures, such as the stages of a call, are checked with the unchanged scenario.
+    """
+    kind = KINDS.get(settings.figure)
+    if kind is None or kind.subject not in SUBJECTS or kind.name in NOT_OF_A_DRIVE:
+        known = (name for name, each in KINDS.items() if each.subject in SUBJECTS and name not in NOT_OF_A_DRIVE)
+        raise ConfigError(
+            f"{path}: 'figure: {settings.figure}' is not a figure of a localised drive; one of {', '.join(known)} is "
+            "required"
+        )
+    if kind.is_one_number != (settings.statistic == "value"):
+        required = "value" if kind.is_one_number else ", ".join(STATISTICS)
+        raise ConfigError(
+            f"{path}: 'statistic: {settings.statistic}' is not a statistic of {kind.name}; {required} is required"
+        )
+    parts = _parts_of(kind)
+    if parts and settings.part not in parts and distance_of(settings.part) is None:
+        raise ConfigError(
+            f"{path}: 'part: {settings.part}' is not a part of {kind.name}; "
+            f"{alternatives([part for part in parts if part])} is required"
+        )
+
+
+def _parts_of(kind: FigureKind) -> tuple[str, ...]:
+    """Return the parts of a figure, of which the empty part is the judged one; empty if they depend on the drive."""
+    if kind.subject is Subject.MEMORY:
+        return (CallKind.LOCALISATION,)
+    if kind.compute_errors is None:
+        return ()
+    readings = [reading for reading in Reading if not reading.is_fit]
+    directions = DIRECTIONS if kind.name == "position" else ()
+    return ("", *readings, *directions, MOVING, OTHER_FRAMES)
 
 
 def _parameter(name: str, value: object, base: Mapping[str, object], origin: str) -> Parameter:
@@ -185,9 +253,10 @@ def _parameter(name: str, value: object, base: Mapping[str, object], origin: str
             raise ConfigError(f"{origin}: the name may have only letters, digits, spaces, '_', '.' and '-'")
         low, high = _bounds(value["range"], origin)
         fault = str(value["fault"])
-        kind: FaultKind = parse_fault(fault).kind
-        for amount in (low, high):
-            parse_fault(with_amount(fault, amount))
+        with naming(origin):
+            kind: FaultKind = parse_fault(fault).kind
+            for amount in (low, high):
+                parse_fault(with_amount(fault, amount))
         if kind.info.neutral is None:
             raise ConfigError(
                 f"{origin}: '{kind}' has an effect at every amount: give a fault that leaves the scenario unchanged at "
@@ -200,10 +269,12 @@ def _parameter(name: str, value: object, base: Mapping[str, object], origin: str
         raise ConfigError(
             f"{origin} is not a numeric setting of the scenario; give a setting such as light.sun_elevation_deg"
         )
+    whole = isinstance(usual, int)
+    if whole and not (low.is_integer() and high.is_integer()):
+        raise ConfigError(f"{origin} is {value}: the setting is a whole number, so whole bounds are required")
     for bound in (low, high):
-        whole = isinstance(usual, int)
         build(SimulationConfig, {**base, name: int(bound) if whole else bound}, origin=origin)
-    return Parameter(name, low, high, float(usual), is_whole=isinstance(usual, int))
+    return Parameter(name, low, high, float(usual), is_whole=whole)
 
 
 def _bounds(value: object, origin: str) -> tuple[float, float]:

@@ -66,7 +66,7 @@ def test_a_copy_is_known_by_its_path_and_its_images(trace: DriveTrace, is_copy: 
 def test_stationary_drives_are_copies_only_by_their_images(grey: tuple[int, ...], is_copy: bool) -> None:
     """Two rovers stand at places 1000 m apart; their relative paths agree."""
     standing = Trajectory(TRUTH.stamps_ns, np.zeros_like(TRUTH.positions), TRUTH.quats_xyzw[:1].repeat(200, axis=0))
-    elsewhere = replace(standing, positions=standing.positions + [1000.0, 0.0, 0.0])
+    elsewhere = replace(standing, positions=standing.positions + np.array([1000.0, 0.0, 0.0]))
     assert are_copies(_trace(standing, grey), _trace(elsewhere, grey)) is is_copy
 
 

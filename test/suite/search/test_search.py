@@ -121,6 +121,32 @@ def test_settings_without_effect_in_a_search_are_refused(specification: SearchSp
         load_search(file)
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"ranges": {"seed": [1, 5]}}, "'seed' in 'ranges' has no effect"),
+        ({"set": {"seed": 3}}, "'seed' in 'set' has no effect"),
+        ({"set": False}, "'set' is False"),
+        ({"running": 0}, "'running' is 0"),
+        ({"ranges": {"drive.pairs": [20.4, 20.6]}}, "whole bounds are required"),
+        ({"ranges": {"yaw": {"fault": "jaw", "range": [0, 1]}}}, "search.yaml: 'yaw'"),
+        ({"condition": "distance"}, "search.yaml: 'condition'"),
+        ({"figure": "point_error"}, "not a figure of a localised drive"),
+        ({"figure": "lost"}, "value is required"),
+        ({"part": "sideways"}, "not a part of position"),
+        ({"figure": "heading", "part": "x"}, "not a part of heading"),
+        ({"figure": "peak", "statistic": "value"}, "localisation is required"),
+    ],
+)
+def test_what_has_no_effect_or_no_result_in_a_search_is_refused(
+    specification: SearchSpecification, change: dict[str, object], words: str
+) -> None:
+    file = specification.path
+    file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | change))
+    with pytest.raises(ConfigError, match=words):
+        load_search(file)
+
+
 def test_a_fault_that_has_an_effect_at_every_amount_is_no_parameter(specification: SearchSpecification) -> None:
     """A search could not include the unchanged scenario."""
     file = specification.path
