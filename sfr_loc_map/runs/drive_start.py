@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.stamped_poses import LONGEST_GAP_S
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.io.sequence import LocSequence
@@ -21,10 +21,12 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
 
     `identity`: RB is DS at the first pair. `truth`: the true pose at the first pair, interpolated if necessary. If the
     truth has a gap there, or if the pairs before `from_ns` are omitted, the next true pose is used; without a next true
-    pose, the last true pose is used.
+    pose, the last true pose is used. ConfigError for another name of a start, InputError without true attitudes.
     """
     if start == "identity":
         return StartPose(Transform.identity())
+    if start != "truth":
+        raise ConfigError(f"start is '{start}': identity or truth is required")
     truth = sequence.ground_truth
     if truth is None or not len(truth):
         raise InputError(

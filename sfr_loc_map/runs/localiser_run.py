@@ -115,18 +115,21 @@ def localiser_steps(
 def localise(
     sequence: LocSequence, config: LocalisationConfig, start: StartPose, watch: FrameObserver | None = None
 ) -> Iterator[tuple[PoseEstimate, CallRecord]]:
-    """Yield the estimate and the cost of each pair of a drive by our localiser; `watch` is called after each pair."""
+    """Yield the estimate and the cost of each pair of a drive by our localiser; `watch` is called after each pair.
+
+    A signal during a call raises a KeyboardInterrupt after the estimate of this call is yielded.
+    """
     localiser = Localiser(sequence.rig, config, start)
     load_kernels("localisation")
     meter = CallMeter()
     for pair in sequence.pairs():
         with stopping() as stopped, meter.measure() as call:  # an exception out of a kernel ends the process
             estimate = localiser.process(pair)
-        if stopped():
-            raise KeyboardInterrupt
         if watch is not None:
             watch(pair, estimate)
         yield replace(estimate, tracks=None), call_of_estimate(estimate, call)
+        if stopped():
+            raise KeyboardInterrupt
 
 
 def localise_with(how: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> Iterator[Step]:

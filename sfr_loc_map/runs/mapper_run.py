@@ -8,7 +8,7 @@ Our mapper is called in this process, and a method under test in its own process
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -95,8 +95,11 @@ class _MeasuredMap(Protocol):
     def record(self) -> MethodRecord:
         """Method that maps."""
 
-    def map_pair(self, item: PosedStereoPair) -> tuple[PairMap, CallRecord]:
-        """Map the next pair."""
+    def map_pairs(self, pairs: Iterable[PosedStereoPair]) -> Iterator[tuple[PairMap, CallRecord]]:
+        """Yield the map and the call of each pair.
+
+        A signal raises a KeyboardInterrupt. A pair that is mapped by then is yielded before.
+        """
 
     def fuse(self) -> tuple[FusedMap, CallRecord | None]:
         """Fuse the mapped pairs; the call is None if the method does not fuse."""
@@ -112,13 +115,14 @@ class _OwnMap:
         self._meter = CallMeter()
         self._maps: list[MappedPair] = []
 
-    def map_pair(self, item: PosedStereoPair) -> tuple[MappedPair, CallRecord]:
-        with stopping() as stopped, self._meter.measure() as usage:  # an exception out of a kernel ends the process
-            done = self._mapper.process(item.pair, item.T_lm_navsb, len(self._maps))
-        if stopped():
-            raise KeyboardInterrupt
-        self._maps.append(done)
-        return done, mapping_call(item.pair.stamp_ns, usage, MappingState.MAPPED, done.statistics)
+    def map_pairs(self, pairs: Iterable[PosedStereoPair]) -> Iterator[tuple[MappedPair, CallRecord]]:
+        for item in pairs:
+            with stopping() as stopped, self._meter.measure() as usage:  # an exception out of a kernel ends the process
+                done = self._mapper.process(item.pair, item.T_lm_navsb, len(self._maps))
+            self._maps.append(done)
+            yield done, mapping_call(item.pair.stamp_ns, usage, MappingState.MAPPED, done.statistics)
+            if stopped():
+                raise KeyboardInterrupt
 
     def fuse(self) -> tuple[FusedMap, CallRecord]:
         with self._meter.measure() as usage:
@@ -134,11 +138,11 @@ class _MapUnderTest:
         self._last_ns = 0  # stamp of the last mapped pair
         self.record = mapper.record
 
-    def map_pair(self, item: PosedStereoPair) -> tuple[PairMap, CallRecord]:
-        self._last_ns = item.pair.stamp_ns
-        done, call = self._map.map_pair(item.pair, item.T_lm_navsb)
-        record = mapping_call(item.pair.stamp_ns, call.usage, MappingState.MAPPED, done.statistics, call.finding)
-        return done, record
+    def map_pairs(self, pairs: Iterable[PosedStereoPair]) -> Iterator[tuple[PairMap, CallRecord]]:
+        for item in pairs:
+            self._last_ns = item.pair.stamp_ns
+            done, call = self._map.map_pair(item.pair, item.T_lm_navsb)
+            yield done, mapping_call(self._last_ns, call.usage, MappingState.MAPPED, done.statistics, call.finding)
 
     def fuse(self) -> tuple[FusedMap, CallRecord | None]:
         fused, call = self._map.fuse()
@@ -154,8 +158,7 @@ def _map_and_fuse(
     maps: list[PairMap] = []
     stages: list[CallRecord] = []
     try:
-        for item in pairs:
-            done, record = measured.map_pair(item)
+        for done, record in measured.map_pairs(pairs):
             maps.append(done)
             stages.append(record)
             progress(len(maps))

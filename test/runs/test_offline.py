@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +17,7 @@ import numpy as np
 import pytest
 
 from helpers.made_scene import HEIGHT, LOC_RIG, WIDTH, loc_pair, write_folder
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.evidence.variants import PairsInMemory
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -23,14 +25,17 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose
+from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import STRIP
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.runs import localiser_run
+from sfr_loc_map.runs import localiser_run, mapper_run
 from sfr_loc_map.runs.drive_start import start_pose, true_start, unstamped_start_warning
 from sfr_loc_map.runs.localiser_run import DEFAULT_STEP_S, localise, localise_with, run_localiser
 from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.runs.track_video import track_video
+from sfr_loc_map.signals import handle_signals
 
 FIRST_NS = 1_000_000_000_000
 IMAGE = np.zeros((2, 2), np.uint8)
@@ -85,6 +90,8 @@ def test_the_true_start_pose_is_that_of_its_stamp(
     assert start_pose(OnePair(truth_s), "identity").stamp_ns is None  # it holds at the first pair
     with pytest.raises(InputError, match="requires ground truth"):
         start_pose(OnePair(()), "truth")
+    with pytest.raises(ConfigError, match="start is 'turth'"):
+        start_pose(OnePair(truth_s), "turth")
 
 
 @pytest.mark.parametrize(
@@ -154,3 +161,30 @@ def test_a_missing_pair_at_the_start_does_not_change_the_rate_that_a_method_is_g
     how = SimpleNamespace(method=SimpleNamespace(config=None), limits=None, hidden=())
     assert not list(localise_with(cast("Any", how), cast("Any", sequence), Transform.identity()))
     assert given == [pytest.approx(rate_hz)]
+
+
+@pytest.mark.parametrize("after", [1, 3])
+def test_a_pair_that_is_processed_when_a_signal_arrives_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int
+) -> None:
+    source, begin = open_source(write_folder(tmp_path / "source", 3, 3)), StartPose(Transform.identity())
+    for module in (localiser_run, mapper_run):
+        monkeypatch.setattr(module, "load_kernels", lambda part: None)  # it calls `process`
+    for run, kind in (
+        (lambda: run_localiser(source.loc, LocalisationConfig(), begin, keeps_finished=True).steps, Localiser),
+        (lambda: run_mapper(source.nav, MappingConfig(), keeps_finished=True).maps, Mapper),
+    ):
+        process, count = kind.process, itertools.count(1)
+
+        def interrupted(*args: object, process: Any = process, count: Iterator[int] = count) -> object:
+            if next(count) == after:
+                signal.raise_signal(signal.SIGINT)
+            return process(*args)
+
+        before = signal.getsignal(signal.SIGINT)
+        monkeypatch.setattr(kind, "process", interrupted)
+        handle_signals()
+        try:
+            assert len(run()) == after
+        finally:
+            signal.signal(signal.SIGINT, before)
