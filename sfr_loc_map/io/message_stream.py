@@ -161,6 +161,17 @@ def between(messages: Iterator[Message], begin_s: float, end_s: float) -> Iterat
             yield message
 
 
+def pairs_between(source: Source, begin_s: float, end_s: float) -> int:
+    """Return the number of pairs of a source between two positions, as in `between`."""
+    count = 0
+    for part in (source.loc, source.nav):
+        if part is None or not len(part):
+            continue
+        begin_ns = begin_of(source, part)
+        count += sum(begin_s <= (stamp_ns - begin_ns) / NS_PER_S <= end_s for stamp_ns in part.stamps_ns)
+    return count
+
+
 def end_of(source: Source) -> float:
     """Return the position of the last pair of a source: time after the first message of its rig, s."""
     parts = [part for part in (source.loc, source.nav) if part is not None and len(part)]

@@ -126,25 +126,18 @@ class CloudConverter:
         return str(message.header.frame_id)
 
     def read(self, message: PointCloud2) -> FloatArray:
-        """Return the points `(N, 3)` in LM."""
-        points = messages.xyz_from_msg(message) * self._unit
-        if self._is_in_lm:
-            return points
-        stamp_ns = stamp_of(message)
-        if stamp_ns not in self._poses:
-            raise InputError(
-                f"no pair has the stamp {stamp_ns} of the cloud, so its points cannot be transformed to LM: "
-                "publish the cloud with the stamp of its pair"
-            )
-        return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
+        """Return the points `(N, 3)` in the frame of the message, m."""
+        return messages.xyz_from_msg(message) * self._unit
 
     def accept(self, message: PointCloud2, points: FloatArray) -> None:
-        """Add the points in LM, and publish the finite points with their other fields if the cloud has all fields.
+        """Convert the points of a pair to LM and add them; publish the finite points if the cloud has all fields.
 
         Points that are not finite are kept for the score, which counts them. In an organised cloud, such points are
         normal and are therefore omitted.
         """
         stamp_ns = stamp_of(message)
+        if not self._is_in_lm:
+            points = (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
         finite = np.asarray(np.isfinite(points).all(axis=1))
         kept = finite if message.height > 1 else np.ones_like(finite)
         try:

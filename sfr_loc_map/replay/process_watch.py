@@ -22,17 +22,20 @@ METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second 
 def processes_watched(text: str, started: Sequence[int]) -> list[int]:
     """Return the process ids for `--watch`: a given id, or all processes with the text in name or command line.
 
-    Processes that the replay has `started` are always included. Descendants of a found process are omitted, because the
-    process is watched with its descendants.
+    The text is not searched in this replay, in its ancestors such as a shell, and in other replays with `--watch`,
+    because their command lines contain the text. Processes that the replay has `started` are always included.
+    Descendants of a found process are omitted, because the process is watched with its descendants.
     """
     found: dict[int, list[psutil.Process]] = {}
+    this = psutil.Process()
+    callers = {this, *this.parents()}
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error):
             words = process.cmdline()
             if text.isdigit():
                 is_watched = str(process.pid) == text
             else:
-                is_replay = any(word.partition("=")[0] == "--watch" for word in words)  # its command line has the text
+                is_replay = process in callers or any(word.partition("=")[0] == "--watch" for word in words)
                 is_watched = not is_replay and (text == process.name() or text in " ".join(words))
             if is_watched:
                 found[process.pid] = process.parents()

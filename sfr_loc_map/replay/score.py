@@ -90,7 +90,7 @@ def _run_of(source: Source, result: ReplayResult) -> Run:
         cloud=_scored_cloud(source, result.map),
         unposed_images=0 if images_ns is None or len(result.estimate) else len(images_ns),
         nav_stamps_ns=pairs_ns,
-        unmapped_pairs=0 if pairs_ns is None or len(result.map.pair_stamps_ns) == len(pairs_ns) else len(pairs_ns),
+        unmapped_pairs=0 if pairs_ns is None else len(np.setdiff1d(pairs_ns, result.map.pair_stamps_ns)),
     )
     node = result.external
     if node is None:

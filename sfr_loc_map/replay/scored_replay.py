@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from sfr_loc_map.calls.call_record import states_text, tracking_warning
 from sfr_loc_map.errors import NodeError, SfrError, naming
+from sfr_loc_map.io.message_stream import pairs_between
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.replay.external_poses import with_converted_poses
@@ -72,14 +73,14 @@ def replay_and_score(
         score,
         remarks=(*_remarks(result), states),
         warning=tracking_warning(localised, source.path),
-        interrupted=_played_part(source, result) if replayed.was_interrupted else "",
+        interrupted=_played_part(source, options, result) if replayed.was_interrupted else "",
     )
 
 
-def _played_part(source: Source, result: ReplayResult) -> str:
-    """Return which part of a source was played before the replay was interrupted."""
+def _played_part(source: Source, options: ReplayOptions, result: ReplayResult) -> str:
+    """Return how many of the pairs that the options select were played before the replay was interrupted."""
     played = result.loc_pairs.sent + result.nav_pairs.sent
-    total = sum(len(part) for part in (source.loc, source.nav) if part is not None)
+    total = pairs_between(source, options.offset_s, options.offset_s + options.duration_s)
     return f"interrupted: {played} of {total} pairs were played and scored"
 
 

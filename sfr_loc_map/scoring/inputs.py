@@ -168,7 +168,7 @@ class Run:
     findings: tuple[FindingRecord, ...] = ()  #: Findings on the answers of the method.
     unposed_images: int = 0  #: Images of a drive without any estimate.
     nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source; None if they are unknown.
-    unmapped_pairs: int = 0  #: Mapping pairs of the source if no cloud can be scored.
+    unmapped_pairs: int = 0  #: Mapping pairs that are in no cloud, if no cloud can be scored.
     convention: ConventionRecord | None = None  #: Conversion of the poses or of the map; None if nothing was converted.
 
     @property

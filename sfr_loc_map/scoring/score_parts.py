@@ -168,9 +168,15 @@ def map_result(made: CloudToScore, config: MapScoreConfig, expected_pairs: int |
     return replace(found, warnings=tuple(_pixel_warnings(loaded.cloud, truths)))
 
 
-def result_without_cloud(pairs: int) -> MapResult:
-    """Return the result of mapping `pairs` pairs without a cloud."""
-    return MapResult(figures=tuple(rows_without_cloud(pairs))) if pairs else MapResult()
+def result_without_cloud(unmapped: int, pairs: int | None) -> MapResult:
+    """Return the result without a cloud that can be scored.
+
+    `unmapped` of the `pairs` are in no cloud. If the number of pairs is unknown, the result is that of the unmapped
+    pairs.
+    """
+    if not unmapped:
+        return MapResult()
+    return MapResult(figures=tuple(rows_without_cloud(unmapped, unmapped if pairs is None else pairs)))
 
 
 def _pixel_warnings(cloud: PointCloud, truths: Sequence[PairTruth]) -> Iterator[str]:

@@ -63,7 +63,7 @@ def _trajectory_part(
 
 
 def _map_part(run: Run, config: ScoreConfig) -> MapResult:
-    if run.cloud is None:
-        return result_without_cloud(run.unmapped_pairs)
     pairs = None if run.nav_stamps_ns is None else len(np.unique(run.nav_stamps_ns))
+    if run.cloud is None:
+        return result_without_cloud(run.unmapped_pairs, pairs)
     return map_result(run.cloud, config.map, pairs)

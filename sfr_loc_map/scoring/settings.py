@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypedDict, Unpack
+from typing import TypedDict, Unpack, get_type_hints
 
 import numpy as np
 
@@ -34,7 +34,10 @@ FIELDS = {
 
 
 def score_settings(conditions: Sequence[str] | None, **settings: Unpack[ScoreSettings]) -> ScoreConfig:
-    """Return the configuration of a score; raise ConfigError for values out of range or contradictory values."""
+    """Return the configuration of a score; raise ConfigError for unknown names or wrong values."""
+    known = get_type_hints(ScoreSettings)
+    if unknown := sorted(settings.keys() - known.keys()):
+        raise ConfigError(f"a score has no setting '{unknown[0]}': the settings are {', '.join(known)}")
     values: dict[str, object] = {FIELDS[name]: value for name, value in settings.items() if name in FIELDS}
     if "scored_range" in settings:
         values["map.scored_from_m"], values["map.scored_to_m"] = _interval(settings["scored_range"])

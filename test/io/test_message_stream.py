@@ -27,6 +27,7 @@ from sfr_loc_map.io.message_stream import (
     between,
     end_of,
     messages_of,
+    pairs_between,
     parts_of_pairs,
     topics_of,
 )
@@ -149,6 +150,10 @@ def test_the_pairs_that_a_replay_awaits_are_those_of_the_source(tmp_path: Path, 
     expected = [("loc", stamp_ns) for stamp_ns in source.loc.stamps_ns]
     expected += [("nav", stamp_ns) for stamp_ns in source.nav.stamps_ns]
     assert sorted(completed) == sorted(expected)
+    for begin_s, end_s in ((0.0, np.inf), (0.0, 0.1), (0.05, 0.25)):
+        tracker = PairTracker(parts_of_pairs(source))
+        played = [tracker.add(each) for each in between(messages_of(source), begin_s, end_s)]
+        assert pairs_between(source, begin_s, end_s) == len(played) - played.count(None)
 
 
 def test_the_parts_of_a_recorded_pair_have_their_own_stamps_and_one_without_a_pose_is_absent(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from helpers.made_scene import NAV_RIG
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
+from sfr_loc_map.metrics.table.records import FindingKind
 from sfr_loc_map.replay.answer_converters import CloudConverter
 from sfr_loc_map.replay.external import ExternalNode
 from sfr_loc_map.replay.options import ExternalOptions
@@ -83,3 +84,15 @@ def test_a_cloud_is_converted_to_metres_and_published_without_points_that_are_no
     np.testing.assert_allclose(found.xyz[:, 0], [1.0, 2.0, 3.0])
     np.testing.assert_allclose(found.sigma, 0.01)
     np.testing.assert_array_equal(cloud.sigma[-3:], found.sigma)
+
+
+def test_a_cloud_with_the_stamp_of_no_pair_has_a_wrong_stamp() -> None:
+    graph = SimpleNamespace(get_publishers_info_by_topic=lambda topic: [], create_publisher=lambda *_: None)
+    peer = cast("Any", SimpleNamespace(ros_node=graph))
+    options = ExternalOptions(Task.MAPPING, "points", convention=PoseConvention(frame="left_optical"))
+    nav = cast("Any", SimpleNamespace(rig=NAV_RIG, pairs=list))
+    converter = CloudConverter(peer, options, ReceivedMaps(is_external=True), nav)
+    node = ExternalNode(peer, options, None, converter, name="n", watch=None)
+    node.receive(cloud_msg(PointCloud.from_structured(np.zeros(4, PointCloud.dtype())), 1, "lm"))
+    ((kind, count),) = [(finding.kind, finding.count) for finding in node.result(None).findings]
+    assert (kind, count) == (FindingKind.WRONG_STAMP, 1)

@@ -60,3 +60,15 @@ def test_a_replay_is_not_the_process_that_its_command_line_names(option: tuple[s
         finally:
             node.kill()
             replay.kill()
+
+
+def test_the_shell_that_starts_a_replay_is_not_the_process_that_the_replay_watches() -> None:
+    text = f"node_of_{os.getpid()}"
+    watch = "import sys; from sfr_loc_map.replay.process_watch import processes_watched as w; print(w(sys.argv[2], []))"
+    words = ["bash", "-c", f"{sys.executable} -c '{watch}' other {text}; true"]
+    sleep = [sys.executable, "-c", "import time; time.sleep(60)", text]
+    with subprocess.Popen(sleep) as node:
+        try:
+            assert subprocess.check_output(words, text=True).strip() == f"[{node.pid}]"
+        finally:
+            node.kill()

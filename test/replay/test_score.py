@@ -6,7 +6,8 @@ import math
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -199,6 +200,20 @@ def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_pat
     score = score_replay(source, result, score_config(["frames=2"], {}), None)
     assert "100 % of the mapping pairs have no point" in (score.incomplete or "")
     assert any("the truth has only 3 poses for 12 images" in text for text in score.warnings)
+
+
+@pytest.mark.parametrize("count", [0, 2, 3])
+def test_without_truth_the_pairs_that_are_in_no_cloud_are_counted(tmp_path: Path, count: int) -> None:
+    source, run = mapped(write_folder(tmp_path / "source", 0, 3))
+    pairs = [replace(pair, truth=None) for pair in source.nav.pairs()]
+    nav = SimpleNamespace(rig=source.nav.rig, pairs=lambda: pairs)
+    untrue = cast("Source", SimpleNamespace(loc=None, nav=nav, expected_nav_ns=source.expected_nav_ns))
+    stamps_ns = tuple(item.stamp_ns for item in run.maps)[:count]
+    result = ReplayResult(Trajectory.empty(), ReplayedMap(run.fused.cloud, None, stamps_ns), run.records)
+    score = score_replay(untrue, result, ScoreConfig(), None, read={})
+    missing = [row.value for row in score.rows("pairs_without_cloud", part="count")]
+    assert missing == ([] if count == 3 else [3 - count])
+    assert [row.n for row in score.rows("pairs_without_cloud")] == ([] if count == 3 else [3, 3])
 
 
 def test_the_calls_of_a_replay_belong_to_its_estimate(tmp_path: Path) -> None:

@@ -110,10 +110,10 @@ def with_unmapped_pairs(rows: Sequence[Figure], unmapped: int) -> tuple[Figure, 
     return tuple(by_place.get((row.figure, row.part), row) for row in rows)
 
 
-def rows_without_cloud(pairs: int) -> Iterator[Figure]:
-    """Yield the rows of a map without a cloud for any of its pairs."""
-    yield expected_row(RowPart(Scope.MAP), 0, pairs)
-    yield from share_rows("pairs_without_cloud", pairs, pairs)
+def rows_without_cloud(unmapped: int, pairs: int) -> Iterator[Figure]:
+    """Yield the rows of a map whose clouds cannot be scored; `unmapped` of its pairs are in no cloud."""
+    yield expected_row(RowPart(Scope.MAP), pairs - unmapped, pairs)
+    yield from share_rows("pairs_without_cloud", unmapped, pairs)
 
 
 # ---- calls

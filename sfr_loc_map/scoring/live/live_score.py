@@ -84,7 +84,7 @@ def score_so_far(received: Received, live: LiveRun, config: ScoreConfig, limits:
             is_live=True,
             in_flight_ns=live.in_flight_ns,
         )
-    surface = received.map or result_without_cloud(run.unmapped_pairs)
+    surface = received.map or result_without_cloud(run.unmapped_pairs, None)
     if not live.details:
         surface = replace(surface, details=None)
     calls = calls_result(run, _due_calls(run, live.in_flight_ns), details=live.details)
