@@ -169,3 +169,12 @@ def test_short_steps_of_an_honest_estimate_are_not_those_of_the_truth(rate_hz: f
         frames_of_1_s = round(rate_hz)
         starts = np.arange(0, count - frames_of_1_s, frames_of_1_s)
         assert (judged_of_truth(made, [(starts, starts + frames_of_1_s)]).value or 0.0) < 0.05
+
+
+def test_sub_trajectories_in_which_the_rover_hardly_moves_are_no_evidence_of_copied_errors() -> None:
+    """The estimate is exact while the rover creeps by 0.2 m in ten frames, and drifts while it moves by 10 m."""
+    true = along_x(np.append(0.02 * np.arange(100), 2.0 + np.arange(100)))
+    drifting = true + np.where(np.arange(COUNT)[:, None] < 100, 0.0, NOISE)
+    starts = np.append(np.arange(0, 80, 10), np.arange(100, 180, 10))
+    row = judged_of_truth(frames(drifting, true), [(starts, starts + 10)])
+    assert (row.n, row.value) == (8, 0.0)

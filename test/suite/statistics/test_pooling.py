@@ -66,3 +66,15 @@ def test_the_mean_of_a_signed_figure_over_drives_keeps_its_sign() -> None:
     row = pooled_row("heading", "distance=5", [DriveRows("a", [left]), DriveRows("b", [right])])
     assert row.mean == pytest.approx(-0.1)
     assert row.mean_plus_3sigma == pytest.approx(0.1 + 3.0 * row.sigma)
+
+
+def test_of_several_sources_of_a_drive_the_worst_is_pooled() -> None:
+    rng = np.random.default_rng(3)
+    good, bad = (Score(figures=tuple(rows_of(scale * rng.normal(0.0, 1.0, (30, 3))))) for scale in (1.0, 2.0))
+    found = []
+    for scores in ((good, bad), (bad, good)):
+        results = [DriveScore("drive", score, source) for score, source in zip(scores, "ab", strict=True)]
+        (row,) = pool(results, "distance=5")
+        found.append(row.mean_plus_3sigma)
+    (alone,) = pool([DriveScore("drive", bad)], "distance=5")
+    assert found == [alone.mean_plus_3sigma] * 2
