@@ -11,6 +11,7 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.proof import sample_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.details import ErrorRows
+from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
 from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
 from sfr_loc_map.suite.statistics.pooling import DriveScore, pool
@@ -132,3 +133,15 @@ def test_a_sequential_test_ends_before_a_drive_that_lacks_errors() -> None:
         ]
         (found,) = verdicts_over(limits, results, ())
         assert found.state == state
+
+
+@pytest.mark.parametrize(("methods", "state"), [(("mine", "mine"), None), (("mine", "other"), "not judged")])
+def test_drives_of_two_items_under_test_have_no_common_verdict(methods: tuple[str, str], state: str | None) -> None:
+    results = []
+    for number, name in enumerate(methods):
+        truth, estimate = drive(number, count=60)
+        method = MethodRecord(name=name, version="1", kind=MethodKind.PYTHON)
+        score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+        results.append(DriveScore(str(number), replace(score, method=method)))
+    found = {verdict.name: verdict.state for verdict in verdicts_over(None, results, ())}
+    assert found.get("items_under_test_max") == state
