@@ -37,7 +37,7 @@ def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: 
     with Process(tmp_path / "log", *COMMAND, *words) as replay:
         code = replay.popen.wait(150)
     assert code == 1, replay.text
-    assert "the method failed: not finite, crashed; incomplete data (" in replay.text
+    assert "the method failed: crashed, not finite; incomplete data (" in replay.text
     assert replay.text.count("the estimate covers 56.25 % of the images") == 1
     score = json.loads((out / "report.json").read_text())
     assert score["method"] == {"name": "external_odometry", "version": "1.0", "kind": "external"}

@@ -119,6 +119,7 @@ def of_file(scored: TrajectoryResult) -> Score:
     return judged_by(as_score(scored), None)
 
 
+@pytest.mark.timeout(600)
 def test_messages_in_any_order_give_the_score_of_the_file() -> None:
     """The scores of 20 orders of each of 50 drives are equal to the last digit."""
     rng, flags = np.random.default_rng(7), 0
