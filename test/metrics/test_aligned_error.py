@@ -58,6 +58,20 @@ def test_a_mirrored_path_is_aligned_by_a_rotation_and_a_straight_one_not_at_all(
         umeyama(line, line, with_scale=False)
 
 
+def test_a_straight_path_in_any_direction_has_no_alignment_whatever_its_length_and_place() -> None:
+    """Rounding makes the covariance of an oblique line a matrix of full rank."""
+    rng = np.random.default_rng(2)
+    for length_m in (1.0, 100.0, 1e4):
+        direction = rng.normal(size=3)
+        line = np.outer(np.linspace(0.0, length_m, 500), direction / np.linalg.norm(direction))
+        for path in (line, line + rng.normal(0.0, 100.0, 3), np.round(line, 8)):
+            with pytest.raises(MetricsError, match="on a line"):
+                umeyama(path, path, with_scale=False)
+        across = np.cross(direction, [1.0, 0.0, 0.0])
+        curved = line + np.outer(1e-4 * length_m * np.sin(np.arange(500.0)), across / np.linalg.norm(across))
+        assert np.abs(umeyama(curved, curved, with_scale=False).rotation - np.eye(3)).max() < 1e-6
+
+
 def test_nothing_in_common_and_wrong_lengths() -> None:
     late = Trajectory(TENTHS.stamps_ns + 10**12, TENTHS.positions, TENTHS.quats_xyzw)
     with pytest.raises(MetricsError, match="increase the option max_difference"):

@@ -31,6 +31,10 @@ from sfr_loc_map.metrics.table.records import Alignment
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
+RANK_TOLERANCE = 1e-12
+"""Smallest ratio of the second to the first singular value that determines a rotation. Singular values are products of
+extents, so a path whose width is below a millionth of its length is straight: its width is rounding of the file."""
+
 
 class Similarity(NamedTuple):
     """The transform `p -> scale R p + t`."""
@@ -156,7 +160,8 @@ def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Sim
     p, t = points - mean_p, targets - mean_t
     covariance = t.T @ p / len(points)  # equation 38
     u, singular, vt = np.linalg.svd(covariance)
-    if np.count_nonzero(singular > np.finfo(np.float64).eps) < 2:
+    smallest = max(float(np.finfo(np.float64).eps), RANK_TOLERANCE * float(singular[0]))
+    if np.count_nonzero(singular > smallest) < 2:
         raise MetricsError(
             f"{len(points)} positions on a line or at one point have no least-squares alignment: use align=origin"
         )
