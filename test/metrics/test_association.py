@@ -33,6 +33,9 @@ def test_each_truth_is_used_once_and_within_the_tolerance(est: np.ndarray, gt: n
         zip(est[frames.estimate_rows].tolist(), frames.true_position[:, 0].astype(int).tolist(), strict=True)
     )
     assert len(set(partner.values())) == len(partner) == counts.exact + counts.near
+    assert list(partner) == sorted(partner)
+    assert list(partner.values()) == sorted(partner.values())
+    common = np.intersect1d(est, gt)
     free_gt = sorted(set(range(len(gt))) - set(np.searchsorted(gt, np.intersect1d(est, gt)).tolist()))
     rivals = [s for s in est.tolist() if s not in gt]
     for stamp in est.tolist():
@@ -42,9 +45,29 @@ def test_each_truth_is_used_once_and_within_the_tolerance(est: np.ndarray, gt: n
         elif free_gt:
             nearest = min(free_gt, key=lambda k: (abs(int(gt[k]) - stamp), k))
             first = min(rivals, key=lambda s: (abs(int(gt[nearest]) - s), s))
-            near = abs(int(gt[nearest]) - stamp) <= tolerance
+            is_across = np.searchsorted(common, stamp) != np.searchsorted(common, gt[nearest])
+            near = abs(int(gt[nearest]) - stamp) <= tolerance and not is_across
             assert index == nearest if near and first == stamp else index in (None, nearest)
             assert index is None or near
+
+
+@settings(max_examples=200)
+@given(STAMPS, STAMPS, st.integers(0, 10), st.sampled_from(["match", "interpolate"]))
+def test_frames_and_their_estimates_are_in_time_order(
+    est: np.ndarray, gt: np.ndarray, tolerance: int, mode: str
+) -> None:
+    frames, _ = associated(est, gt, mode, tolerance)
+    assert (np.diff(frames.stamps_ns) > 0).all()
+    assert (np.diff(est[frames.estimate_rows]) > 0).all()
+
+
+def test_an_estimate_is_not_matched_across_equal_stamps() -> None:
+    """The true pose at 45 is nearer to the estimate at 36 than that at 20, but the frame at 40 lies between them."""
+    est, gt = [0, 20, 36, 40, 60, 80], [0, 20, 40, 45, 60, 80]
+    assert associated(est, gt, "match", 10)[0].stamps_ns.tolist() == [0, 20, 40, 60, 80]
+    frames = associated(est, gt, "interpolate", 10, gap=20)[0]
+    assert frames.stamps_ns.tolist() == est
+    assert frames.estimate_rows.tolist() == list(range(6))
 
 
 @settings(max_examples=100)

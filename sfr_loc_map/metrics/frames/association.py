@@ -217,7 +217,7 @@ def mode_of_stamps(estimate_stamps: IntArray, true_stamps: IntArray, tolerance_n
 def matches_of_stamps(
     estimate: Trajectory, truth: Trajectory, estimate_rows: Rows, true_rows: Rows, tolerance_ns: int
 ) -> Matches:
-    """Return the pairs of equal stamps, then the pairs of nearest remaining stamps within the tolerance."""
+    """Return the pairs of equal stamps and of nearest remaining stamps within the tolerance, in time order."""
     estimate_stamps, true_stamps = taken(estimate.stamps_ns, estimate_rows), taken(truth.stamps_ns, true_rows)
     partner = np.full(len(estimate_stamps), -1, dtype=np.intp)
     if len(true_stamps):
@@ -310,12 +310,16 @@ def taken(values: NDArray[Number], rows: Rows) -> NDArray[Number]:
 def match_nearest(partner: Rows, estimate_stamps: IntArray, true_stamps: IntArray, tolerance: int) -> None:
     """Assign the nearest unassigned true pose to estimates without a partner (-1), in place.
 
-    Each true pose is used once. Of two equally near true poses the earlier is used.
+    Each true pose is used once. Of two equally near true poses the earlier is used. An estimate is not assigned to a
+    true pose beyond an assigned stamp, so that the pairs are in time order.
     """
+    assigned = estimate_stamps[partner >= 0]
     free_est = np.flatnonzero(partner < 0)
     free_gt = np.setdiff1d(np.arange(len(true_stamps)), partner, assume_unique=True)
     nearest, difference = nearest_stamps(estimate_stamps[free_est], true_stamps[free_gt])
-    candidates = np.flatnonzero(difference <= tolerance)
+    estimated_after = np.searchsorted(assigned, estimate_stamps[free_est])
+    true_after = np.searchsorted(assigned, true_stamps[free_gt[nearest]])
+    candidates = np.flatnonzero((difference <= tolerance) & (estimated_after == true_after))
     candidates = candidates[np.argsort(difference[candidates], kind="stable")]
     _, first = np.unique(nearest[candidates], return_index=True)
     chosen = candidates[first]
