@@ -102,7 +102,7 @@ MUTATIONS = (
     ),
     Mutation(FORMULAS, 'since_first[starts] + time_ns, side="left")', 'since_first[starts] + time_ns, side="right")'),
     Mutation(FORMULAS, "return starts + frames", "return starts + frames - 1"),
-    Mutation(FORMULAS_BESIDE, "np.cos(0.5 * np.radians(turn_deg))", "np.cos(np.radians(turn_deg))"),
+    Mutation(FORMULAS_BESIDE, "np.radians(turn_deg)", "np.radians(0.5 * turn_deg)"),
     Mutation(
         FORMULAS_BESIDE,
         "(distance_m >= metres - DISTANCE_TOLERANCE_M) & is_turned",

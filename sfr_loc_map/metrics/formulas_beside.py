@@ -8,8 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.rotation import quat_angle, quat_conjugate, quat_multiply
 from sfr_loc_map.metrics.formulas import DISTANCE_TOLERANCE_M, Poses, displacement
 
+ANGLE_TOLERANCE = 1e-9  #: Relative rounding error by which a rotation may be smaller than the angle of a condition.
 MIN_DIRECTION_M = 1e-6  #: Shortest horizontal displacement that has a direction; below, the true heading is used.
 
 
@@ -29,13 +31,13 @@ def ends_apart(
     The result is F if there is no such frame. An angle of 0 deg requires no attitudes, which may be unknown (NaN).
     """
     ends = earliest.copy()
-    half_turn_cosine = np.cos(0.5 * np.radians(turn_deg)) + 1e-12  # accepts a rotation by exactly this angle
+    least_turn = np.radians(turn_deg) * (1.0 - ANGLE_TOLERANCE)
     searching = np.flatnonzero(ends < len(true_position))
     while len(searching):
         first, last = starts[searching], ends[searching]
         distance_m = np.linalg.norm(true_position[last] - true_position[first], axis=1)
-        cosine = np.abs(np.sum(true_attitude[last] * true_attitude[first], axis=1))
-        is_turned = (cosine <= half_turn_cosine) | (turn_deg <= 0.0)
+        turn = quat_angle(quat_multiply(quat_conjugate(true_attitude[first]), true_attitude[last]))
+        is_turned = (turn >= least_turn) | (turn_deg <= 0.0)
         is_apart = (distance_m >= metres - DISTANCE_TOLERANCE_M) & is_turned
         searching = searching[~is_apart]
         ends[searching] += 1
@@ -83,5 +85,9 @@ def along_and_cross(
 
 
 def disparity_error(focal_px: float, baseline_m: float, depth_m: FloatArray, true_depth_m: FloatArray) -> FloatArray:
-    """Return the disparity error that corresponds to a depth error: `f b / Z - f b / Z_true`, px."""
+    """Return the disparity error that corresponds to a depth error: `f b / Z - f b / Z_true`, px.
+
+    The result is NaN for a depth that is not positive, because a point at or behind the camera has no disparity.
+    """
+    depth_m, true_depth_m = (np.where(depth > 0.0, depth, np.nan) for depth in (depth_m, true_depth_m))
     return np.asarray(focal_px * baseline_m / depth_m - focal_px * baseline_m / true_depth_m)

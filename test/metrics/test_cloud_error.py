@@ -2,6 +2,7 @@
 
 import json
 import math
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -190,3 +191,15 @@ def test_robust_figures_of_heights_are_those_of_normal_errors_and_ignore_gross_o
     assert got.number("le90") == pytest.approx(np.quantile(np.abs(heights), 0.9), rel=1e-4)
     assert got.number("ce90") == pytest.approx(np.quantile(across, 0.9), rel=1e-4)
     assert got.figure("point_error").sigma > 0.5, "sigma itself is that of the gross errors"
+
+
+def test_a_point_behind_the_camera_has_an_error_and_an_unknown_disparity() -> None:
+    truth = wall()
+    cloud = cloud_of([truth])
+    cloud.xyz[0] = -cloud.xyz[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        score = Score(figures=score_map(cloud, [truth], MapScoreConfig()).figures)
+    points, disparity = (score.figure(name, part=None) for name in ("point_error", "disparity_error"))
+    assert points.max == pytest.approx(2.0 * float(np.linalg.norm(cloud.xyz[0])))
+    assert (disparity.n, disparity.unknown, disparity.mean) == (points.n - 1, 1, None)

@@ -1,6 +1,7 @@
 """Each formula by hand, and the laws that errors of sub-trajectories keep; `helpers.metrics_reference` repeats them."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -115,6 +116,31 @@ def test_ends_apart_are_those_of_a_loop(seed: int, metres: float, turn_deg: floa
     unknown = np.full_like(quats, np.nan)
     of_positions = formulas_beside.ends_apart(starts, np.minimum(starts + 1, 40), positions, unknown, metres, turn_deg)
     assert of_positions.tolist() == (found.tolist() if turn_deg == 0.0 else [40] * len(starts))
+
+
+@pytest.mark.parametrize("turn_deg", [1e-7, 1e-4, 0.1, 5.0, 179.0])
+def test_small_turns_are_resolved_and_a_stationary_rover_does_not_turn(turn_deg: float) -> None:
+    starts = np.zeros(1, np.int64)
+    about = np.array([0.6, 0.0, 0.8])
+    steps = Rotation.from_rotvec(np.radians(turn_deg) * np.array([0.0, 0.5, 0.99, 1.0, 1.001])[:, None] * about)
+    first = Rotation.from_euler("xyz", [0.3, -0.2, 1.0])
+    quats = (first * steps).as_quat()
+    rest = np.zeros((5, 3))
+    found = formulas_beside.ends_apart(starts, starts + 1, rest, quats, 0.0, turn_deg)
+    assert found.tolist() == [3 if turn_deg > 1e-6 else found[0]]
+    assert found[0] >= 3
+    stationary = formulas_beside.ends_apart(starts, starts + 1, rest, quats[[0] * 5], 0.0, turn_deg)
+    assert stationary.tolist() == [5]
+
+
+def test_a_point_at_or_behind_the_camera_has_no_disparity() -> None:
+    depth = np.array([2.0, 0.0, -3.0, 4.0, 4.0])
+    true = np.array([4.0, 4.0, 4.0, 0.0, -1.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = formulas_beside.disparity_error(100.0, 0.2, depth, true)
+    assert found[0] == 100.0 * 0.2 / 2.0 - 100.0 * 0.2 / 4.0
+    assert np.isnan(found[1:]).all()
 
 
 @pytest.mark.clause("4.1.3", "4.2.3.1")

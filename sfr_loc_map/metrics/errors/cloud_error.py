@@ -148,7 +148,7 @@ class PointErrors:
     along_m: FloatArray  #: Component of the error along the ray, positive if the point is too far.
     vertical_m: FloatArray  #: Error along z of LM, positive if the point is too high.
     horizontal_m: FloatArray  #: Norm of the error in the x-y plane of LM.
-    disparity_px: FloatArray  #: `f b / Z - f b / Z_true`; Z is the depth along the left optical axis.
+    disparity_px: FloatArray  #: `f b / Z - f b / Z_true` of the depths Z along the left optical axis; NaN unless Z > 0.
 
 
 def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
@@ -335,15 +335,13 @@ def score_nearest(
 
 def error_rows(part: str | None, errors: PointErrors, chosen: Mask) -> Iterator[Figure]:
     """Yield the rows of the point, height, horizontal and disparity errors of the chosen points."""
-    disparity_px = errors.disparity_px[chosen]
-    known_px = disparity_px[np.isfinite(disparity_px)]
     vertical_m, horizontal_m = errors.vertical_m[chosen], errors.horizontal_m[chosen]
     robust = {"nmad": formulas_beside.nmad, "le90": formulas_beside.le90, "ce90": formulas_beside.ce90}
     for name, number in robust.items():
         values = horizontal_m if name == "ce90" else vertical_m
         yield figure_row(name, part=part, n=len(values), value=number(values) if len(values) else None)
     yield figure_row("point_error", part=part, statistics=formulas.statistics(errors.error_m[chosen]))
-    yield figure_row("disparity_error", part=part, statistics=formulas.statistics(known_px))
+    yield figure_row("disparity_error", part=part, statistics=formulas.statistics(errors.disparity_px[chosen]))
 
 
 def coverage_row(
