@@ -104,6 +104,7 @@ def is_empty(value: object) -> bool:
     return value is None or (isinstance(value, Mapping) and not value)
 
 
+MAPPING = "a mapping of names to values"  #: The form of a section or group in a message.
 _KINDS: Mapping[type, str] = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 """Words for the types of parameters in a message."""
 
@@ -120,7 +121,13 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
     known = {info.name: info for info in parameters(config_type)}
     groups = _groups_of(known)
     flat = {name: value for name, value in flat.items() if name not in groups or not is_empty(value)}
-    problems = [f"unknown key '{name}'{suggestion(name, known)}" for name in flat if name not in known]
+    problems = [
+        f"'{name}' is {value!r:.40}: {MAPPING} is required"
+        if name in groups
+        else f"unknown key '{name}'{suggestion(name, known)}"
+        for name, value in flat.items()
+        if name not in known
+    ]
     converted: dict[str, Any] = {}
     for name, value in flat.items():
         if name in known:
@@ -147,7 +154,7 @@ def _groups_of(names: Collection[str]) -> set[str]:
 
 def _converted(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type
     """Return a value with the type of its parameter; ConfigError if the type, the range or the choice is wrong."""
-    value = value.tolist() if hasattr(value, "tolist") else value  # numpy scalars and arrays
+    value = _without_numpy(value)
     if isinstance(value, bool) and "yes" in info.choices:
         value = "yes" if value else "no"  # YAML 1.1 reads yes and no as Booleans
     try:
@@ -162,6 +169,13 @@ def _converted(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parame
         choices = ", ".join(filter(None, info.choices))  # the empty text is the choice of a missing value
         raise ConfigError(f"'{info.name}' is '{value}': one of {choices} is required")
     return value
+
+
+def _without_numpy(value: Any) -> Any:  # noqa: ANN401 - any parameter type
+    """Return a value with numpy scalars and arrays, also in a list or tuple, as numbers and lists of Python."""
+    if isinstance(value, list | tuple):
+        return [_without_numpy(item) for item in value]
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def _kind_of(parameter_type: type) -> str:

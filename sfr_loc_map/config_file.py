@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from sfr_loc_map.config import build, flatten, is_empty, suggestion
+from sfr_loc_map.config import MAPPING, build, flatten, is_empty, suggestion
 from sfr_loc_map.config_nodes import NODE_SECTIONS, has_nodes, sections_of_nodes
 from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError
@@ -92,7 +92,7 @@ def check_form(section: str, name: str, value: object, where: str) -> None:
         is_list = isinstance(value, list) and len(value) > 0 and all(isinstance(item, str) for item in value)
         is_valid, required = not name and is_list, "a list such as [distance=5]"
     else:
-        is_valid, required = bool(name) or isinstance(value, Mapping), "a mapping of names to values"
+        is_valid, required = bool(name) or isinstance(value, Mapping), MAPPING
     if not is_valid:
         raise ConfigError(f"{where} is {value!r:.40}: {required} is required for '{section}'")
 

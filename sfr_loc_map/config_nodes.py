@@ -1,8 +1,9 @@
 """The parameters of nodes: sections of `sfr.yaml` that contain them, and ROS parameter files.
 
 A ROS parameter file has the parameters of all nodes below `/**: ros__parameters:`, and those of a node below `NODE:
-ros__parameters:`. `sections_of_nodes` returns them as the sections of an `sfr.yaml`, and `node_parameters` is the
-inverse.
+ros__parameters:`. In the name of a node, `*` stands for one part, and `**` for any number of parts. Namespaces are
+ignored, because commands have none. `sections_of_nodes` returns the parameters as the sections of an `sfr.yaml`, and
+`node_parameters` is the inverse.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sfr_loc_map.config import is_empty, suggestion
+from sfr_loc_map.config import MAPPING, is_empty, suggestion
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.suite_names import MONITOR_NODE, SUITE_NODES, Task
 
@@ -21,7 +22,7 @@ class NodeSection(NamedTuple):
     """Node parameters that a section of `sfr.yaml` contains."""
 
     prefix: str  #: First part of the names of the node parameters; empty if the names have no prefix.
-    nodes: tuple[str, ...]  #: Nodes with these parameters. A ROS parameter file is read for the first of them.
+    nodes: tuple[str, ...]  #: Nodes with these parameters.
 
 
 _LOCALISER, _MAPPER = Task.LOCALISATION.node, Task.MAPPING.node
@@ -42,6 +43,7 @@ SIMILAR_NODES = 0.9
 STAMP_TOLERANCE = "stamp_tolerance_s"  #: Parameter of a node's input that the section `sync` has, too.
 ROS_PARAMETERS = "ros__parameters"  #: Name of the parameters of a node in a ROS parameter file.
 ALL_NODES = "**"  #: Name of all nodes in a ROS parameter file.
+WILDCARDS = ("*", ALL_NODES)  #: Names that include every node of the suite, without their namespaces.
 _SECTION_OF_PREFIX = {known.prefix: name for name, known in NODE_SECTIONS.items() if known.prefix}
 
 
@@ -64,21 +66,32 @@ def has_nodes(flat: Mapping[str, Any]) -> bool:
 def sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Return the sections of a ROS parameter file; values of a node have priority over those of all nodes (`/**`).
 
-    Other parameters of nodes are ignored. Raises the errors of `_by_node` and `_by_suite_node`.
+    Other parameters of nodes are ignored. ConfigError if a section is not a mapping, or if two nodes have different
+    values of a parameter that a section has once. Raises the errors of `_by_node` and `_by_suite_node`.
     """
     parameters = _by_suite_node(_by_node(flat, path), path)
     sections: dict[str, Any] = {}
+    node_of: dict[str, str] = {}
     for name in (ALL_NODES, *SUITE_NODES):
         for parameter, value in parameters.get(name, {}).items():
             prefix, _, key = parameter.partition(".")
             section = _SECTION_OF_PREFIX.get(prefix)
             if not key and is_empty(value):
                 continue
-            if section is None or name not in (ALL_NODES, NODE_SECTIONS[section].nodes[0]):
+            if section is None or name not in (ALL_NODES, *NODE_SECTIONS[section].nodes):
                 continue
             if section == "sync" and key != STAMP_TOLERANCE:  # nodes have other settings of their inputs
                 continue
-            sections.setdefault(section, {})[key] = value
+            if not key:
+                raise ConfigError(f"{path}: '{parameter}' is {value!r:.40}: {MAPPING} is required")
+            values = sections.setdefault(section, {})
+            other = name if name == ALL_NODES else node_of.setdefault(parameter, name)
+            if other != name and values[key] != value:
+                raise ConfigError(
+                    f"{path}: '{parameter}' is {values[key]!r:.40} for '{other}' and {value!r:.40} for '{name}': a "
+                    "command uses one value for both nodes; give equal values"
+                )
+            values[key] = value
     return sections
 
 
@@ -89,7 +102,11 @@ def _by_node(flat: Mapping[str, Any], path: Path) -> dict[str, dict[str, Any]]:
         node, is_parameter, name = key.partition(f".{ROS_PARAMETERS}.")
         if is_parameter:
             nodes.setdefault(node, {})[name] = value
-        elif not is_empty(value):
+        elif is_empty(value):
+            continue
+        elif key.rpartition(".")[2] == ROS_PARAMETERS:
+            raise ConfigError(f"{path}: '{key}' is {value!r:.40}: {MAPPING} is required")
+        else:
             raise ConfigError(
                 f"{path}: '{key}' is not in {ROS_PARAMETERS}, but the file has parameters of nodes: move '{key}' to a "
                 "file without parameters of nodes"
@@ -100,14 +117,21 @@ def _by_node(flat: Mapping[str, Any], path: Path) -> dict[str, dict[str, Any]]:
 def _by_suite_node(nodes: Mapping[str, dict[str, Any]], path: Path) -> dict[str, dict[str, Any]]:
     """Return the parameters of all nodes and of the nodes of the suite, by their names without a namespace.
 
-    ConfigError for a misspelt prefix or node, and for several nodes with one name.
+    ConfigError for a misspelt prefix or node, for several nodes with one name, for a parameter that two wildcards give,
+    and for a name with a wildcard beside other characters.
     """
     found: dict[str, dict[str, Any]] = {}
     node_of_name: dict[str, str] = {}
     for node, values in nodes.items():
         name = node.replace(".", "/").rpartition("/")[2]
         _check_spelling(node, name, values, path)
-        if name not in (ALL_NODES, *SUITE_NODES):
+        if name in WILDCARDS:
+            _add_to_all(found.setdefault(ALL_NODES, {}), values, node, path)
+        elif "*" in name:
+            raise ConfigError(
+                f"{path}: '{node}' is not a name of nodes: '*' and '**' stand only for complete parts of a name"
+            )
+        if name not in SUITE_NODES:
             continue
         other = node_of_name.setdefault(name, node)
         if other != node:
@@ -116,9 +140,16 @@ def _by_suite_node(nodes: Mapping[str, dict[str, Any]], path: Path) -> dict[str,
     return found
 
 
+def _add_to_all(found: dict[str, Any], values: Mapping[str, Any], node: str, path: Path) -> None:
+    """Add the parameters of a wildcard to those of all nodes; ConfigError if another wildcard has one of them."""
+    if twice := found.keys() & values.keys():
+        raise ConfigError(f"{path}: '{min(twice)}' is given by '{node}' and by another name of all nodes: give it once")
+    found |= values
+
+
 def _check_spelling(node: str, name: str, values: Mapping[str, Any], path: Path) -> None:
     """Raise ConfigError if the prefix of a parameter of the suite, or the name of its node, is misspelt."""
-    is_of_suite = name in (ALL_NODES, *SUITE_NODES)
+    is_of_suite = name in (*WILDCARDS, *SUITE_NODES)
     is_similar = not is_of_suite and _is_misspelt(name, SUITE_NODES, SIMILAR_NODES)
     for parameter in values:
         prefix = parameter.partition(".")[0]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -60,6 +61,7 @@ def test_nested_names_in_both_forms_and_whole_numbers_where_they_mean_the_same()
         assert build(Whole, values) == replace(Whole(), matcher=Matcher(max_disparity=8))
     built = build(Whole, {"voxel_m": 1, "ranges_m": [1, 2.5], "labels": []})
     assert built == replace(Whole(), voxel_m=1.0, ranges_m=(1.0, 2.5), labels=())
+    assert build(Whole, {"centre_m": (np.float32(1.5), np.int64(2))}).centre_m == (1.5, 2.0)
     assert build(Whole, {"matcher": None}) == build(Whole, {"matcher": {}}) == Whole()
     assert (type(built.voxel_m), type(built.ranges_m[0])) == (float, float)
 
@@ -80,6 +82,7 @@ def test_nested_names_in_both_forms_and_whole_numbers_where_they_mean_the_same()
         ({"voxel_m": 10**400}, "a number is required"),
         ({"ranges_m": 1.0}, "a list is required"),
         ({"centre_m": [1.0]}, "'centre_m' is [1.0]: a list of 2 numbers is required"),
+        ({"matcher": 5}, "'matcher' is 5: a mapping of names to values is required"),
         ({"matchr": {}}, "unknown key 'matchr' (did you mean 'matcher.method'?)"),
         ({"voxel_m": {}}, "'voxel_m' is {}: a number is required"),
         ({"voxel": 1.0, "fill": 1}, "unknown key 'voxel' (did you mean 'voxel_m'?); 'fill' is 1"),
@@ -141,6 +144,7 @@ def test_names_and_merged_maps_of_yaml(tmp_path: Path) -> None:
 
 
 OF_ALL = "/**:\n  ros__parameters: {truth.sigma_m: 0.1}\n"
+OF_MAPPER = "mapping_node:\n  ros__parameters: {input.stamp_tolerance_s: 0.2}\n"
 OF_MONITOR = "monitor_node:\n  ros__parameters: {truth: {sigma_m: 0.2}}\n"
 
 
@@ -151,8 +155,14 @@ OF_MONITOR = "monitor_node:\n  ros__parameters: {truth: {sigma_m: 0.2}}\n"
         (OF_ALL + OF_MONITOR, {"truth": {"sigma_m": 0.2}}),
         (OF_MONITOR + OF_ALL, {"truth": {"sigma_m": 0.2}}),
         (OF_MONITOR.replace("monitor", "other"), {}),
+        (OF_ALL.replace("/**", "/*"), {"truth": {"sigma_m": 0.1}}),
+        (
+            OF_ALL.replace("truth.sigma_m", "mapping.voxel_m").replace("/**", "/rover/**") + OF_ALL,
+            {"mapping": {"voxel_m": 0.1}, "truth": {"sigma_m": 0.1}},
+        ),
+        (OF_MAPPER, {"sync": {"stamp_tolerance_s": 0.2}}),
     ],
-    ids=["empty", "of a node", "of all nodes, below", "of another node"],
+    ids=["empty", "of a node", "of all nodes, below", "of another node", "one token", "two wildcards", "of the mapper"],
 )
 def test_parameters_of_nodes_are_read_from_a_ros_parameter_file(
     tmp_path: Path, text: str, sections: dict[str, Any]
@@ -219,6 +229,14 @@ def test_nodes_of_a_namespace_are_read(tmp_path: Path, node: str) -> None:
         ("localistaion: {}\n", "unknown section 'localistaion' .did you mean 'localisation'"),
         ("limits: {a: {}}\n", "'limits.a' is {}"),
         ("localisation_node: {ros__parameters: {localistaion: {}}}\n", "unknown parameter 'localistaion'"),
+        (OF_ALL.replace("/**", "/rover/**") + OF_ALL, "'truth.sigma_m' is given by '/\\*\\*' and by another name"),
+        (OF_ALL.replace("/**", "/mapping*"), "'/mapping\\*' is not a name of nodes"),
+        (
+            OF_MAPPER + OF_MAPPER.replace("mapping", "localisation").replace("0.2", "0.1"),
+            "'input.stamp_tolerance_s' is",
+        ),
+        ("/**: {ros__parameters: {localisation: 5}}\n", "'localisation' is 5: a mapping"),
+        ("/**: {ros__parameters: 5}\n", "'/\\*\\*.ros__parameters' is 5: a mapping"),
     ],
 )
 def test_an_ambiguous_or_malformed_file_is_refused(tmp_path: Path, text: str, words: str) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from sfr_loc_map.config import build, param
-from sfr_loc_map.config_file import SECTIONS, read_config
+from sfr_loc_map.config_file import SECTIONS
 from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag
@@ -131,6 +131,7 @@ class SourceConfig:
     extrinsics: ExtrinsicsConfig = ExtrinsicsConfig()
     sync: SyncConfig = SyncConfig()
     truth: TruthConfig = field(default_factory=TruthConfig)
+    sections: Mapping[str, Any] = field(default_factory=dict)  #: Sections from which the configuration was built.
 
     @property
     def uses_messages_as_recorded(self) -> bool:
@@ -155,8 +156,11 @@ class SourceConfig:
         return {name: topic for topic, name in self.remap.items()} | truth
 
     def parameters(self, config_type: type[C], section: str) -> C:
-        """Return the parameters in a section of the file, such as `localisation`; without a file, the defaults."""
-        return read_config(config_type, self.path, section)
+        """Return the parameters in a section, such as `localisation`; without this section, the defaults.
+
+        The values are those at the time when the file was read. Raises ConfigError for invalid values.
+        """
+        return build(config_type, self.sections.get(section) or {}, origin=f"{self.path}, {section}")
 
     @classmethod
     def of(cls, sections: Mapping[str, Any], path: Path | None = None) -> SourceConfig:
@@ -174,7 +178,7 @@ class SourceConfig:
             for item in fields(cls)
             if item.name in SECTIONS
         }
-        config = cls(path, {topic: name for name, topic in topics.items()}, **parts)
+        config = cls(path, {topic: name for name, topic in topics.items()}, **parts, sections=sections)
         config.extrinsics.transform(f"{origin}, extrinsics")  # reports invalid extrinsics with the name of the file
         config.frames.head_transform(f"{origin}, frames")
         return replace(

@@ -9,7 +9,8 @@ import pytest
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.source_settings import changed_sections, truth_config
+from sfr_loc_map.io.source_settings import changed_sections, source_config, truth_config
+from sfr_loc_map.localisation.config import LocalisationConfig
 
 
 @pytest.mark.parametrize(
@@ -99,3 +100,14 @@ def test_a_bag_as_truth_is_not_a_topic(data: Path) -> None:
     assert config.topics == {}
     for topic in ("/station", "station/pose"):
         assert SourceConfig.of({"truth": {"source": topic}}, data / "sfr.yaml").truth.source == topic
+
+
+def test_the_parameters_are_those_of_the_time_when_the_file_was_read(
+    data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(data)
+    Path("q.yaml").write_text("localisation: {max_features: 300}\n")
+    config = source_config(data, Path("q.yaml"))
+    Path("q.yaml").unlink()
+    monkeypatch.chdir(data.parent)
+    assert config.parameters(LocalisationConfig, "localisation").max_features == 300
