@@ -61,7 +61,7 @@ def test_nested_names_in_both_forms_and_whole_numbers_where_they_mean_the_same()
         assert build(Whole, values) == replace(Whole(), matcher=Matcher(max_disparity=8))
     built = build(Whole, {"voxel_m": 1, "ranges_m": [1, 2.5], "labels": []})
     assert built == replace(Whole(), voxel_m=1.0, ranges_m=(1.0, 2.5), labels=())
-    assert build(Whole, {"centre_m": (np.float32(1.5), np.int64(2))}).centre_m == (1.5, 2.0)
+    assert build(Whole, {"centre_m": (np.float32(0.5), np.int64(1))}).centre_m == (0.5, 1.0)
     assert build(Whole, {"matcher": None}) == build(Whole, {"matcher": {}}) == Whole()
     assert (type(built.voxel_m), type(built.ranges_m[0])) == (float, float)
 
