@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 MORE = "More"
 METHOD = "Method under test"
 CONVENTION = "Convention of an estimate other than poses of RB in DS"
-_NAMESPACE = re.compile(r"/?([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?/?")
+_NAMESPACE = re.compile(r"/?|/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*/?")
 
 
 def refuse_given(context: Context, names: Iterable[str], reason: str) -> None:
@@ -114,7 +114,7 @@ def parse_remaps(remaps: Sequence[str] | None) -> dict[str, str]:
     parsed: dict[str, str] = {}
     for item in remaps or ():
         found, _, expected = item.partition(":=")
-        if not found or not expected:
+        if not found or not expected or ":=" in expected:
             raise ConfigError(f"'--remap {item}': FOUND:=EXPECTED is required")
         if found in parsed and parsed[found] != expected:
             raise ConfigError(f"'--remap {item}': '{found}' is remapped as '{parsed[found]}' already: omit one")

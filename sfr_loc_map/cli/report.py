@@ -145,15 +145,23 @@ def report(
 
 
 def _kind_of(results: Sequence[Path]) -> ResultKind:
-    """Return the kind of results; raise ConfigError if scores are given with other results."""
+    """Return the kind of results; raise ConfigError if the results are of several kinds."""
     others = [path for path in results if path.suffix != ".json"]
     if not others:
         return ResultKind.SCORES
     for path in results:
         if path.suffix == ".json":
             raise ConfigError(f"'{path}' is a score, but '{others[0]}' is not: give only scores, or no scores")
-    is_suite = all((path / "plan.json").is_file() for path in results)
-    return ResultKind.SUITES if is_suite else ResultKind.TRAJECTORIES
+    suites = [path for path in results if (path / "plan.json").is_file()]
+    if not suites:
+        return ResultKind.TRAJECTORIES
+    for path in results:
+        if path not in suites:
+            raise ConfigError(
+                f"'{suites[0]}' is a suite, but '{path}' is not, because it has no plan.json: give only suites, or no "
+                "suites"
+            )
+    return ResultKind.SUITES
 
 
 def _check_partners(context: Context, *, is_signed: bool) -> None:

@@ -317,7 +317,7 @@ def _present(
         say(f"MLflow run {log_to_mlflow(summary, store.folder, mlflow)}", err=True)
     show(summary.to_dict(), json_path, suite_tables(summary))
     say(f"report: {store.folder / 'report.html'}", err=True)
-    for refusal in store.left_over():
+    for refusal in summary.refusals:
         say(one_line(f"skipped: {refusal.reason}"), err=True)
     for failure in summary.failures:
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)

@@ -142,8 +142,9 @@ def read_estimates(paths: Sequence[Path]) -> list[ComparedRun]:
 
 def names_of_estimates(paths: Sequence[Path]) -> dict[Path, str]:
     """Return the names of the runs of estimates: the names of their files, or the paths if files have the same name."""
-    if len(set(paths)) < len(paths):
-        raise ConfigError(f"'--estimate {paths[0]}' is given twice: give different estimates")
+    for path in paths:
+        if paths.count(path) > 1:
+            raise ConfigError(f"'--estimate {path}' is given {paths.count(path)} times: give different estimates")
     has_equal_names = len({path.name for path in paths}) < len(paths)
     names = {path: str(path) if has_equal_names else path.name for path in paths}
     if reserved := [name for name in names.values() if name in NAMES_OF_OWN_RUNS]:

@@ -63,17 +63,13 @@ class ComparedRun:
     name: str
     estimates: Estimates
     statistics: tuple[TrackingStatistics, ...] = ()  #: Figures of the calls.
-    mirror_ns: int = 0  #: Sum of the stamps of a pair and its estimate; 0 for a forward run.
+    is_backward: bool = False  #: Whether the pairs were processed in reverse order.
+    mirror_ns: int = 0  #: Sum of the stamps of a pair and its estimate in a backward run.
 
     @property
     def unreliable(self) -> Mask:
         """Whether each estimate is lost or degraded, so that its covariance predicts no difference."""
         return self.estimates.lost | self.estimates.degraded
-
-    @property
-    def is_backward(self) -> bool:
-        """Whether the pairs were processed in reverse order."""
-        return self.mirror_ns != 0
 
     def own_stamps(self, stamps_ns: IntArray) -> IntArray:
         """Return the stamps of the estimates at the stamps of pairs."""
@@ -87,9 +83,9 @@ def calls_of(pairs: int) -> int:
 
 def run_variant(drive: PairsInMemory, config: LocalisationConfig, variant: Variant, progress: Progress) -> ComparedRun:
     """Return the estimates of one variant; raise ConfigError if the configured mask cannot be read."""
-    kept, mirror_ns = list(drive.kept), 0
-    if variant is Variant.BACKWARD:
-        mirror_ns = kept[0].stamp_ns + kept[-1].stamp_ns
+    kept, is_backward = list(drive.kept), variant is Variant.BACKWARD
+    mirror_ns = kept[0].stamp_ns + kept[-1].stamp_ns
+    if is_backward:
         kept = [replace(pair, stamp_ns=mirror_ns - pair.stamp_ns) for pair in reversed(kept)]
     elif variant is Variant.EVERY_SECOND:
         kept = kept[::2]
@@ -99,7 +95,7 @@ def run_variant(drive: PairsInMemory, config: LocalisationConfig, variant: Varia
             cv2.imwrite(str(mask), half_mask(drive.rig, variant, config.left_mask))
             config = replace(config, left_mask=str(mask))
         run = run_pairs(drive, config, variant.value, kept, progress)
-    return replace(run, mirror_ns=mirror_ns)
+    return replace(run, is_backward=is_backward, mirror_ns=mirror_ns)
 
 
 def run_pairs(

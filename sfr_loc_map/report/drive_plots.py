@@ -69,7 +69,7 @@ def drive_plots(score: Score) -> list[Plot]:
         _position(score, conditions),
         *(replace(plot, width="full") for plot in growth([("mean + 3 sigma", score)])),
         _directions(score, conditions[0]),
-        _angles(score, conditions[0]),
+        *_angles(score, conditions[0]),
     ]
 
 
@@ -257,17 +257,22 @@ def _directions(score: Score, plotted: PlottedCondition) -> Plot:
     return Plot("directions", "Position error by direction", caption, data, layout, height=860, width="full")
 
 
-def _angles(score: Score, plotted: PlottedCondition) -> Plot:
+def _angles(score: Score, plotted: PlottedCondition) -> list[Plot]:
+    """Return the plot of the angles that have errors; a ground truth without attitude has none."""
     rows, condition = plotted.rows, plotted.rows.condition
     heading, attitude = (score.figure(name, condition=condition) for name in ("heading", "attitude"))
     panels = [
         _Panel("heading", rows.heading_deg, heading, limits_on(score, "heading", condition), is_signed=True),
         _Panel("attitude", rows.attitude_deg, attitude, limits_on(score, "attitude", condition)),
     ]
-    over = f"Over {plotted.over}, n = {_count_of(score.figure('position', condition=condition))}"
+    drawn = [panel for panel in panels if any(error is not None for error in panel.errors)]
+    if not drawn:
+        return []
+    title = " and ".join(panel.title for panel in drawn).capitalize()
+    over = f"Over {plotted.over}, n = {_count_of(drawn[0].row)}"
     caption = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
-    data, layout = _stacked(plotted, panels, (1.0, "deg"))
-    return Plot("angles", "Heading and attitude error", caption, data, layout, height=480, width="full")
+    data, layout = _stacked(plotted, drawn, (1.0, "deg"))
+    return [Plot("angles", f"{title} error", caption, data, layout, height=240 * len(drawn), width="full")]
 
 
 def _stacked(

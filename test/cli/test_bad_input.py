@@ -150,6 +150,8 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("localise",), "Missing argument 'SRC': see 'sfr localise --help'"),
         (("localise", "{source}", "-o", "{out}/t.csv", "--start", "here"), "Invalid value for '--start'.*'here'"),
         (("localise", "{source}", "-o", "{out}/t.csv", "--remap", "a=b"), "'--remap a=b': FOUND:=EXPECTED is required"),
+        (("localise", "{source}", "-o", "{out}/t.csv", "--remap", "a:=b:=c"), "FOUND:=EXPECTED is required"),
+        (("live", "--namespace", "//", "--port", "0"), "--namespace '//' is invalid"),
         (("map", "{source}", "-o", "{out}/c.ply", "--fusion"), "No such option.*--fusion.*: see 'sfr map --help'"),
         (("fly",), "No such command 'fly': see 'sfr --help'"),
         (("score", "{tum}", "{tum}", "--condition", "distance=far"), "distance=far"),

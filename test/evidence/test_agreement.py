@@ -36,7 +36,7 @@ def true_steps(rng: np.random.Generator) -> tuple[Rotation, np.ndarray]:
 
 
 def run_of(
-    name: str, turns: Rotation, moves: np.ndarray, seed: int, *, mirror_ns: int = 0, drift_m: float = 0.0
+    name: str, turns: Rotation, moves: np.ndarray, seed: int, *, is_backward: bool = False, drift_m: float = 0.0
 ) -> ComparedRun:
     """A run whose steps have errors of the covariance that it states, and of a drift that it does not."""
     rng = np.random.default_rng(seed)
@@ -53,8 +53,9 @@ def run_of(
     steps[:, :21] = np.diag([SIGMA_M**2] * 3 + [SIGMA_RAD**2] * 3)[UPPER]
     steps[:, 21:27] = 0.1  # what all steps share is left out, whatever its size
     trajectory = Trajectory(STAMPS, np.array(positions), np.array(quats))
+    mirror_ns = int(STAMPS[0] + STAMPS[-1])
     covariance = np.tile((1e-6 * np.eye(6))[UPPER], (len(STAMPS), 1))
-    return ComparedRun(name, Estimates.of(trajectory, covariance=covariance, steps=steps), mirror_ns=mirror_ns)
+    return ComparedRun(name, Estimates.of(trajectory, covariance=covariance, steps=steps), (), is_backward, mirror_ns)
 
 
 def reversed_steps(turns: Rotation, moves: np.ndarray) -> tuple[Rotation, np.ndarray]:
@@ -71,7 +72,7 @@ def test_independent_runs_differ_as_their_covariances_predict(backward: bool) ->
         turns, moves = true_steps(rng)
         first = run_of("a", turns, moves, 2 * seed)
         steps = reversed_steps(turns, moves) if backward else (turns, moves)
-        other = run_of("b", *steps, 2 * seed + 1, mirror_ns=int(STAMPS[0] + STAMPS[-1]) * backward)
+        other = run_of("b", *steps, 2 * seed + 1, is_backward=backward)
         found = compare(first, other, CONDITION)
         squares.append(found.differences.squares)
         assert len(found.differences.squares) >= 12

@@ -142,6 +142,8 @@ def test_estimates_with_the_same_file_name_are_named_by_their_paths() -> None:
     assert names_of_estimates([left, Path("c.csv")]) == {left: "wheels.csv", Path("c.csv"): "c.csv"}
     with pytest.raises(ConfigError, match="rename the file"):
         names_of_estimates([left, Path("b/backward")])
+    with pytest.raises(ConfigError, match=r"b/wheels\.csv"):
+        names_of_estimates([left, right, right])
     assert names_of_estimates([left, right]) == {left: "a/wheels.csv", right: "b/wheels.csv"}
     rows = [figure_row("difference", "distance=1", f"forward - {name}", n=2, rmse=0.1) for name in "ab"]
     assert len(items_with("difference", rows)) == 2

@@ -14,9 +14,14 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from helpers.made_scores import HOSTILE, dig, json_of, place_of, whole_score, without
+from helpers.made_scores import HOSTILE, dig, drive, json_of, place_of, whole_score, without
+from sfr_loc_map.geometry.trajectory import Truth
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_plain
+from sfr_loc_map.metrics.table.details import Details
+from sfr_loc_map.report.drive_plots import drive_plots
 from sfr_loc_map.report.limit_lines import error_axis
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.path_plot import Curve, path_plot
@@ -287,3 +292,18 @@ def test_limits_are_drawn_beside_their_figure_and_do_not_flatten_it() -> None:
         assert plots["position"].layout["yaxis"].get("type") == scale
         shown = max(trace["y"][0] for trace in plots["position"].data if trace["name"] == "mean + 3 sigma, 5 m")
         assert drawn["y"][0] / shown == pytest.approx(factor, rel=1e-3)
+
+
+@pytest.mark.parametrize("has_heading", [False, True])
+def test_angles_without_errors_are_not_drawn(has_heading: bool) -> None:
+    estimates, true = drive(300)
+    quats = true.quats_xyzw if has_heading else np.zeros_like(true.quats_xyzw)
+    truth = Truth(true.stamps_ns, true.positions, quats, has_tilt=False)
+    driven = score_trajectory(estimates, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+    score = Score(figures=driven.figures, association=driven.association, details=Details(trajectory=driven.details))
+    plots = {plot.name: plot for plot in drive_plots(score)}
+    assert "position" in plots
+    assert ("angles" in plots) is has_heading
+    if has_heading:
+        errors = [trace for trace in plots["angles"].data if trace["name"] == "sub-trajectory"]
+        assert len(errors) == 1, "the truth has no tilt, so that attitude errors are unknown"

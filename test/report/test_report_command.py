@@ -50,6 +50,16 @@ def test_an_option_without_effect_is_refused_and_nothing_is_written(
     assert [path.name for path in tmp_path.iterdir()] == ["score.json"]
 
 
+def test_a_folder_that_is_no_suite_is_named_beside_a_suite(tmp_path: Path) -> None:
+    for name in ("suite", "other"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "suite" / "plan.json").write_text("{}")
+    words = ["report", str(tmp_path / "suite"), str(tmp_path / "other"), "--json", str(tmp_path / "o.json")]
+    result = CliRunner().invoke(app, words)
+    assert isinstance(result.exception, ConfigError)
+    assert f"'{tmp_path / 'other'}' is not" in str(result.exception)
+
+
 def test_a_comparison_of_suites_is_a_page(tmp_path: Path) -> None:
     for name in ("before", "after"):
         (tmp_path / name).mkdir()

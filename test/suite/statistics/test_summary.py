@@ -21,6 +21,7 @@ from sfr_loc_map.metrics.table.records import InputFile, Provenance
 from sfr_loc_map.suite.pages.tables import suite_tables
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import JobOutcome
+from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.summary import SequentialDecision, summarise
 
@@ -67,6 +68,13 @@ def test_a_suite_with_limits_and_without_a_result_is_incomplete(sfr: Sfr, tmp_pa
     assert "1 of 1 jobs have no result yet" in done.err
     store.save_plan([JOB])
     assert summarise(store).verdict is None
+
+
+def test_a_report_of_a_suite_names_each_refused_source(sfr: Sfr, tmp_path: Path) -> None:
+    Store(tmp_path).save_plan([], [Refusal("gone.mcap", "source 'gone.mcap': no match")])
+    done = sfr("suite", "report", tmp_path, "--json", "-")
+    assert done.code == 2
+    assert "skipped: source 'gone.mcap': no match" in done.err
 
 
 def test_a_plan_of_an_earlier_version_is_refused_in_one_line(tmp_path: Path) -> None:
