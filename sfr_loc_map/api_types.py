@@ -213,7 +213,7 @@ class PointCloud(Shown, cloud.PointCloud):
 
     @property
     def loaded(self) -> LoadedCloud:
-        """The cloud as its file is read, so that the scores of both are equal."""
+        """The cloud in the form in which its file is read, so that the cloud and its file have equal scores."""
         return replace(LoadedCloud.of(self), grid=self.grid, not_finite=self.not_finite)
 
     def save(self, path: PathLike) -> None:

@@ -177,7 +177,7 @@ CLAUSES = (
         "Error over a sub-trajectory",
         "The error that the estimate already has at the start does not count.",
         ("metrics/formulas.py", "metrics/config.py"),
-        "note below the figures: re-based by; interpretations side by side",
+        "the note 're-based by ...' below the figures, and the verdicts of the interpretations side by side",
         'The document does not define how the error is "taken into account". `pose` is the default, because a heading '
         "error that exists at N is part of the error at the start. `displacement` follows 4.1.1 and 4.2.3.1 literally. "
         "`position` removes the position error at N, but not the attitude error at N. All three interpretations are "

@@ -220,8 +220,10 @@ def decode_call(text: str, task: Task) -> CallRecord:
         if len(set(record.pair_stamps_ns)) < len(record.pair_stamps_ns):
             raise ValueError("'pair_stamps_ns' contains a stamp twice: each pair is required once")
         for name, value, shape in (("step", record.step, (STEP_SIZE,)), ("covariance", record.covariance, (6, 6))):
-            if value is not None and (value.shape != shape or not np.isfinite(value).all()):
-                raise ValueError(f"'{name}' has the shape {value.shape}: finite numbers of shape {shape} are required")
+            if value is not None and value.shape != shape:
+                raise ValueError(f"'{name}' has the shape {value.shape}: {shape} is required")
+            if value is not None and not np.isfinite(value).all():
+                raise ValueError(f"'{name}' contains a number that is not finite")
         if record.covariance is not None:
             check_variances(np.diag(record.covariance))
     time_s = record.processing_time_s or math.nan  # 0 is unknown, because JSON has no NaN

@@ -1,9 +1,10 @@
 """Agreement of two runs with the prediction of their covariances: NEES of the difference over sub-trajectories.
 
 Both runs share the calibration. A wrong baseline, focal length or mounting moves both runs equally and is unobservable.
-The predicted covariance `Q_a + Q_b` therefore contains the steps and the noise of the poses, without systematic errors.
-Runs that share images have common noise, so their difference is smaller than predicted. Only a difference that is too
-large is a finding. At least one of the runs has an error that is at least half of the difference.
+The predicted covariance `Q_a + Q_b` therefore consists of the covariance of the steps and the noise of the poses, and
+excludes systematic errors. Runs that share images have common noise, so their difference is smaller than predicted.
+Only a difference that is too large is a finding. At least one of the runs has an error that is at least half of the
+difference.
 """
 
 from __future__ import annotations

@@ -148,5 +148,5 @@ def names_of_estimates(paths: Sequence[Path]) -> dict[Path, str]:
     has_equal_names = len({path.name for path in paths}) < len(paths)
     names = {path: str(path) if has_equal_names else path.name for path in paths}
     if reserved := [name for name in names.values() if name in NAMES_OF_OWN_RUNS]:
-        raise ConfigError(f"'--estimate {reserved[0]}' has the name of a run of the check: rename the file")
+        raise ConfigError(f"'--estimate {reserved[0]}' is the name of a run that the check makes: rename the file")
     return names

@@ -42,8 +42,10 @@ class Transform:
     def __post_init__(self) -> None:
         """Check shapes and values; GeometryError if a number is not finite or a coordinate exceeds `MAX_POSITION_M`."""
         if self.rotation.shape != (3, 3) or self.translation.shape != (3,):
-            shapes = f"{self.rotation.shape}, {self.translation.shape}"
-            raise GeometryError(f"a transform has the shapes {shapes}: (3, 3), (3,) are required")
+            raise GeometryError(
+                f"a transform has a rotation of shape {self.rotation.shape} and a translation of shape "
+                f"{self.translation.shape}: (3, 3) and (3,) are required"
+            )
         position = self.translation.tolist()  # Python loops are faster than numpy for so few numbers
         numbers = (*position, *self.rotation.reshape(-1).tolist())
         if not all(map(isfinite, numbers)):

@@ -83,11 +83,13 @@ def _renamed_topics(topics: Mapping[str, Any], remap: Mapping[str, str]) -> dict
     by_name: dict[str, str] = {}
     for topic, name in remap.items():
         if not isinstance(topic, str) or not isinstance(name, str):
-            raise ConfigError(f"remap has {topic!r:.40}: {name!r:.40}: names of topics are required, {_REMAP_FORM}")
+            raise ConfigError(
+                f"remap gives {topic!r:.40} the name {name!r:.40}: names of topics are required, {_REMAP_FORM}"
+            )
         other = by_name.setdefault(name.strip("/"), topic)
         if other != topic:
             raise ConfigError(
-                f"remap names '{other}' and '{topic}' both '{name}': one topic is required, {_REMAP_FORM}"
+                f"remap gives the name '{name}' to two topics, '{other}' and '{topic}': give it to one, {_REMAP_FORM}"
             )
     remapped = {topic.strip("/") for topic in remap}
     kept = {name: topic for name, topic in topics.items() if str(topic).strip("/") not in remapped}

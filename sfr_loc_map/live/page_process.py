@@ -91,7 +91,7 @@ def page_node_name(pid: int) -> str:
 
 
 def connected_nodes_topic(node_name: str) -> str:
-    """Return the topic on which the page with the ROS node of a name publishes its connected nodes (std_msgs/String).
+    """Return the topic on which a page, whose ROS node has this name, publishes its connected nodes (std_msgs/String).
 
     The message has the names of the connected nodes of the suite, separated by blanks. Nodes are connected once the
     page receives all their messages. The topic is hidden, as its name begins with `_`, and is not recorded by default.

@@ -44,7 +44,7 @@ def _code_beside(file: Path) -> list[Path]:
 
 
 def unhashed_of(code: Sequence[Path]) -> Iterator[Path]:
-    """Yield the files and folders in and beside own code that its hash ignores.
+    """Yield the files and folders in and beside a method's own code that the hash of this code ignores.
 
     Python would load compiled code from these folders in place of the sources. Links are omitted, because isolation
     applies to their targets.

@@ -166,7 +166,7 @@ class Run:
     method: MethodRecord | None = None  #: Method of the run; None: the method in the statistics.
     external: ExternalScore | None = None  #: Figures of an external node; None if there was none.
     findings: tuple[FindingRecord, ...] = ()  #: Findings on the answers of the method.
-    unposed_images: int = 0  #: Images of a drive without any estimate.
+    unposed_images: int = 0  #: Number of images of a drive that has no estimate at all; otherwise 0.
     nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source; None if they are unknown.
     unmapped_pairs: int = 0  #: Mapping pairs that are in no cloud, if no cloud can be scored.
     convention: ConventionRecord | None = None  #: Conversion of the poses or of the map; None if nothing was converted.

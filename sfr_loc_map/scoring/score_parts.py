@@ -144,7 +144,8 @@ def sparse_and_dense_shares(stamps_ns: IntArray) -> tuple[float, float]:
     """Return the fraction of the time in long periods between estimates, and the fraction of short periods.
 
     A period is long above `UNEVEN_PERIODS` typical periods, and short below a typical period divided by this number.
-    Half of the time is in periods up to the typical one, so that a dense part of the drive does not determine it.
+    Periods up to the typical period contain half of the time. A dense part of the drive therefore does not determine
+    the typical period.
     """
     periods_ns = np.sort(np.diff(np.unique(stamps_ns)))
     if not len(periods_ns):

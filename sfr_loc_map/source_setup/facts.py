@@ -58,7 +58,8 @@ def facts_tables(facts: dict[str, Any]) -> list[Table]:
 def _topics(bag: Bag, config: SourceConfig) -> list[dict[str, Any]]:
     """Return the topics of a bag, each with the name under which it is read.
 
-    If the configuration names wrong topics, no topic has such a name. The fact "cannot be read" then states the reason.
+    If the configuration names topics wrongly, the topics are listed without the name under which they are read. The
+    fact "cannot be read" then states the reason.
     """
     names = dict[str, str]()
     with suppress(SfrError):

@@ -372,8 +372,8 @@ def _colmap(opened: OpenedFile) -> CameraPair:
     is_complete = all({"camera_model_name", "camera_params"} <= camera.keys() for camera in of_rig)
     if rows[0][1:] != rows[-1][1:] and not is_complete:
         raise ValueError(
-            f"the cameras of '{file.name}' differ, and '{rig_file.name}' does not state which of them is left: "
-            "camera_model_name and camera_params of each camera are required there"
+            f"the cameras of '{file.name}' differ, and '{rig_file.name}' does not state which is the left camera: "
+            f"give camera_model_name and camera_params of each camera in '{rig_file.name}'"
         )
     found, names = [], []
     for row, camera in zip((rows[0], rows[-1]), of_rig, strict=True):

@@ -67,7 +67,7 @@ def load_cloud(path: Path) -> LoadedCloud:
     cloud_format = FORMATS.get(path.suffix.lower())
     if cloud_format is None:
         raise InputError(f"cannot read cloud '{path}': a name that ends in {NAMES} is required; convert the cloud")
-    with refusing(f"cannot read cloud '{path}'", f"give a file {NAMES}"):
+    with refusing(f"cannot read cloud '{path}'", f"give a {NAMES} file"):
         data = read_bytes(path, MAX_CLOUD_BYTES)
     with refusing(f"cloud '{path}' cannot be read", "write it again"):
         fields = cloud_format.read(data)

@@ -31,7 +31,8 @@ NANOSECOND_DIGITS = 9  #: Number of decimals of a stamp in seconds with nanoseco
 EARLIEST_CLOCK_S = 3e8  #: Stamps of clocks are in 1979 or later; smaller stamps count from the start of a program.
 LATEST_CLOCK_S = 4.62e9  #: 146 years after 1970, the limit of stamps; larger numbers have a smaller unit.
 LONGEST_SENSOR_STEP = 10.0  #: Longest step of stamps from which seconds are inferred.
-SECONDS_OR_MILLISECONDS = 1.0  #: Shortest step of stamps that a sensor may have in seconds and in milliseconds.
+SECONDS_OR_MILLISECONDS = 1.0
+"""Shortest step of stamps that is plausible for a sensor both in seconds and in milliseconds."""
 LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps in seconds.
 EARLIEST_DAY = 1e4  #: Days of Excel, MATLAB and Julian dates are larger numbers.
 LONGEST_STEP_DAY = 1e-4  #: Longest step of a sensor, days (9 s).
@@ -73,7 +74,7 @@ def parse_decimal(text: str, unit_ns: int) -> int:
             stamp = int((Decimal(word) * unit_ns).quantize(Decimal(1), ROUND_HALF_EVEN))
             if _is_in_range(stamp):
                 return stamp
-    raise ValueError(f"stamp '{word[:40]}' is not a number of {UNIT_WORDS[unit_ns]} up to 146 years from 1970")
+    raise ValueError(f"stamp '{word[:40]}' is not a number of {UNIT_WORDS[unit_ns]} since 1970 (at most 146 years)")
 
 
 def parse_nanoseconds(text: str) -> int:

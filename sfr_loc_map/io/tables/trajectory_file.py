@@ -125,8 +125,8 @@ class LoadedTrajectory:
         """The trajectory with the stamps of the file; InputError if the file has no stamps."""
         if self.by_index:
             raise InputError(
-                f"'{self.path}' has no stamps ({len(self.trajectory)} poses by number): write the time of each pose in "
-                f"seconds into '{times_beside(self.path)}'"
+                f"'{self.path}' has no stamps ({len(self.trajectory)} poses, numbered by line): write the time of each "
+                f"pose in seconds into '{times_beside(self.path)}'"
             )
         return self.trajectory
 

@@ -48,7 +48,9 @@ class PublishedPose:
     def to_pair(
         self, pair: AcceptedPair, speed: Speed, added: AddedError, model: RoverModel
     ) -> tuple[PublishedPose, StepEstimate]:
-        """Return the pose of an accepted pair, and the step to it. The first step is from this pose to itself.
+        """Return the pose of an accepted pair, and the step to it.
+
+        The step to the first pose is from that pose to itself, so that its motion is zero.
 
         Args:
             pair: The pair.
@@ -130,7 +132,7 @@ class PublishedPose:
         return replace(self, undone_by_next_step=ZERO, unobserved_rb=ZERO, noise=ZERO)
 
     def displaced(self, moved: MotionSize) -> PublishedPose:
-        """Return the pose after a change of the yaw correction displaced the last known pose.
+        """Return the pose after the last known pose was displaced by a change of the yaw correction.
 
         The covariance of the next step to a new pose grows by the square of the displacement. If the pose is kept
         first, the step to the kept pose contains the displacement itself, and its covariance is that of an unobserved

@@ -38,7 +38,8 @@ class Observations(NamedTuple):
     fusion_sigma: FloatArray32  #: Standard deviation of the observed range along the same ray, metres.
     weight: FloatArray32  #: Weight of the observing view in the fusion, 1 / m^2.
     grey: FloatArray32  #: Grey level of the observing view at the projected point.
-    #: Grey level of the observing view at `SHIFT_PX` to the right and below; NaN if there is no point.
+    #: Grey level of the observing view `SHIFT_PX` to the right of and below the nearest pixel; NaN if the shifted pixel
+    #: has no point or is outside the image.
     grey_shifted: FloatArray32
     sample_distance_px: FloatArray32  #: Distance of the projected point from the nearest pixel, pixels.
 

@@ -45,7 +45,7 @@ ROUNDED_PATH = 2000.0
 
 
 class Tested(NamedTuple):
-    """Which poses or motions are long and precise enough to be recognised as copies of the truth, and which are."""
+    """Which poses or motions are long and precise enough to be recognised as copies, and which of them are copies."""
 
     is_testable: Mask
     is_copy: Mask  #: Only testable poses or motions are copies.
@@ -151,7 +151,7 @@ def copies_of_truth(frames: Frames, references: Sequence[FloatArray]) -> Tested:
 
 
 def ends_true_motion(frames: Frames, true_pos: FloatArray, resolution_m: float) -> Tested:
-    """Return at which frames `(F,)` the last motion over the least testable path equals the true motion."""
+    """Return for each frame `(F,)` whether the motion to it over the shortest testable path equals the true motion."""
     steps_m = np.linalg.norm(np.diff(true_pos, axis=0), axis=1)
     travelled_m = np.append(0.0, np.cumsum(steps_m))[: len(true_pos)]
     starts = np.searchsorted(travelled_m, travelled_m - least_motion_m(resolution_m), "right") - 1

@@ -16,8 +16,8 @@ During a run, images and pairs are expected as soon as their result is due (`set
 expected once, at any pair.
 
 Items that are expected and have a result, but no ground truth, are neither judged nor missing (`images_without_truth`,
-`points_without_truth`). The module `drive` counts the items of the drive. This file has one section for each other
-subject, in the order of this table. `shortfall_kinds` states when a subject is incomplete. See docs/metrics.md,
+`points_without_truth`). The module `drive` counts the items of the drive. This file has one section for each of the
+other subjects, in the order of this table. `shortfall_kinds` states when a subject is incomplete. See docs/metrics.md,
 "Completeness".
 """
 

@@ -173,7 +173,10 @@ def confidence_of(
 
 
 def vector_factor(count: float, shape: tuple[float, ...], prob: float, confidence: float) -> float:
-    """Return k for which `norm(mean) + k norm(sigma)` exceeds a fraction of normal errors with these sigmas."""
+    """Return k for which `norm(mean) + k norm(sigma)` exceeds a fraction `prob` of normal errors, with this confidence.
+
+    `shape` are the relative sigmas of the axes.
+    """
     return max(float(np.quantile(need, confidence)) for need in _needed_factors(count, shape, prob))
 
 

@@ -200,7 +200,8 @@ class MethodRecord(Record, frozen=True, kw_only=True):
     config_sha256: str | None = None
     isolation: str | None = None  #: Isolation of the process of the method; null if unknown or not required.
     can_read_all_files: bool = False  #: Whether the system could not isolate the process from the files of its user.
-    readable_files: str | None = None  #: Further paths that the user permitted to read, separated as in PATH.
+    #: Further paths that the user permitted the method to read, separated as in PATH.
+    readable_files: str | None = None
 
 
 class FindingRecord(Record, frozen=True, kw_only=True):

@@ -74,7 +74,7 @@ class TruthFrame:
         for item in message.transforms:
             self._add(item, is_static=is_static)
         frames = self._series.chosen(self._child, self._parent)
-        with refusing("/tf", "choose one by truth.frame=PARENT:CHILD"):
+        with refusing("/tf", "give truth.frame=PARENT:CHILD so that each frame between them has one parent"):
             chain = chain_above(frames, self._child, self._parent)
         moving = [name for name in chain if not frames[name].is_static]
         if not moving or frames[chain[-1]].parent != self._parent or not all(frames[name].rows for name in chain):

@@ -117,7 +117,7 @@ class Night:
         with refusing(f"cannot read the figures of '{path}'", f"make it with sfr suite report '{folder}'"):
             content = json.loads(path.read_text(encoding="utf-8"))
             if content["schema"] != SCHEMA:
-                raise ValueError(f"its schema is {content['schema']}, {SCHEMA} is required")
+                raise ValueError(f"its schema is {content['schema']}: {SCHEMA} is required")
             results = {PairKey(item["pairing"], item["configuration"]): item for item in content["drives"]}
             failures = {PairKey(item["pairing"], item["configuration"]): item for item in content["failures"]}
             jobs = results | failures
