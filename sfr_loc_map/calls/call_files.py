@@ -245,8 +245,11 @@ class _Table:
 
     def stamps_ns(self) -> IntArray:
         """Return the stamps of the calls."""
-        with refusing(f"statistics '{self.path}': a stamp is not an integer number of nanoseconds"):
-            return np.array([parse_stamp_ns(text) for text in self.texts("stamp_ns")], np.int64)
+        stamps_ns = []
+        for line, text in zip(self.lines, self.texts("stamp_ns"), strict=True):
+            with refusing(f"statistics '{self.path}' line {line}"):
+                stamps_ns.append(parse_stamp_ns(text))
+        return np.array(stamps_ns, np.int64)
 
     def methods(self) -> dict[Task, MethodRecord]:
         """Return the method that the rows of each task name. InputError if several are named.

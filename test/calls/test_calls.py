@@ -199,3 +199,9 @@ def test_a_cell_that_may_be_misread_is_refused_with_its_line(
     (tmp_path / "calls.csv").write_text(f"stamp_ns,{columns}\n\n5,{row}\n")
     with pytest.raises(InputError, match=words):
         load_call_stats(tmp_path / "calls.csv")
+
+
+def test_a_stamp_that_is_no_integer_is_refused_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "calls.csv").write_text("stamp_ns,state\n5,tracking\n6.5,lost\n")
+    with pytest.raises(InputError, match=r"line 3: stamp '6\.5' is not an integer"):
+        load_call_stats(tmp_path / "calls.csv")
