@@ -40,7 +40,8 @@ MAX_LATER_PERIODS = 1.5
 """Maximum number of periods between the last accepted pose and a later external pose that applies to it. If the next
 pair is kept, an external pose for this pair is one period later. With a limit of exactly one period, the jitter of the
 stamps would decide whether the map is discarded. The period is the shorter of two times: that between the last two
-accepted pairs, and that between the newest two pairs. Each of these times may span missing pairs."""
+accepted pairs, and that between the newest two pairs. Each of these times may span missing pairs. Until a pair is
+accepted in a new window, the period is the time between the newest two pairs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,12 +196,17 @@ def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tupl
         return path, False
     path = replace(path, datum=replace(path.datum, pending=None))
     last_ns = path.history.last_ns
-    period_ns = min(path.last.motion_ns, path.period_ns)
-    if last_ns is None or at_ns - last_ns > MAX_LATER_PERIODS * period_ns:
+    if last_ns is None or at_ns - last_ns > MAX_LATER_PERIODS * _shortest_period_ns(path):
         placed = _placed(path, pending.pose, at_ns, model)
         unobserved = _unobserved_of_left(placed, stamp_ns, model)
         return replace(placed, errors=placed.errors.kept(unobserved)), True
     return _rebased(path, pending.pose, at_ns, model), False
+
+
+def _shortest_period_ns(path: PathState) -> int:
+    """Return the shorter time between two pairs (`MAX_LATER_PERIODS`), ns. A window without accepted pairs has one."""
+    motion_ns = path.last.motion_ns
+    return min(motion_ns, path.period_ns) if motion_ns > 0 else path.period_ns
 
 
 def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: RoverModel) -> PathState:
