@@ -31,10 +31,12 @@ from sfr_loc_map.localisation.motion_model import LastPose
 from sfr_loc_map.localisation.motion_size import size_of
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
 from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
+from sfr_loc_map.localisation.uncertainty.directed_error import ZERO
 from sfr_loc_map.localisation.uncertainty.inflation import inflation_of, unobserved_rb, unobserved_size
 from sfr_loc_map.localisation.uncertainty.path_errors import NOTHING, LocatedCovariance, Origin, PathErrors
 from sfr_loc_map.localisation.uncertainty.published_pose import PublishedPose
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+from sfr_loc_map.message_stamps import NS_PER_S
 
 MAX_LATER_PERIODS = 1.5
 """Maximum number of periods between the last accepted pose and a later external pose that applies to it. If the next
@@ -168,7 +170,11 @@ def _step_to_kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[Pu
 def _unobserved_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:
     """Return the covariance of the unobserved motion up to a stamp, for the left camera in the world."""
     last = path.last
-    return model.covariance_at(last.T_world_left, unobserved_rb(last.speed, last.unobserved_s(stamp_ns), model))
+    rebased_ns = path.datum.rebased_ns
+    unobserved_s = last.unobserved_s(stamp_ns)
+    if rebased_ns is not None:  # a later external pose is the kept pose itself at its stamp
+        unobserved_s = min(unobserved_s, (stamp_ns - rebased_ns) / NS_PER_S)
+    return model.covariance_at(last.T_world_left, unobserved_rb(last.speed, unobserved_s, model))
 
 
 # ---- external poses
@@ -200,7 +206,10 @@ def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tupl
         placed = _placed(path, pending.pose, at_ns, model)
         unobserved = _unobserved_of_left(placed, stamp_ns, model)
         return replace(placed, errors=placed.errors.kept(unobserved)), True
-    return _rebased(path, pending.pose, at_ns, model), False
+    path = _rebased(path, pending.pose, at_ns, model)
+    if at_ns > last_ns:  # the present pair is kept or lost
+        path = replace(path, errors=path.errors.kept(_unobserved_of_left(path, stamp_ns, model)))
+    return path, False
 
 
 def _shortest_period_ns(path: PathState) -> int:
@@ -219,7 +228,7 @@ def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: Rover
     return replace(
         path,
         last=path.last.at_stamp(stamp_ns),
-        datum=replace(path.datum, T_ds_world=T_ds_world, placed=pose),
+        datum=replace(path.datum, T_ds_world=T_ds_world, placed=pose, rebased_ns=None),
         errors=path.errors.placed(LocatedCovariance(T_world_left.translation, covariance)),
         history=History(),
     )
@@ -228,17 +237,31 @@ def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: Rover
 def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) -> PathState:
     """Return the path, moved so that it passes through an external pose at a past stamp.
 
-    Errors are accumulated from this stamp.
+    Errors are accumulated from this stamp. If the stamp is later than the last past pose, this pose is kept, and the
+    published pose at the stamp is the external pose itself. The errors of the image of the last past pose, and the
+    motion from this pose to the stamp, then count from the next accepted pair on.
     """
     past, apart_s = path.history.at(at_ns)
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ past.T_world_left.inverse()
     unobserved = unobserved_rb(path.last.speed, apart_s, model)
     unobserved = symmetric(propagated_covariance(unobserved, np.zeros(3), pose.T_ds_rb.rotation))
-    covariance = model.covariance_of_left(
-        pose.covariance + unobserved, R_world_frame=T_ds_world.rotation.T, R_world_left=past.T_world_left.rotation
-    )
+    R_world_ds = T_ds_world.rotation.T
+    R_world_left = past.T_world_left.rotation
     position = past.position
-    external = LocatedCovariance(position, covariance + past.errors.alone)
-    origin = Origin(external, past.errors.shared(position), past.errors.sums)
+    is_later = at_ns > past.stamp_ns and past.stamp_ns == path.history.last_ns
+    at_external = pose.covariance if is_later else pose.covariance + unobserved
+    external = model.covariance_of_left(at_external, R_world_frame=R_world_ds, R_world_left=R_world_left)
+    of_accepted = ZERO
+    if is_later:
+        motion = model.covariance_of_left(unobserved, R_world_frame=R_world_ds, R_world_left=R_world_left)
+        of_accepted = motion + past.errors.alone
+    else:
+        external = external + past.errors.alone
+    origin = Origin(
+        external=LocatedCovariance(position, external),
+        shared=past.errors.shared(position),
+        sums=past.errors.sums,
+        of_accepted=of_accepted,
+    )
     errors = path.errors.rebased(origin, is_present=past.stamp_ns == path.history.last_ns)
-    return replace(path, datum=replace(path.datum, T_ds_world=T_ds_world), errors=errors)
+    return replace(path, datum=replace(path.datum, T_ds_world=T_ds_world, rebased_ns=at_ns), errors=errors)

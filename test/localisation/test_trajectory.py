@@ -378,6 +378,25 @@ def test_a_pose_from_outside_while_a_pose_is_kept_leaves_the_motion_since_its_st
     np.testing.assert_array_equal(at_next.errors.kept_motion, NOTHING)
 
 
+@pytest.mark.parametrize("kept_until", [3, 4])
+def test_an_exact_external_pose_at_a_kept_pair_is_exact_there_and_its_motion_counts_once(kept_until: int) -> None:
+    """The map is kept after one kept pair, and discarded after two."""
+    model = model_of(IN_CAMERA)
+    path = move(move(begun(), 1, STEP), 2, 2.0 * STEP)
+    for number in range(3, kept_until + 1):
+        path = trajectory.kept(trajectory.arrived(path, number * PERIOD_NS), number * PERIOD_NS, model)[0]
+    path = set_at(path, kept_until, kept_until)
+    position = path.last.T_world_left.translation
+    terms = pose_terms(path.errors, position, OnlineCalibration(RIG.camera, 7), model)
+    np.testing.assert_array_equal(terms.total[:3, :3], np.zeros((3, 3)))
+    unobserved = np.square(LENGTH)  # the rover may have continued at its last speed for one period
+    again = trajectory.kept(path, (kept_until + 1) * PERIOD_NS, model)[0]
+    np.testing.assert_allclose(again.errors.kept_motion[0, 0], unobserved, rtol=1e-6)
+    if kept_until == 3:
+        accepted_next = move(again, 5, 5.0 * STEP)
+        assert 1.0 <= of_path(accepted_next)[0, 0] / unobserved < 1.5
+
+
 @pytest.mark.parametrize("jitter_ns", [0, 1, 1_000_000])
 def test_jitter_of_the_stamps_does_not_decide_whether_a_pose_from_outside_discards_the_map(jitter_ns: int) -> None:
     model = model_of(IN_CAMERA)

@@ -73,11 +73,12 @@ the previous pose are zero if its pair began a window, because the step is measu
 |---|---|---|
 | finding with `Inflation.UNOBSERVED` | unobserved, over the time since the last known pose | next accepted pair |
 | finding with `Inflation.AMBIGUITY` | the largest of three sizes; sigmas add up | external pose |
-| kept pair | unobserved, over the time since the last known pose | next accepted pair |
-| a window begins | unobserved, over the time since the last known pose; `blur` of the image | external pose |
+| kept pair | unobserved, over the time since the last known pose or a later external pose | next accepted pair |
+| a window begins | the same; `blur` of the image | external pose |
 | external pose for a past pair | `alone` of this pair | external pose |
 | external pose between pairs that are not consecutive | unobserved, over the time to the nearer pair | external pose |
-| external pose after the last pair | unobserved, over the time to the pair | next accepted pair |
+| external pose after the last accepted pair | unobserved, from the stamp of the pose to kept pairs | next accepted pair |
+| | `alone` of the last accepted pair, and unobserved from it to the stamp, if the map is kept | external pose |
 | lost pair | the covariance of an unknown pose replaces all (`lost_covariance`) | next pair that is not lost |
 
 The last known pose is that of an accepted pair, of a pair that begins a window, or an external pose

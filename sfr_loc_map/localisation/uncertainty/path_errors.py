@@ -120,6 +120,19 @@ class Origin(NamedTuple):
     external: LocatedCovariance
     shared: LocatedCovariance = NOTHING  #: `PathErrors.shared` at the external pose.
     sums: PathSums = PathSums()  #: Sums up to the external pose.
+    #: Covariance `(6, 6)` that the external pose has for accepted pairs in addition, if its stamp is later than the last
+    #: accepted pair: errors of the image of that pair, and the unobserved motion from that pair to the stamp. A kept
+    #: pose is published as the external pose itself and does not have these errors. Zero otherwise.
+    of_accepted: FloatArray = ZERO
+
+    def with_accepted(self) -> Origin:
+        """Return the external pose after a pair was accepted."""
+        external = self.external._replace(covariance=self.external.covariance + self.of_accepted)
+        return self._replace(external=external, of_accepted=ZERO)
+
+    def without_accepted(self) -> Origin:
+        """Return the external pose after a window began at the kept pose."""
+        return self._replace(of_accepted=ZERO)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,7 +144,7 @@ class PathErrors:
 
     | component | `with_pair` | `kept` | `adjusted` | `restarted` | `placed` | `rebased` |
     |---|---|---|---|---|---|---|
-    | `origin` | | | | | = external pose | = external pose |
+    | `origin` | + `of_accepted` | | | `of_accepted` = 0 | = external pose | = external pose |
     | `before_window` | | | | + `in_window`, `alone`, `kept_motion`, first image | 0 | |
     | `in_window` | | | = keyframe | = keyframe | 0 | |
     | `of_landmarks` | = tracks | | 0 | 0 | 0 | 0 at the past pose itself |
@@ -143,7 +156,7 @@ class PathErrors:
     | event | is |
     |---|---|
     | `with_pair` | an accepted pair |
-    | `kept` | a pair whose pose is refused, so that the last pose is published again |
+    | `kept` | a pair at which the last pose is published again, or an external pose that is applied to this kept pose |
     | `adjusted` | the end of the adjustment of a keyframe in the background |
     | `restarted` | a pair that begins a window at the last pose |
     | `placed` | an external pose that is applied to the last pose; the earlier path is discarded |
@@ -211,6 +224,7 @@ class PathErrors:
         depth_m = pair.landmark_map.landmarks.median_depth
         return replace(
             self,
+            origin=self.origin.with_accepted(),
             of_landmarks=model.sources.adjustment_inflation * pair.given_keyframes,
             blur=model.blur(depth_m).covariance,
             unobserved_motion=model.covariance_at(T_world_left_before, added.unobserved_rb),
@@ -242,6 +256,7 @@ class PathErrors:
         before_window = self.shared(position).covariance + self.alone + self.kept_motion + first_image
         return replace(
             self,
+            origin=self.origin.without_accepted(),
             before_window=LocatedCovariance(position, before_window),
             in_window=in_window,
             of_landmarks=ZERO,
