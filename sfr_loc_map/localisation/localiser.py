@@ -438,9 +438,15 @@ class Localiser:
         landmark_map: LandmarkMap,
         tracks: Tracks | None = None,
     ) -> Outcome:
-        """Refuse a pair, or begin a window with it if the action is `RESTART` and several good images were refused."""
+        """Refuse a pair, or begin a window with it if several good images were refused.
+
+        A pair that would be kept (`KEEP`) counts only while the localiser is lost. Otherwise, a localiser whose map
+        contradicts all images would stay lost.
+        """
         count = len(landmark_map.landmarks.rows)
-        if verdict.action is Action.RESTART and self._relocaliser.is_good_image(frame, count):
+        is_lost = state.status is TrackingState.LOST
+        may_restart = verdict.action is Action.RESTART or (verdict.action is Action.KEEP and is_lost)
+        if may_restart and self._relocaliser.is_good_image(frame, count):
             state = replace(state, failed_recoveries=state.failed_recoveries + 1)
             if state.failed_recoveries >= RESTART_AFTER and verdict.can_be_reference:
                 # the findings concern a pose in the old map, which the new window does not continue

@@ -23,7 +23,8 @@ Five other events change the state:
 
 Two memories also change with refused pairs. `image_memory` changes with every pair that does not repeat the previous
 pair. `ground_memory` changes with every pair that has stale rows, whose image contradicts its pose, or that is lost. If
-the localiser is already lost, a pair that would otherwise be kept is lost as well.
+the localiser is already lost, a pair that would otherwise be kept is lost as well, and counts as a failed recovery if
+its images are new and good.
 
 The state contains several similar stamps and poses. The table gives the meaning of each, and the events that change
 it: an accepted pair (A), a kept pair (K), a pair that begins a window (W), or another event.

@@ -26,8 +26,8 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
-from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.config import LocalisationConfig, MotionBounds
+from sfr_loc_map.localisation.estimate import PoseEstimate, StateReason, TrackingState
 from sfr_loc_map.localisation.findings import Finding, Inflation, decide
 from sfr_loc_map.localisation.ground.cases import (
     EFFECTS,
@@ -447,6 +447,21 @@ def test_a_rover_with_a_body_in_view_drives_off_before_the_ground_is_identified(
         np.linalg.norm(item.T_ds_rb.translation - to.translation) for item, to in zip(estimates, truth, strict=True)
     ]
     assert max(errors) < 0.01
+
+
+def test_a_lost_localiser_whose_map_contradicts_all_images_begins_a_window() -> None:
+    """The left half is fixed to the camera. The ground jumps after the first pair, so that only the body is tracked."""
+    config = LocalisationConfig(motion=MotionBounds(unseen_speed_m_s=1000.0, max_speed_m_s=1e4))  # lost after one pair
+    at = [0, *range(16, 30)]
+    pairs = [beside_each_other(DRIVE[0], DRIVE[at[k]], 80, DRIVE[k].stamp_ns, k) for k in range(len(at))]
+    estimates = run(pairs, Localiser(LOC_RIG, config, true_pose(0)))
+    lost, restarted = estimates[2:5], estimates[5:]
+    assert {(item.state, item.reason) for item in lost} == {(TrackingState.LOST, StateReason.MOVING_REGIONS)}
+    assert {(item.state, item.reason) for item in restarted} == {(TrackingState.DEGRADED, StateReason.UNSEEN_MOTION)}
+    assert min(item.covariance[0, 0] for item in restarted) > 9999.0
+    motion = restarted[-1].T_ds_rb.translation - restarted[5].T_ds_rb.translation
+    true_motion = true_pose(at[-1]).translation - true_pose(at[10]).translation
+    np.testing.assert_allclose(motion, true_motion, atol=0.01)
 
 
 def test_nothing_is_left_out_of_a_fault_free_drive_or_of_one_that_stands_still() -> None:
