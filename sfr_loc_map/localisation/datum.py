@@ -41,6 +41,6 @@ class Datum:
     T_ds_world: Transform  #: Takes points in the world to DS.
     placed: StartPose  #: Last external pose that was applied at the end of the path, not at a past pose.
     pending: PendingPose | None = None  #: External pose that is not applied yet.
-    #: Stamp of the last external pose with which the map was kept; None if the map was discarded since then. If the stamp
-    #: is later than the last accepted pair, the motion of a kept pose is unobserved since this stamp.
+    #: Stamp of the last external pose with which the map was kept; None if the map was discarded since then. If this
+    #: stamp is later than the last accepted pair, the motion of a kept pose is unobserved since this stamp.
     rebased_ns: int | None = None

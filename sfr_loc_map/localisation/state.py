@@ -37,7 +37,7 @@ it: an accepted pair (A), a kept pair (K), a pair that begins a window (W), or a
 | `path.last.known_ns` | stamp since which the motion is unobserved | A, W; first pair; `_placed` |
 | `path.last.tracked_ns` | stamp from which missing pairs are counted | A, W |
 | `path.history.last_ns` | last stamp to which an external pose can be applied | A, W; None after `_placed` |
-| `path.datum.rebased_ns` | stamp since which a kept pose is unobserved, if later than `known_ns` | `_rebased`; None after `_placed` |
+| `path.datum.rebased_ns` | stamp since which a kept pose is unobserved, if later | `_rebased`; None after `_placed` |
 | `path.datum.pending` | external pose that is not applied yet | `set_pose`; first pair; when the pose is applied |
 """
 

@@ -77,8 +77,8 @@ the previous pose are zero if its pair began a window, because the step is measu
 | a window begins | the same; `blur` of the image | external pose |
 | external pose for a past pair | `alone` of this pair | external pose |
 | external pose between pairs that are not consecutive | unobserved, over the time to the nearer pair | external pose |
-| external pose after the last accepted pair | unobserved, from the stamp of the pose to kept pairs | next accepted pair |
-| | `alone` of the last accepted pair, and unobserved from it to the stamp, if the map is kept | external pose |
+| external pose after the last accepted pair | unobserved, over the time to the present pair | next accepted pair |
+| the next accepted pair in a kept map | `alone` of the last pair; unobserved, up to the stamp | external pose |
 | lost pair | the covariance of an unknown pose replaces all (`lost_covariance`) | next pair that is not lost |
 
 The last known pose is that of an accepted pair, of a pair that begins a window, or an external pose

@@ -120,19 +120,15 @@ class Origin(NamedTuple):
     external: LocatedCovariance
     shared: LocatedCovariance = NOTHING  #: `PathErrors.shared` at the external pose.
     sums: PathSums = PathSums()  #: Sums up to the external pose.
-    #: Covariance `(6, 6)` that the external pose has for accepted pairs in addition, if its stamp is later than the last
-    #: accepted pair: errors of the image of that pair, and the unobserved motion from that pair to the stamp. A kept
-    #: pose is published as the external pose itself and does not have these errors. Zero otherwise.
+    #: Covariance `(6, 6)` that the external pose has for accepted pairs in addition, if its stamp is later than the
+    #: last accepted pair: errors of the image of that pair, and the unobserved motion from that pair to the stamp. A
+    #: kept pose is published as the external pose itself and does not have these errors. Zero otherwise.
     of_accepted: FloatArray = ZERO
 
     def with_accepted(self) -> Origin:
         """Return the external pose after a pair was accepted."""
         external = self.external._replace(covariance=self.external.covariance + self.of_accepted)
         return self._replace(external=external, of_accepted=ZERO)
-
-    def without_accepted(self) -> Origin:
-        """Return the external pose after a window began at the kept pose."""
-        return self._replace(of_accepted=ZERO)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -256,7 +252,7 @@ class PathErrors:
         before_window = self.shared(position).covariance + self.alone + self.kept_motion + first_image
         return replace(
             self,
-            origin=self.origin.without_accepted(),
+            origin=self.origin._replace(of_accepted=ZERO),
             before_window=LocatedCovariance(position, before_window),
             in_window=in_window,
             of_landmarks=ZERO,
