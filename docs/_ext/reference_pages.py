@@ -246,6 +246,16 @@ def shortfalls() -> str:
     return "\n".join(lines)
 
 
+def evidence() -> str:
+    """Return the table of the kinds of evidence of a check: what they show and hide, and which decide the result."""
+    from sfr_loc_map.evidence.kinds import KINDS
+
+    lines = ["| table | shown | hidden | decides the result |", "|---|---|---|---|"]
+    for kind in KINDS:
+        lines.append(f"| {kind.title} | {kind.shows} | {kind.hides} | {'yes' if kind.decides else 'no'} |")
+    return "\n".join(lines)
+
+
 PAGES: dict[str, Callable[[], str]] = {
     "commands": commands,
     "parameters": parameters,
@@ -253,6 +263,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "topics": topics,
     "score": score,
     "shortfalls": shortfalls,
+    "evidence": evidence,
     "api": api,
 }
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.evidence import kinds
 from sfr_loc_map.evidence.agreement import Agreement, agreement_rows, compare, disagreement_of, results_of, shortage_of
 from sfr_loc_map.evidence.calibration import (
     Advice,
@@ -80,11 +81,14 @@ def check_drive(
     runs = {Variant.FORWARD: forward}
     runs |= {variant: run_variant(drive, config, variant, progress) for variant in Variant if variant not in runs}
 
-    agreements = list(_agreements_of(runs, conditions))
     closures = find_closures(drive, forward, config)
-    if closures:
-        agreements.append(agreement_at(closures))
-    results = results_of(agreements)
+    of_kinds = {
+        kinds.AGREEMENT: list(_agreements_of(runs, conditions)),
+        kinds.REVISITED: [agreement_at(closures)] if closures else [],
+    }
+    agreements = [agreement for of_kind in of_kinds.values() for agreement in of_kind]
+    deciding = [agreement for kind, of_kind in of_kinds.items() if kind.decides for agreement in of_kind]
+    results = results_of(deciding)
 
     with_others = [compare(forward, other, condition) for condition in conditions for other in others]
     offsets = right_camera_offsets([runs[variant] for variant in CALIBRATED], sequence.rig)
@@ -103,9 +107,9 @@ def check_drive(
         figures=figures,
         pairs=len(drive),
         pairs_of_source=len(sequence),
-        disagreements=(disagreement_of(agreements),) if CheckResult.INCONSISTENT in results else (),
-        shortage=shortage_of(agreements) if combined(results) is CheckResult.NOT_ENOUGH_DATA else "",
-        agreements=tuple(agreements),
+        disagreements=(disagreement_of(deciding),) if CheckResult.INCONSISTENT in results else (),
+        shortage=shortage_of(deciding) if combined(results) is CheckResult.NOT_ENOUGH_DATA else "",
+        agreements=tuple(deciding),
         forward=forward,
         offsets=tuple(offsets),
     )

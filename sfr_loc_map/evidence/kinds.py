@@ -3,15 +3,15 @@
 Each kind is a table of a check (`check_tables`), whose note is `EvidenceKind.note`. The rows of its figures are
 made in the module of the same subject.
 
-| kind | rows are made by | decides the result |
-|---|---|---|
-| `AGREEMENT` | `agreement.agreement_rows` | yes |
-| `REVISITED` | `revisited.closure_rows`, `agreement.agreement_rows` | yes |
-| `PREDICTED` | `predicted.predicted_rows` | no |
-| `SCALE` | `other_estimates.scale_row` | no |
-| `HAT` | `other_estimates.hat_rows` | no |
-| `CALIBRATION` | `calibration.offset_rows`, `calibration.cost_row` | yes |
-| `OVERLAP` | `overlap.overlap_rows` | yes |
+| kind | rows are made by |
+|---|---|
+| `AGREEMENT` | `agreement.agreement_rows` |
+| `REVISITED` | `revisited.closure_rows`, `agreement.agreement_rows` |
+| `PREDICTED` | `predicted.predicted_rows` |
+| `SCALE` | `other_estimates.scale_row` |
+| `HAT` | `other_estimates.hat_rows` |
+| `CALIBRATION` | `calibration.offset_rows`, `calibration.cost_row` |
+| `OVERLAP` | `overlap.overlap_rows` |
 """
 
 from __future__ import annotations
@@ -30,11 +30,13 @@ class EvidenceKind(NamedTuple):
     statistic: str  #: Definition of its numbers.
     shows: str  #: What follows from the numbers.
     hides: str  #: Errors that the numbers cannot show.
+    decides: bool  #: Whether the result of the check depends on this kind. Other estimates never decide.
 
     @property
     def note(self) -> str:
         """The note below the table."""
-        return f"{self.statistic} Shown: {self.shows} Hidden: {self.hides}"
+        effect = "Decides the result." if self.decides else "Does not decide the result."
+        return f"{self.statistic} Shown: {self.shows} Hidden: {self.hides} {effect}"
 
 
 AGREEMENT = EvidenceKind(
@@ -46,6 +48,7 @@ AGREEMENT = EvidenceKind(
     shows="one of the two runs has the minimum error or a larger error.",
     hides="errors that both runs share. A wrong calibration is unobservable, and the noise of common images reduces "
     "the difference.",
+    decides=True,
 )
 REVISITED = EvidenceKind(
     "revisited",
@@ -55,6 +58,7 @@ REVISITED = EvidenceKind(
     "consistent.",
     shows="errors that accumulate along the path.",
     hides="a scale error, because it cancels in a closed loop.",
+    decides=True,
 )
 PREDICTED = EvidenceKind(
     "predicted",
@@ -64,6 +68,7 @@ PREDICTED = EvidenceKind(
     "degraded or lost pose are skipped.",
     shows="the expected error and its largest source, if the covariance is correct.",
     hides="sources that the localiser does not model: baseline, focal length, mounting, stamps.",
+    decides=False,
 )
 SCALE = EvidenceKind(
     "scale",
@@ -73,6 +78,7 @@ SCALE = EvidenceKind(
     shows="the error of the ratio of baseline and focal length, if the other estimate is the odometry of wheels that "
     "do not slip.",
     hides="scale errors that both estimates share.",
+    decides=False,
 )
 HAT = EvidenceKind(
     "hat",
@@ -80,6 +86,7 @@ HAT = EvidenceKind(
     statistic="Three-cornered hat: the sigma of each of three estimates from their differences, without an interval.",
     shows="which estimate is the least precise, if the errors are independent.",
     hides="errors that the estimates share, such as those of the calibration.",
+    decides=False,
 )
 CALIBRATION = EvidenceKind(
     "calibration",
@@ -90,6 +97,7 @@ CALIBRATION = EvidenceKind(
     shows="redo if the offsets of all runs have one sign and their mean is large; keep if the offsets of all runs are "
     "small.",
     hides="a wrong baseline or focal length, which is unobservable without a truth or wheel odometry.",
+    decides=True,
 )
 OVERLAP = EvidenceKind(
     "overlap",
@@ -99,4 +107,8 @@ OVERLAP = EvidenceKind(
     shows=f"the maps disagree above a ratio of {MAX_RANGE_RATIO:g}, or if the grey level difference exceeds "
     f"{MAX_GREY_RATIO:g} times that {SHIFT_PX} px away.",
     hides="errors of the camera calibration, because all pairs share them.",
+    decides=True,
 )
+
+KINDS = (AGREEMENT, REVISITED, PREDICTED, SCALE, HAT, CALIBRATION, OVERLAP)
+"""All kinds, in the order of the tables of a check."""

@@ -9,6 +9,7 @@ from typing import Any
 
 from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.evidence import kinds
 from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check import CORRECTED, DriveCheck, check_drive
 from sfr_loc_map.evidence.check_result import OF_SUBJECTS, SCHEMA, Check, CheckResult, combined
@@ -24,6 +25,8 @@ from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.rows import Figure
 
 DRIVE, MAPS, CALIBRATION = "drive", "maps", "calibration"  #: Subjects of a check.
+EVIDENCE_OF = {DRIVE: (kinds.AGREEMENT, kinds.REVISITED), MAPS: (kinds.OVERLAP,), CALIBRATION: (kinds.CALIBRATION,)}
+"""Kinds of evidence of each subject. A subject has a result if one of its kinds decides."""
 NAMES_OF_OWN_RUNS = frozenset((*Variant, CORRECTED))  #: Names that an estimate of another method must not have.
 
 
@@ -52,9 +55,10 @@ class RecordingCheck:
 
     @property
     def results(self) -> dict[str, CheckResult]:
-        """The result of each subject; the calibration is a subject only if it should be repeated."""
+        """The result of each subject with deciding evidence; the calibration is one only if it should be repeated."""
         results = {subject: check.result for subject, check in self.checks.items()}
-        return results | ({CALIBRATION: CheckResult.INCONSISTENT} if self.calibration else {})
+        results |= {CALIBRATION: CheckResult.INCONSISTENT} if self.calibration else {}
+        return {subject: result for subject, result in results.items() if _decides(subject)}
 
     @property
     def result(self) -> CheckResult:
@@ -96,6 +100,10 @@ class RecordingCheck:
             "not_checked": self.not_checked,
             "figures": to_plain(self.figures),
         }
+
+
+def _decides(subject: str) -> bool:
+    return any(kind.decides for kind in EVIDENCE_OF[subject])
 
 
 def check_recording(

@@ -16,7 +16,8 @@ from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.evidence.calibration import CameraOffset, corrected_drive
 from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.check_tables import AGREEMENT_TABLE, calibration_table, items_with
-from sfr_loc_map.evidence.recording import names_of_estimates
+from sfr_loc_map.evidence.kinds import KINDS
+from sfr_loc_map.evidence.recording import EVIDENCE_OF, names_of_estimates
 from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
@@ -149,3 +150,9 @@ def test_estimates_with_the_same_file_name_are_named_by_their_paths() -> None:
     assert len(items_with("difference", rows)) == 2
     with pytest.raises(InputError, match="forward - a"):
         items_with("difference", [*rows, rows[0]])
+
+
+def test_the_deciding_kinds_are_those_of_the_subjects_of_a_check() -> None:
+    """A deciding kind without a subject would be ignored, and a subject without a deciding kind has no result."""
+    of_subjects = {kind.name for of_subject in EVIDENCE_OF.values() for kind in of_subject}
+    assert of_subjects == {kind.name for kind in KINDS if kind.decides}
