@@ -525,7 +525,11 @@ MUTATIONS = (
     Mutation("methods/child/supervisor.py", "(29, 64, 68, 240)", "(64, 68, 240)"),
     Mutation("process_tree.py", "SOCKET_BYTES if self._is_supervisor else 0", "0"),
     Mutation("methods/child/loop.py", "np.array(images[: len(", "np.asarray(images[: len("),
-    Mutation("methods/child/loop.py", 'return {"number": number, "fault": "raised", "text": raised}', "pass"),
+    Mutation(
+        "methods/child/loop.py",
+        'reply = {"number": number, "fault": "raised", "text": raised}',
+        'reply = {"number": number}',
+    ),
     Mutation("methods/child/loop.py", 'order["call"] == "set" else', 'order["call"] != "set" else'),
     Mutation("methods/child/loop.py", 'images[: len(order["pairs"])]', "images[:1]"),
     Mutation("methods/call_monitor.py", "<= stated_s <= measured_s + allowed_s(measured_s)", "<= stated_s"),

@@ -61,8 +61,10 @@ class IsolatedMapper(IsolatedMethod):
         """Map one to three pairs in one call.
 
         Return the part of the cloud of each pair, the cloud, and the record of the call. MappingError for another
-        number of pairs.
+        number of pairs, and for a method that maps only single pairs.
         """
+        if not self.maps_sets:
+            raise MappingError(f"method '{self.record.name}' maps only single pairs: map them one by one (begin_map)")
         check_pair_count(len(pairs))
         rig = self.rig
         stamps_ns = tuple(item.pair.stamp_ns for item in pairs)

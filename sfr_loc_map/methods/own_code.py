@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from importlib.machinery import PathFinder
+from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -27,12 +27,39 @@ def code_of(kind: MethodKind, adapter: str, target: str) -> list[Path]:
     place = target.rpartition(":")[0]
     if place.endswith(".py"):
         return [*code, *_code_beside(Path(place))]
-    package = place.partition(".")[0]
-    found = PathFinder.find_spec(package, [str(Path.cwd())]) or find_spec(package)
+    found = _package(place.partition(".")[0])
     if found is None:
         return code
     folders = found.submodule_search_locations
     return [*code, *map(Path, folders if folders is not None else [found.origin or ""])]
+
+
+def has_module(place: str) -> bool:
+    """Return whether a module, such as `package.module`, exists in the working directory or is installed.
+
+    Packages are not imported, because this could run the code of a method in the process of the suite.
+    """
+    package, *parts = place.split(".")
+    found = _package(package)
+    for depth in range(len(parts)):
+        if found is None or found.submodule_search_locations is None:
+            return False
+        name = ".".join([package, *parts[: depth + 1]])
+        found = PathFinder.find_spec(name, found.submodule_search_locations)
+    return found is not None
+
+
+def _package(name: str) -> ModuleSpec | None:
+    """Return the specification of a module without a package; None if it does not exist."""
+    if name == "__main__":  # another module in each process
+        return None
+    found = PathFinder.find_spec(name, [str(Path.cwd())])
+    if found is not None:
+        return found
+    try:
+        return find_spec(name)
+    except ValueError:  # an imported module without a specification
+        return None
 
 
 def _code_beside(file: Path) -> list[Path]:

@@ -19,7 +19,7 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.inputs import missing, read_text, refusing
-from sfr_loc_map.methods.own_code import code_sha256
+from sfr_loc_map.methods.own_code import code_sha256, has_module
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
 from sfr_loc_map.suite_names import OURS, Task
 
@@ -142,6 +142,8 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
     """Return the method of a specification; MethodError if there is no such method."""
     if spec in BUILT_IN[task]:
         return replace(BUILT_IN[task][spec], config=config)
+    if "\0" in spec:
+        raise MethodError(f"method {spec!r:.60} contains a NUL character: give a name or a path without it")
     if spec.startswith(LIBRARY_PREFIX):
         path = Path(spec.removeprefix(LIBRARY_PREFIX)).resolve()
         if not path.is_file():
@@ -150,18 +152,28 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
         library = (LIBRARY_ADAPTER, str(path), config)
         return _identified(Method(spec, task, MethodKind.LIBRARY, *library, is_paced=True))
     module, _, name = spec.rpartition(":")
-    if not module or not name:
+    place = Path(module)
+    is_file = place.suffix == ".py"
+    if not module or not _is_dotted_name(name) or not (is_file or _is_dotted_name(module)):
         names = ", ".join(BUILT_IN[task])
         raise MethodError(
             f"no method '{spec}' for {task}: give one of {names}, package.module:Class, lib:PATH.so (sfr bench methods)"
         )
-    place = Path(module)
-    is_file = place.suffix == ".py" and place.is_file()
-    if place.suffix == ".py" and not is_file:
+    if is_file and not place.is_file():
         raise MethodError(f"method '{spec}': {missing(place)}; give the file of the class")
+    if not is_file and not has_module(module):
+        raise MethodError(
+            f"method '{spec}': there is no module '{module}' that another process could import; give a module of the "
+            "working directory or of an installed package, or FILE.py:Class"
+        )
     # an absolute path, because the process has another working directory
     target = f"{place.resolve()}:{name}" if is_file else spec
     return _identified(Method(spec, task, MethodKind.PYTHON, CLASS_ADAPTER, target, config, is_paced=True))
+
+
+def _is_dotted_name(text: str) -> bool:
+    """Return whether a text consists of one or more names of Python with dots between them."""
+    return all(part.isidentifier() for part in text.split("."))
 
 
 def _identified(method: Method) -> Method:

@@ -39,7 +39,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.mapping.mapper import Mapper
 
 class Odd:
-    statistics = {"mood": 3, "note": "bright", "none": None}
+    statistics = {"mood": 3, "note": "bright", "none": None, "ratio": np.nan, "large": 10**400}
     def __init__(self, rig, config):
         self.results = {"text": config, "wrong": np.eye(3), "none": None, "matrix": np.eye(4),
                         "transform": Transform(np.eye(3), np.array([0.0, 2.0, 0.0])), "nan": np.full((4, 4), np.nan)}
@@ -57,7 +57,15 @@ class Odd:
         if kind == "rounded":
             covariance = np.diag([1.0, 1.0, -1e-9, 1e-6, 1e-6, -1e-15])
             return PoseEstimate(pair.stamp_ns, Transform.identity(), covariance, TrackingState.TRACKING)
+        if kind in ("unknown", "position", "stamp"):
+            covariance = {"position": np.eye(3), "stamp": np.eye(6)}.get(kind)
+            stamp_ns = float(pair.stamp_ns) if kind == "stamp" else np.int64(pair.stamp_ns)
+            return PoseEstimate(stamp_ns, Transform.identity(), covariance, TrackingState.TRACKING)
         return self.results[kind]
+
+class Versioned(Odd):
+    def version(self):
+        return "1"
 
 class Holder:
     def __init__(self, rig, config):
@@ -157,10 +165,13 @@ def test_ours_gives_the_same_bits_in_a_process_of_its_own(drive: Path) -> None:
 def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Path) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
     made = calls(
-        f"{tmp_path}/classes.py:Odd", "matrix transform none wrong raise nan indefinite negative rounded matrix", 10
+        f"{tmp_path}/classes.py:Odd",
+        "matrix transform none wrong raise nan indefinite negative rounded matrix unknown position stamp",
+        13,
     )
     assert [estimate.state.value for estimate, _ in made] == [
-        "tracking", "tracking", "lost", "lost", "lost", "lost", "lost", "lost", "tracking", "tracking"
+        "tracking", "tracking", "lost", "lost", "lost", "lost", "lost", "lost", "tracking", "tracking",
+        "tracking", "lost", "lost"
     ]  # fmt: skip
     assert [call.finding for _, call in made] == [
         "",
@@ -174,6 +185,9 @@ def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Pat
         "invalid result: the covariance is not symmetric and positive semi-definite",
         "",
         "",
+        "",
+        "invalid result: the covariance is ndarray of shape (3, 3): a matrix (6, 6), or None if unknown, is required",
+        f"invalid result: the stamp is {float(loc_pair(12).stamp_ns)}: a whole number of nanoseconds is required",
     ]
     moved = true_pose(0) @ Transform(np.eye(3), np.array([0.0, 2.0, 0.0]))
     np.testing.assert_allclose(made[1][0].T_ds_rb.matrix, moved.matrix, atol=1e-12)
@@ -181,6 +195,8 @@ def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Pat
     assert made[0][1].statistics.keys() - TAKEN == {"mood"}
     with pytest.raises(MethodError, match="has no method 'process': see"):
         calls(f"{tmp_path}/classes.py:Nothing", "", 0)
+    with pytest.raises(MethodError, match="'version' has the type method"):
+        calls(f"{tmp_path}/classes.py:Versioned", "", 0)
     assert not any(call.finding for _, call in calls(f"{tmp_path}/classes.py:Holder", "", 24))
 
 
@@ -271,8 +287,8 @@ def test_a_map_that_has_ended_or_has_no_or_too_many_pairs_is_refused(tmp_path: P
         second.fuse()
         with pytest.raises(MappingError, match="the map has ended"):
             second.map_pair(item.pair, item.T_lm_navsb)
-        with pytest.raises(MappingError, match="4 pairs given"):
-            mapper.map_set([item] * 4)
+        with pytest.raises(MappingError, match="maps only single pairs"):
+            mapper.map_set([item])
         small = StereoPair(5, item.pair.left[:-2], item.pair.right[:-2])
         with pytest.raises(MethodError, match="image of stamp 5 is 160 x 118"):
             mapper.begin_map().map_pair(small, item.T_lm_navsb)

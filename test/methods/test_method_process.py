@@ -174,6 +174,7 @@ def test_measurements_and_findings_of_a_call_with_an_invalid_result_are_kept(
     with IsolatedMapper(method, NAV_RIG, hidden=()) as mapper:
         monkeypatch.setattr(MethodProcess, "call", answering(answer, arrays))
         _, of_pair = mapper.begin_map().map_pair(item.pair, item.T_lm_navsb)
+        mapper.maps_sets = True
         _, _, of_set = mapper.map_set([item])
     for call in (of_pair, of_set):
         assert [item.kind for item in findings_of([call.finding], [1])] == [finding, "leaking"]

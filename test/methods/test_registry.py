@@ -40,9 +40,16 @@ def test_names_are_looked_up(tmp_path: Path, sfr: Sfr) -> None:
         ("pandora", Task.MAPPING, "no method 'pandora'"),
         ("package:", Task.MAPPING, "no method 'package:'"),
         (f"lib:{tmp_path}", Task.MAPPING, "is a folder"),
+        ("lib:\0", Task.MAPPING, "contains a NUL character"),
+        ("__main__:Class", Task.LOCALISATION, "there is no module '__main__'"),
+        ("nothing.module:Class", Task.LOCALISATION, "there is no module 'nothing.module'"),
+        ("json.nothing:Class", Task.LOCALISATION, "there is no module 'json.nothing'"),
+        (".json:Class", Task.LOCALISATION, "no method '.json:Class'"),
+        ("a b:Class", Task.LOCALISATION, "no method 'a b:Class'"),
     ):
         with pytest.raises(MethodError, match=words):
             find_method(name, task)
+    assert find_method("json.decoder:JSONDecoder", Task.MAPPING).target == "json.decoder:JSONDecoder"
     listed = sfr("bench", "methods", "--json", "-")
     named = [item["name"] for item in json.loads(listed.out)["methods"]]
     assert named == ["sfr", "opencv", "orbslam3", "sfr", "sgbm", "pandora"]

@@ -8,6 +8,7 @@ this adapter, too.
 from __future__ import annotations
 
 import importlib
+import math
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -50,7 +51,7 @@ class PythonClass:
         for part in name.split("."):
             make = getattr(make, part)
         self.method: Any = make(rig, setup["config"])
-        self.version = getattr(self.method, "version", "not stated")
+        self.version = _version_of(self.method)
         if not any(map(self.has, self.calls)):
             wanted = alternatives(f"'{name}'" for name in self.calls)
             raise TypeError(f"{setup['target']} has no method {wanted}: see docs/candidates.md")
@@ -86,12 +87,12 @@ class PythonLocaliser(PythonClass):
             return {"T_ds_rb": None}
         report: Answer = {"statistics": _figures(self.method)}
         if isinstance(answer, PoseEstimate):
-            report["stamp_ns"] = answer.stamp_ns
+            report["stamp_ns"] = _stamp(answer.stamp_ns)
             report["state"] = answer.state.value
             report["reason"] = answer.reason_text
             report["statistics"] |= answer.figures
             report["step"] = None if answer.step is None else answer.step.uncertainty.tolist()
-            report["covariance"] = (self._turn @ answer.covariance @ self._turn.T).ravel().tolist()
+            report["covariance"] = None if answer.covariance is None else self._covariance(answer.covariance)
             answer = answer.T_ds_rb
         matrix = answer.matrix if isinstance(answer, Transform) else np.asarray(answer, np.float64)
         if matrix.shape != (4, 4):
@@ -101,6 +102,14 @@ class PythonLocaliser(PythonClass):
         matrix = matrix if self._T_ds_start is None else self._T_ds_start @ matrix
         report["T_ds_rb"] = matrix.ravel().tolist()
         return report
+
+    def _covariance(self, stated: object) -> list[float]:
+        """Return the covariance of a pose in DS; TypeError for another shape."""
+        covariance = np.asarray(stated, np.float64)
+        if covariance.shape != (6, 6):
+            raise TypeError(f"the covariance is {_described(stated)}: a matrix (6, 6), or None if unknown, is required")
+        turned: list[float] = (self._turn @ covariance @ self._turn.T).ravel().tolist()
+        return turned
 
 
 class PythonMapper(PythonClass):
@@ -159,20 +168,39 @@ class PythonMapper(PythonClass):
             )
         is_concatenated = isinstance(cloud, PointCloud) and cloud.fused is False
         return {
-            "stamp_ns": getattr(answer, "stamp_ns", order["pairs"][-1]["stamp_ns"]),
+            "stamp_ns": _stamp(getattr(answer, "stamp_ns", order["pairs"][-1]["stamp_ns"])),
             "fused": not is_concatenated,
             "statistics": _figures(answer) | _figures(self.method),
             "warnings": [str(line) for line in getattr(answer, "warnings", ())],
         }
 
 
+def _version_of(method: object) -> str:
+    """Return the version that a method states; TypeError unless this is a text or a number."""
+    version = getattr(method, "version", None)
+    if version is None:
+        return "not stated"
+    if not isinstance(version, str | int | float):
+        raise TypeError(f"'version' has the type {type(version).__name__}: a text such as '1.0' is required")
+    return str(version)
+
+
+def _stamp(stated: object) -> int:
+    """Return the stamp of a result, ns; TypeError unless this is a whole number."""
+    if not isinstance(stated, int | np.integer):
+        raise TypeError(f"the stamp is {stated!r:.40}: a whole number of nanoseconds is required")
+    return int(stated)
+
+
 def _figures(of: object) -> dict[str, float]:
-    """Return the statistics of a method or result by name; other values than numbers are ignored."""
+    """Return the statistics of a method or result by name; other values than finite numbers are ignored."""
     stated = getattr(of, "statistics", {})
     figures: dict[str, float] = {}
     for name, value in stated.items() if isinstance(stated, Mapping) else ():
-        with suppress(TypeError, ValueError):
-            figures[str(name)] = float(value)
+        with suppress(TypeError, ValueError, OverflowError):
+            number = float(value)
+            if math.isfinite(number):
+                figures[str(name)] = number
     return figures
 
 

@@ -123,14 +123,15 @@ def main() -> None:
         "fuses": bool(getattr(method, "fuses", False)),
         "maps_sets": bool(getattr(method, "maps_sets", False)),
     }
-    _answer(answers, hello)
+    _send(answers, json.dumps(hello))
     for line in sys.stdin:
         order = json.loads(line)
-        _answer(answers, _reply(method, np.array(images[: len(order["pairs"])]), order))
+        _send(answers, _reply(method, np.array(images[: len(order["pairs"])]), order))
     os._exit(0)  # some methods crash in their destructors; all answers are already written
 
 
-def _reply(method: Any, images: Any, order: Order) -> Reply:  # noqa: ANN401
+def _reply(method: Any, images: Any, order: Order) -> str:  # noqa: ANN401
+    """Return the reply to an order as JSON."""
     number = order["number"]
     call = method.prepare(*(images.swapaxes(0, 1) if order["call"] == "set" else images[0]), order)
     begin = time.perf_counter()
@@ -139,16 +140,27 @@ def _reply(method: Any, images: Any, order: Order) -> Reply:  # noqa: ANN401
     except Exception as error:
         answer, raised = None, f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - begin
+    reply: Reply
     if raised is not None:
-        return {"number": number, "fault": "raised", "text": raised}
+        reply = {"number": number, "fault": "raised", "text": raised}
+        return json.dumps(reply)
     try:
-        return {"number": number, "seconds": seconds, "result": method.report(answer, order)}
+        reply = {"number": number, "seconds": seconds, "result": method.report(answer, order)}
+        return json.dumps(reply, default=_without_numpy)
     except Exception as error:
-        return {"number": number, "fault": "invalid result", "text": str(error) or type(error).__name__}
+        reply = {"number": number, "fault": "invalid result", "text": str(error) or type(error).__name__}
+        return json.dumps(reply)
 
 
-def _answer(stream: Any, value: Any) -> None:  # noqa: ANN401
-    stream.write(json.dumps(value) + "\n")
+def _without_numpy(value: object) -> object:
+    """Return a scalar or an array of numpy as numbers of Python; TypeError for another value."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
+    raise TypeError(f"the result has a value of the type {type(value).__name__}: numbers and texts are required")
+
+
+def _send(stream: Any, line: str) -> None:  # noqa: ANN401
+    stream.write(line + "\n")
     stream.flush()
 
 

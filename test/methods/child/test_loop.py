@@ -15,6 +15,8 @@ from sfr_loc_map.methods.registry import CHILD
 ADAPTER = """
 import time
 
+import numpy as np
+
 class Method:
     version = "7"
     maps_sets = True
@@ -34,6 +36,10 @@ class Method:
     def report(self, answer, order):
         if answer is None:
             raise RuntimeError("a call that raised has no result")
+        if order["pairs"][0].get("stamp_ns"):
+            return {"stamp_ns": np.int64(order["pairs"][0]["stamp_ns"])}
+        if order["call"] == "invalid":
+            return {"state": {1}}
         return {"shape": answer[0], "right": answer[1], "first_kept": float(self.kept[0].mean())}
 
 def open_method(setup):
@@ -77,5 +83,7 @@ def test_a_method_gets_copies_of_each_pair_and_every_order_is_answered(tmp_path:
         }
         several = answer({**one, "call": "set", "pairs": [{}, {}, {}]})
         assert several["result"] == {"shape": [3, 4, 6], "right": 99.0, "first_kept": 10.0}
+        assert answer({**one, "pairs": [{"stamp_ns": 3}]})["result"] == {"stamp_ns": 3}
+        assert answer({**one, "call": "invalid"})["fault"] == "invalid result"
         process.stdin.close()
         assert process.wait(10) == 0
