@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from sfr_loc_map.config import build, changed, param, parameters
-from sfr_loc_map.errors import ConfigError, MetricsError
+from sfr_loc_map.errors import ConfigError, GeometryError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_from_matrix, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
@@ -74,12 +74,17 @@ class PoseConvention:
     )
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if settings exclude each other, or if the extrinsics are not seven numbers."""
+        """Raise ConfigError if settings exclude each other, or if the extrinsics are not seven numbers of a pose."""
         if self.extrinsics and (self.frame != RB or len(self.extrinsics) != 7):
             raise ConfigError(
                 f"extrinsics require seven numbers x,y,z,qx,qy,qz,qw and no frame=NAME: found "
                 f"{len(self.extrinsics)} numbers and frame={self.frame}"
             )
+        if self.extrinsics:
+            try:
+                quat_normalised(self.extrinsics[3:])
+            except GeometryError as error:
+                raise ConfigError(f"extrinsics: {error}") from error
         if self.inverse and self.inverse_motion:
             raise ConfigError("convention: inverse and inverse_motion exclude each other: give one of them")
 
