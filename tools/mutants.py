@@ -267,8 +267,8 @@ MUTATIONS = (
     Mutation("metrics/frames/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),
     Mutation("metrics/frames/aligned_error.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
     # limits and limits files
-    Mutation("metrics/judging/limits_file.py", 'not 0 <= bound < float("inf")', 'not 0 <= bound <= float("inf")'),
-    Mutation("metrics/judging/limits_file.py", '.unit == "1" and bound > 1:', '.unit == "1" and bound > 100:'),
+    Mutation("metrics/score/limits.py", "not 0 <= bound < math.inf", "not 0 <= bound <= math.inf"),
+    Mutation("metrics/score/limits.py", '.unit == "1" and bound > 1:', '.unit == "1" and bound > 100:'),
     Mutation("metrics/judging/limits_file.py", "not 1 <= independent < 1e9", "not 0 <= independent < 1e9"),
     Mutation("metrics/score/limits.py", "MINIMUM_INDEPENDENT = 5.0", "MINIMUM_INDEPENDENT = 4.0"),
     Mutation("metrics/judging/limits_file.py", "{**of_all, **entry}", "{**entry, **of_all}"),
@@ -440,8 +440,8 @@ MUTATIONS = (
     # the table against the raw values of a file
     Mutation(
         "metrics/stored/file_check.py",
-        "CHECKS = (fault_of_rows, fault_of_raw_values, fault",
-        "CHECKS = (fault_of_rows, fault",
+        "CHECKS = (fault_of_rows, fault_of_counts, fault_of_raw_values, fault",
+        "CHECKS = (fault_of_rows, fault_of_counts, fault",
     ),
     Mutation(
         "metrics/stored/raw_values.py", "DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5", "DIGITS_M, POINT_DIGITS_M = 1e-2, 5e-2"

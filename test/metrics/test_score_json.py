@@ -60,7 +60,9 @@ def values(hint: Any) -> st.SearchStrategy[Any]:
     if issubclass(hint, Columns):
         return st.integers(0, 2).flatmap(lambda length: columns(hint, length))
     if hint is Limit:
-        return st.builds(limit_of, st.sampled_from(list(LimitSection)), st.integers(0, 100), NUMBERS, st.booleans())
+        return st.builds(
+            limit_of, st.sampled_from(list(LimitSection)), st.integers(0, 100), st.floats(0, 1), st.booleans()
+        )
     if issubclass(hint, msgspec.Struct):
         parts = get_type_hints(hint).items()
         return st.builds(hint, **{name: st.deferred(lambda part=part: values(part)) for name, part in parts})
@@ -186,6 +188,7 @@ LIMIT = {"part": "trajectory", "name": "position_mean_m", "limit": 1.0}
         ({"details": drawn([], [], state=["a", "b"])}, "its columns differ in length"),
         ({"details": drawn([1.0], [1])}, "1 counts with 1 edges"),
         ({"errors": [{"figure": "position", "condition": "time=5", "errors": [[1.0], []]}]}, "its columns differ"),
+        ({"rules": {"limits": [{**LIMIT, "limit": -1.0, "condition": "distance=5"}]}}, "a number >= 0 is required"),
         ({"rules": {"limits": [{**LIMIT, "condition": "5 m"}]}}, "'5 m' is not a condition as scores write it"),
     ],
 )
@@ -226,7 +229,8 @@ def test_sigma_of_one_sub_trajectory_is_written_as_null() -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "value"), [("condition", "5 m"), ("clause", "4.3.4"), ("subject", "map"), ("figure", "slip")]
+    ("key", "value"),
+    [("condition", "5 m"), ("clause", "4.3.4"), ("subject", "map"), ("figure", "slip"), ("unit", "mm")],
 )
 def test_a_row_with_a_key_that_its_figure_cannot_have_is_refused(key: str, value: str) -> None:
     content = to_dict(score())
@@ -236,3 +240,26 @@ def test_a_row_with_a_key_that_its_figure_cannot_have_is_refused(key: str, value
         InputError, match=f"^file.json contradicts itself: .*{value if key == 'figure' else 'position'}"
     ):
         from_dict(content, "file.json")
+
+
+@pytest.mark.parametrize("table", ["path", "sub_trajectories"])
+def test_numbers_of_rows_and_of_values_that_cannot_be_are_refused(table: str) -> None:
+    truth, estimate = drive(1, 30)
+    made = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("frames=7",)))
+    for every, fault in ((0, "'every' of its details is 0"), (-2, "'every' of its details is -2")):
+        content = to_dict(made)
+        tables = content["details"]["trajectory"][table]
+        (tables if table == "path" else tables[0])["every"] = every
+        with pytest.raises(InputError, match=fault):
+            from_dict(content | {"content_sha256": hash_of_values(content)})
+    row = figure_row("coverage", n=-1, value=0.5)
+    with pytest.raises(InputError, match="'n' of coverage is -1"):
+        from_dict(to_dict(Score(figures=(row,))))
+
+
+@pytest.mark.parametrize("bound", [-1.0, math.nan, math.inf])
+def test_a_limit_is_a_number_of_its_unit(bound: float) -> None:
+    with pytest.raises(ValueError, match="a number >= 0 is required"):
+        Limit(section=LimitSection.TRAJECTORY, name="position_mean_m", limit=bound, condition="distance=5")
+    with pytest.raises(ValueError, match="a fraction from 0 to 1"):
+        Limit(section=LimitSection.MAP, name="coverage_min", limit=1.5)

@@ -276,7 +276,7 @@ def gap_rows(gaps: DriveGaps, path: TruePath, conditions: Sequence[Condition]) -
     """Yield the longest gaps, the fraction of the drive in evident gaps, and the conditions that these gaps hide."""
     longest = LongestGap.of(gaps.every, path)
     yield figure_row("longest_gap", part=DISTANCE, value=longest.distance_m)
-    yield figure_row("longest_gap", part=TIME, unit="s", value=longest.time_s)
+    yield figure_row("longest_gap", part=TIME, value=longest.time_s)
     yield figure_row(IN_GAPS, value=gaps.evident_share)
     hidden = sum(is_in_a_gap(condition, gaps.evident, path) for condition in conditions)
     yield figure_row(HIDDEN_CONDITIONS, n=len(conditions), value=share_of(hidden, len(conditions)))

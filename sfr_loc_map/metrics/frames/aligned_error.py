@@ -28,6 +28,7 @@ from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionK
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.frames.association import unique_rows
 from sfr_loc_map.metrics.table.records import Alignment
+from sfr_loc_map.metrics.table.row_part import ROTATION, TRANSLATION
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
@@ -84,8 +85,8 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
     ):
         errors_deg = np.degrees(quat_angle(quat_multiply(quat_conjugate(true_quats), quats)))
         known_deg = errors_deg if known.has_attitude and known.has_tilt else errors_deg[:0]
-        figures.append(figure_row(name, part="translation", statistics=statistics(errors_m)))
-        figures.append(figure_row(name, part="rotation", unit="deg", statistics=statistics(known_deg)))
+        figures.append(figure_row(name, part=TRANSLATION, statistics=statistics(errors_m)))
+        figures.append(figure_row(name, part=ROTATION, statistics=statistics(known_deg)))
     similarity = poses.similarity or Similarity(1.0, np.eye(3), np.zeros(3))
     displacements = "" if truth.has_attitude else "; relative errors are of displacements in DS"
     alignment = Alignment(

@@ -32,7 +32,7 @@ def truth_error_rows(truth: Truth, frames_ns: IntArray) -> Iterator[Figure]:
     yield figure_row("truth_error", n=len(frames_ns), value=float(np.linalg.norm(list(parts.values()))))
     for name, value in parts.items():
         yield figure_row("truth_error", part=name, value=value)
-    yield figure_row("truth_error", part=ATTITUDE, unit="deg", value=float(np.sqrt(3.0)) * truth.sigma_deg)
+    yield figure_row("truth_error", part=ATTITUDE, value=float(np.sqrt(3.0)) * truth.sigma_deg)
 
 
 def turn_rows(condition: str, sigma_deg: float, moves: FloatArray) -> Iterator[Figure]:

@@ -22,9 +22,9 @@ from sfr_loc_map.metrics.score.limits import (
     LimitSection,
     Population,
     Terms,
+    fault_of_bound,
     fault_of_terms,
 )
-from sfr_loc_map.metrics.table.catalogue import KINDS
 
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: Keys of a requirement besides its limits.
 TERMS = Terms._fields  #: Additional keys of a limit on a tolerance bound.
@@ -122,11 +122,8 @@ def _limit_of(
     if is_bound:
         requirement.pop("certain", None)  # that of the block applies to its other limits
     bound: Any = entry.get("limit")
-    is_number = isinstance(bound, int | float) and not isinstance(bound, bool)
-    if not is_number or not 0 <= bound < float("inf"):
-        raise ConfigError(f"{where} is {bound!r}: a number >= 0 is required, in the unit of its name")
-    if KINDS[limited.figure].unit == "1" and bound > 1:
-        raise ConfigError(f"{where} is {bound!r}: a fraction from 0 to 1 is required, 0.05 for 5 %")
+    if (fault := fault_of_bound(limited.figure, bound)) is not None:
+        raise ConfigError(f"{where} {fault}")
     return Limit(section=section, name=name, limit=float(bound), condition=condition, **requirement, **stated)
 
 

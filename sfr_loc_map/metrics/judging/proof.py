@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import VerdictState
@@ -158,7 +159,8 @@ def bound_row(figure: str, unit: str, condition: str | None, proof: Proof) -> Fi
         part += ", declared normal"
     if record.good is not None:
         part += f", good {100.0 * record.good:g} % with {100.0 * (record.power or 0.0):g} % power"
-    return figure_row("bound", condition, part, unit, value=proof.bound, independent=record.independent)
+    row = figure_row("bound", condition, part, value=proof.bound, independent=record.independent)
+    return replace(row, unit=unit)
 
 
 def words_of(record: ProofRecord, state: VerdictState) -> str:

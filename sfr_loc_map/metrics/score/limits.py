@@ -17,6 +17,7 @@ template, and the scope that must be complete for a pass (`metrics.judging.limit
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -79,6 +80,15 @@ def fault_of_terms(given: Mapping[str, Any]) -> str | None:
         return f"'interpretation' is {word!r}: one of {', '.join(Population)} is required"
     if "good" in given and word == Population.TEMPORAL:
         return "'good' is a fraction of drives: the interpretation ensemble or mixed is required"
+    return None
+
+
+def fault_of_bound(figure: str, bound: object) -> str | None:
+    """Return why a value cannot be the bound of a limit on a figure, None if it is valid."""
+    if isinstance(bound, bool) or not isinstance(bound, int | float) or not 0 <= bound < math.inf:
+        return f"is {bound!r}: a number >= 0 is required, in the unit of its name"
+    if KINDS[figure].unit == "1" and bound > 1:
+        return f"is {bound!r}: a fraction from 0 to 1 is required, 0.05 for 5 %"
     return None
 
 
@@ -177,9 +187,11 @@ class Limit(Record, frozen=True, kw_only=True):
     good: float | None = None  #: Acceptable fraction of failures; if given, a sequential test judges the drives.
 
     def __post_init__(self) -> None:
-        """Check name, condition and terms of the limit, which may come from a stored score; ValueError if invalid."""
+        """Check name, bound, condition and terms, which may come from a stored score; ValueError if invalid."""
         if self.name not in LIMITED_NUMBERS[self.section]:
             raise ValueError(f"'{self.name}' is not a limit of the section '{self.section}'")
+        if (fault := fault_of_bound(self.limited.figure, self.limit)) is not None:
+            raise ValueError(f"'{self.name}' {fault}")
         if self.condition is not None and not is_written_condition(self.condition):
             raise ValueError(f"'{self.condition}' is not a condition as scores write it, such as distance=5")
         if (self.condition is not None) != (self.section is LimitSection.TRAJECTORY):

@@ -1,9 +1,8 @@
 """Check that a stored score does not contradict itself.
 
-Rows must have the keys of a figure of the catalogue, and no two rows may have the same keys. Mean + 3 sigma must follow
-from mean and sigma, the figures from the raw values (`raw_values`) and related rows
-(`related_rows`), and tolerance bounds and verdicts from figures and
-rules. `score_json` also compares the hash of the values of a file.
+Rows must have the keys and the unit of a figure of the catalogue, and no two rows may have the same keys. Mean + 3
+sigma must follow from mean and sigma, the figures from the raw values (`raw_values`) and related rows (`related_rows`),
+and tolerance bounds and verdicts from figures and rules. `score_json` also compares the hash of the values of a file.
 """
 
 from __future__ import annotations
@@ -16,11 +15,13 @@ from msgspec.structs import replace
 from sfr_loc_map.metrics.config import is_written_condition
 from sfr_loc_map.metrics.formulas import mean_plus_3sigma
 from sfr_loc_map.metrics.judging.judge import with_verdicts
+from sfr_loc_map.metrics.score.limits import BOUND
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
 from sfr_loc_map.metrics.stored.related_rows import fault_of_related_rows
-from sfr_loc_map.metrics.table.catalogue import KINDS, clause_of
+from sfr_loc_map.metrics.table.catalogue import KINDS, clause_of, unit_of_row
+from sfr_loc_map.metrics.table.details import Details
 from sfr_loc_map.metrics.table.rows import Figure
 
 ROUNDING = 1e-9  #: Relative tolerance between a stored and a derived number.
@@ -62,6 +63,23 @@ def fault_of_rows(score: Score) -> str | None:
     return None
 
 
+def fault_of_counts(score: Score) -> str | None:
+    """Return the first number of values that is negative, or block size below 1; None if there is none."""
+    for row in score.figures:
+        for name in ("n", "unknown"):
+            if (row.statistic(name) or 0) < 0:
+                return f"'{name}' of {row.label} is {row.statistic(name)}: a number >= 0 is required"
+    details = Details() if score.details is None else score.details
+    sizes = [("slowest_of", plots.series.slowest_of) for plots in details.calls.values()]
+    if details.trajectory is not None:
+        tables = (details.trajectory.path, *details.trajectory.sub_trajectories)
+        sizes += [("every", table.every) for table in tables if table is not None]
+    for name, size in sizes:
+        if size < 1:
+            return f"'{name}' of its details is {size}: a number >= 1 is required"
+    return None
+
+
 def fault_of_verdicts(score: Score, derived: Score) -> str | None:
     """Return the first difference of a score from the one whose bounds and verdicts were derived again; None if equal.
 
@@ -92,6 +110,9 @@ def fault_of_keys(row: Figure) -> str | None:
         return f"subject of {row.label} is {row.subject}, but the figure is about {KINDS[row.figure].subject}"
     if row.clause != clause_of(row.figure, row.part):
         return f"clause of {row.label} is '{row.clause}', but '{clause_of(row.figure, row.part)}' defines the figure"
+    unit = unit_of_row(row.figure, row.part)
+    if row.unit != unit and row.figure != BOUND:  # bounds have the unit of the limited figure and are derived again
+        return f"unit of {row.label} is '{row.unit}', but the figure is in '{unit}'"
     is_condition = row.condition is None or is_written_condition(row.condition)
     return None if is_condition else f"condition of {row.label} is '{row.condition}', but distance=5 is the form"
 
@@ -125,5 +146,5 @@ def _text(value: object) -> str:
     return "null" if value is None else f"'{value}'" if isinstance(value, str) else f"{value}"
 
 
-CHECKS = (fault_of_rows, fault_of_raw_values, fault_of_related_rows)
+CHECKS = (fault_of_rows, fault_of_counts, fault_of_raw_values, fault_of_related_rows)
 """The checks of the figures, in the order in which their faults are reported."""

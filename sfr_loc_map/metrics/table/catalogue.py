@@ -30,7 +30,18 @@ from sfr_loc_map.metrics.config import CallKind, Reading
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.formulas_beside import chord_error
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
-from sfr_loc_map.metrics.table.row_part import COUNT, DIRECTIONS, MOVING, OTHER_FRAMES, Place, RowPart, distance_of
+from sfr_loc_map.metrics.table.row_part import (
+    ATTITUDE,
+    COUNT,
+    DIRECTIONS,
+    MOVING,
+    OTHER_FRAMES,
+    ROTATION,
+    TIME,
+    Place,
+    RowPart,
+    distance_of,
+)
 
 
 class Subject(StrEnum):
@@ -298,6 +309,20 @@ CLAUSES_OF_MEMORY = {CallKind.LOCALISATION: "4.2.2", CallKind.MAPPING_CALL: "4.3
 DEFINED = {Subject.TRAJECTORY: ("mean", "sigma", TOTAL), Subject.MAP: ()}
 """Statistics that the specification defines, by subject: none for the point error. For calls any statistic is
 allowed."""
+
+
+UNITS_OF_PARTS = {
+    ("ape", ROTATION): "deg",
+    ("rpe", ROTATION): "deg",
+    ("longest_gap", TIME): "s",
+    ("truth_error", ATTITUDE): "deg",
+}
+"""Units of parts whose unit differs from that of their figure."""
+
+
+def unit_of_row(figure: str, part: str | None) -> str:
+    """Return the unit of the row of a figure and a part."""
+    return UNITS_OF_PARTS.get((figure, part or ""), KINDS[figure].unit)
 
 
 def clause_of(figure: str, part: str | None) -> str:

@@ -38,6 +38,7 @@ POOLED = "pooled"  #: Part of the rows over all drives of a suite.
 FIRST = "first call"  #: Part of the row of the time of the first measured call.
 AFTER_FIRST = "after the first call"  #: Part of the row of the times of the calls after the first.
 ATTITUDE = "attitude"  #: Part of the row `truth_error` of the attitude error of the truth.
+TRANSLATION, ROTATION = "translation", "rotation"  #: Parts of the rows of APE and RPE.
 TURN = "attitude at the start"  #: Part of the rows `truth_error` of the displacement of N+x by an attitude error at N.
 DISTANCE, TIME = "distance", "time"  #: Parts of the rows of the longest gap.
 POINTS = "map points"  #: Part of the row `nees` of the sigma of map points.

@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import STATISTICS, Statistics
 from sfr_loc_map.metrics.statistics.intervals import Interval, chi2_interval95
-from sfr_loc_map.metrics.table.catalogue import KINDS, Subject, clause_of
+from sfr_loc_map.metrics.table.catalogue import KINDS, Subject, clause_of, unit_of_row
 from sfr_loc_map.metrics.table.row_part import ANY, Place, RowPart
 
 
@@ -98,11 +98,10 @@ def figure_row(
     figure: str,
     condition: str | None = None,
     part: str | None = None,
-    unit: str = "",
     statistics: Statistics | None = None,
     **numbers: float | None,
 ) -> Figure:
-    """Return the row of a figure of the catalogue, with its clause, its subject and, unless given, its unit."""
+    """Return the row of a figure of the catalogue, with its clause, its subject and its unit."""
     kind = KINDS[figure]
     part = None if part is None else str(part)
     row: dict[str, Any] = {} if statistics is None else msgspec.structs.asdict(statistics)
@@ -114,7 +113,7 @@ def figure_row(
         condition=condition,
         part=part,
         figure=kind.name,
-        unit=unit or kind.unit,
+        unit=unit_of_row(kind.name, part),
         **row,
     )
 
