@@ -89,9 +89,12 @@ until then, and the term lasts until the next external pose.
 
 | the error is | code |
 |---|---|
-| of one pose only | a field of `PathErrors`, set by `with_pair` and part of `alone`; a term of `pose_noise` |
-| a sum along the path | a field of `PathSums`, its increment in `sums_after_step`, and a term of `PoseTerms` |
-| common to all steps | the same, and a term of `systematic_step` |
-| independent from step to step | a term of `step_covariance`, and of `PathErrors.shared` |
-| required by a finding | a flag of `findings.Inflation`, and a part of `AddedError` |
+| of one pose only | a field of `PathErrors`, set in `with_pair` and part of `alone`; a term of `pose_noise` |
+| | zero in `restarted` and `rebased`; zero in `adjusted`, too, if the error of a keyframe contains it |
+| a sum along the path | a field of `PathSums`, with its increment in `sums_after_step` and its difference in `since` |
+| | a term of `PoseTerms`, computed in `pose_terms` and added in `total` |
+| common to all steps | as for a sum, and a term of `systematic_step` |
+| independent from step to step | as for a sum of variances, and a term of `step_covariance` |
+| required by a finding | a flag of `findings.Inflation`, the findings with this flag in `findings.RULES` |
+| | a field of `AddedError`, set in `inflation_of` and part of `of_step`; its use in `PathErrors.with_pair` |
 """
