@@ -143,7 +143,8 @@ class Localiser:
     ) -> None:
         """Start at a pose of RB in DS. A pose without a stamp is valid at the first pair.
 
-        GeometryError if the rig has no extrinsics. ConfigError if a mask cannot be read or its size is not the rig's.
+        GeometryError if the rig has no extrinsics, or if the pose is invalid (`StartPose.of`). ConfigError if a value
+        of the configuration is invalid, if a mask cannot be read, or if its size is not the rig's.
         """
         config = checked(config)
         self._rig = rig
@@ -162,12 +163,16 @@ class Localiser:
         self.reset(start)
 
     def reset(self, start: StartPose | Transform) -> None:
-        """Discard the state and start at a pose."""
+        """Discard the state and start at a pose of RB in DS. A pose without a stamp is valid at the first pair.
+
+        GeometryError, and no change, if the pose is invalid (`StartPose.of`).
+        """
+        start = StartPose.of(start)
         if self._pending is not None:
             wait([self._pending])
         self._pending = None
         self._state = State(
-            path=trajectory.started(StartPose.of(start), self._model),
+            path=trajectory.started(start, self._model),
             calibration=OnlineCalibration(self._camera, self._config.window_keyframes),
             ground_memory=GroundMemory.none((self._rig.height, self._rig.width)),
         )
@@ -175,15 +180,19 @@ class Localiser:
     def set_pose(self, pose: StartPose | Transform) -> None:
         """Set an external pose, which is valid at its stamp; without a stamp, at the next pair.
 
-        The pose replaces an earlier external pose that is not applied yet.
+        The pose replaces an earlier external pose that is not applied yet. Before the first pair, the pose replaces the
+        start pose.
+
+        GeometryError, and no change, if the pose is invalid (`StartPose.of`).
         """
         self._state = replace(self._state, path=trajectory.given(self._state.path, StartPose.of(pose), self._model))
 
     @property
     def known_ns(self) -> int | None:
-        """Stamp since which the odometry of the next pair is measured; None if that pair begins a window.
+        """Stamp, ns, since which the odometry of the next pair is measured; None if there is no map.
 
-        The stamp is that of the last pair that was accepted or began a window.
+        The stamp is that of the last pair that was accepted or began a window. If the adjustment of the last keyframe
+        diverges in the background, the next pair begins a window although the stamp is not None.
         """
         return None if self._state.landmark_map is None else self._state.path.last.known_ns
 
@@ -200,7 +209,7 @@ class Localiser:
         warm_up.call_kernels_of_large_images()
 
     def process(self, pair: StereoPair, odometry: Transform | None = None) -> PoseEstimate:
-        """Return the pose at a pair.
+        """Return the pose of RB in DS at a pair, with its covariance and state.
 
         The odometry, for example from wheels, is the motion `T_before_now` of RB since `known_ns`. The odometry is an
         initial guess only.
@@ -254,7 +263,7 @@ class Localiser:
             return self._begin(state, frame, findings)
         verdict = decide(findings | guards.check_landmarks(frame, landmark_map.landmarks, self._config.min_tracked))
         if verdict.refuses:
-            return self._refuse_or_restart(state, verdict, frame, landmark_map)
+            return self._refuse_or_restart(state, verdict, frame)
         # 2 predict
         guesses = state.path.last.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
@@ -266,16 +275,14 @@ class Localiser:
         findings |= ground.findings
         verdict = decide(findings | guards.check_tracks(frame, ground.tracks))
         if verdict.refuses:
-            state = replace(state, ground_memory=ground.memory.after(verdict))
-            return self._refuse_or_restart(state, verdict, frame, landmark_map, ground.tracks)
+            return self._refuse_selected(state, verdict, frame, ground, ground.tracks)
         # 6 correct the right camera
         corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
         candidate = Candidate(frame, landmark_map.without(ground.not_ground), ground, corrected)
         # 7 judge
         verdict = self._judge(state, candidate, findings)
         if verdict.refuses:
-            state = replace(state, ground_memory=ground.memory.after(verdict))
-            return self._refuse_or_restart(state, verdict, frame, landmark_map, candidate.tracks)
+            return self._refuse_selected(state, verdict, frame, ground, candidate.tracks)
         # 8 complete, 9 accept
         final = self._complete(state, candidate, verdict, clock)
         return self._accept(state, candidate, verdict, final)
@@ -346,7 +353,10 @@ class Localiser:
         return decide(findings)
 
     def _check_pose(self, state: State, frame: StereoFrame, tracks: Tracks) -> Findings:
-        """Return the findings of the fast guards that refuse poses; they are repeated for the pose of a keyframe."""
+        """Return the findings of the fast guards that refuse poses; they are repeated for the pose of a keyframe.
+
+        The tracks are checked again here, because a correction of the right camera may have changed their inliers.
+        """
         findings = guards.check_tracks(frame, tracks)
         return findings | guards.check_pose(tracks, state.path.last, frame.stamp_ns, self._config.motion)
 
@@ -407,7 +417,7 @@ class Localiser:
             landmark_map=landmark_map,
             calibration=corrected.calibration,
             shear_mean=corrected.shear_mean,
-            ground_memory=ground.memory.after(verdict),
+            ground_memory=ground.memory.for_verdict(verdict),
             recovery=recovery,
             failed_recoveries=0,
             keyframes=state.keyframes + int(final.is_keyframe),
@@ -430,20 +440,23 @@ class Localiser:
             return self._keep(state, verdict, stamp_ns, statistics, tracks)
         return self._lose(state, verdict.reason, statistics, tracks)
 
+    def _refuse_selected(
+        self, state: State, verdict: Verdict, frame: StereoFrame, ground: Ground, tracks: Tracks
+    ) -> Outcome:
+        """Refuse a pair, or begin a window with it, after the ground's motion was selected."""
+        state = replace(state, ground_memory=ground.memory.for_verdict(verdict))
+        return self._refuse_or_restart(state, verdict, frame, tracks)
+
     def _refuse_or_restart(
-        self,
-        state: State,
-        verdict: Verdict,
-        frame: StereoFrame,
-        landmark_map: LandmarkMap,
-        tracks: Tracks | None = None,
+        self, state: State, verdict: Verdict, frame: StereoFrame, tracks: Tracks | None = None
     ) -> Outcome:
         """Refuse a pair, or begin a window with it if several good images were refused.
 
         A pair that would be kept (`KEEP`) counts only while the localiser is lost. Otherwise, a localiser whose map
         contradicts all images would stay lost.
         """
-        count = len(landmark_map.landmarks.rows)
+        assert state.landmark_map is not None, "without a map, a pair begins a window"
+        count = len(state.landmark_map.landmarks.rows)
         is_lost = state.status is TrackingState.LOST
         may_restart = verdict.action is Action.RESTART or (verdict.action is Action.KEEP and is_lost)
         if may_restart and self._relocaliser.is_good_image(frame, count):

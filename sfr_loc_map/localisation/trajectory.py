@@ -32,7 +32,7 @@ from sfr_loc_map.localisation.motion_size import size_of
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
 from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
 from sfr_loc_map.localisation.uncertainty.directed_error import ZERO
-from sfr_loc_map.localisation.uncertainty.inflation import inflation_of, unobserved_rb, unobserved_size
+from sfr_loc_map.localisation.uncertainty.inflation import inflation_of, unobserved_during, unobserved_size
 from sfr_loc_map.localisation.uncertainty.path_errors import NOTHING, LocatedCovariance, Origin, PathErrors
 from sfr_loc_map.localisation.uncertainty.published_pose import PublishedPose
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
@@ -174,7 +174,7 @@ def _unobserved_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> Fl
     unobserved_s = last.unobserved_s(stamp_ns)
     if rebased_ns is not None:  # a later external pose is the kept pose itself at its stamp
         unobserved_s = min(unobserved_s, (stamp_ns - rebased_ns) / NS_PER_S)
-    return model.covariance_at(last.T_world_left, unobserved_rb(last.speed, unobserved_s, model))
+    return model.covariance_at(last.T_world_left, unobserved_during(last.speed, unobserved_s, model))
 
 
 # ---- external poses
@@ -243,7 +243,7 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     """
     past, apart_s = path.history.at(at_ns)
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ past.T_world_left.inverse()
-    unobserved = unobserved_rb(path.last.speed, apart_s, model)
+    unobserved = unobserved_during(path.last.speed, apart_s, model)
     unobserved = symmetric(propagated_covariance(unobserved, np.zeros(3), pose.T_ds_rb.rotation))
     R_world_ds = T_ds_world.rotation.T
     R_world_left = past.T_world_left.rotation

@@ -14,7 +14,7 @@ distinguish two motions, the pose is ambiguous.
     GroundMemory ---------------+-------------+---------> Effect ----> NextMemory, findings
 
 `selection` lists the steps with their functions, and examples. `GroundMemory` is the only state. It is an immutable
-value, which the localiser keeps and replaces after its verdict on the pair (`NextMemory.after`).
+value, which the localiser keeps and replaces after its verdict on the pair (`NextMemory.for_verdict`).
 
 A pair either *agrees* with the earlier pairs or *doubts* which motion is the ground's. The pair agrees if one motion
 explains the pair, the image moved, few cells are excluded as dynamic, and landmarks follow the motion also in the cells
@@ -27,12 +27,15 @@ or with an unexplained part of the image, is therefore degraded. Unexplained lan
 window are an exception, because their usual fraction is not known yet. Beside a body, only the covariance of that pose
 is larger, because the cells of the body are excluded from the next pairs.
 
-The method has three known limits:
+The method has four known limits:
 
 - The rover is assumed to move. If an object already moves in the first tracked pair of a window, beside a rover at
   rest, the pose follows the object.
 - After a fault, a rover at rest remains degraded until it moves (`RECOVERING`, `AT_REST_IN_DOUBT`), because images of a
   rover at rest do not show whether the fault has ended.
+- Beside a rover at rest, an object that covers much of the view is first reported as a partial transfer, in up to
+  `MAX_TRANSFERS` pairs, and then as two motions or as unexplained landmarks. The image of a resting rover is stationary
+  outside the object, as in the stale parts of a partial transfer.
 - If the ground becomes so rough that each pair has unusually many unexplained landmarks, the pairs remain degraded
   (`UNEXPLAINED`) until a new window begins, because a fault may look the same.
 

@@ -278,7 +278,7 @@ class NextMemory(NamedTuple):
         learnt = before.after_unselected()
         return cls(learnt, learnt, before)
 
-    def after(self, verdict: Verdict) -> GroundMemory:
+    def for_verdict(self, verdict: Verdict) -> GroundMemory:
         """Return the memory after the verdict."""
         if verdict.refuses:
             return self.if_refused

@@ -45,7 +45,7 @@ def unobserved_motion(size: MotionSize, sources: ErrorSources) -> FloatArray:
     return np.diag(np.square([metres, metres, climb, tilt, tilt, min(radians, MAX_ANGLE_RAD)]))
 
 
-def unobserved_rb(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
+def unobserved_during(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
     """Return the covariance `(6, 6)` of the motion of RB in a time without images, s, in RB at its start."""
     return unobserved_motion(unobserved_size(speed, seconds, model.bounds), model.sources)
 

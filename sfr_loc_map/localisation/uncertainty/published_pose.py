@@ -12,7 +12,7 @@ from sfr_loc_map.localisation.estimate import StepEstimate
 from sfr_loc_map.localisation.motion_size import MotionSize, Speed
 from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
 from sfr_loc_map.localisation.uncertainty.directed_error import ZERO
-from sfr_loc_map.localisation.uncertainty.inflation import AddedError, unobserved_rb
+from sfr_loc_map.localisation.uncertainty.inflation import AddedError, unobserved_during
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 from sfr_loc_map.localisation.uncertainty.step_covariance import (
     MIN_VARIANCE,
@@ -31,14 +31,15 @@ class PublishedPose:
 
     stamp_ns: int | None = None  #: Stamp of the pose; None before the first pose.
     T_world_left: Transform | None = None  #: The pose as it was published; adjustments do not move it.
-    #: `(6, 6)` in RB: the part of the covariance of the step to this pose that is added to the next step as well. If
-    #: this pose is wrong, the next step starts at the wrong pose and contains the same error with the opposite sign.
+    #: `(6, 6)` in RB at the pose before this pose: the part of the covariance of the step to this pose that is added to
+    #: the next step as well, where the turn of the step is neglected. If this pose is wrong, the next step starts at
+    #: the wrong pose and contains the same error with the opposite sign.
     #: The part consists of the inflation by findings, and of the displacement by a correction of the yaw.
     undone_by_next_step: FloatArray = field(default_factory=lambda: ZERO)
-    #: `(6, 6)` in RB: covariance of the unobserved motion since the last accepted pose, while that pose was kept; zero
-    #: if a window began at this pose.
-    unobserved_rb: FloatArray = field(default_factory=lambda: ZERO)
-    noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of the pose, in RB.
+    #: `(6, 6)` in RB at the last accepted pose: covariance of the unobserved motion since that pose, while that pose
+    #: was kept; zero if a window began at this pose.
+    kept_motion_rb: FloatArray = field(default_factory=lambda: ZERO)
+    noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of this pose, in RB at this pose.
     variance_factor: float | None = None  #: Variance factor (`step_covariance`); None before the first residuals.
 
     def seconds_until(self, stamp_ns: int) -> float:
@@ -81,11 +82,11 @@ class PublishedPose:
         step = StepEstimate(
             seconds=seconds,
             motion=motion.vector,
-            covariance=of_images + self.undone_by_next_step + self.unobserved_rb + published.undone_by_next_step,
+            covariance=of_images + self.undone_by_next_step + self.kept_motion_rb + published.undone_by_next_step,
             systematic=systematic_step(motion, depth_m, pair.calibration, model),
             noise=noise,
             noise_before=self.noise,
-            speed_change=ZERO if pair.was_known else unobserved_rb(speed, seconds, model),
+            speed_change=ZERO if pair.was_known else unobserved_during(speed, seconds, model),
         )
         return published, step
 
@@ -105,9 +106,9 @@ class PublishedPose:
             model: Extrinsics, bounds and error sources.
         """
         seconds = self.seconds_until(stamp_ns)
-        unobserved = unobserved_rb(speed, unobserved_s, model)
+        unobserved = unobserved_during(speed, unobserved_s, model)
         # both are diagonal, so that the larger elements form a covariance
-        growth = np.maximum(unobserved - self.unobserved_rb, unobserved_rb(speed, seconds, model))
+        growth = np.maximum(unobserved - self.kept_motion_rb, unobserved_during(speed, seconds, model))
         motion = np.zeros(6)
         if self.T_world_left is not None:
             motion = StepMotion.between(self.T_world_left, T_world_left, model).vector
@@ -120,7 +121,7 @@ class PublishedPose:
             noise_before=self.noise,
             speed_change=ZERO,
         )
-        kept = replace(self, stamp_ns=stamp_ns, T_world_left=T_world_left, unobserved_rb=unobserved)
+        kept = replace(self, stamp_ns=stamp_ns, T_world_left=T_world_left, kept_motion_rb=unobserved)
         return kept, step
 
     def without_errors(self) -> PublishedPose:
@@ -129,7 +130,7 @@ class PublishedPose:
         The next step is measured from the image of this pair. It therefore contains no errors and no noise of the
         earlier poses.
         """
-        return replace(self, undone_by_next_step=ZERO, unobserved_rb=ZERO, noise=ZERO)
+        return replace(self, undone_by_next_step=ZERO, kept_motion_rb=ZERO, noise=ZERO)
 
     def displaced(self, moved: MotionSize) -> PublishedPose:
         """Return the pose after the last known pose was displaced by a change of the yaw correction.

@@ -180,8 +180,8 @@ def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> N
     learnt = replace(before, previous=np.ones((16, 16), np.float32), faults=ImageFaults(transfers=2))
     refused = decide({Finding.CONTRADICTED})
     next_earlier = EarlierImage(IMAGE, HERE)
-    assert NextMemory.of_selected(before, learnt, next_earlier, outlasts_refusal=False).after(refused) is before
-    memory = NextMemory.of_selected(before, learnt, next_earlier, outlasts_refusal=True).after(refused)
+    assert NextMemory.of_selected(before, learnt, next_earlier, outlasts_refusal=False).for_verdict(refused) is before
+    memory = NextMemory.of_selected(before, learnt, next_earlier, outlasts_refusal=True).for_verdict(refused)
     assert memory.previous is before.previous
     assert memory.faults.transfers == 2
 
