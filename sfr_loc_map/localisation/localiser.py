@@ -54,9 +54,9 @@ import numpy as np
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import checked
-from sfr_loc_map.errors import LocalisationError
+from sfr_loc_map.errors import GeometryError, LocalisationError
 from sfr_loc_map.geometry.camera import Pose
-from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE, plausible_rotations
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation import guards, stale_images, trajectory, warm_up
@@ -215,9 +215,11 @@ class Localiser:
         initial guess only.
 
         LocalisationError, and no change, if the size of the images is not the rig's, or if the stamp of the pair is not
-        later than that of the previous pair.
+        later than that of the previous pair. GeometryError, and no change, if the rotation of the odometry is invalid.
         """
         self._check_pair(pair)
+        if odometry is not None and not plausible_rotations(odometry.rotation):
+            raise GeometryError(f"the odometry has an invalid rotation: {odometry.rotation.tolist()}")
         clock = StageClock()
         with clock.stage("wait"):
             pending = self._pending
@@ -516,7 +518,7 @@ class Localiser:
         statistics = TrackingStatistics(features=len(landmarks.rows))
         verdict = decide(findings | guards.check_landmarks(frame, landmarks, self._config.min_tracked))
         if verdict.refuses:
-            return self._lose(state, verdict.reason, statistics, tracks)
+            return self._lose(state, verdict.reason, replace(statistics, inliers=0), tracks)
         status = TrackingState.DEGRADED
         if verdict.action is Action.ACCEPT:
             status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING

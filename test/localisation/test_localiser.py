@@ -103,6 +103,11 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(estimates: list[PoseEs
     ):
         with pytest.raises(GeometryError, match="start pose"):
             by.set_pose(wrong)
+    with pytest.raises(GeometryError, match="odometry"):
+        by.process(DRIVE[4], Transform(3.0 * np.eye(3), np.zeros(3)))
+    with pytest.raises(GeometryError, match="start pose"):
+        by.reset(Transform(2.0 * np.eye(3), np.zeros(3)))
+    assert by.process(DRIVE[4]).T_ds_rb.matrix.tobytes() == estimates[4].T_ds_rb.matrix.tobytes()
     with pytest.raises(ConfigError, match="max_features"):
         Localiser(LOC_RIG, LocalisationConfig(max_features=-5))
     with pytest.raises(GeometryError, match="T_rb_locsb"):
@@ -251,6 +256,11 @@ def test_a_start_pose_of_a_later_stamp_than_the_first_pair_degrades_nothing(late
 
 
 # ---- images that show nothing, or nothing that is known
+
+
+def test_a_black_first_pair_has_no_inliers() -> None:
+    first = localiser().process(black(0))
+    assert (first.state, first.statistics.inliers) == (TrackingState.LOST, 0)
 
 
 @pytest.mark.parametrize("count", [1, 5, 15])
