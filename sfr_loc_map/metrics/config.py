@@ -10,6 +10,11 @@ from sfr_loc_map.config import build, param
 from sfr_loc_map.errors import ConfigError, MetricsError
 
 MAX_VALUE = 1e9  #: Maximum metres, seconds or frames of a condition; this many seconds fit 64 bits of nanoseconds.
+VALUES_OF_CONDITIONS = (
+    "give one or several of distance=METRES, time=SECONDS, frames=NUMBER, displacement=METRES and turn=DEGREES (up to "
+    "180), separated by commas; values must be positive, and frames must be whole"
+)
+"""Rule of valid conditions in messages."""
 SPACING_FRAMES = 10  #: Frames from one start of a sub-trajectory to the next, as the specification recommends [4.1.1].
 
 
@@ -129,6 +134,13 @@ class Condition:
     value: float
     others: tuple[Condition, ...] = ()  #: Other parts of a combined condition, which have no parts themselves.
 
+    def __post_init__(self) -> None:
+        """Check the value of the condition; MetricsError if it is invalid."""
+        largest = 180.0 if self.kind is ConditionKind.TURN else MAX_VALUE
+        is_countable = self.kind is not ConditionKind.FRAMES or self.value % 1.0 == 0.0
+        if not 0.0 < self.value <= largest or not is_countable:
+            raise MetricsError(f"'{self.kind}={self.value:g}' is not a condition: {VALUES_OF_CONDITIONS}")
+
     @property
     def parts(self) -> tuple[Condition, ...]:
         """All parts of the condition as separate conditions."""
@@ -146,18 +158,9 @@ class Condition:
             name, _, number = word.partition("=")
             try:
                 kind = ConditionKind(name.strip())
-                value = float(number.strip().removesuffix(kind.unit))
-            except ValueError:
-                kind, value = ConditionKind.DISTANCE, 0.0
-            if not 0 < value <= (180.0 if kind is ConditionKind.TURN else MAX_VALUE) or (
-                kind is ConditionKind.FRAMES and value % 1.0
-            ):
-                raise MetricsError(
-                    f"'{text}' is not a condition: give one or several of distance=METRES, time=SECONDS, "
-                    "frames=NUMBER, displacement=METRES and turn=DEGREES (up to 180), separated by commas; values must "
-                    "be positive, and frames must be whole"
-                )
-            parts.append(cls(kind, value))
+                parts.append(cls(kind, float(number.strip().removesuffix(kind.unit))))
+            except (ValueError, MetricsError) as error:
+                raise MetricsError(f"'{text}' is not a condition: {VALUES_OF_CONDITIONS}") from error
         if len({part.kind for part in parts}) < len(parts):
             raise MetricsError(f"'{text}' has the same kind of condition twice: give each kind once")
         first, *others = sorted(parts, key=lambda part: list(ConditionKind).index(part.kind))

@@ -130,3 +130,18 @@ def test_error_by_direction_of_travel() -> None:
     assert counts == {"1 m": 10, "2 m": 9, "5 m": 6, "10 m": 1}, "starts are ten frames apart"
     length = math.sqrt(0.01**2 + 0.02**2 + 0.03**2)
     assert by_distance == pytest.approx({f"{d} m": d * length for d in (1, 2, 5, 10)}, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        (ConditionKind.DISTANCE, -5.0),
+        (ConditionKind.TIME, 0.0),
+        (ConditionKind.FRAMES, 2.5),
+        (ConditionKind.TURN, 181.0),
+        (ConditionKind.DISPLACEMENT, float("nan")),
+    ],
+)
+def test_a_condition_with_a_value_that_ends_nothing_is_refused(kind: ConditionKind, value: float) -> None:
+    with pytest.raises(MetricsError, match="is not a condition"):
+        Condition(kind, value)
