@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
-from sfr_loc_map.metrics.frames.association import Frames, Matching, associate, rows_of_images, unique_rows
+from sfr_loc_map.metrics.frames.association import Estimates, Frames, Matching, associate, rows_of_images, unique_rows
 
 STAMPS = st.lists(st.integers(0, 60), max_size=25, unique=True).map(lambda s: np.array(sorted(s), np.int64))
 
@@ -135,3 +136,9 @@ def test_estimates_between_the_images_are_no_frames(stamps_ns: list[int], expect
     images_ns = np.array([0, 100, 200], np.int64)
     rows = rows_of_images(np.array(stamps_ns, np.int64), np.arange(len(stamps_ns)), images_ns, near_ns=5)
     assert rows.tolist() == expected
+
+
+@pytest.mark.parametrize("given", [{"lost": np.zeros(2, np.bool_)}, {"covariance": np.zeros((4, 21))}])
+def test_estimates_with_columns_of_another_length_are_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(MetricsError, match="one for each of 3 poses"):
+        Estimates.of(poses([0, 10, 20]), **given)

@@ -203,3 +203,16 @@ def test_a_point_behind_the_camera_has_an_error_and_an_unknown_disparity() -> No
     points, disparity = (score.figure(name, part=None) for name in ("point_error", "disparity_error"))
     assert points.max == pytest.approx(2.0 * float(np.linalg.norm(cloud.xyz[0])))
     assert (disparity.n, disparity.unknown, disparity.mean) == (points.n - 1, 1, None)
+
+
+def test_a_map_without_truth_or_with_unknown_coordinates_is_refused() -> None:
+    cloud = cloud_of([wall()])
+    for score in (
+        lambda: score_map(replace(cloud, fused=False), [], MapScoreConfig()),
+        lambda: score_nearest(cloud.xyz, [], MapScoreConfig()),
+    ):
+        with pytest.raises(MetricsError, match="requires the truth of at least one pair"):
+            score()
+    cloud.xyz[3] = np.nan
+    with pytest.raises(MetricsError, match="not finite"):
+        score_nearest(cloud.xyz, [wall()], MapScoreConfig())

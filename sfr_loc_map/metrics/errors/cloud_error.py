@@ -76,6 +76,14 @@ def truths_of(pairs: Sequence[PosedStereoPair], rig: StereoRig) -> list[PairTrut
     return [truth for truth in truths if truth is not None]
 
 
+def check_cloud(xyz: NDArray[np.floating], truths: Sequence[PairTruth]) -> None:
+    """Check that all points `(P, 3)` are finite and that there is a truth; MetricsError if not."""
+    if not truths:
+        raise MetricsError("a map score requires the truth of at least one pair: give a source with truth")
+    if not np.isfinite(xyz).all():
+        raise MetricsError("the cloud has points that are not finite: remove them")
+
+
 # ---- coverage and point errors
 
 
@@ -153,8 +161,7 @@ class PointErrors:
 
 def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
     """Return the errors of all points whose pixel has a true point; MetricsError if a point is not of this source."""
-    if not np.isfinite(cloud.xyz).all():
-        raise MetricsError("the cloud has points that are not finite: remove them")
+    check_cloud(cloud.xyz, truths)
     if len(cloud) and int(last := cloud.pair.max()) >= len(truths):
         pairs = counted(len(truths), "pair")
         problem = f"the cloud has points of pair {last} (counted from 0) but the truth has only {pairs}"
@@ -305,8 +312,9 @@ def score_nearest(
 
     The nearest true point is rarely the observed point, so these distances underestimate the errors. Points at the
     position of an earlier point, points in excess of the number of pixels of all pairs, and points in excess of
-    `MOST_AT_TRUE_POINT` with the same nearest true point count as repeated.
+    `MOST_AT_TRUE_POINT` with the same nearest true point count as repeated. MetricsError if a point is not finite.
     """
+    check_cloud(xyz, truths)
     from scipy.spatial import cKDTree  # slow to import, and nodes rarely need it
 
     true = [truth.points[np.isfinite(truth.points).all(axis=2)] for truth in truths]

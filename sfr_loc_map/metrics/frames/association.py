@@ -17,6 +17,7 @@ from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.rotation import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
@@ -45,6 +46,15 @@ class Estimates:
     covariance: FloatArray | None
     #: `(N, 48)` float64, step to each pose (see `metrics.errors.consistency`), NaN if unknown; None without steps.
     steps: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Check that there is one value for each pose; MetricsError if not."""
+        columns = ("lost", "degraded", "is_lost_known", "is_degraded_known", "covariance", "steps")
+        for name in columns:
+            values = getattr(self, name)
+            if values is not None and len(values) != len(self.trajectory):
+                poses = counted(len(self.trajectory), "pose")
+                raise MetricsError(f"'{name}' of an estimate has the length {len(values)}: one for each of {poses}")
 
     @classmethod
     def of(
