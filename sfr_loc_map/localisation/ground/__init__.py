@@ -33,9 +33,9 @@ The method has four known limits:
   rest, the pose follows the object.
 - After a fault, a rover at rest remains degraded until it moves (`RECOVERING`, `AT_REST_IN_DOUBT`), because images of a
   rover at rest do not show whether the fault has ended.
-- Beside a rover at rest, an object that covers much of the view is first reported as a partial transfer, in up to
-  `MAX_TRANSFERS` pairs, and then as two motions or as unexplained landmarks. The image of a resting rover is stationary
-  outside the object, as in the stale parts of a partial transfer.
+- If an object moves in much of the view of a rover at rest, the pairs are reported as partially transferred
+  (`PARTIAL_TRANSFER`) and as recovering, until the rover moves. The ground is stationary in these images, and so are
+  the stale parts of a partial transfer at the moment at which a rover drives off.
 - If the ground becomes so rough that each pair has unusually many unexplained landmarks, the pairs remain degraded
   (`UNEXPLAINED`) until a new window begins, because a fault may look the same.
 
