@@ -6,6 +6,8 @@ from .api_types import PointCloud as PointCloud
 from .api_types import Score as Score
 from .api_types import Source as Source
 from .api_types import Trajectory as Trajectory
+from .errors import SfrError as SfrError
+from .geometry import Transform as Transform
 from .localisation import Localiser as Localiser
 from .mapping import Mapper as Mapper
 

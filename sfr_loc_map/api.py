@@ -200,7 +200,7 @@ def score(
     if texts is not None and not texts:
         raise ConfigError("conditions is empty: give at least one, such as 'distance=5', or None for the default")
     config = score_settings(texts, **of_score)
-    further = {"max_difference_s": settings.get("max_difference"), "rpe_delta": settings.get("rpe_delta")}
+    further = {name: settings.get(name) for name in ("max_difference", "rpe_delta")}
     aligned = aligned_error_config(align, further)
     fused, apply_diagnosis = settings.get("fused"), settings.get("apply_diagnosis", False)
     _check_flag("apply_diagnosis", apply_diagnosis)

@@ -10,7 +10,7 @@ import os
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from html import escape
 from itertools import pairwise
 from pathlib import Path
@@ -24,7 +24,7 @@ from sfr_loc_map.atomic import write_text
 from sfr_loc_map.calls.call_files import save_stats
 from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate
 from sfr_loc_map.config import build, suggestion
-from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError
+from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError, OutputError
 from sfr_loc_map.geometry import cloud, trajectory
 from sfr_loc_map.io import sequence
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud, save_cloud
@@ -51,9 +51,11 @@ PathLike = str | os.PathLike[str]
 
 
 def path_of(value: object, name: str = "path", required: str = "a path") -> Path:
-    """Return an argument as a path; ConfigError, which states what is `required`, if it has another type."""
+    """Return an argument as a path; ConfigError, which states what is `required`, if it cannot be a path."""
     if not isinstance(value, str | os.PathLike):
         raise wrong_type(name, value, required)
+    if "\0" in str(value):
+        raise ConfigError(f"{name} is {str(value)!r:.60}, which contains a NUL character: {required} is required")
     return Path(value)
 
 
@@ -67,8 +69,17 @@ class Shown:
 
     @classmethod
     def of(cls, value: Any, **further: Any) -> Self:  # noqa: ANN401 - the extended dataclass, and fields of this class
-        """Return a value of the extended type as this type; `further` are fields that only this type has."""
-        return cls(**{item.name: getattr(value, item.name) for item in fields(value)}, **further)
+        """Return a value of the extended type, or of a subclass, as this type; `further` are fields of this type only.
+
+        Fields that this type does not have are omitted, such as the uncertainty of a truth in a trajectory.
+        """
+        extended: Any = cls  # each subclass is a dataclass
+        items = fields(extended)
+        given = {item.name: getattr(value, item.name) for item in items if hasattr(value, item.name)}
+        required = {item.name for item in items if item.default is MISSING and item.default_factory is MISSING}
+        if not given.keys() >= required:
+            raise wrong_type("value", value, f"a {cls.__name__}")
+        return cls(**(given | further))
 
     def _facts(self) -> dict[str, str]:
         """Return the displayed facts by name."""
@@ -130,8 +141,10 @@ class Trajectory(Shown, trajectory.Trajectory):
     def save(self, path: PathLike) -> None:
         """Write a file; the suffix selects the format: `.csv`, `.txt` or `.tum`, `.kitti`, `.euroc.csv`.
 
-        OutputError for another suffix, and for KITTI poses without attitudes.
+        OutputError for another suffix, for KITTI poses without attitudes, and for a trajectory without poses.
         """
+        if not len(self):
+            raise OutputError(f"cannot write '{path}': the trajectory has no pose; save a trajectory with poses")
         save_trajectory(path_of(path), self)
 
     def to_stats(self, path: PathLike) -> None:

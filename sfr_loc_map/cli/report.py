@@ -140,7 +140,7 @@ def report(
         case ResultKind.SUITES:
             _compare_suites(results, output, json_path)
         case ResultKind.TRAJECTORIES:
-            config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
+            config = build(AlignedErrorConfig, {"align": align, "max_difference": max_difference}, origin="options")
             _draw(results, truth, config, output)
 
 

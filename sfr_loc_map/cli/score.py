@@ -250,7 +250,7 @@ def score(
         _diagnose(inputs, config, json_path, lenient=lenient)
         return
     inputs = _measured_on(inputs, target, target_timing, target_run)
-    aligned = aligned_error_config(align, {"max_difference_s": max_difference, "rpe_delta": rpe_delta})
+    aligned = aligned_error_config(align, {"max_difference": max_difference, "rpe_delta": rpe_delta})
     correction = correction_of(convention, apply_diagnosis)
     loaded = load_run(inputs, fused, command=shlex.join(["sfr", *sys.argv[1:]]))
     for note in () if loaded.drive is None else loaded.drive.notes:

@@ -109,7 +109,7 @@ def check_remap(source: Path, remap: Mapping[str, str]) -> None:
     if not isinstance(remap, Mapping):
         raise ConfigError(f"remap has the type {type(remap).__name__}: names of topics are required, {_REMAP_FORM}")
     if remap and source.exists() and not is_bag(source):
-        raise ConfigError(f"'--remap' applies only to topics of a bag, but '{source}' is not a bag: omit it")
+        raise ConfigError(f"remap applies only to topics of a bag, but '{source}' is not a bag: omit it")
 
 
 def source_config(source: Path, path: Path | None = None, remap: Mapping[str, str] | None = None) -> SourceConfig:

@@ -263,7 +263,7 @@ class AlignedErrorConfig:
         doc="Alignment of the estimate with the truth: none, by the first pose, or by least squares of the positions.",
         choices=("none", "origin", "se3", "sim3"),
     )
-    max_difference_s: float = param(
+    max_difference: float = param(
         0.01, unit="s", doc="Largest difference between the stamps of paired poses.", low=0.0, high=3600.0
     )
     rpe_delta: str = param("frames=1", doc="Length of a relative error: frames=NUMBER or distance=METRES.")

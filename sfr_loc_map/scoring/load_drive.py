@@ -57,7 +57,7 @@ def _read_truth(
     """Read true poses of a file, bag or data set folder, or use those in memory; return also the source of images."""
     if place is None:
         assert truth is not None  # by the caller
-        return LoadedTrajectory(Path(IN_MEMORY), truth), None
+        return LoadedTrajectory(Path(f"the truth {IN_MEMORY}"), truth), None
     if is_bag(place) or how.truth.source:
         true, opened = LoadedTrajectory(place, truth_of_path(place, how.truth, how.remap)), None
         if is_bag(place) or not place.is_file():
@@ -105,7 +105,7 @@ def _read_estimate(
         found = read_trajectory_file(inputs.estimate, inputs.columns, ESTIMATE_OPTION)
     else:
         assert given is not None  # by the caller
-        found = LoadedTrajectory(Path(IN_MEMORY), given)
+        found = LoadedTrajectory(Path(f"the estimate {IN_MEMORY}"), given)
     if found.by_index:
         found = found.with_stamps_of(true)
     check_one_estimate(found.trajectory, calls.of_estimate)

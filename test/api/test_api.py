@@ -38,7 +38,7 @@ def figures(text: str) -> dict[str, Any]:
 
 
 def test_the_public_names_stay() -> None:
-    names = {"Localiser", "Mapper", "PointCloud", "Score", "Source", "Trajectory", *SIGNATURES}
+    names = {"Localiser", "Mapper", "PointCloud", "Score", "SfrError", "Source", "Trajectory", "Transform", *SIGNATURES}
     assert set(suite.__all__) == names
     found = {name: list(inspect.signature(getattr(suite, name)).parameters) for name in SIGNATURES}
     assert found == SIGNATURES
@@ -78,6 +78,7 @@ def test_a_map_scored_in_memory_has_the_figures_of_the_command(
 
 def test_two_trajectories_are_scored(estimate: suite.Trajectory, folder: Path, tmp_path: Path) -> None:
     truth = suite.open(folder).truth
+    assert suite.score(estimate, suite.Trajectory.of(truth), ["frames=2"], spacing=1).verdict is None
     scored = suite.score(estimate, truth, ["frames=2"], spacing=1)
     assert scored.verdict is None
     moved = suite.score(replace(truth, positions=truth.positions + 1.0), truth, ["frames=2"], spacing=1)
@@ -170,6 +171,11 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.score(cloud, folder, scored_range=5), "scored_range is 5: two distances"),  # type: ignore[arg-type]
         (lambda: suite.map(folder, fuse="no"), "fuse is 'no'"),  # type: ignore[arg-type]
         (lambda: suite.map(folder, method=None), "method has the type NoneType"),  # type: ignore[arg-type]
+        (lambda: truth.save("a\0.csv"), "path is 'a.*0.csv', which contains a NUL character"),
+        (lambda: suite.Trajectory.empty().save(folder / "poses.csv"), "the trajectory has no pose"),
+        (lambda: suite.score(truth, folder, max_difference=0.1), "^max_difference of APE"),
+        (lambda: suite.score(truth, folder, align="se3", max_difference=-1.0), "'max_difference' is -1.0"),
+        (lambda: suite.Trajectory.of(3), "value has the type int"),
         (lambda: suite.PointCloud.load(3), "path has the type int"),  # type: ignore[arg-type]
         (lambda: scored.number("positio", "mean"), "no figure 'positio' .did you mean 'position'"),
         (lambda: scored.number("position", "meen"), "no statistic 'meen' .did you mean 'mean'"),
@@ -298,7 +304,9 @@ def test_a_bag_is_scored_with_the_topics_with_which_it_was_opened(tmp_path: Path
     assert score.number("position", "mean_plus_3sigma") == 0.0
 
 
-@pytest.mark.parametrize(("remap", "words"), [({"/a": 3}, "'/a': 3"), ({"/a": "x", "/b": "/x"}, "both"), (5, "int")])
+@pytest.mark.parametrize(
+    ("remap", "words"), [({"/a": 3}, "name 3"), ({"/a": "x", "/b": "/x"}, "two topics"), (5, "int")]
+)
 def test_a_remapping_that_maps_no_names_is_refused(tmp_path: Path, remap: Any, words: str) -> None:
     with pytest.raises(ConfigError, match=f"^remap .*{words}"):
         suite.open(tmp_path / "drive.mcap", remap)

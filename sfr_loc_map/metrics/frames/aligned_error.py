@@ -67,7 +67,7 @@ class AlignedErrors(NamedTuple):
 def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedErrors:
     """Return the absolute and relative pose error of an estimate, whose poses may be in any order.
 
-    MetricsError if no stamps are within `max_difference_s`, or if the alignment is undetermined.
+    MetricsError if no stamps are within `max_difference`, or if the alignment is undetermined.
     """
     known = as_truth(truth)
     if not known.has_height:
@@ -92,7 +92,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
     alignment = Alignment(
         align=config.align,
         association=f"{len(poses.truth)} poses paired by the nearest stamp{displacements}",
-        max_difference_s=config.max_difference_s,
+        max_difference_s=config.max_difference,
         rpe_delta=delta.setting,
         scale=similarity.scale,
         quat_xyzw=tuple(quat_from_matrix(similarity.rotation).tolist()),
@@ -105,7 +105,7 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
     """Return paired poses after the alignment.
 
     A truth without attitudes gets the attitudes of the aligned estimate. MetricsError if no stamps are within
-    `max_difference_s`, or if the alignment is undetermined.
+    `max_difference`, or if the alignment is undetermined.
     """
     if config.align == "origin" and not truth.has_attitude:
         raise MetricsError(
@@ -120,12 +120,12 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
     short = long = np.zeros(0, np.intp)
     if len(few):  # each pose of the shorter trajectory is paired with the nearest pose of the longer one
         nearest, difference = nearest_stamps(few, many)
-        short = np.flatnonzero(difference <= round(config.max_difference_s * NS_PER_S))
+        short = np.flatnonzero(difference <= round(config.max_difference * NS_PER_S))
         long = nearest[short]
     mine, theirs = (long, short) if estimate_is_longer else (short, long)
     if not len(mine):
         raise MetricsError(
-            f"no stamps of estimate and truth are within {config.max_difference_s:g} s of each other, so there is "
+            f"no stamps of estimate and truth are within {config.max_difference:g} s of each other, so there is "
             "no APE: increase the option max_difference, or omit the option align"
         )
     est, true = (
