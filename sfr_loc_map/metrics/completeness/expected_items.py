@@ -2,23 +2,14 @@
 
 The source defines the expected items, never the item under test. The row `judged` of a subject contains the number of
 expected items (`n`, null if it is unknown) and the fraction of them that is judged (`value`).
-
-| part of `judged` | expected | judged: expected, and | missing | extra |
-|---|---|---|---|---|
-| `drive` | images; if unknown, true poses | has an estimate and a ground truth | `missing` | `unmatched`, `doubled` |
-| `map` | mapping pairs | has a point in the cloud | `pairs_without_cloud` | `points_repeated` |
-| `calls KIND` | pairs | has a call with a measured time | `calls_missing` | `calls_other`, `calls_doubled` |
-| `memory KIND` | pairs | has a call with measured memory | `unmeasured` | as for `calls KIND` |
-| `live` | messages of the live run | was received | `dropped` | - |
-| `suite` | planned results | has a score | all that is not judged | - |
+docs/metrics.md, "Completeness", has the table of the expected, judged, missing and extra items of each subject.
 
 During a run, images and pairs are expected as soon as their result is due (`settled`). A call for a set of pairs is
 expected once, at any pair.
 
 Items that are expected and have a result, but no ground truth, are neither judged nor missing (`images_without_truth`,
 `points_without_truth`). The module `drive` counts the items of the drive. This file has one section for each of the
-other subjects, in the order of this table. `shortfall_kinds` states when a subject is incomplete. See docs/metrics.md,
-"Completeness".
+other subjects, in the order of that table. `shortfall_kinds` states when a subject is incomplete.
 """
 
 from __future__ import annotations
