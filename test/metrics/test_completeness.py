@@ -387,7 +387,16 @@ def values_of(rows: Iterable[Figure]) -> dict[str, float | None]:
 
 @pytest.mark.clause("4.3.4")
 def test_rows_of_a_map_by_hand() -> None:
-    rows = values_of(map_completeness(90, 10, 9, np.array([0, 0, 1]), 3, [0.2, 0.7, 0.1]))
+    rows = values_of(
+        map_completeness(
+            points=90,
+            not_finite=10,
+            without_truth=9,
+            point_pairs=np.array([0, 0, 1]),
+            expected_pairs=3,
+            bare=[0.2, 0.7, 0.1],
+        )
+    )
     assert rows == {
         **{"judged map": 2 / 3, "pairs_without_cloud": 1 / 3, "pairs_without_cloud count": 1},
         **{"points_without_truth": 0.1, "points_without_truth count": 9},

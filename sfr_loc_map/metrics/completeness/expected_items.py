@@ -65,6 +65,7 @@ def settled(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> Int
 
 
 def map_completeness(
+    *,
     points: int,
     not_finite: int,
     without_truth: int,

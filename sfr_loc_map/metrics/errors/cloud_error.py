@@ -336,7 +336,15 @@ def score_nearest(
         coverage_row(None, covered, ranges, *scored),
         figure_row("points", value=len(xyz)),
         figure_row("pairs", value=len(truths)),
-        *map_completeness(len(xyz), not_finite, 0, near_pairs, many, bare, repeated),
+        *map_completeness(
+            points=len(xyz),
+            not_finite=not_finite,
+            without_truth=0,
+            point_pairs=near_pairs,
+            expected_pairs=many,
+            bare=bare,
+            repeated=repeated,
+        ),
     )
     return MapResult(figures=figures, cloud=CloudRecord(nearest_only=True, scored_range_m=scored))
 

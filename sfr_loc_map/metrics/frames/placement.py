@@ -176,11 +176,8 @@ def fitted_rotation(
     upright = matrix_from_rotvec(np.array([0.0, 0.0, yaw]))
     if not has_height:
         return upright, None
-    # the smallest rotation that aligns the line of the estimates with the line of the truth
-    to, _, of = np.linalg.svd(true.T @ estimated @ upright.T)
-    across, cosine = np.cross(of[0], to[:, 0]), float(of[0] @ to[:, 0])
-    sine = float(np.linalg.norm(across))
-    found = [upright, matrix_from_rotvec(across * (np.arctan2(sine, cosine) / max(sine, 1e-12))) @ upright]
+    true_directions, _, directions = np.linalg.svd(true.T @ estimated @ upright.T)
+    found = [upright, smallest_rotation(directions[0], true_directions[:, 0]) @ upright]
     with suppress(MetricsError):  # the rotation about a straight line is undetermined
         found.append(umeyama(frames.position, frames.true_position, with_scale=False).rotation)
     left = [float(np.linalg.norm(estimated @ each.T - true)) for each in found]
@@ -189,3 +186,11 @@ def fitted_rotation(
     if tilt_deg >= MIN_TILT_DEG and left[0] > TILT_GAIN * left[best]:
         return found[best], tilt_deg
     return upright, None
+
+
+def smallest_rotation(direction: FloatArray, target: FloatArray) -> FloatArray:
+    """Return the matrix of the smallest rotation from one unit vector `(3,)` to another."""
+    axis = np.cross(direction, target)
+    sine = float(np.linalg.norm(axis))
+    angle = np.arctan2(sine, float(direction @ target))
+    return matrix_from_rotvec(axis * (angle / max(sine, 1e-12)))
