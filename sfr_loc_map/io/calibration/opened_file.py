@@ -107,11 +107,14 @@ def numbers_of(content: Mapping[str, Any], *names: str) -> tuple[float, ...]:
     if isinstance(item, dict) and "data" not in item:
         raise ValueError(f"{name} has no data")
     value = item["data"] if isinstance(item, dict) else item
-    numbers = np.array(value.split() if isinstance(value, str) else value, np.float64).reshape(-1)
+    try:
+        numbers = np.array(value.split() if isinstance(value, str) else value, np.float64).reshape(-1)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} is {value!r:.60}: numbers are required") from error
     if isinstance(item, dict) and {"rows", "cols"} <= item.keys():
-        rows, columns = int(item["rows"]), int(item["cols"])
+        rows, columns = (number_of(item, count) for count in ("rows", "cols"))
         if rows * columns != len(numbers):
-            raise ValueError(f"{name} has {len(numbers)} numbers for {rows} rows and {columns} columns")
+            raise ValueError(f"{name} has {len(numbers)} numbers for {rows:g} rows and {columns:g} columns")
     return tuple(numbers.tolist())
 
 
@@ -119,7 +122,11 @@ def number_of(content: Mapping[str, Any], name: str) -> float:
     """Return the number with a name; ValueError if there is none."""
     if plain_name(name) not in content:
         raise ValueError(f"it has no {name}")
-    return float(content[plain_name(name)])
+    value = content[plain_name(name)]
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{name} is {value!r:.60}: a number is required") from error
 
 
 def size_of(content: Mapping[str, Any], given: tuple[int, int] | None = None) -> tuple[int, int]:

@@ -32,7 +32,7 @@ from sfr_loc_map.io.calibration.opened_file import (
 from sfr_loc_map.io.calibration.rectification import RectifiableCamera, check_camera_matrix
 from sfr_loc_map.io.calibration.rig_file import read_rig
 from sfr_loc_map.io.calibration.stereo_calibration import PosedCamera, check_one_baseline, rectified_cameras
-from sfr_loc_map.message_text import alternatives
+from sfr_loc_map.message_text import alternatives, counted
 from sfr_loc_map.suite_names import SIDES
 
 _log = logging.getLogger(__name__)
@@ -41,9 +41,10 @@ PINHOLE_MODELS = ("radtan", "radial-tangential", "plumb_bob", "equidistant", "eq
 MODEL_NAMES = ("model", "distortionmodel", "cameramodel", "lensmodel")
 """Plain names of the model of a lens in files of OpenCV."""
 SAME_POSE = 1e-3  #: Largest difference of two poses of the right camera, m and rad, that is not reported.
-ONE_FOCAL = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
-TWO_FOCALS = ("PINHOLE", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE")
-"""Models of COLMAP by number of focal lengths; principal point and distortion in OpenCV's order follow."""
+ONE_FOCAL = {"SIMPLE_PINHOLE": 3, "SIMPLE_RADIAL": 4, "RADIAL": 5, "SIMPLE_RADIAL_FISHEYE": 4, "RADIAL_FISHEYE": 5}
+TWO_FOCALS = {"PINHOLE": 4, "OPENCV": 8, "FULL_OPENCV": 12, "OPENCV_FISHEYE": 8}
+"""Numbers of parameters of COLMAP's models (colmap.github.io, "Camera Models"), by the number of focal lengths.
+Principal point and distortion in OpenCV's order follow the focal lengths."""
 
 
 class CameraPair(NamedTuple):
@@ -255,7 +256,12 @@ def _orbslam_rectified(opened: OpenedFile, name: str, text: str) -> CameraPair:
     shifts = {"Stereo.b": fx * number_of(content, "Stereo.b")} if "stereo.b" in content else {}
     if "camera.bf" in content or not shifts:
         shifts["Camera.bf"] = number_of(content, "Camera.bf")
+    if not fx > 0.0:
+        raise ValueError(f"{name}.fx is {fx:g}: a positive focal length is required")
     check_one_baseline({origin: shift / fx for origin, shift in shifts.items()})
+    for origin, shift in shifts.items():
+        if not shift > 0.0:
+            raise ValueError(f"{origin} is {number_of(content, origin):g}: a positive baseline is required")
     ps = [(fx, 0.0, cx, -move, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0) for move in (0.0, next(iter(shifts.values())))]
     left, right = (RectifiableCamera.of_rectified(size, np.array(p)) for p in ps)
     return CameraPair(left, right, f"{text}, rectified")
@@ -321,6 +327,11 @@ def _opencv(opened: OpenedFile) -> CameraPair:
             check_one_baseline({"T": float(np.linalg.norm(numbers_of(values, "T"))), "P2": of_p_m})
         return CameraPair(left, right, text)
     rotation, translation = (np.array(numbers_of(values, name)) for name in ("R", "T"))
+    for name, numbers, counts in (("R", rotation, (3, 9)), ("T", translation, (3,))):
+        if len(numbers) not in counts:
+            raise ValueError(
+                f"{name} has {counted(len(numbers), 'number')}: {alternatives(map(str, counts))} are required"
+            )
     matrix = matrix_from_rotvec(rotation) if len(rotation) == 3 else rotation.reshape(3, 3)
     T_right_left = Transform.from_matrix(np.c_[matrix, translation])
     cameras = [
@@ -364,8 +375,7 @@ def _ros_camera(path: Path) -> RectifiableCamera:
 
 def _colmap(opened: OpenedFile) -> CameraPair:
     file, rig_file = opened.files
-    of_rig = msgspec.convert(content_of(rig_file)[0]["cameras"], list[dict[str, Any]])
-    rows = [line.split() for line in read_text(file).splitlines() if line.strip() and line.strip()[0] != "#"]
+    of_rig, rows = _colmap_rig(rig_file), _colmap_rows(file)
     rows.sort(key=lambda row: int(row[0]))  # order by CAMERA_ID, because COLMAP writes cameras in any order
     if len(of_rig) != 2 or len(rows) not in (1, 2):
         raise ValueError(f"the first rig has {len(of_rig)} cameras and '{file.name}' has {len(rows)}: two are required")
@@ -378,18 +388,56 @@ def _colmap(opened: OpenedFile) -> CameraPair:
     found, names = [], []
     for row, camera in zip((rows[0], rows[-1]), of_rig, strict=True):
         lens = str(camera.get("camera_model_name", row[1]))
-        if lens not in ONE_FOCAL + TWO_FOCALS:
-            raise ValueError(f"camera model {lens} is not supported; supported are {', '.join(ONE_FOCAL + TWO_FOCALS)}")
-        fx, *rest = map(float, camera.get("camera_params", row[4:]))
+        counts = ONE_FOCAL | TWO_FOCALS
+        if lens not in counts:
+            raise ValueError(f"camera model {lens} is not supported; supported are {', '.join(counts)}")
+        fx, *rest = _numbers(camera.get("camera_params", row[4:]), f"the parameters of a {lens} camera", counts[lens])
         fy, cx, cy, *d = (fx, *rest) if lens in ONE_FOCAL else rest
         d += [0.0] * (4 - len(d))
-        w, x, y, z = camera.get("cam_from_rig_rotation", (1, 0, 0, 0))
-        T_cam_rig = Transform.from_quat(camera.get("cam_from_rig_translation", (0, 0, 0)), (x, y, z, w))
+        w, x, y, z = _numbers(camera.get("cam_from_rig_rotation", (1, 0, 0, 0)), "cam_from_rig_rotation", 4)
+        position = _numbers(camera.get("cam_from_rig_translation", (0, 0, 0)), "cam_from_rig_translation", 3)
+        T_cam_rig = Transform.from_quat(position, (x, y, z, w))
         intrinsics = (fx, fy, cx - 0.5, cy - 0.5)  # the centre of COLMAP's first pixel is (0.5, 0.5)
         size, model = (int(row[2]), int(row[3])), _lens(d, "FISHEYE" in lens)
         found.append(PosedCamera(size, intrinsics, tuple(d), T_cam_rig.inverse(), model))
         names.append(str(camera.get("image_prefix", f"camera {row[0]}")))
     return _side_by_side(f"COLMAP '{file.parent.name}'", found, names)
+
+
+def _colmap_rig(file: Path) -> list[dict[str, Any]]:
+    """Return the cameras of the first rig in a file; ValueError if the file does not have the form of COLMAP."""
+    content = content_of(file)
+    rig = content[0] if isinstance(content, list) and content else None
+    cameras = rig.get("cameras") if isinstance(rig, dict) else None
+    if not isinstance(cameras, list) or not all(isinstance(camera, dict) for camera in cameras):
+        raise ValueError(f"'{file.name}' has no list of rigs, each with a list of 'cameras': one rig is required")
+    return cameras
+
+
+def _colmap_rows(file: Path) -> list[list[str]]:
+    """Return the words of each camera in a file; ValueError, which names the line, for an incomplete row."""
+    rows: list[list[str]] = []
+    for number, line in enumerate(read_text(file).splitlines(), 1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        if len(words) < 5 or not all(words[column].isdecimal() for column in (0, 2, 3)):
+            raise ValueError(
+                f"'{file.name}' line {number} is '{line[:40]}': CAMERA_ID, MODEL, WIDTH, HEIGHT and PARAMS are required"
+            )
+        rows.append(words)
+    return rows
+
+
+def _numbers(values: object, name: str, count: int) -> list[float]:
+    """Return a list of numbers; ValueError if it has another length or other values."""
+    try:
+        numbers = [float(value) for value in values] if isinstance(values, list | tuple) else []
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != count:
+        raise ValueError(f"{name} is {values!r:.60}: {count} numbers are required")
+    return numbers
 
 
 # ---- rig.json

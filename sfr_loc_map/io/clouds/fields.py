@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.io.tables.number_text import is_decimal
 from sfr_loc_map.io.tables.stamps import parse_stamp_ns
 from sfr_loc_map.message_text import counted
 
@@ -81,10 +82,25 @@ def number_table(lines: Sequence[bytes], width: int) -> FloatArray:
     if not lines or not width:
         return np.zeros((len(lines), width))
     text = PLAIN_NAN.sub(b"nan", b"\n".join(lines))
-    table = np.loadtxt(io.BytesIO(text), np.float64, ndmin=2)
+    try:
+        table = np.loadtxt(io.BytesIO(text), np.float64, ndmin=2)
+    except ValueError as error:
+        raise ValueError(_invalid_line(text, width)) from error
     if table.shape != (len(lines), width):
         raise ValueError(f"its data has {table.shape[1]} numbers in a line: {width} are required")
     return table
+
+
+def _invalid_line(text: bytes, width: int) -> str:
+    """Return which line of a table is the first that does not have `width` numbers."""
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.decode("utf-8", "replace").split()
+        if len(words) != width:
+            return f"point {number} has {counted(len(words), 'number')}: {width} are required"
+        for word in words:
+            if not is_decimal(word) and word.lower().lstrip("+-") not in ("nan", "inf", "infinity"):
+                return f"point {number} has '{word[:40]}': a number is required"
+    return f"its data is not a table of {width} numbers in a line"
 
 
 def ignored_after(rest: bytes) -> tuple[str, ...]:

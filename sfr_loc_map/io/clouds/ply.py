@@ -178,28 +178,38 @@ def _ply_text(data: bytes, position: int, count: int, properties: list[_Property
     if count * 2 > len(data) - position + 1:
         raise ValueError(f"its data has {len(data) - position} bytes of text: {count} lines are required")
     rows: list[bytes] = []
+    lines: list[int] = []  # numbers of the lines in the file, from 1
+    line_number = data.count(b"\n", 0, position)
     while len(rows) < count:
         end = data.find(b"\n", position)
         end = len(data) if end < 0 else end
         if position >= len(data):
             raise ValueError(f"its data has {counted(len(rows), 'line')}: {count} are required")
+        line_number += 1
         if line := data[position:end].strip():
             rows.append(line)
+            lines.append(line_number)
         position = end + 1
     scalars = [item.name for item in properties if not item.length_kind]
     if len(scalars) == len(properties):
         table = number_table(rows, len(scalars))
         return {name: table[:, column] for column, name in enumerate(scalars)}, position
-    numbers: list[bytes] = []
-    for line in rows:
-        words = PLAIN_NAN.sub(b"nan", line).split()
-        index, of_scalars = 0, list[bytes]()
-        for item in properties:
-            if item.length_kind:
-                index += 1 + parse_count(words[index].decode("ascii", "replace"))
-            else:
-                of_scalars.append(words[index])
-                index += 1
-        numbers.append(b" ".join(of_scalars))
+    numbers = [b" ".join(_scalars_of(row, properties, line)) for row, line in zip(rows, lines, strict=True)]
     table = number_table(numbers, len(scalars))
     return {name: table[:, column] for column, name in enumerate(scalars)}, position
+
+
+def _scalars_of(row: bytes, properties: list[_Property], line: int) -> list[bytes]:
+    """Return the scalar properties in a row with lists; ValueError for another number of values, with the line."""
+    words = PLAIN_NAN.sub(b"nan", row).split()
+    scalars: list[bytes] = []
+    index = 0
+    for item in properties:
+        if index < len(words) and item.length_kind:
+            index += parse_count(words[index].decode("ascii", "replace"))
+        elif index < len(words):
+            scalars.append(words[index])
+        index += 1
+    if index != len(words):
+        raise ValueError(f"line {line} has {counted(len(words), 'number')}: {index} are required")
+    return scalars

@@ -328,6 +328,11 @@ def without_names(head: TableHead, number: int, problem: str = "") -> InputError
     cells = header_cells(header, separator_in(header))
     found = named_columns(cells)
     needed = (STAMP, "x", "y", "z")
+    if not problem and all(key in found for key in needed):
+        return InputError(
+            f"{head.name} line {number + 1} names {len(cells)} columns, but the rows have at most {head.width}: a "
+            "value for each column is required; complete the rows, or correct the header"
+        )
     problem = problem or f"{', '.join(key for key in needed if key not in found)} not found"
     own = [cells[found[key]] if key in found else "HEADER" for key in needed]
     example = ",".join(f"{key}={cell}" for key, cell in zip(needed, own, strict=True))

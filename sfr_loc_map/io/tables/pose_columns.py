@@ -67,6 +67,8 @@ class PoseColumns:
         if self.is_matrix:
             return TrajectoryFormat.KITTI if self.stamp_key is None else TrajectoryFormat.MATRIX
         for known, order, separators in _ORDERS:
+            if known is TrajectoryFormat.EUROC and self.units.get(STAMP, "ns") != "ns":
+                continue
             if self.separator in separators and all(self.index_of.get(key) == k for k, key in enumerate(order)):
                 return known
         return TrajectoryFormat.COLUMNS

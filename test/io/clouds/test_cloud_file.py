@@ -105,7 +105,7 @@ PLY = f"ply\nformat ascii 1.0\ncomment sfr pair_stamps_ns 5\nelement vertex 1\n{
         (PCD, "DATA ascii\n1 2 3", "DATA binary\n1234", "bytes: 1 points"),
         (PLY, "vertex 1", "vertex -1", "'-1' is not a count"),
         (PLY, "1 2 3\n", "1\n", "are required"),
-        (PLY, "float z", "list uchar int z", "no field z"),
+        (PLY, "float z\nend_header\n1 2 3", "list uchar int z\nend_header\n1 2 0", "no field z"),
         (PLY, "float z\nend_header\n1 2 3", "float z\nproperty list uchar int n\nend_header\n1 2 1_0 0", "1_0"),
         (PLY, "stamps_ns 5", "stamps_ns 5.5", "is not an integer number of nanoseconds"),
         (PLY, "pair_stamps_ns 5", "fused maybe", "true or false is required"),
@@ -118,3 +118,18 @@ def test_broken_files(tmp_path: Path, whole: str, old: str, new: str, words: str
     path.write_text(whole.replace(old, new))
     with pytest.raises(InputError, match=f"{path}.*{words}"):
         load_cloud(path)
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ("1 2 3 1 5 9\n1 2 3 0\n", "line 9 has 6 numbers: 5 are required"),
+        ("1 2 3 0\n\n1 2 3\n", "line 11 has 3 numbers: 4 are required"),
+        ("1 2 3 2 5\n1 2 3 0\n", "line 9 has 5 numbers: 6 are required"),
+    ],
+)
+def test_a_row_with_another_number_of_values_than_its_list_is_refused(tmp_path: Path, rows: str, words: str) -> None:
+    properties = "property float x\nproperty float y\nproperty float z\nproperty list uchar int k\n"
+    (tmp_path / "c.ply").write_text(f"ply\nformat ascii 1.0\nelement vertex 2\n{properties}end_header\n{rows}")
+    with pytest.raises(InputError, match=words):
+        load_cloud(tmp_path / "c.ply")
