@@ -41,7 +41,7 @@ from sfr_loc_map.metrics.calls.call_meter import METHOD
 from sfr_loc_map.metrics.calls.call_score import STATE_KINDS, Calls, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.errors.consistency import WITHOUT_NOISE
-from sfr_loc_map.metrics.frames.association import UPPER
+from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.suite_names import Task
 

@@ -18,7 +18,8 @@ from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.call_meter import METHOD
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, Calls, concatenated, stacked, stage_of
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
-from sfr_loc_map.metrics.frames.association import UPPER, Estimates, lost_by_covariance, nearness_ns
+from sfr_loc_map.metrics.frames.association import Estimates, nearness_ns
+from sfr_loc_map.metrics.frames.covariance import UPPER, lost_by_covariance
 from sfr_loc_map.metrics.table.records import FindingRecord, MethodKind, MethodRecord, ProcessUsage
 from sfr_loc_map.stamp_pairing import nearest_stamps
 from sfr_loc_map.suite_names import Task

@@ -15,7 +15,7 @@ import numpy as np
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.message_types import Level, StatusKind
-from sfr_loc_map.metrics.frames.association import UPPER, lost_by_covariance
+from sfr_loc_map.metrics.frames.covariance import UPPER, lost_by_covariance
 
 
 class Track(StrEnum):

@@ -28,7 +28,8 @@ from sfr_loc_map.metrics.conventions.pose_convention import (
     converted_estimates,
     world_at_first_pose,
 )
-from sfr_loc_map.metrics.frames.association import UPPER, Estimates, symmetric
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.frames.covariance import UPPER, symmetric
 from sfr_loc_map.replay.options import ExternalOptions
 from sfr_loc_map.replay.received import Received, ReceivedDrive, ReceivedMaps
 from sfr_loc_map.replay.replay_peer import ReplayPeer

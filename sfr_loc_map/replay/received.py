@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.frames.association import UPPER, symmetric
+from sfr_loc_map.metrics.frames.covariance import UPPER, symmetric
 from sfr_loc_map.replay.result import ExternalResult, PairCounts, ReplayedMap, ReplayResult
 from sfr_loc_map.suite_names import Task
 

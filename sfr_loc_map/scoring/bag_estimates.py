@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_odometry
 from sfr_loc_map.message_types import ODOMETRY, STRING, TF
-from sfr_loc_map.metrics.frames.association import UPPER
+from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE, TRUE_POSES, call_topic
 

@@ -21,7 +21,8 @@ from sfr_loc_map.io.tables.trajectory_file import ESTIMATE_OPTION, TRUTH_OPTION,
 from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.read import truth_of_path
 from sfr_loc_map.io.truth.recorded import RecordedTruth
-from sfr_loc_map.metrics.frames.association import UPPER, Estimates
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.scoring.bag_estimates import BagEstimate, read_bag_estimate
 from sfr_loc_map.scoring.call_checks import check_one_estimate
 from sfr_loc_map.scoring.inputs import IN_MEMORY, DriveToScore, InMemory, ScoreInputs

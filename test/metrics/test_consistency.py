@@ -14,7 +14,8 @@ from sfr_loc_map.geometry.transform import propagated_covariance, propagation
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.consistency import relative_covariance, sums_of_steps
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
-from sfr_loc_map.metrics.frames.association import UPPER, Estimates
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.score.score import Score
 
 STEP = np.array([0.1, 0.0, 0.0])

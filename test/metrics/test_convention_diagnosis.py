@@ -17,7 +17,8 @@ from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, conv
 from sfr_loc_map.metrics.diagnosis.compared_poses import MAX_POSES, compared_poses
 from sfr_loc_map.metrics.diagnosis.convention_diagnosis import diagnose
 from sfr_loc_map.metrics.diagnosis.disagreement import disagreements
-from sfr_loc_map.metrics.frames.association import UPPER, Estimates, associate
+from sfr_loc_map.metrics.frames.association import Estimates, associate
+from sfr_loc_map.metrics.frames.covariance import UPPER
 
 TILTED = Rotation.from_euler("y", 20, degrees=True).as_matrix()
 CAMERA = Transform(TILTED @ OPTICAL_IN_BODY, np.array([0.45, 0.12, 0.30]))

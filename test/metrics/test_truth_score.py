@@ -17,7 +17,8 @@ from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig, Re
 from sfr_loc_map.metrics.diagnosis.convention_diagnosis import diagnose
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.aligned_error import aligned_errors
-from sfr_loc_map.metrics.frames.association import UPPER, Estimates
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score

@@ -23,7 +23,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.completeness.expected_items import expected_row, settled, share_of, share_rows
+from sfr_loc_map.metrics.completeness.expected_items import expected_row, has_own, settled, share_of, share_rows
 from sfr_loc_map.metrics.completeness.gaps import (
     GAP_PERIODS,
     DriveGaps,
@@ -37,7 +37,7 @@ from sfr_loc_map.metrics.completeness.gaps import (
     true_path,
 )
 from sfr_loc_map.metrics.config import AssociationMode, Condition
-from sfr_loc_map.metrics.frames.association import Matching, has_own, nearness_ns
+from sfr_loc_map.metrics.frames.association import Matching, nearness_ns
 from sfr_loc_map.metrics.frames.placement import PlacedFrames
 from sfr_loc_map.metrics.table.catalogue import HIDDEN_CONDITIONS, IN_GAPS
 from sfr_loc_map.metrics.table.row_part import DISTANCE, TIME, RowPart, Scope

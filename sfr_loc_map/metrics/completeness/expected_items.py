@@ -19,9 +19,9 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.frames.association import has_own, nearness_ns
+from sfr_loc_map.metrics.frames.association import nearness_ns
 from sfr_loc_map.metrics.table.catalogue import ANSWERED_TWICE, CALLS_MISSING, JUDGED, UNANSWERED, UNMEASURED
 from sfr_loc_map.metrics.table.records import ExternalScore
 from sfr_loc_map.metrics.table.row_part import COUNT, Place, RowPart, Scope
@@ -29,6 +29,18 @@ from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
 CALL_TOLERANCE_NS = 1000  #: Accepted difference between the stamps of a single call, the default of `tolerance_s`.
+
+
+def has_own(expected_ns: IntArray, stamps_ns: IntArray, near_ns: int) -> Mask:
+    """Return which expected stamps are nearest to one of the stamps, within `near_ns`; both arrays are ascending.
+
+    Each stamp counts for one expected stamp, so that expected stamps that are close together need one stamp each.
+    """
+    is_own = np.zeros(len(expected_ns), np.bool_)
+    if len(expected_ns):
+        nearest, difference = nearest_stamps(stamps_ns, expected_ns)
+        is_own[nearest[difference <= near_ns]] = True
+    return is_own
 
 
 def expected_row(part: RowPart, judged: int, expected: int | None) -> Figure:

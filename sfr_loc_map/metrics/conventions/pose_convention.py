@@ -23,7 +23,8 @@ from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.frames.association import COVARIANCE_SIZE, UPPER, Estimates, associate, carried, symmetric
+from sfr_loc_map.metrics.frames.association import Estimates, associate
+from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, UPPER, carried, symmetric
 
 RB = "rb"  #: Frame of the rover [3.2.1].
 RB_OPTICAL = "rb_optical"  #: Frame with the origin of RB and optical axes.

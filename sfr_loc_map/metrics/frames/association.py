@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.rotation import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
@@ -23,11 +22,6 @@ from sfr_loc_map.stamp_pairing import nearest_stamps
 
 Rows = NDArray[np.intp]
 Number = TypeVar("Number", bound=np.generic)
-UPPER = np.triu_indices(6)  #: Indices of the upper triangle of a 6 x 6 covariance, row by row.
-COVARIANCE_SIZE = len(UPPER[0])
-DIAGONAL = UPPER[0] == UPPER[1]  #: Mask of the variances in the upper triangle of a covariance.
-POSITION_VARIANCES = np.flatnonzero(DIAGONAL & (UPPER[0] < 3))
-"""Indices of the variances of x, y and z in the upper triangle."""
 AUTO_STAMPS = 16  #: Number of estimates and of true poses in the common span that `auto` examines.
 IMAGE_PERIOD_SHARE = 0.4  #: Maximum difference to the stamp of the image, in median periods; files round stamps.
 MATCHES_PER_STAMP = 4  #: `auto` selects `match` if at least one in four stamps coincides.
@@ -86,18 +80,6 @@ class StateCounts(NamedTuple):
 
     lost: int | None
     degraded: int | None
-
-
-def symmetric(upper: FloatArray) -> FloatArray:
-    """Return the symmetric matrices `(..., 6, 6)` of upper triangles `(..., 21)`."""
-    full = np.empty((*upper.shape[:-1], 6, 6))
-    full[..., UPPER[0], UPPER[1]] = full[..., UPPER[1], UPPER[0]] = upper
-    return full
-
-
-def lost_by_covariance(covariance: FloatArray) -> Mask:
-    """Return which covariances `(N, 21)` mark the pose as lost: all variances are at least 9999."""
-    return np.asarray((covariance[:, DIAGONAL] >= LOST_VARIANCE).all(axis=1))
 
 
 class StampedPoses(NamedTuple):
@@ -336,25 +318,8 @@ def match_nearest(partner: Rows, estimate_stamps: IntArray, true_stamps: IntArra
     partner[free_est[chosen]] = free_gt[nearest[chosen]]
 
 
-def carried(carry: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return `F P F^T` for each pair of F and P."""
-    return np.asarray(carry @ covariance @ np.swapaxes(carry, -1, -2))
-
-
 def nearness_ns(needed: IntArray, tolerance_ns: int = 0) -> int:
     """Return the largest difference between an expected stamp and another stamp of the same pair; stamps ascend."""
     if len(needed) < 2:
         return tolerance_ns
     return max(tolerance_ns, int(IMAGE_PERIOD_SHARE * np.median(np.diff(needed))))
-
-
-def has_own(expected_ns: IntArray, stamps_ns: IntArray, near_ns: int) -> Mask:
-    """Return which expected stamps are nearest to one of the stamps, within `near_ns`; both arrays are ascending.
-
-    Each stamp counts for one expected stamp, so that expected stamps that are close together need one stamp each.
-    """
-    is_own = np.zeros(len(expected_ns), np.bool_)
-    if len(expected_ns):
-        nearest, difference = nearest_stamps(stamps_ns, expected_ns)
-        is_own[nearest[difference <= near_ns]] = True
-    return is_own

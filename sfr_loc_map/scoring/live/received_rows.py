@@ -22,7 +22,8 @@ from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.metrics.calls.call_score import Calls, stage_of
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
-from sfr_loc_map.metrics.frames.association import COVARIANCE_SIZE, UPPER, Estimates
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, UPPER
 
 _log = logging.getLogger(__name__)
 MAX_STAGES = 64  #: Maximum number of stages. Bounded because the names come from the network.

@@ -32,7 +32,8 @@ from sfr_loc_map.message_types import STRING
 from sfr_loc_map.metrics.config import AssociationConfig, MapScoreConfig, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.cloud_error import score_map, truths_of
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
-from sfr_loc_map.metrics.frames.association import UPPER, Estimates, symmetric
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.frames.covariance import UPPER, symmetric
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score

@@ -1,0 +1,31 @@
+"""Covariances of poses as upper triangles of 6 x 6 matrices in ROS order, and their propagation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
+
+UPPER = np.triu_indices(6)  #: Indices of the upper triangle of a 6 x 6 covariance, row by row.
+COVARIANCE_SIZE = len(UPPER[0])
+DIAGONAL = UPPER[0] == UPPER[1]  #: Mask of the variances in the upper triangle of a covariance.
+POSITION_VARIANCES = np.flatnonzero(DIAGONAL & (UPPER[0] < 3))
+"""Indices of the variances of x, y and z in the upper triangle."""
+
+
+def symmetric(upper: FloatArray) -> FloatArray:
+    """Return the symmetric matrices `(..., 6, 6)` of upper triangles `(..., 21)`."""
+    full = np.empty((*upper.shape[:-1], 6, 6))
+    full[..., UPPER[0], UPPER[1]] = full[..., UPPER[1], UPPER[0]] = upper
+    return full
+
+
+def lost_by_covariance(covariance: FloatArray) -> Mask:
+    """Return which covariances `(N, 21)` mark the pose as lost: all variances are at least 9999."""
+    return np.asarray((covariance[:, DIAGONAL] >= LOST_VARIANCE).all(axis=1))
+
+
+def carried(carry: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return `F P F^T` for each pair of F and P."""
+    return np.asarray(carry @ covariance @ np.swapaxes(carry, -1, -2))
