@@ -223,3 +223,16 @@ READABLE_S = {
 def test_one_run_in_any_order_is_read(tmp_path: Path, case: str) -> None:
     (tmp_path / "t.txt").write_text(text_of(READABLE_S[case]))
     assert len(read_trajectory_file(tmp_path / "t.txt").trajectory) == len(READABLE_S[case])
+
+
+def test_rows_that_are_shorter_than_their_header_are_named_as_such(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("t,x,y,z\n" + "".join(f"{k},1,{k}\n" for k in range(5)))
+    with pytest.raises(InputError, match="names 4 columns, but the rows have at most 3"):
+        read_trajectory_file(tmp_path / "t.csv")
+
+
+def test_only_nanoseconds_are_announced_as_euroc(tmp_path: Path) -> None:
+    for unit, is_euroc in (("ns", True), ("s", False)):
+        rows = "".join(f"{k},1,{k},2,1,0,0,0\n" for k in range(5))
+        (tmp_path / "t.csv").write_text(f"t [{unit}],x,y,z,qw,qx,qy,qz\n{rows}")
+        assert ("EuRoC" in read_trajectory_file(tmp_path / "t.csv").text) == is_euroc
