@@ -131,7 +131,9 @@ class SourceConfig:
     extrinsics: ExtrinsicsConfig = ExtrinsicsConfig()
     sync: SyncConfig = SyncConfig()
     truth: TruthConfig = field(default_factory=TruthConfig)
-    sections: Mapping[str, Any] = field(default_factory=dict)  #: Sections from which the configuration was built.
+    #: Sections from which the configuration was built. They are not compared, because equal values can be written in
+    #: several forms.
+    sections: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     @property
     def uses_messages_as_recorded(self) -> bool:

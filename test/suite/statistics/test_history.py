@@ -238,7 +238,7 @@ def test_a_night_of_an_earlier_version_is_refused_in_one_line(sfr: Sfr, tmp_path
     done = sfr("suite", "history", *folders)
     assert done.code == 2
     assert len(done.err.strip().splitlines()) == 1
-    assert "its schema is sfr-suite/9, sfr-suite/1 is required" in done.err
+    assert "its schema is sfr-suite/9: sfr-suite/1 is required" in done.err
 
 
 def test_a_history_without_a_test_is_not_judged(sfr: Sfr, tmp_path: Path) -> None:
