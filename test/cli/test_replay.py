@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 
 from helpers.cli_result import Sfr
 from helpers.made_scene import fill, loc_pair, write_folder
-from helpers.processes import Process, has_started_ros, nodes_of, segments_of, wait_until
+from helpers.processes import Process, abandoned, has_started_ros, nodes_of, segments_of, wait_until
 from helpers.score_rows import number, rows_about
 from sfr_loc_map.io.bag.writer import BagWriter
 
@@ -84,7 +84,7 @@ def test_a_node_that_dies_is_named_and_nothing_is_left(tmp_path: Path) -> None:
     wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "the end of all nodes")
     assert not out.exists()
     assert shared
-    assert not [path for path in shared if path.exists()]
+    assert not abandoned(shared)
 
 
 @pytest.mark.slow
@@ -105,7 +105,7 @@ def test_a_replay_that_is_ended_leaves_no_nodes_behind(tmp_path: Path, signals: 
         variables = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
         subprocess.run(["fastdds", "shm", "clean"], env=variables, capture_output=True, timeout=60, check=False)
     else:
-        assert not [path for path in shared if path.exists()]
+        assert not abandoned(shared)
 
 
 @pytest.mark.slow

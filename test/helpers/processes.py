@@ -93,6 +93,18 @@ def segments_of(pids: list[int]) -> set[Path]:
     return {Path(line.split()[-1]) for line in lines if "/dev/shm/fastrtps_" in line and "_port" not in line}
 
 
+def abandoned(segments: set[Path]) -> set[Path]:
+    """Return the segments that still exist although no process has mapped them.
+
+    A process may also have mapped segments of other participants in its ROS domain, such as those of a concurrent test.
+    """
+    mapped = set()
+    for pid in psutil.pids():
+        with suppress(OSError):
+            mapped |= segments_of([pid])
+    return {path for path in segments if path.exists()} - mapped
+
+
 def has_started_ros(pid: int) -> bool:
     """Return whether ROS has started in a process, which then has a segment of Fast DDS."""
     return bool(segments_of([pid]))
