@@ -105,7 +105,7 @@ def bytes_of_nameless_files(processes: Sequence[int], socket_bytes: int = 0) -> 
                         stored[about.st_dev, about.st_ino] = about.st_blocks * BLOCK_BYTES
                     elif stat.S_ISSOCK(about.st_mode):
                         stored[about.st_dev, about.st_ino] = socket_bytes
-        stored |= _nameless_mapped_files(process)
+        stored = _nameless_mapped_files(process) | stored  # the storage of an open file is exact
     return sum(stored.values())
 
 

@@ -406,7 +406,7 @@ MUTATIONS = (
     Mutation(INCOMPLETE, " or not meets(limit, value):\n            text = standing", ":\n            text = standing"),
     Mutation("metrics/errors/standing.py", "farthest_m > least_motion(farthest_m)", "farthest_m >= 0.0"),
     Mutation("metrics/errors/standing.py", "if not 0 < standing < count:", "if not 0 < standing:"),
-    Mutation("report/deviations.py", "if used != [", "if used == ["),
+    Mutation("report/deviations.py", "used != (usual.scored_from_m", "used == (usual.scored_from_m"),
     # true poses at starts and ends
     Mutation(SHORTFALLS, 'motions",\n        0.1,', 'motions",\n        1.0,'),
     Mutation(

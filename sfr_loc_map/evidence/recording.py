@@ -14,6 +14,7 @@ from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check import CORRECTED, DriveCheck, check_drive
 from sfr_loc_map.evidence.check_result import OF_SUBJECTS, SCHEMA, Check, CheckResult, combined
 from sfr_loc_map.evidence.overlap import check_maps
+from sfr_loc_map.evidence.revisited import DIRECT
 from sfr_loc_map.evidence.variants import ComparedRun, Variant, calls_of
 from sfr_loc_map.io.sequence import Source, drive_of
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
@@ -27,7 +28,7 @@ from sfr_loc_map.metrics.table.rows import Figure
 DRIVE, MAPS, CALIBRATION = "drive", "maps", "calibration"  #: Subjects of a check.
 EVIDENCE_OF = {DRIVE: (kinds.AGREEMENT, kinds.REVISITED), MAPS: (kinds.OVERLAP,), CALIBRATION: (kinds.CALIBRATION,)}
 """Kinds of evidence of each subject. A subject has a result if one of its kinds decides."""
-NAMES_OF_OWN_RUNS = frozenset((*Variant, CORRECTED))  #: Names that an estimate of another method must not have.
+NAMES_OF_OWN_RUNS = frozenset((*Variant, CORRECTED, DIRECT))  #: Names that an estimate of another method must not have.
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from scipy.spatial.distance import cdist
 
 from sfr_loc_map.evidence.agreement import Agreement, Differences, probability_of
 from sfr_loc_map.evidence.paired_runs import in_axes_of, poses_at, rows_at
-from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, run_pairs
+from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, Variant, run_pairs
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics import formulas
@@ -138,7 +138,9 @@ def agreement_at(closures: Sequence[Closure]) -> Agreement:
     attitude_deg = np.degrees(np.linalg.norm(errors[:, 3:], axis=1))
     differences = Differences(errors[:, :3], attitude_deg, squares, lengths_m, independent=len(closures))
     probability = probability_of(squares) if len(squares) else None
-    return Agreement(runs=("forward", DIRECT), condition=None, differences=differences, probability=probability)
+    return Agreement(
+        runs=(Variant.FORWARD.value, DIRECT), condition=None, differences=differences, probability=probability
+    )
 
 
 def closure_rows(closure: Closure) -> Iterator[Figure]:

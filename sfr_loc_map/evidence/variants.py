@@ -83,7 +83,8 @@ def calls_of(pairs: int) -> int:
 
 def run_variant(drive: PairsInMemory, config: LocalisationConfig, variant: Variant, progress: Progress) -> ComparedRun:
     """Return the estimates of one variant; raise ConfigError if the configured mask cannot be read."""
-    kept, is_backward = list(drive.kept), variant is Variant.BACKWARD
+    kept = list(drive.kept)
+    is_backward = variant is Variant.BACKWARD
     mirror_ns = kept[0].stamp_ns + kept[-1].stamp_ns
     if is_backward:
         kept = [replace(pair, stamp_ns=mirror_ns - pair.stamp_ns) for pair in reversed(kept)]

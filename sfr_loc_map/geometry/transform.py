@@ -73,7 +73,12 @@ class Transform:
 
     @classmethod
     def from_matrix(cls, matrix: FloatArray) -> Transform:
-        """Return `T_a_b` from a matrix `(3, 4)` or `(4, 4)`; GeometryError if rotation or last row are invalid."""
+        """Return `T_a_b` from a matrix `(3, 4)` or `(4, 4)`.
+
+        GeometryError if the shape, the rotation or the last row is invalid.
+        """
+        if matrix.shape not in ((3, 4), (4, 4)):
+            raise GeometryError(f"a matrix has the shape {matrix.shape}: (3, 4) or (4, 4) is required")
         if not plausible_rotations(matrix[:3, :3]):
             raise GeometryError("a matrix is not a rotation: an orthonormal matrix with determinant +1 is required")
         if len(matrix) == 4 and not np.abs(matrix[3] - LAST_ROW).max() <= LAST_ROW_TOLERANCE:

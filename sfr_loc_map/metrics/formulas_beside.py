@@ -89,5 +89,6 @@ def disparity_error(focal_px: float, baseline_m: float, depth_m: FloatArray, tru
 
     The result is NaN for a depth that is not positive, because a point at or behind the camera has no disparity.
     """
-    depth_m, true_depth_m = (np.where(depth > 0.0, depth, np.nan) for depth in (depth_m, true_depth_m))
-    return np.asarray(focal_px * baseline_m / depth_m - focal_px * baseline_m / true_depth_m)
+    positive_m = np.where(depth_m > 0.0, depth_m, np.nan)
+    true_positive_m = np.where(true_depth_m > 0.0, true_depth_m, np.nan)
+    return np.asarray(focal_px * baseline_m / positive_m - focal_px * baseline_m / true_positive_m)

@@ -26,7 +26,7 @@ from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, JUDGED, STANDING, TOTAL, Subject
 from sfr_loc_map.metrics.table.records import MethodKind
 from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope, range_of
-from sfr_loc_map.report.settings import changed_settings, settings_of
+from sfr_loc_map.report.settings import changed_settings, has_all_settings
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.tables.model import METRE, fitting, number
 
@@ -109,24 +109,30 @@ def _caveats(score: Score) -> Iterator[str]:
 
 def _map_range(score: Score) -> Iterator[str]:
     """Yield ranges of the map that differ from the default ranges, if a verdict depends on them."""
-    settings = settings_of(score)
-    if settings is None or not any(item.subject is Subject.MAP for item in score.verdicts):
-        return
+    used = _judged_range(score)
     usual = MapScoreConfig()
-    used = [settings["map.scored_from_m"], settings["map.scored_to_m"]]
-    if used != [usual.scored_from_m, usual.scored_to_m]:
+    if used is not None and used != (usual.scored_from_m, usual.scored_to_m):
         yield (
             f"Coverage counts true points from {used[0]:g} m to {used[1]:g} m (--range); the default is "
             f"{usual.scored_from_m:g} m to {usual.scored_to_m:g} m."
         )
 
 
+def _judged_range(score: Score) -> tuple[float, float] | None:
+    """Return the range of the coverage, m; None if it is unknown or no verdict is about the map."""
+    if score.provenance is None or not any(item.subject is Subject.MAP for item in score.verdicts):
+        return None
+    from_m = score.provenance.configuration.get("map.scored_from_m")
+    to_m = score.provenance.configuration.get("map.scored_to_m")
+    return None if from_m is None or to_m is None else (from_m, to_m)
+
+
 def _points_beyond(score: Score) -> Iterator[str]:
     """Yield how many true pixels beyond the range of the coverage have a point, if a verdict depends on the points."""
-    settings = settings_of(score)
-    if settings is None or not any(item.subject is Subject.MAP for item in score.verdicts):
+    used = _judged_range(score)
+    if used is None:
         return
-    to_m = settings["map.scored_to_m"]
+    to_m = used[1]
     beyond = []
     for row in score.rows("coverage"):
         bounds = range_of(row.part)
@@ -146,7 +152,7 @@ def _other_settings(score: Score) -> Iterator[str]:
 
     Yield one sentence if the settings are unknown.
     """
-    if settings_of(score) is None:
+    if not has_all_settings(score):
         yield "The settings of the score are unknown, so that they may differ from the defaults."
     for item in changed_settings(score):
         if item.is_of_score and item.name not in SETTINGS_WITH_A_SENTENCE:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from sfr_loc_map.config import flatten
@@ -20,11 +20,9 @@ class ChangedSetting(NamedTuple):
     is_of_score: bool  #: Whether the setting is one of `ScoreConfig`; other packages record only changed settings.
 
 
-def settings_of(score: Score) -> Mapping[str, Any] | None:
-    """Return the settings of `ScoreConfig` that a score was made with, by dotted name; None if any is unknown."""
-    stated = {} if score.provenance is None else score.provenance.configuration
-    names = flatten(ScoreConfig()).keys()
-    return {name: stated[name] for name in names} if names <= stated.keys() else None
+def has_all_settings(score: Score) -> bool:
+    """Return whether a score states each setting of `ScoreConfig` that it was made with."""
+    return score.provenance is not None and flatten(ScoreConfig()).keys() <= score.provenance.configuration.keys()
 
 
 def changed_settings(score: Score) -> Iterator[ChangedSetting]:

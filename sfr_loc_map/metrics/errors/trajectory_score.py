@@ -68,7 +68,10 @@ def score_trajectory(
     judged = judged_sub_trajectories(conditions, placed, config.spacing)
     drive = drive_completeness(estimates.trajectory, placed, conditions, image_stamps_ns, in_flight_ns)
     sums = step_sums(placed, judged.values())
-    results = [result_of_condition(*each, placed, config.spacing, sums, kept_errors) for each in judged.items()]
+    results = [
+        result_of_condition(condition, each, placed, config.spacing, sums, kept_errors)
+        for condition, each in judged.items()
+    ]
     figures = [row for result in results for row in result.figures]
     figures += largest_fraction_beyond(figures)
     figures.append(largest_standing_fraction(figures))

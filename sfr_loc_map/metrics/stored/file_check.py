@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from sfr_loc_map.metrics.config import is_written_condition
 from sfr_loc_map.metrics.formulas import mean_plus_3sigma
@@ -66,14 +66,20 @@ def fault_of_rows(score: Score) -> str | None:
 def fault_of_counts(score: Score) -> str | None:
     """Return the first number of values that is negative, or block size below 1; None if there is none."""
     for row in score.figures:
-        for name in ("n", "unknown"):
+        for name in ("n", "unknown", "independent"):
             if (row.statistic(name) or 0) < 0:
                 return f"'{name}' of {row.label} is {row.statistic(name)}: a number >= 0 is required"
+    counts = {} if score.association is None else asdict(score.association)
+    for name, value in counts.items():
+        if isinstance(value, int | float) and value < 0:
+            return f"'{name}' of the association is {value}: a number >= 0 is required"
     details = Details() if score.details is None else score.details
     sizes = [("slowest_of", plots.series.slowest_of) for plots in details.calls.values()]
     if details.trajectory is not None:
         tables = (details.trajectory.path, *details.trajectory.sub_trajectories)
         sizes += [("every", table.every) for table in tables if table is not None]
+    if score.association is not None:
+        sizes.append(("spacing_frames", score.association.spacing_frames))
     for name, size in sizes:
         if size < 1:
             return f"'{name}' of its details is {size}: a number >= 1 is required"

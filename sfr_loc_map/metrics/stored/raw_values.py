@@ -31,10 +31,8 @@ CORRELATED = 10.0  #: Number of correlated values that are equivalent to one ind
 
 def fault_of_raw_values(score: Score) -> str | None:
     """Return the first contradiction between the figures and the raw values of a score; None if there is none."""
-    for check in (_of_sub_trajectories, _of_points, _of_calls):
-        for problem in check(score):
-            return problem
-    return None
+    checks = (_of_sub_trajectories, _of_points, _of_calls)
+    return next((problem for check in checks for problem in check(score)), None)
 
 
 def _of_sub_trajectories(score: Score) -> Iterator[str]:
