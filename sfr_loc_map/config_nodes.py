@@ -80,10 +80,10 @@ def sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
                 continue
             if section is None or name not in (ALL_NODES, *NODE_SECTIONS[section].nodes):
                 continue
-            if section == "sync" and key != STAMP_TOLERANCE:  # nodes have other settings of their inputs
-                continue
             if not key:
                 raise ConfigError(f"{path}: '{parameter}' is {value!r:.40}: {MAPPING} is required")
+            if section == "sync" and key != STAMP_TOLERANCE:  # nodes have other settings of their inputs
+                continue
             values = sections.setdefault(section, {})
             other = name if name == ALL_NODES else node_of.setdefault(parameter, name)
             if other != name and values[key] != value:

@@ -96,6 +96,7 @@ def bytes_of_nameless_files(processes: Sequence[int], socket_bytes: int = 0) -> 
     use. A socket counts `socket_bytes`.
     """
     stored: dict[tuple[int, int], int] = {}
+    mapped: dict[tuple[int, int], int] = {}
     for process in processes:
         with suppress(OSError), os.scandir(f"/proc/{process}/fd") as entries:
             for entry in entries:
@@ -105,30 +106,32 @@ def bytes_of_nameless_files(processes: Sequence[int], socket_bytes: int = 0) -> 
                         stored[about.st_dev, about.st_ino] = about.st_blocks * BLOCK_BYTES
                     elif stat.S_ISSOCK(about.st_mode):
                         stored[about.st_dev, about.st_ino] = socket_bytes
-        stored = _nameless_mapped_files(process) | stored  # the storage of an open file is exact
-    return sum(stored.values())
+        for file, size in _nameless_mapped_files(process).items():
+            mapped[file] = max(mapped.get(file, 0), size)
+    return sum((mapped | stored).values())  # the storage of an open file is exact
 
 
 def _nameless_mapped_files(process: int) -> dict[tuple[int, int], int]:
     """Return the storage of the files without a name that a process has mapped as shared, by device and number.
 
-    Without the right to examine the files of mappings (CAP_SYS_ADMIN or CAP_CHECKPOINT_RESTORE), the length of the
-    mapping counts.
+    Without the right to examine the files of mappings (CAP_SYS_ADMIN or CAP_CHECKPOINT_RESTORE), the end of the last
+    mapping in the file counts. A file has several mappings if a process has changed the access to a part of it.
     """
     stored: dict[tuple[int, int], int] = {}
     with suppress(OSError):
         for line in Path(f"/proc/{process}/maps").read_text(encoding="utf-8", errors="replace").splitlines():
             if not line.endswith(DELETED):
                 continue
-            addresses, access, _, device, number = line.split()[:5]
+            addresses, access, offset, device, number = line.split()[:5]
             if not access.endswith(SHARED):
                 continue
             major, minor = (int(part, 16) for part in device.split(":"))
             first, end = (int(part, 16) for part in addresses.split("-"))
-            size = end - first
+            size = int(offset, 16) + end - first
             with suppress(OSError):
                 size = os.stat(f"/proc/{process}/map_files/{first:x}-{end:x}").st_blocks * BLOCK_BYTES
-            stored[os.makedev(major, minor), int(number)] = size
+            file = os.makedev(major, minor), int(number)
+            stored[file] = max(stored.get(file, 0), size)
     return stored
 
 

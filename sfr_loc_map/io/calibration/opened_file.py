@@ -56,8 +56,9 @@ def _with_plain_names(content: Mapping[Any, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in content.items():
         plain = plain_name(str(name))
-        if found.setdefault(plain, value) != value:
+        if plain in found and found[plain] != value:
             raise ValueError(f"it has two values of {name}, whose names differ only in case or underscores")
+        found[plain] = value
     return found
 
 

@@ -187,7 +187,7 @@ def _version_of(method: object) -> str:
 
 def _stamp(stated: object) -> int:
     """Return the stamp of a result, ns; TypeError unless this is a whole number."""
-    if not isinstance(stated, int | np.integer):
+    if isinstance(stated, bool) or not isinstance(stated, int | np.integer):
         raise TypeError(f"the stamp is {stated!r:.40}: a whole number of nanoseconds is required")
     return int(stated)
 
