@@ -51,7 +51,7 @@ from sfr_loc_map.ros.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.ros.qos import LATCHED, RELIABILITIES, profile
 from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.run_order import AnyOrder, CommonRuns
-from sfr_loc_map.scoring.live.live_score import DiscardedInterval, LiveRun
+from sfr_loc_map.scoring.live.live_score import MAX_LISTED, DiscardedInterval, LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import SIDES, Side, Task
 from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TRUE_POINTS, call_topic, configuration_topic
@@ -139,9 +139,10 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     task = "monitor"
     config_type = MonitorNodeConfig
-    _received_ns: tuple[int, int] | None = None  # earliest and latest stamp of the data of the present score
-    _discarded: tuple[DiscardedInterval, ...] = ()  # kept for the life of the node
     foreign_parameters = tuple(f"input.{item.name}" for item in fields(StereoInputConfig))
+    _received_ns: tuple[int, int] | None = None  # earliest and latest stamp of the data of the present score
+    _discards = 0  # number of discarded intervals in the life of the node
+    _discarded: tuple[DiscardedInterval, ...] = ()  # the latest of them
 
     def check_config(self, config: MonitorNodeConfig) -> None:
         """Check the frames of the ground truth."""
@@ -289,7 +290,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _discard(self, cause: str) -> None:
         """Record the interval of the data that are about to be discarded, if there are any."""
         if self._received_ns is not None:
-            self._discarded = (*self._discarded, DiscardedInterval(*self._received_ns, cause))
+            self._discards += 1
+            self._discarded = (*self._discarded, DiscardedInterval(*self._received_ns, cause))[-MAX_LISTED:]
         self._received_ns = None
 
     def _on_call(self, task: Task, message: String) -> None:
@@ -376,6 +378,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             details=details,
             dropped=dropped,
             restarts=self._restarts,
+            discards=self._discards,
             discarded=self._discarded,
             provenance=made,
         )

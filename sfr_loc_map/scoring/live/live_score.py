@@ -28,7 +28,7 @@ from sfr_loc_map.scoring.score_parts import (
 )
 from sfr_loc_map.suite_names import Task
 
-MAX_LISTED = 5  #: Maximum number of discarded intervals that a caveat lists, the latest ones.
+MAX_LISTED = 5  #: Maximum number of discarded intervals that are kept and listed, the latest ones.
 
 
 class DiscardedInterval(NamedTuple):
@@ -47,7 +47,8 @@ class LiveRun:
     details: bool = True  #: Whether the data of plots is kept, in addition to the errors of sub-trajectories.
     dropped: int = 0  #: Number of messages that were lost in transport or dropped.
     restarts: int = 0  #: Number of restarts caused by a jump of the stamps.
-    discarded: tuple[DiscardedInterval, ...] = ()  #: What earlier scores of the same node had received.
+    discards: int = 0  #: Number of intervals that earlier scores of the same node had received.
+    discarded: tuple[DiscardedInterval, ...] = ()  #: The latest of these intervals, at most `MAX_LISTED`.
     provenance: Provenance | None = None  #: Provenance of the score.
 
     @property
@@ -108,17 +109,17 @@ def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:
 
 def _with_transport(calls: CallsResult, live: LiveRun, messages: int) -> CallsResult:
     """Return the result of the calls with the counts of dropped messages and restarts. Zero counts have no rows."""
-    if live.discarded:
-        calls = replace(calls, caveats=(*calls.caveats, _discarded_text(live.discarded)))
+    if live.discards:
+        calls = replace(calls, caveats=(*calls.caveats, _discarded_text(live)))
     if not messages and not live.dropped and not live.restarts:
         return calls
     return replace(calls, figures=(*calls.figures, *live_completeness(messages, live.dropped, live.restarts)))
 
 
-def _discarded_text(discarded: tuple[DiscardedInterval, ...]) -> str:
+def _discarded_text(live: LiveRun) -> str:
     """Return the caveat about discarded data, with the latest intervals."""
-    listed = [f"{item.first_ns} to {item.last_ns} ns ({item.cause})" for item in discarded[-MAX_LISTED:]]
+    listed = [f"{item.first_ns} to {item.last_ns} ns ({item.cause})" for item in live.discarded]
     return (
         f"the live score does not contain data that was received and then discarded; number of discarded intervals: "
-        f"{len(discarded)}, the latest: {', '.join(listed)}"
+        f"{live.discards}, the latest: {', '.join(listed)}"
     )

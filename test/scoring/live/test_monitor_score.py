@@ -279,7 +279,7 @@ def test_calls_of_a_live_run_are_stated_and_resets_are_a_deviation() -> None:
         monitor.add_estimate(stamp, position, quat, None)
         monitor.add_call(CallRecord(stamp, 0.001, "tracking", 1_000_000, None, {}))
     for discarded in ((), (DiscardedInterval(3, 7, "~/reset"),)):
-        score = monitor.result(LiveRun(discarded=discarded))
+        score = monitor.result(LiveRun(discards=len(discarded), discarded=discarded))
         assert score.calls is not None
         assert set(score.calls.clocks.values()) == {score.calls.memory_method} == {"stated by the node"}
         deviations = " ".join(deviations_of(score))
