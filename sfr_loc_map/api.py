@@ -45,7 +45,7 @@ from sfr_loc_map.scoring.conversion import converted_run
 from sfr_loc_map.scoring.inputs import Correction, InMemory, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_run
-from sfr_loc_map.scoring.settings import ScoreSettings, score_settings
+from sfr_loc_map.scoring.settings import ScoreSettings, check_known, score_settings
 from sfr_loc_map.suite_names import OURS, Task
 
 C = TypeVar("C")
@@ -192,9 +192,7 @@ def score(
 
     A UserWarning reports what the command prints about a file: an inferred format or unit, and skipped rows.
     """
-    known = get_type_hints(ScoreOptions)
-    if unknown := sorted(set(settings) - set(known)):
-        raise ConfigError(f"sfr.score has no setting '{unknown[0]}': the settings are {', '.join(known)}")
+    check_known(settings, ScoreOptions, "sfr.score")
     of_score: Any = {name: value for name, value in settings.items() if name in get_type_hints(ScoreSettings)}
     texts = None if conditions is None else _texts("conditions", conditions)
     if texts is not None and not texts:
@@ -303,9 +301,8 @@ def _texts(name: str, values: Sequence[str]) -> Sequence[str]:
     texts = _items(values)
     wrong = [text for text in texts if not isinstance(text, str)]
     if wrong:
-        raise ConfigError(
-            f"{name} has {wrong[0]!r:.60}: strings are required, such as 'distance=5' or 'frame=left_optical'"
-        )
+        found = one_line(f"{wrong[0]!r:.60}")
+        raise ConfigError(f"{name} has {found}: strings are required, such as 'distance=5' or 'frame=left_optical'")
     return texts
 
 

@@ -41,7 +41,7 @@ from sfr_loc_map.metrics.calls.call_meter import METHOD
 from sfr_loc_map.metrics.calls.call_score import STATE_KINDS, Calls, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.errors.consistency import WITHOUT_NOISE
-from sfr_loc_map.metrics.frames.covariance import UPPER
+from sfr_loc_map.metrics.frames.covariance import DIAGONAL, UPPER
 from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.suite_names import Task
 
@@ -58,7 +58,6 @@ FINDING_TASK, FINDING_COUNT = "finding_task", "finding_count"
 POSITION_NAMES = ("position_x_m", "position_y_m", "position_z_m")
 """Columns of the estimated position of a call. The positions identify the estimate to which the calls belong."""
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
-VARIANCE_NAMES = tuple(f"cov_{i}{i}" for i in range(6))
 MOTION_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))
 """Columns of the uncertainty of the motion since the previous pose."""
 NOISE_NAMES = tuple(f"noise_{name}" for name in COVARIANCE_NAMES)  #: Columns of the covariance of the pose noise.
@@ -92,8 +91,8 @@ def save_stats(
     statistics = sorted({name for record in records for name in record.statistics})
     columns = [*CALL_NAMES, MEMORY_METHOD]
     columns += METHOD_NAMES if methods else ()
-    columns += (FINDING,) if methods or findings or any(record.finding for record in records) else ()
-    columns += (FINDING_TASK, FINDING_COUNT) if findings else ()
+    columns += (FINDING,) if methods or any(findings.values()) or any(record.finding for record in records) else ()
+    columns += (FINDING_TASK, FINDING_COUNT) if any(findings.values()) else ()
     columns += POSITION_NAMES if positions else ()
     columns += map(_column_of_statistic, statistics)
     columns += COVARIANCE_NAMES if any(record.covariance is not None for record in records) else ()
@@ -289,10 +288,11 @@ class _Table:
 
     def covariance(self) -> FloatArray:
         """Return the covariances `(N, 21)` of the poses; InputError if a variance is negative."""
-        for line, variances in zip(self.lines, self.matrix(VARIANCE_NAMES), strict=True):
+        covariance = self.matrix(COVARIANCE_NAMES)
+        for line, variances in zip(self.lines, covariance[:, DIAGONAL], strict=True):
             with refusing(f"statistics '{self.path}' line {line}"):
                 check_variances(variances)
-        return self.matrix(COVARIANCE_NAMES)
+        return covariance
 
     def matrix(self, names: Sequence[str]) -> FloatArray:
         """Return columns `(N, names)` of numbers, NaN where a cell is empty."""

@@ -48,8 +48,8 @@ from sfr_loc_map.localisation.estimate import StateReason
 class Action(Enum):
     """What happens to a pair."""
 
-    #: The last pose is published again, with a larger covariance, until this covariance is that of a lost pose. A lost
-    #: localiser stays lost. New images then count as for `RESTART`.
+    #: The last pose is published again, with a larger covariance, until this covariance is that of a lost pose. If the
+    #: localiser is lost, the pair is lost, and new images count as for `RESTART`.
     KEEP = auto()
     REJECT = auto()  #: The localiser is lost. No window may begin with the pair.
     RESTART = auto()  #: The localiser is lost. After several good images a new window begins at the last pose.

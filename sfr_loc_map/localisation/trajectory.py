@@ -190,9 +190,10 @@ def given(path: PathState, pose: StartPose, model: RoverModel) -> PathState:
 def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, bool]:
     """Return the path with the pending external pose applied if its stamp is reached, and whether to discard the map.
 
-    An external pose that is at most `MAX_LATER_PERIODS` later than the last accepted pose applies to that pose, with
-    the covariance of an unobserved motion between the two. If the external pose is still later, its position in the map
-    is unknown. The map is then discarded, and the motion from the stamp of the external pose to the pair is unobserved.
+    An external pose that is at most `MAX_LATER_PERIODS` later than the last accepted pose applies to that pose. The
+    unobserved motion between the two counts from the next accepted pair on (`Origin.of_accepted`). If the external
+    pose is still later, its position in the map is unknown. The map is then discarded, and the motion from the stamp of
+    the external pose to the pair is unobserved.
     """
     pending = path.datum.pending
     if pending is None:
@@ -202,14 +203,12 @@ def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tupl
         return path, False
     path = replace(path, datum=replace(path.datum, pending=None))
     last_ns = path.history.last_ns
-    if last_ns is None or at_ns - last_ns > MAX_LATER_PERIODS * _shortest_period_ns(path):
-        placed = _placed(path, pending.pose, at_ns, model)
-        unobserved = _unobserved_of_left(placed, stamp_ns, model)
-        return replace(placed, errors=placed.errors.kept(unobserved)), True
-    path = _rebased(path, pending.pose, at_ns, model)
-    if at_ns > last_ns:  # the present pair is kept or lost
+    discards_map = last_ns is None or at_ns - last_ns > MAX_LATER_PERIODS * _shortest_period_ns(path)
+    apply = _placed if discards_map else _rebased
+    path = apply(path, pending.pose, at_ns, model)
+    if last_ns is None or at_ns > last_ns:  # the present pair is kept or lost
         path = replace(path, errors=path.errors.kept(_unobserved_of_left(path, stamp_ns, model)))
-    return path, False
+    return path, discards_map
 
 
 def _shortest_period_ns(path: PathState) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TypedDict, Unpack, get_type_hints
 
 import numpy as np
@@ -33,11 +33,16 @@ FIELDS = {
 """Settings that are fields of `ScoreConfig`, with the names of the fields."""
 
 
+def check_known(names: Collection[str], settings: type, subject: str) -> None:
+    """Raise ConfigError if a name is not one of the settings of a subject, such as "a score"."""
+    known = get_type_hints(settings)
+    if unknown := sorted(set(names) - known.keys()):
+        raise ConfigError(f"{subject} has no setting '{unknown[0]}': the settings are {', '.join(known)}")
+
+
 def score_settings(conditions: Sequence[str] | None, **settings: Unpack[ScoreSettings]) -> ScoreConfig:
     """Return the configuration of a score; raise ConfigError for unknown names or wrong values."""
-    known = get_type_hints(ScoreSettings)
-    if unknown := sorted(settings.keys() - known.keys()):
-        raise ConfigError(f"a score has no setting '{unknown[0]}': the settings are {', '.join(known)}")
+    check_known(settings, ScoreSettings, "a score")
     values: dict[str, object] = {FIELDS[name]: value for name, value in settings.items() if name in FIELDS}
     if "scored_range" in settings:
         values["map.scored_from_m"], values["map.scored_to_m"] = _interval(settings["scored_range"])

@@ -30,7 +30,7 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, T_RB_LOCSB, compressed_bag, loc_pair
 from helpers.node_scenes import MOUNT, raw, send_infos, send_pair
 from helpers.peer import Peer
-from helpers.processes import Process, has_started_ros, nodes_of, segments_of, wait_until
+from helpers.processes import Process, abandoned, has_started_ros, nodes_of, segments_of, wait_until
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
@@ -68,7 +68,7 @@ def test_namespace_remaps_and_parameters_reach_the_nodes_and_ctrl_c_ends_all(tmp
         assert "Traceback" not in run.text
     rclpy.try_shutdown()
     assert shared
-    assert not [path for path in shared if path.exists()]
+    assert not abandoned(shared)
 
 
 @pytest.fixture

@@ -86,13 +86,13 @@ def inflation_of(
         other_distance: Distance between the poses of two possible motions; zero if only one motion was found.
         sources: Error sources of an unobserved motion.
     """
-    of_rb = ZERO
+    unobserved_rb = ZERO
     if Inflation.UNOBSERVED in inflation:
-        of_rb = unobserved_motion(unobserved, sources)
+        unobserved_rb = unobserved_motion(unobserved, sources)
     ambiguity = NO_DIRECTED_ERROR
     if Inflation.AMBIGUITY in inflation:
         ambiguity = DirectedError(
             max(other_distance.metres, moved.metres, unobserved.metres),
             max(other_distance.radians, moved.radians, min(unobserved.radians, MAX_ANGLE_RAD)),
         )
-    return AddedError(of_rb, ambiguity)
+    return AddedError(unobserved_rb, ambiguity)

@@ -32,8 +32,7 @@ class PoseTerms(NamedTuple):
     @property
     def total(self) -> FloatArray:
         """Covariance `(6, 6)` of the pose."""
-        of_map = self.external + self.drift + self.alone + self.kept_motion
-        return of_map + self.directed + self.disparity + self.attitude
+        return sum(self[1:], start=self.external)
 
 
 def pose_terms(

@@ -117,9 +117,8 @@ def _sampled_slopes(left: FloatImage, residual: FloatImage) -> FloatImage:
     """
     known = cv2.patchNaNs(residual.copy(), 0.0)
     mean = cv2.scaleAdd(known, 0.5, left)
-    last = len(mean) - 1
-    rows = np.arange(0, last + 1, SAMPLING_STRIDE)
-    rows_above = np.abs(rows - 1)  # the image is mirrored at its border
-    rows_below = last - np.abs(last - (rows + 1))
+    rows = np.pad(np.arange(len(mean)), 1, mode="reflect")  # the image is mirrored at its border
+    rows_above = rows[:-2:SAMPLING_STRIDE]
+    rows_below = rows[2::SAMPLING_STRIDE]
     difference = mean.take(rows_below, axis=0) - mean.take(rows_above, axis=0)
     return np.asarray(cv2.filter2D(difference, -1, SMOOTHING)[:, ::SAMPLING_STRIDE], F)

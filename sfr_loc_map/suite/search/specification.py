@@ -15,16 +15,9 @@ from sfr_loc_map.faults.kinds import FaultKind, parse_fault, with_amount
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.metrics.config import CallKind, Condition, Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.formulas import STATISTICS
+from sfr_loc_map.metrics.score.limits import OF_MAP
 from sfr_loc_map.metrics.score.score import JUDGED_ROW, Score
-from sfr_loc_map.metrics.table.catalogue import (
-    ALIGNED,
-    ANSWERED_TWICE,
-    CATALOGUE,
-    KINDS,
-    UNANSWERED,
-    FigureKind,
-    Subject,
-)
+from sfr_loc_map.metrics.table.catalogue import ALIGNED, CATALOGUE, KINDS, UNANSWERED, FigureKind, Subject
 from sfr_loc_map.metrics.table.row_part import DIRECTIONS, MOVING, OTHER_FRAMES, distance_of
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
@@ -39,10 +32,10 @@ SUBJECTS = (Subject.TRAJECTORY, Subject.TIMING, Subject.MEMORY, Subject.COMPLETE
 """Subjects of the figures that the score of a localised drive can have."""
 NOT_OF_A_DRIVE = (
     *ALIGNED,
+    *OF_MAP,
     *(kind.name for kind in CATALOGUE if kind.is_without_height),
     *(kind.value for kind in CallKind if kind is not CallKind.LOCALISATION),
-    *("points_without_truth", "pairs_without_cloud", "points_repeated", "points_not_finite", "pixels_without_point"),
-    *(UNANSWERED, ANSWERED_TWICE, "dropped", "restarts"),
+    *(UNANSWERED, "dropped", "restarts"),
 )
 """Figures of these subjects that require an alignment, a ground truth without heights, maps, or running nodes."""
 WITHOUT_EFFECT = ("repeats", "stop_when_decided", "order_seed", "nominal")

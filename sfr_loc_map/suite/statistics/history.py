@@ -260,7 +260,8 @@ def find_changes(nights: Sequence[Night]) -> History:
         x = scale.apply(table[has_figure])
         means = _mean(table[has_figure]) if scale.undo is None else np.array([*map(scale.undo, _mean(x).tolist())])
         series[name.name] = tuple(mean if np.isfinite(mean) else None for mean in means.tolist())
-        tested += name != WITHOUT_RESULT and is_last_night_tested(x, scale)
+        if name != WITHOUT_RESULT and is_last_night_tested(x, scale):
+            tested += 1
         for found in changes_of(x, scale, FALSE_ALARM_RATE / len(tables)):
             changed = [jobs[index] for index in found.jobs]
             labels = [last_night[key].labels[key] for key in changed]
