@@ -263,7 +263,7 @@ def history(
 ) -> None:
     """Find the nights and drives at which figures changed; exit code 1 if a figure became and stayed worse.
 
-    A planned job without a result in the last night is worse, too. Exit code 3 if no figure could be tested.
+    A planned job without a result in the last night counts as worse. Exit code 3 if no figure could be tested.
     """
     from sfr_loc_map.suite.pages.page import render_history
     from sfr_loc_map.suite.pages.tables import history_tables

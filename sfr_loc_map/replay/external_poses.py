@@ -64,7 +64,7 @@ def _converted(
 
 
 def _converted_call(call: CallRecord, estimates: Estimates, row: int | None, offset_ns: int) -> CallRecord:
-    """Return a call with the converted covariance of its pose, which is in a row of the estimates; None without pose.
+    """Return a call with the converted covariance of its pose, `row` of the estimates; the row is None without a pose.
 
     The offset is added to the stamp. The step of the call is removed, because it is not converted.
     """

@@ -61,8 +61,8 @@ def unstamped_start_warning(start: StartPose, sequence: LocSequence) -> str | No
     """Return a warning if the start pose of a method under test is the pose of another time than its first pair.
 
     Our localiser uses the stamp of a start pose. The interface of methods has no such stamp, so that all poses of a
-    method are offset by the motion between both stamps. The tolerance is that for
-    stamps of one image (`nearness_ns`).
+    method are offset by the motion between both stamps. Stamps within the tolerance for stamps of one image
+    (`nearness_ns`) are equal.
     """
     if start.stamp_ns is None or not len(sequence):
         return None
