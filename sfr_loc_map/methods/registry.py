@@ -144,6 +144,15 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
         return replace(BUILT_IN[task][spec], config=config)
     if "\0" in spec:
         raise MethodError(f"method {spec!r:.60} contains a NUL character: give a name or a path without it")
+    try:
+        return _found(spec, task, config)
+    except (OSError, UnicodeError) as error:  # a path that the system refuses, for example one that is too long
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise MethodError(f"method {spec!r:.60} is no valid path ({reason}): give another path") from error
+
+
+def _found(spec: str, task: Task, config: str) -> Method:
+    """Return the method of a library, a file or a module; OSError or UnicodeError if the system refuses the path."""
     if spec.startswith(LIBRARY_PREFIX):
         path = Path(spec.removeprefix(LIBRARY_PREFIX)).resolve()
         if not path.is_file():

@@ -41,6 +41,8 @@ def test_names_are_looked_up(tmp_path: Path, sfr: Sfr) -> None:
         ("package:", Task.MAPPING, "no method 'package:'"),
         (f"lib:{tmp_path}", Task.MAPPING, "is a folder"),
         ("lib:\0", Task.MAPPING, "contains a NUL character"),
+        ("lib:" + 5000 * "a", Task.MAPPING, "File name too long"),
+        (5000 * "a" + ".py:X", Task.LOCALISATION, "File name too long"),
         ("__main__:Class", Task.LOCALISATION, "there is no module '__main__'"),
         ("nothing.module:Class", Task.LOCALISATION, "there is no module 'nothing.module'"),
         ("json.nothing:Class", Task.LOCALISATION, "there is no module 'json.nothing'"),

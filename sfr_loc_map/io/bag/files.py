@@ -13,13 +13,14 @@ import msgspec
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import check_exists, check_regular, read_text, refusing
 from sfr_loc_map.json_yaml import parse_yaml
+from sfr_loc_map.suite_names import SIDES_OF
 
 METADATA = "rosbag2_bagfile_information"  #: Name of the content of metadata.yaml.
 STORAGE_SUFFIXES = (".mcap", ".db3")
 DATA_SET_FILES = tuple(f"{part}/{name}" for part in (".", "loc", "nav") for name in ("pairs.csv", "rig.json"))
 """Files any of which identifies a data set folder."""
-OTHER_LAYOUTS = (*DATA_SET_FILES, "calib.txt", "mav0", "cam0", "left", "infra1", "image_left", "l")
-"""Files and folders any of which identifies a data set folder, or a folder of the layouts of images."""
+OTHER_LAYOUTS = (*DATA_SET_FILES, "calib.txt", "mav0")
+"""Files and folders any of which identifies a data set folder, or the folder of a drive of KITTI or EuRoC."""
 ROS1_MAGIC = b"#ROSBAG"
 ROS1_SUFFIXES = (".bag", ".active")  #: Endings of finished files, and of the files of a recorder that was killed.
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -34,7 +35,10 @@ def is_bag(path: Path) -> bool:
     if path.is_dir():
         if (path / "metadata.yaml").exists():
             return True
-        return bool(_stored_in(path)) and not any((path / name).exists() for name in OTHER_LAYOUTS)
+        names = {item.name.lower() for item in path.iterdir()}
+        has_images = any(left in names for left, _ in SIDES_OF)
+        is_other = has_images or any((path / name).exists() for name in OTHER_LAYOUTS)
+        return bool(_stored_in(path)) and not is_other
     return path.suffix in STORAGE_SUFFIXES or (path.suffix in ROS1_SUFFIXES and is_ros1_bag(path))
 
 

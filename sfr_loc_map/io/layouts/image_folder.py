@@ -20,10 +20,7 @@ from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.stamps import EARLIEST_CLOCK_S, TIMES, check_padded, parse_decimal, time_unit
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.suite_names import IMAGE_ENDINGS
-
-SIDES_OF = (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("image_left", "image_right"), ("l", "r"))
-"""Names of the folders of left and right images."""
+from sfr_loc_map.suite_names import IMAGE_ENDINGS, SIDES_OF
 
 
 def is_image_folder(path: Path) -> bool:
