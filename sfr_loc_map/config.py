@@ -16,7 +16,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, naming_key
 
 C = TypeVar("C")
 
@@ -114,10 +114,8 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
 
     Raises ConfigError, whose single line reports all faults.
     """
-    try:
+    with naming_key(origin):
         flat = flatten(values, keeps_empty=True)
-    except ConfigError as error:
-        raise ConfigError(f"{origin}: {error}") from error
     known = {info.name: info for info in parameters(config_type)}
     groups = _groups_of(known)
     flat = {name: value for name, value in flat.items() if name not in groups or not is_empty(value)}
@@ -137,10 +135,8 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
                 problems.append(str(error))
     if problems:
         raise ConfigError(f"{origin}: " + "; ".join(problems))
-    try:
+    with naming_key(origin):
         return _construct(config_type, converted, "")
-    except ConfigError as error:
-        raise ConfigError(f"{origin}: {error}") from error
 
 
 def _groups_of(names: Collection[str]) -> set[str]:

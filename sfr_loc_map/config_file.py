@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from sfr_loc_map.config import MAPPING, build, flatten, is_empty, suggestion
 from sfr_loc_map.config_nodes import NODE_SECTIONS, has_nodes, sections_of_nodes
 from sfr_loc_map.config_yaml import load_yaml
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, naming_key
 
 C = TypeVar("C")
 
@@ -50,10 +50,8 @@ def is_ros_parameter_file(path: Path) -> bool:
 def _read_flat(path: Path) -> dict[str, Any]:
     """Return the values of a YAML file by dotted name."""
     content = load_yaml(path)
-    try:
+    with naming_key(str(path)):
         return flatten(content, keeps_empty=True)
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from error
 
 
 def _sections_of_file(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
@@ -111,8 +109,7 @@ class Configuration:
 
     def section(self, name: str) -> Mapping[str, Any]:
         """Return the values of a section; empty if it is missing."""
-        found: Mapping[str, Any] = self.sections.get(name, {})
-        return found
+        return self.sections.get(name) or {}
 
     def build(self, config_type: type[C], name: str) -> C:
         """Return the parameters of a section, such as `localisation`."""

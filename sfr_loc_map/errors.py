@@ -105,3 +105,12 @@ def naming(source: object) -> Iterator[None]:
         if str(source) in str(error):
             raise
         raise type(error)(f"'{source}': {error}") from error
+
+
+@contextmanager
+def naming_key(origin: str) -> Iterator[None]:
+    """Add the file and the key to the errors of a parser that knows neither; each becomes a ConfigError."""
+    try:
+        yield
+    except (ConfigError, MetricsError) as error:
+        raise ConfigError(f"{origin}: {error}") from error

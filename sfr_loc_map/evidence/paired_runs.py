@@ -45,7 +45,7 @@ class RunAtPairs:
         The covariance of a degraded pose is inflated and predicts no difference.
         """
         first, last = sorted((int(self.rows[start]), int(self.rows[end])))
-        return not self.run.unreliable[first : last + 1].any()
+        return not self.run.estimates.unreliable[first : last + 1].any()
 
     def sums_at(self, frames: IntArray) -> dict[int, StepSums]:
         """Return the sums of the steps up to frames, by frame; empty if the steps are unknown."""

@@ -44,7 +44,7 @@ def predicted_rows(run: ComparedRun, condition: Condition) -> Iterator[Figure]:
         return
     path = StampedPoses(poses.stamps_ns, poses.positions, poses.quats_xyzw)
     starts, ends = select(condition, SPACING, path, formulas.path_length_m(path.position))
-    unreliable = np.concatenate(([0], np.cumsum(run.unreliable)))
+    unreliable = np.concatenate(([0], np.cumsum(run.estimates.unreliable)))
     sums = sums_of_steps(run.estimates, run.estimates.steps, np.unique(np.concatenate((starts, ends))))
     parts = [
         squares_by_source(sums[start], sums[end], poses.positions[end])

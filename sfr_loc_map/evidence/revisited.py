@@ -101,7 +101,7 @@ def closure_between(forward: ComparedRun, direct: ComparedRun, first: int, again
     poses = forward.estimates.trajectory
     visits = np.array([first, again])
     rows = rows_at(direct, poses.stamps_ns[visits])
-    if direct.unreliable[rows].any():
+    if direct.estimates.unreliable[rows].any():
         return None
     along_path, measured = poses_at(forward, visits), poses_at(direct, rows)
     (error,) = relative_errors(along_path, measured, np.array([0]), np.array([1]))
@@ -118,7 +118,7 @@ def growth_between(run: ComparedRun, start: int, end: int) -> FloatArray | None:
 
     None if the covariance is unknown, or if a pose between them is lost or degraded.
     """
-    if run.estimates.steps is None or run.unreliable[start : end + 1].any():
+    if run.estimates.steps is None or run.estimates.unreliable[start : end + 1].any():
         return None
     sums = sums_of_steps(run.estimates, run.estimates.steps, np.array([start, end]))
     return relative_covariance(sums[start], sums[end], run.estimates.trajectory.positions[end])

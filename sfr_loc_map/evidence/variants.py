@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.calls.call_stats import estimates_of, stats_of
-from sfr_loc_map.geometry.arrays import GreyImage, IntArray, Mask
+from sfr_loc_map.geometry.arrays import GreyImage, IntArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -65,11 +65,6 @@ class ComparedRun:
     statistics: tuple[TrackingStatistics, ...] = ()  #: Figures of the calls.
     is_backward: bool = False  #: Whether the pairs were processed in reverse order.
     mirror_ns: int = 0  #: Sum of the stamps of a pair and its estimate in a backward run.
-
-    @property
-    def unreliable(self) -> Mask:
-        """Whether each estimate is lost or degraded, so that its covariance predicts no difference."""
-        return self.estimates.lost | self.estimates.degraded
 
     def own_stamps(self, stamps_ns: IntArray) -> IntArray:
         """Return the stamps of the estimates at the stamps of pairs."""

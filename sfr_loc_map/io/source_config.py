@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from sfr_loc_map.config import build, param
-from sfr_loc_map.config_file import SECTIONS
+from sfr_loc_map.config_file import SECTIONS, Configuration
 from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag
@@ -162,7 +162,7 @@ class SourceConfig:
 
         The values are those at the time when the file was read. Raises ConfigError for invalid values.
         """
-        return build(config_type, self.sections.get(section) or {}, origin=f"{self.path}, {section}")
+        return Configuration(self.path, self.sections).build(config_type, section)
 
     @classmethod
     def of(cls, sections: Mapping[str, Any], path: Path | None = None) -> SourceConfig:

@@ -32,7 +32,7 @@ def with_converted_poses(
     """
     published = result.estimate
     run, loc = result.external, source.loc
-    if run is None or run.score.task != Task.LOCALISATION or loc is None or not len(published):
+    if run is None or run.task is not Task.LOCALISATION or loc is None or not len(published):
         return result
     calls = {call.stamp_ns: call for call in result.records if call.task is Task.LOCALISATION}
     estimates = estimates_of(published, stats_of([*calls.values()]))

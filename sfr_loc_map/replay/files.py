@@ -46,7 +46,7 @@ def save_replay(result: ReplayResult, files: ReplayFiles, methods: Mapping[Task,
     if len(result.estimate):
         save_trajectory(files.estimate, result.estimate)
     if result.has_stats:
-        findings = {} if node is None else {Task(node.score.task): node.findings}
+        findings = {} if node is None else {node.task: node.findings}
         save_stats(files.stats, result.records, methods, result.estimate, findings)
     if result.map.cloud is not None:
         save_cloud(files.cloud, result.map.cloud)

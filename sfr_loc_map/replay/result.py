@@ -11,6 +11,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.table.records import ConventionRecord, ExternalScore, FindingRecord, MethodRecord
+from sfr_loc_map.suite_names import Task
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,6 +24,11 @@ class ExternalResult:
     log: str = ""  #: Output of its process; empty if the replay did not start the process.
     convention: ConventionRecord | None = None  #: Conversion of its results; None if nothing was converted.
     as_published: Trajectory | None = None  #: Its poses before the conversion by `replay.external_poses`.
+
+    @property
+    def task(self) -> Task:
+        """Task of the node."""
+        return Task(self.score.task)
 
 
 class ReplayedMap(NamedTuple):

@@ -41,7 +41,7 @@ def methods_of(result: ReplayResult, settings: Mapping[Task, Mapping[str, object
     """
     methods = {task: record_of_ours(task, settings.get(task, {})) for task in Task}
     if (node := result.external) is not None:
-        methods[Task(node.score.task)] = node.method
+        methods[node.task] = node.method
     return methods
 
 

@@ -112,7 +112,7 @@ def _save(result: ReplayResult, files: ReplayFiles, options: ReplayOptions) -> N
 
 def _remarks(result: ReplayResult) -> Iterator[str]:
     """Yield remarks on missing results of our nodes, and on the answers of an external node."""
-    theirs = None if result.external is None else result.external.score.task
+    theirs = None if result.external is None else result.external.task
     slower = "give a smaller --rate, or --rate 0, which waits for each pair"
     if result.loc_pairs.missing and theirs != Task.LOCALISATION:
         missing, pairs = result.loc_pairs.missing, result.loc_pairs.sent
@@ -127,6 +127,6 @@ def _remarks(result: ReplayResult) -> Iterator[str]:
 
 def _check_map(result: ReplayResult) -> None:
     """Raise a NodeError if our mapper received pairs and published no cloud."""
-    is_ours = result.external is None or result.external.score.task != Task.MAPPING
+    is_ours = result.external is None or result.external.task is not Task.MAPPING
     if is_ours and result.nav_pairs.sent and not result.clouds:
         raise NodeError("mapping_node published no cloud: play slower (--rate) or in lock step (--rate 0)")

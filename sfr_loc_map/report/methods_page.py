@@ -316,9 +316,10 @@ def _cost_points(named: Named, task: Task, condition: str) -> Iterator[_CostPoin
     """Yield the methods that have a time and an error for a task."""
     for k, (name, score) in enumerate(named):
         seconds, latency = score.number(CALL_OF[task], "p50", part=None), _latency(score, task)
-        is_latency = seconds is None and latency is not None
-        if latency is not None and seconds is None:
+        is_latency = False
+        if seconds is None and latency is not None:
             seconds = latency.p50
+            is_latency = True
         rows = [row for row in compared_rows(score, condition) if row.subject is SUBJECT_OF[task]]
         error = rows[0].mean_plus_3sigma if rows else None
         if seconds and error:

@@ -41,6 +41,11 @@ class Estimates:
     #: `(N, 48)` float64, step to each pose (see `metrics.errors.consistency`), NaN if unknown; None without steps.
     steps: FloatArray | None = None
 
+    @property
+    def unreliable(self) -> Mask:
+        """Whether each pose `(N,)` is lost or degraded."""
+        return self.lost | self.degraded
+
     def __post_init__(self) -> None:
         """Check that there is one value for each pose; MetricsError if not."""
         columns = ("lost", "degraded", "is_lost_known", "is_degraded_known", "covariance", "steps")

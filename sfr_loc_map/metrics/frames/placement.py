@@ -65,7 +65,7 @@ class PlacedFrames(NamedTuple):
     @property
     def is_reported(self) -> Mask:
         """Whether the pose of each frame `(F,)` is reported as lost or degraded."""
-        return (self.estimates.lost | self.estimates.degraded)[self.frames.estimate_rows]
+        return self.estimates.unreliable[self.frames.estimate_rows]
 
     @property
     def readings(self) -> list[Reading]:

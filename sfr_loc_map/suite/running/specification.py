@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.config import build, param
 from sfr_loc_map.config_yaml import load_yaml
-from sfr_loc_map.errors import ConfigError, InputError, MetricsError
+from sfr_loc_map.errors import ConfigError, InputError, naming_key
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
@@ -103,7 +102,7 @@ def load_specification(path: Path) -> SuiteSpecification:
     if not settings.nominal and not lists["perturb"]:
         raise ConfigError(f"{path}: with 'nominal: false' at least one fault in 'perturb' is required")
     for faults in lists["perturb"]:
-        with naming(f"{path}: 'perturb'"):
+        with naming_key(f"{path}: 'perturb'"):
             for fault in str(faults).split("+"):
                 parse_fault(fault)
     sources, refusals = _sources(lists["sources"], path)
@@ -113,7 +112,7 @@ def load_specification(path: Path) -> SuiteSpecification:
         raise ConfigError(
             f"{path}: 'budget' cannot be combined with 'limits' or 'perturb', and requires 'tasks: [localise]'"
         )
-    with naming(f"{path}: 'conditions'"):
+    with naming_key(f"{path}: 'conditions'"):
         named = [Condition.parse(str(text)).setting for text in lists["conditions"] or ["distance=5"]]
     limits = parse_limits(stated_limits, f"{path}: limits") if stated_limits else None
     named += () if limits is None else limits.conditions
@@ -144,15 +143,6 @@ def _list_in(content: dict[str, Any], name: str, path: Path) -> list[Any]:
     if not isinstance(value, list):
         raise ConfigError(f"{path}: '{name}' is {value!r:.40}: a list is required")
     return value
-
-
-@contextmanager
-def naming(origin: str) -> Iterator[None]:
-    """Add the file and the key to the errors of a parser that knows neither."""
-    try:
-        yield
-    except (ConfigError, MetricsError) as error:
-        raise ConfigError(f"{origin}: {error}") from error
 
 
 def _check_effects(settings: SuiteSettings, limits: Limits | None, budget: Sequence[ErrorSource], path: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.config_yaml import entries_by_name
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, naming_key
 from sfr_loc_map.faults.kinds import parse_fault, with_amount
 from sfr_loc_map.simulation.config import SimulationConfig
 
@@ -104,7 +104,8 @@ def _error_source(name: str, value: object, origin: str) -> ErrorSource:
     if "without" in value:
         return ErrorSource(name, without=_settings(value["without"], origin))
     text, sigma = str(value["fault"]), value.get("sigma")
-    info = parse_fault(text).kind.info
+    with naming_key(origin):
+        info = parse_fault(text).kind.info
     if sigma is None:
         return ErrorSource(name, fault=text)
     is_positive = isinstance(sigma, int | float) and not isinstance(sigma, bool) and 0.0 < sigma < np.inf

@@ -10,7 +10,7 @@ from typing import Any
 
 from sfr_loc_map.config import build, flatten, param
 from sfr_loc_map.config_yaml import entries_by_name, load_yaml
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, naming_key
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault, with_amount
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.metrics.config import CallKind, Condition, Reading, TrajectoryScoreConfig
@@ -23,7 +23,7 @@ from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.source_readers import scenario_settings, simulated_source
-from sfr_loc_map.suite.running.specification import SuiteSettings, naming
+from sfr_loc_map.suite.running.specification import SuiteSettings
 
 Point = tuple[float, ...]
 """Values of the parameters of a search, in the order of the file."""
@@ -176,7 +176,7 @@ def load_search(path: Path) -> SearchSpecification:
     scenario = path.absolute().parent / scenario_name
     given = scenario_settings(scenario)
     base = flatten(build(SimulationConfig, {**given, **changes}, origin=f"{path}: 'set'"))
-    with naming(f"{path}: 'condition'"):
+    with naming_key(f"{path}: 'condition'"):
         condition = Condition.parse(settings.condition).setting
     return SearchSpecification(
         path=path,
@@ -246,7 +246,7 @@ def _parameter(name: str, value: object, base: Mapping[str, object], origin: str
             raise ConfigError(f"{origin}: the name may have only letters, digits, spaces, '_', '.' and '-'")
         low, high = _bounds(value["range"], origin)
         fault = str(value["fault"])
-        with naming(origin):
+        with naming_key(origin):
             kind: FaultKind = parse_fault(fault).kind
             for amount in (low, high):
                 parse_fault(with_amount(fault, amount))
