@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -189,12 +188,13 @@ def _convert_pairs(
 
 def _convert_trajectory(source: Path, destination: Path, columns: list[str] | None, *, overwrite: bool) -> None:
     """Write a trajectory as a file of poses, a folder or a bag."""
-    from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+    from sfr_loc_map.io.tables.trajectory_file import files_written, format_of_name, read_trajectory_file
 
     of_poses, of_truth = columns_of(columns)
     if of_truth:
         raise ConfigError(f"'--columns truth:{of_truth}': '{source}' is the only table: omit 'truth:'")
-    _check_pose_file(destination, (source,), overwrite=overwrite)
+    if format_of_name(destination) is not None:  # before the source is read; `output_folder` checks other outputs
+        check_outputs(*files_written(destination), inputs=(source,), overwrite=overwrite)
     read = read_trajectory_file(source, of_poses)
     if read.is_announced:
         say(read.text, err=True)
@@ -207,18 +207,11 @@ def _write_true_trajectory(
     """Write the true trajectory of a source as a file of poses."""
     from sfr_loc_map.io.registry import true_trajectory
     from sfr_loc_map.io.source_settings import source_config
+    from sfr_loc_map.io.tables.trajectory_file import files_written
 
-    _check_pose_file(destination, files_read(source, config), overwrite=overwrite)
+    check_outputs(*files_written(destination), inputs=files_read(source, config), overwrite=overwrite)
     how = source_config(source, config or announced_config(source), parse_remaps(remap))
     _write_poses(true_trajectory(source, how), source, destination, overwrite=overwrite)
-
-
-def _check_pose_file(destination: Path, inputs: Iterable[Path | None], *, overwrite: bool) -> None:
-    """Check before the source is read that a file of poses can be written; `output_folder` checks other outputs."""
-    from sfr_loc_map.io.tables.trajectory_file import files_written, format_of_name
-
-    if format_of_name(destination) is not None:
-        check_outputs(*files_written(destination), inputs=inputs, overwrite=overwrite)
 
 
 def _write_poses(poses: Trajectory, source: Path, destination: Path, *, overwrite: bool) -> None:

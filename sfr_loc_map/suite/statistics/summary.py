@@ -180,7 +180,10 @@ class Summary:
         return [item for group in self.groups for item in group.verdicts if item.figure is not None]
 
     def score_of(self, group: Group) -> Score:
-        """Return the pooled figures of a group and its verdicts as a score, whose rules require as many values."""
+        """Return the pooled figures and verdicts of a group as a score.
+
+        Its rules have the minimum counts of the suite's limits but not the limits, so that `on_limits` is empty.
+        """
         limits = self.limits or Limits()
         rules = Rules(minimum_count=limits.minimum_count, minimum_independent=limits.minimum_independent)
         return Score(figures=group.figures, verdicts=group.verdicts, rules=rules)
