@@ -117,6 +117,16 @@ jit_rows = _policy(**_ROWS, parallel=True)
 jit_rows_inline = _policy(**_ROWS, forceinline=True)  #: Functions that the loops of `jit_rows` kernels call.
 
 
+@jit_rows_inline
+def interleaved_row(k: int, rows: int) -> int:
+    """Return the row of iteration k of a loop over rows: first the even rows in order, then the odd rows.
+
+    The first thread processes the first half of the iterations. If the work is concentrated in a part of the image, for
+    example beside holes, each of two threads then has half of the work.
+    """
+    return 2 * k if 2 * k < rows else 2 * k - rows + 1 - rows % 2
+
+
 @contextmanager
 def on_one_thread(small: bool) -> Iterator[None]:
     """Run loops over rows on one thread if the data are small, because waking another thread takes 0.1 ms."""

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numba import prange
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, Mask, read_only
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 
 
@@ -104,14 +106,21 @@ class PairView:
         saturation: Saturation,
     ) -> PairView:
         """Return the view of points and of their disparity image `(H, W)`, NaN where invalid."""
-        fusion_sigma = np.full(disparity_px.shape, np.inf, F)
-        fusion_sigma[points.v, points.u] = points.fusion_sigma
-        grey = np.full(disparity_px.shape, np.nan, F)
-        grey[points.v, points.u] = points.intensity
-        images = ViewImages(disparity_px, fusion_sigma, grey)
+        images = _images_of_points(points, disparity_px)
         return cls(points, images, read_only_pose(T_lm_left), noise_grey, saturation)
 
     def with_pose(self, T_lm_left: Transform) -> PairView:
         """Return the view with its points moved to another pose."""
         xyz = (T_lm_left @ self.T_lm_left.inverse()).apply(self.points.xyz).astype(F)
         return replace(self, points=self.points._replace(xyz=xyz), T_lm_left=read_only_pose(T_lm_left))
+
+
+@jit_rows
+def _images_of_points(points: ViewPoints, disparity_px: FloatImage) -> ViewImages:
+    """Return the images of a view; at most one point per pixel."""
+    fusion_sigma = np.full_like(disparity_px, F(np.inf))
+    grey = np.full_like(disparity_px, F(np.nan))
+    for n in prange(len(points.u)):
+        fusion_sigma[points.v[n], points.u[n]] = points.fusion_sigma[n]
+        grey[points.v[n], points.u[n]] = points.intensity[n]
+    return ViewImages(disparity_px, fusion_sigma, grey)

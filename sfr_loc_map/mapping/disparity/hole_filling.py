@@ -35,7 +35,7 @@ import numpy as np
 from numba import prange
 
 from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, IntArray, Mask
-from sfr_loc_map.jit import jit_rows, jit_rows_inline
+from sfr_loc_map.jit import interleaved_row, jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.hole_hypotheses import (
     DIRECTION_COUNT,
@@ -175,7 +175,8 @@ def _fill_pass(scene: HoleScene, surfaces: RightSurfaces, cost_limit: np.float32
     """
     rows, cols = scene.disparity.shape
     out = np.full((rows, cols), F(np.nan))
-    for y in prange(rows):
+    for k in prange(rows):
+        y = interleaved_row(k, rows)
         for x in range(cols):
             if scene.fillable[y, x]:
                 out[y, x] = _best_hypothesis(scene, surfaces, cost_limit, min_margin, y, x)

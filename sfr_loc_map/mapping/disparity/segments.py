@@ -12,10 +12,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import prange
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage, IntArray, Mask
-from sfr_loc_map.jit import jit, jit_inline
+from sfr_loc_map.jit import jit, jit_inline, jit_rows
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
 STEPS_PER_PX = F(16.0)
@@ -47,13 +48,11 @@ def not_a_surface_mask(left: FloatImage, right: FloatImage, disparity: FloatImag
     steps = np.rint(disparity * STEPS_PER_PX).astype(np.int32)
     steps[~valid] = -1
     segments = _find_segments(steps, np.int32(STEPS_PER_PX * SURFACE_JUMP_PX))
-    pixels = segments.pixels
-    is_large = np.append(pixels > MAX_MEDIUM_SEGMENT_PIXELS, np.False_)  # the last element is for invalid pixels
-    is_medium = np.append((pixels > MAX_SMALL_SEGMENT_PIXELS) & (pixels <= MAX_MEDIUM_SEGMENT_PIXELS), np.False_)
-    kept: Mask = is_large[segments.label]
-    flat_indices = np.flatnonzero(is_medium[segments.label])
+    segment_pixels = _segment_pixels(segments)
+    kept: Mask = segment_pixels > MAX_MEDIUM_SEGMENT_PIXELS
+    flat_indices = np.flatnonzero((segment_pixels > MAX_SMALL_SEGMENT_PIXELS) & ~kept)
     labels = segments.label.flat[flat_indices]
-    correlation = _gradient_correlation(left, right, disparity, flat_indices, labels, len(pixels))
+    correlation = _gradient_correlation(left, right, disparity, flat_indices, labels, len(segments.pixels))
     kept.flat[flat_indices] = correlation >= MIN_CORRELATION
     return ~kept
 
@@ -117,6 +116,19 @@ def _find_segments(steps: NDArray[np.int32], max_difference: np.int32) -> Segmen
             label[i] = label[_root(parent, i)]
         pixels[label[i]] += 1
     return Segments(label.reshape(steps.shape), pixels[:count].copy())
+
+
+@jit_rows
+def _segment_pixels(segments: Segments) -> NDArray[np.int32]:
+    """Return the number of pixels of the segment of each pixel `(H, W)`; 0 for invalid pixels."""
+    label = segments.label
+    rows, cols = label.shape
+    out = np.zeros((rows, cols), np.int32)
+    for y in prange(rows):
+        for x in range(cols):
+            if label[y, x] >= 0:
+                out[y, x] = segments.pixels[label[y, x]]
+    return out
 
 
 def _gradient_correlation(

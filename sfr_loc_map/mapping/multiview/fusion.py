@@ -199,8 +199,6 @@ def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:
     relative_step = comparison.weighted_difference[rows] / total_weight / comparison.own_range[rows]
     variance_of_mean = comparison.weighted_variance[rows] / np.square(total_weight)  # if all errors were independent
     variance = COMMON_VARIANCE * np.square(points.fusion_sigma[moved]) + (1.0 - COMMON_VARIANCE) * variance_of_mean
-    xyz = points.xyz.copy()
-    xyz[moved] = positions + rays * relative_step[:, None]
-    sigma = points.fusion_sigma.copy()
-    sigma[moved] = np.sqrt(variance)
-    return points._replace(xyz=xyz, fusion_sigma=sigma)
+    points.xyz[moved] = positions + rays * relative_step[:, None]  # `points` are copies, not views of the arguments
+    points.fusion_sigma[moved] = np.sqrt(variance)
+    return points

@@ -50,9 +50,13 @@ class Observations(NamedTuple):
         """
         return np.asarray(np.sqrt(np.square(fusion_sigma[self.indices]) + np.square(self.fusion_sigma)))
 
-    def select(self, which: NDArray[np.intp] | slice) -> Observations:
-        """Return the observations that indices or a slice select."""
-        return Observations._make(values[which] for values in self)
+    def select(self, rows: NDArray[np.intp]) -> Observations:
+        """Return the observations with the given positions in the arrays."""
+        return Observations._make(values.take(rows) for values in self)
+
+    def thinned(self, stride: int) -> Observations:
+        """Return every `stride`-th observation."""
+        return Observations._make(values[::stride] for values in self)
 
 
 def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> Observations:
