@@ -15,13 +15,12 @@ import glob
 import os
 import shutil
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.inputs import special_kind
-from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.signals import deferred_signals
 
 SUFFIX = ".part"
@@ -96,12 +95,6 @@ def check_output(path: Path) -> None:
             pass
     except OSError as error:
         raise _cannot_write(path, error) from error
-
-
-def check_suffix(path: Path, suffixes: Collection[str]) -> None:
-    """Raise OutputError if the name of an output does not end in one of the suffixes."""
-    if path.suffix not in suffixes:
-        raise OutputError(f"cannot write '{path}': a name that ends in {alternatives(suffixes)} is required")
 
 
 def make_folder(path: Path, advice: str) -> None:

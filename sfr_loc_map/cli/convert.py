@@ -24,6 +24,7 @@ from sfr_loc_map.cli.options import (
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, progress_bar, say, warn
 from sfr_loc_map.errors import ConfigError, naming
+from sfr_loc_map.suffixes import suffix_of
 
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.trajectory import Trajectory
@@ -118,13 +119,13 @@ def _conversion_of(source: Path, destination: Path, layout: str | None) -> Conve
     from sfr_loc_map.io.clouds.cloud_file import SUFFIXES as CLOUDS
     from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, format_of_name
 
-    if not source.is_dir() and source.suffix.lower() in CLOUDS:
+    if not source.is_dir() and suffix_of(source) in CLOUDS:
         return Conversion.CLOUD
-    if not source.is_dir() and source.suffix in FILE_SUFFIXES:
+    if not source.is_dir() and suffix_of(source) in FILE_SUFFIXES:
         return Conversion.TRAJECTORY
     if layout is None and format_of_name(destination) is not None:
         return Conversion.TRUE_TRAJECTORY
-    if layout is None and destination.suffix == PAIRS:
+    if layout is None and suffix_of(destination) == PAIRS:
         return Conversion.BOARD_PAIRS
     return Conversion.SOURCE
 

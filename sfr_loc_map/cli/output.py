@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sfr_loc_map import atomic
+from sfr_loc_map import suffixes as file_suffixes
 from sfr_loc_map.atomic import atomic_path, check_output, output_target, replace_by, write_text
 from sfr_loc_map.cli.app import current_run
 from sfr_loc_map.errors import OutputError, SfrError
@@ -32,7 +33,7 @@ HTML_SUFFIXES = (".html", ".htm")
 def check_suffix(path: Path | None, suffixes: Collection[str]) -> None:
     """Raise OutputError if the name of an output, if given, does not end in one of the suffixes."""
     if path is not None:
-        atomic.check_suffix(path, suffixes)
+        file_suffixes.check_suffix(path, suffixes)
 
 
 def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (), overwrite: bool) -> None:

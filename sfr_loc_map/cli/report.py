@@ -18,6 +18,7 @@ from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.config import AlignedErrorConfig
+from sfr_loc_map.suffixes import suffix_of
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.score.score import Score
@@ -146,11 +147,11 @@ def report(
 
 def _kind_of(results: Sequence[Path]) -> ResultKind:
     """Return the kind of results; raise ConfigError if the results are of several kinds."""
-    others = [path for path in results if path.suffix != ".json"]
+    others = [path for path in results if suffix_of(path) != ".json"]
     if not others:
         return ResultKind.SCORES
     for path in results:
-        if path.suffix == ".json":
+        if suffix_of(path) == ".json":
             raise ConfigError(f"'{path}' is a score, but '{others[0]}' is not: give only scores, or no scores")
     suites = [path for path in results if (path / "plan.json").is_file()]
     if not suites:
@@ -207,9 +208,9 @@ def _write_score(score: Score, page: Path, json_path: str | None) -> None:
     from sfr_loc_map.report.score_tables import score_markdown, score_tables
     from sfr_loc_map.tables.formats import to_csv
 
-    if page.suffix == ".md":
+    if suffix_of(page) == ".md":
         text = score_markdown(score)
-    elif page.suffix == ".csv":
+    elif suffix_of(page) == ".csv":
         text = to_csv(score_tables(score))
     else:
         text = render_page(score)
@@ -217,7 +218,7 @@ def _write_score(score: Score, page: Path, json_path: str | None) -> None:
     if json_path is not None:
         show(to_dict(score), json_path, ())
     say(f"report: {page}", err=json_path is not None)
-    if page.suffix in HTML_SUFFIXES:
+    if suffix_of(page) in HTML_SUFFIXES:
         propose(f"open {page} in a browser")
 
 
@@ -312,7 +313,7 @@ def _draw(paths: list[Path], truth: Path | None, config: AlignedErrorConfig, pag
     from sfr_loc_map.report.path_plot import curves_of, save_path_html
     from sfr_loc_map.scoring.load_trajectories import load_trajectories
 
-    if page is None or page.suffix not in HTML_SUFFIXES:
+    if page is None or suffix_of(page) not in HTML_SUFFIXES:
         raise ConfigError("trajectories are drawn on a page: give -o PAGE.html")
     poses, true_poses = load_trajectories(paths, truth)
     curves = curves_of(poses, true_poses, config)

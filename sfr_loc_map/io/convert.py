@@ -21,6 +21,7 @@ from sfr_loc_map.io.layouts.folder import FolderWriter
 from sfr_loc_map.io.layouts.kitti import KittiWriter
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.tables.trajectory_file import format_of_name, save_trajectory
+from sfr_loc_map.suffixes import suffix_of
 
 SourceWriter = BagWriter | FolderWriter | KittiWriter | EurocWriter
 Event = tuple[int, bool, Callable[..., None], tuple[Any, ...]]
@@ -82,8 +83,8 @@ def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
     _warn_of_lost_properties(trajectory)
     if format_of_name(destination) is not None:
         save_trajectory(destination, trajectory)
-    elif destination.suffix in STORAGE_BY_SUFFIX:
-        storage = STORAGE_BY_SUFFIX[destination.suffix]
+    elif suffix_of(destination) in STORAGE_BY_SUFFIX:
+        storage = STORAGE_BY_SUFFIX[suffix_of(destination)]
         with atomic_path(destination) as temporary, BagWriter(temporary, storage) as writer:
             for _, _, write, values in _truth_events(trajectory, writer):
                 write(*values)
@@ -95,7 +96,7 @@ def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
 
 
 def _writer(path: Path, source: Source, options: ConvertOptions) -> AbstractContextManager[SourceWriter]:
-    storage, layout = STORAGE_BY_SUFFIX.get(path.suffix), options.layout
+    storage, layout = STORAGE_BY_SUFFIX.get(suffix_of(path)), options.layout
     if storage is not None and layout is None:
         quality, grid_m = options.jpeg_quality, options.truth_grid_m
         return BagWriter(path, storage, jpeg_quality=quality, zstd=options.zstd, truth_grid_m=grid_m)

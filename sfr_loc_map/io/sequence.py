@@ -15,6 +15,7 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
+from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
 
@@ -120,7 +121,7 @@ class Source:
         The paths are the source itself, the targets of its symbolic links except images, and its truth files.
         """
         inside = self.path.rglob("*") if self.path.is_dir() else ()
-        links = [path for path in inside if path.is_symlink() and path.suffix.lower() not in IMAGE_ENDINGS]
+        links = [path for path in inside if path.is_symlink() and suffix_of(path) not in IMAGE_ENDINGS]
         return tuple(path.resolve() for path in (self.path, *links, *self.truth_files))
 
     @property

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from sfr_loc_map.io.bag.files import STORAGE_SUFFIXES
+from sfr_loc_map.suffixes import suffix_of
 
 DATA_SET_NAMES = {
     *("rig.json", "pairs.csv", "groundtruth.csv", "simulation.yaml", "metadata.yaml"),
@@ -19,7 +20,7 @@ NAMES_IN_PATHS = SOURCE_NAMES - {"loc", "nav"}  #: The path of each file of a so
 
 def has_only_data_set(folder: Path) -> bool:
     """Return whether a folder contains only files and folders of a data set or a bag."""
-    return all(item.name in DATA_SET_NAMES or item.suffix in STORAGE_SUFFIXES for item in folder.iterdir())
+    return all(item.name in DATA_SET_NAMES or suffix_of(item) in STORAGE_SUFFIXES for item in folder.iterdir())
 
 
 def source_of_file(path: Path, sources: Iterable[Path]) -> Path | None:
@@ -29,6 +30,6 @@ def source_of_file(path: Path, sources: Iterable[Path]) -> Path | None:
     """
     for folder in set(sources) & {*path.parents}:
         names = set(path.relative_to(folder).parts)
-        if path.suffix in STORAGE_SUFFIXES or names & NAMES_IN_PATHS:
+        if suffix_of(path) in STORAGE_SUFFIXES or names & NAMES_IN_PATHS:
             return folder
     return None

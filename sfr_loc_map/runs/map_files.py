@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from sfr_loc_map.atomic import atomic_path, check_suffix
+from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.clouds import geotiff
@@ -24,6 +24,7 @@ from sfr_loc_map.mapping.point_covariance import point_covariances
 from sfr_loc_map.mapping.terrain.shaded_relief import shaded_heights
 from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid, terrain_grid
 from sfr_loc_map.runs.mapper_run import MapRun
+from sfr_loc_map.suffixes import check_suffix, suffix_of
 
 DEM_SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png")  #: Suffixes of files of an elevation model.
 
@@ -85,13 +86,13 @@ def check_dems(files: Sequence[Path]) -> None:
     """Raise OutputError or MissingExtraError if elevation models with these names cannot be written."""
     for file in files:
         check_suffix(file, DEM_SUFFIXES)
-    if any(file.suffix in geotiff.SUFFIXES for file in files):
+    if any(suffix_of(file) in geotiff.SUFFIXES for file in files):
         geotiff.load_rasterio()
 
 
 def save_dem(path: Path, grid: TerrainGrid) -> None:
     """Write a grid in the format that the ending of the name gives."""
-    model, suffix = grid.elevation, path.suffix
+    model, suffix = grid.elevation, suffix_of(path)
     if suffix in geotiff.SUFFIXES:
         bands = [
             geotiff.Band("height", "m", model.height_m),
@@ -108,7 +109,8 @@ def save_dem(path: Path, grid: TerrainGrid) -> None:
         if suffix == ".npz":
             of_model = {name: getattr(model, name) for name in ("height_m", "sigma_m", "count", "origin_m", "cell_m")}
             others = {name: getattr(grid, name) for name in ("slope_rad", "roughness_m", "step_m", "hazard")}
-            np.savez_compressed(temporary, **of_model, **others)
+            with temporary.open("wb") as stream:  # numpy appends .npz to any other name, such as x.NPZ
+                np.savez_compressed(stream, **of_model, **others)
         elif not cv2.imwrite(str(temporary), shaded_heights(model)):
             raise OutputError(
                 f"cannot write '{path}': OpenCV could not encode or write the image; check the free space, or choose a "

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import cv2
 
-from sfr_loc_map.atomic import atomic_path, check_suffix
+from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.localisation.visualisation import STRIP, draw_tracks
+from sfr_loc_map.suffixes import check_suffix, suffix_of
 
 CODECS = {".avi": "MJPG", ".mp4": "mp4v"}
 """Codec by the ending of the file name; OpenCV's wheels contain both codecs."""
@@ -30,12 +31,13 @@ def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # silent: errors are reported in one line
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     with atomic_path(path) as temporary:
-        code = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
+        suffix = suffix_of(path)
+        code = cv2.VideoWriter.fourcc(*CODECS[suffix])
         writer = cv2.VideoWriter(str(temporary), code, FRAMES_PER_SECOND, (rig.width, rig.height + STRIP))
         if not writer.isOpened():
-            other = next(suffix for suffix in CODECS if suffix != path.suffix)
+            other = next(name for name in CODECS if name != suffix)
             raise OutputError(
-                f"cannot write '{path}': this OpenCV has no encoder {CODECS[path.suffix]}; choose a name that ends in "
+                f"cannot write '{path}': this OpenCV has no encoder {CODECS[suffix]}; choose a name that ends in "
                 f"{other}, or install the wheel opencv-python"
             )
         count = 0

@@ -20,6 +20,7 @@ from sfr_loc_map.metrics.errors.cloud_error import PairTruth
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.table.records import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, TargetRecord
 from sfr_loc_map.scoring.input_files import ReadFile
+from sfr_loc_map.suffixes import suffix_of
 
 TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
 """Files in a folder of target results: description of the target, and possible estimates."""
@@ -64,7 +65,7 @@ class ScoreInputs:
                 target=estimate / "stats.csv",
                 target_about=about,
             )
-        if estimate.suffix.lower() in (*cloud_file.SUFFIXES, *cloud_file.OTHER_SUFFIXES):
+        if suffix_of(estimate) in (*cloud_file.SUFFIXES, *cloud_file.OTHER_SUFFIXES):
             return cls(cloud=estimate, map_truth=truth, stats=tuple(stats))
         return cls(estimate=estimate, truth=truth, stats=tuple(stats))
 

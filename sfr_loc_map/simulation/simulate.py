@@ -40,6 +40,7 @@ from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.tracer import require_tracer
 from sfr_loc_map.simulation.world import World
+from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import SIDES, Task
 
 SETTINGS = "simulation.yaml"
@@ -73,7 +74,7 @@ def simulate(
     finished jobs and the total.
     """
     require_tracer()
-    if out.suffix in STORAGE_BY_SUFFIX:
+    if suffix_of(out) in STORAGE_BY_SUFFIX:
         raise ConfigError(f"'{out}' is a bag: simulate into a folder, then run sfr convert FOLDER {out}")
     plan = Plan.make(config)
     folders = task_folders(plan, out)

@@ -29,12 +29,13 @@ def made_cloud() -> PointCloud:
     return PointCloud(xyz, sigma, 100 * sigma, pixel, pixel, np.zeros(len(xyz), np.uint8))
 
 
-def test_geotiff_and_archive_hold_the_grid_itself(tmp_path: Path) -> None:
+@pytest.mark.parametrize("names", [("a.tif", "a.npz"), ("A.TIFF", "A.NPZ")])
+def test_geotiff_and_archive_hold_the_grid_itself(tmp_path: Path, names: tuple[str, str]) -> None:
     grid = terrain_grid(made_cloud(), TerrainConfig())
-    for name in ("a.tif", "a.npz"):
+    for name in names:
         map_files.save_dem(tmp_path / name, grid)
-    read = np.load(tmp_path / "a.npz")
-    with rasterio.open(tmp_path / "a.tif") as file:
+    read = np.load(tmp_path / names[1])
+    with rasterio.open(tmp_path / names[0]) as file:
         assert (file.driver, file.descriptions, set(file.dtypes)) == ("GTiff", tuple(LAYERS), {"float32"})
         assert np.isnan(file.nodata)
         assert 'LOCAL_CS["lm"' in file.crs.to_wkt()

@@ -13,6 +13,7 @@ import msgspec
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import check_exists, check_regular, read_text, refusing
 from sfr_loc_map.json_yaml import parse_yaml
+from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import SIDES_OF
 
 METADATA = "rosbag2_bagfile_information"  #: Name of the content of metadata.yaml.
@@ -39,18 +40,18 @@ def is_bag(path: Path) -> bool:
         has_images = any(left in names for left, _ in SIDES_OF)
         is_other = has_images or any((path / name).exists() for name in OTHER_LAYOUTS)
         return bool(_stored_in(path)) and not is_other
-    return path.suffix in STORAGE_SUFFIXES or (path.suffix in ROS1_SUFFIXES and is_ros1_bag(path))
+    return suffix_of(path) in STORAGE_SUFFIXES or (suffix_of(path) in ROS1_SUFFIXES and is_ros1_bag(path))
 
 
 def _stored_in(folder: Path) -> list[Path]:
     """Return the storage files in a folder in the order of their numbers."""
-    found = (file for suffix in STORAGE_SUFFIXES for file in folder.glob(f"*{suffix}") if not file.is_dir())
+    found = (file for file in folder.iterdir() if suffix_of(file) in STORAGE_SUFFIXES and not file.is_dir())
     return sorted(found, key=_by_number)
 
 
 def is_ros1_bag(path: Path) -> bool:
     """Return whether a path is a ROS 1 bag by its ending and first bytes; for an empty file, by its ending alone."""
-    return path.suffix in ROS1_SUFFIXES and path.is_file() and _ends(path, len(ROS1_MAGIC))[0] in (ROS1_MAGIC, b"")
+    return suffix_of(path) in ROS1_SUFFIXES and path.is_file() and _ends(path, len(ROS1_MAGIC))[0] in (ROS1_MAGIC, b"")
 
 
 def _ends(path: Path, count: int) -> tuple[bytes | None, bytes]:

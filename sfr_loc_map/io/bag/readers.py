@@ -25,6 +25,7 @@ from sfr_loc_map.io.bag.encoding import OLD_TYPES, cdr_of_ros1
 from sfr_loc_map.io.bag.files import BagFiles, is_ros1_bag
 from sfr_loc_map.io.bag.mcap_file import McapFile, RecoveringMcapFile
 from sfr_loc_map.io.bag.unpacking import unpack_bz2, unpack_lz4, unpack_zstd, unpack_zstd_file
+from sfr_loc_map.suffixes import suffix_of
 
 BOUNDED = {decompressors["bz2"]: unpack_bz2, decompressors["lz4"]: unpack_lz4}
 """Decompressors of ROS 1 chunks with a size limit, by the decompressors of rosbags that they replace."""
@@ -106,9 +107,9 @@ def _reader_of(path: Path, *, is_finished: bool) -> BagReader:
     """Return the reader of a storage file; `is_finished`: its recording has ended, so that the file is complete."""
     if is_ros1_bag(path):
         return Ros1Reader(path)
-    if path.suffix == ".mcap":
+    if suffix_of(path) == ".mcap":
         return McapFile(path) if is_finished else RecoveringMcapFile(path)
-    if path.suffix == ".db3":
+    if suffix_of(path) == ".db3":
         return Sqlite3Reader(path)
     raise InputError(f"'{path.name}' ends in '{path.suffix}': .mcap, .db3 or .bag is required")
 

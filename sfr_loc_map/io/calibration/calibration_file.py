@@ -26,6 +26,7 @@ from sfr_loc_map.io.calibration.opened_file import open_calibration, partner_of
 from sfr_loc_map.io.calibration.programs import READERS
 from sfr_loc_map.io.calibration.rectification import common_projection
 from sfr_loc_map.io.calibration.stereo_calibration import StereoCalibration
+from sfr_loc_map.suffixes import suffix_of
 
 _log = logging.getLogger(__name__)
 
@@ -81,7 +82,7 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> StereoCalibration:
 def _only_file(folder: Path) -> Path:
     """Return the only calibration file in a folder, or the first file if the calibration has two."""
     files = [*folder.absolute().glob("*.*"), *folder.absolute().glob("*/*.*")]
-    files = sorted(file for file in files if file.suffix.lower() in ENDINGS)
+    files = sorted(file for file in files if suffix_of(file) in ENDINGS)
     found = [file for file in files if (other := partner_of(file)) and file < other] or files
     if len(found) != 1:
         names = ", ".join(str(file.relative_to(folder.absolute())) for file in found[:8]) or "no calibration file"

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.atomic import atomic_path, check_suffix
+from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
@@ -26,6 +26,7 @@ from sfr_loc_map.io.clouds.npz import npz_bytes, read_npz
 from sfr_loc_map.io.clouds.pcd import pcd_bytes, read_pcd
 from sfr_loc_map.io.clouds.ply import ply_bytes, read_ply
 from sfr_loc_map.message_text import alternatives, counted
+from sfr_loc_map.suffixes import check_suffix, suffix_of
 
 _log = logging.getLogger(__name__)
 PIXEL_FIELDS = ("u", "v", "pair")
@@ -64,7 +65,7 @@ class LoadedCloud:
 
 def load_cloud(path: Path) -> LoadedCloud:
     """Read a cloud; the format is given by the ending of the name (`SUFFIXES`)."""
-    cloud_format = FORMATS.get(path.suffix.lower())
+    cloud_format = FORMATS.get(suffix_of(path))
     if cloud_format is None:
         raise InputError(f"cannot read cloud '{path}': a name that ends in {NAMES} is required; convert the cloud")
     with refusing(f"cannot read cloud '{path}'", f"give a {NAMES} file"):
@@ -143,9 +144,8 @@ def _check_values(cloud: PointCloud, path: Path) -> None:
 
 def save_cloud(path: Path, cloud: PointCloud) -> None:
     """Write a cloud; the format is given by the ending of the name (`SUFFIXES`)."""
-    suffix = path.suffix.lower()
-    check_suffix(path.with_suffix(suffix), SUFFIXES)
-    content = FORMATS[suffix].to_bytes(cloud)
+    check_suffix(path, SUFFIXES)
+    content = FORMATS[suffix_of(path)].to_bytes(cloud)
     with atomic_path(path) as temporary:
         temporary.write_bytes(content)
 

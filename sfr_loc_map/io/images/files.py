@@ -14,6 +14,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.images.codec import SampleDepth, read_samples
 from sfr_loc_map.io.tables.stamps import check_order
+from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
 _log = logging.getLogger(__name__)
@@ -59,7 +60,7 @@ def _report_unlisted(files: Sequence[Path], name: str) -> None:
     """Report the other images in the folders of image files that `name` lists; hidden files are ignored."""
     listed = set(files)
     beside = sorted(file for folder in {file.parent for file in files} if folder.is_dir() for file in folder.iterdir())
-    images = [file for file in beside if file.suffix.lower() in IMAGE_ENDINGS and not file.name.startswith(".")]
+    images = [file for file in beside if suffix_of(file) in IMAGE_ENDINGS and not file.name.startswith(".")]
     if unlisted := [file for file in images if file not in listed]:
         _log.warning("%s: unlisted images ignored: %d, the first: %s", name, len(unlisted), unlisted[0])
 

@@ -20,6 +20,7 @@ from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.stamps import EARLIEST_CLOCK_S, TIMES, check_padded, parse_decimal, time_unit
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import IMAGE_ENDINGS, SIDES_OF
 
 
@@ -66,7 +67,7 @@ def _images(folder: Path) -> list[Path]:
     """Return the images in a folder or in its folder `data`, without hidden files (`._NAME.png` of macOS)."""
     inner = folder / "data"
     files = (inner if inner.is_dir() else folder).iterdir()
-    return sorted(file for file in files if file.suffix.lower() in IMAGE_ENDINGS and not file.name.startswith("."))
+    return sorted(file for file in files if suffix_of(file) in IMAGE_ENDINGS and not file.name.startswith("."))
 
 
 def _by_stamp(folder: Path) -> dict[int, Path]:

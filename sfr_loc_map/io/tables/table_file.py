@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import MissingExtraError
+from sfr_loc_map.suffixes import suffix_of
 
 
 def save_table(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
     """Write columns of equal length as a table, Parquet or CSV; numbers in a CSV are exact when read back."""
     with atomic_path(path) as temporary:
-        if path.suffix == ".csv":
+        if suffix_of(path) == ".csv":
             with temporary.open("w", encoding="utf-8", newline="") as stream:
                 writer = csv.writer(stream, lineterminator="\n")
                 writer.writerow(columns)

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.atomic import check_suffix, write_text
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_poses, plausible_positions, plausible_rotations
@@ -45,6 +45,7 @@ from sfr_loc_map.io.tables.stamps import parse_seconds, parse_stamp_ns, seconds_
 from sfr_loc_map.io.tables.text_table import BOM, Table, parse_table
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import counted
+from sfr_loc_map.suffixes import check_suffix, suffix_of
 
 CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
     f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
@@ -388,12 +389,12 @@ def read_times(path: Path, count: int | None = None) -> IntArray:
 def format_to_write(path: Path) -> TrajectoryFormat:
     """Return the format in which a file is written, by its name; OutputError for another ending."""
     check_suffix(path, FILE_SUFFIXES)
-    return TrajectoryFormat.EUROC if path.name.endswith(EUROC_SUFFIX) else FORMAT_BY_SUFFIX[path.suffix]
+    return TrajectoryFormat.EUROC if path.name.lower().endswith(EUROC_SUFFIX) else FORMAT_BY_SUFFIX[suffix_of(path)]
 
 
 def format_of_name(path: Path) -> TrajectoryFormat | None:
     """Return the format of a trajectory file by its name; None if it is not the name of a trajectory file."""
-    return format_to_write(path) if path.suffix in FORMAT_BY_SUFFIX else None
+    return format_to_write(path) if suffix_of(path) in FORMAT_BY_SUFFIX else None
 
 
 def files_written(path: Path) -> tuple[Path, ...]:
