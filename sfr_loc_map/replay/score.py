@@ -24,6 +24,7 @@ from sfr_loc_map.replay.result import ReplayedMap, ReplayResult
 from sfr_loc_map.scoring.input_files import CONFIGURATION_ROLES, ReadFile, configuration_files, read_files
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, InMemory, Origin, Run
 from sfr_loc_map.scoring.load_calls import estimates_of_calls
+from sfr_loc_map.scoring.load_map import pairs_of_cloud
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite_names import Task
 
@@ -134,12 +135,14 @@ def _scored_drive(source: Source, result: ReplayResult, stats: Sequence[CallStat
 
 
 def _scored_cloud(source: Source, made: ReplayedMap) -> CloudToScore | None:
-    """Return the finite points of a map, with the number of the other points; None without a map or its truth."""
+    """Return the finite points of a map, with the number of the other points; None without a map or any truth.
+
+    InputError if the source does not have a pair of the map, MetricsError if only some of its pairs have truth.
+    """
     if source.nav is None or made.xyz is None:
         return None
-    by_stamp = {pair.pair.stamp_ns: pair for pair in source.nav.pairs() if pair.pair.stamp_ns in made.pair_stamps_ns}
-    pairs = [by_stamp[stamp_ns] for stamp_ns in made.pair_stamps_ns if stamp_ns in by_stamp]
-    if not pairs or len(pairs) < len(made.pair_stamps_ns) or any(pair.truth is None for pair in pairs):
+    pairs = pairs_of_cloud(source.nav, made.pair_stamps_ns, source.path)
+    if all(pair.truth is None for pair in pairs):
         return None
     points = np.asarray(made.xyz, np.float64)
     finite = np.asarray(np.isfinite(points).all(axis=1))

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from sfr_loc_map import io  # readers of sources are loaded when called, because files of trajectories require no images
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
-from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.metrics.errors.cloud_error import PairTruth, truths_of
+from sfr_loc_map.io.sequence import NavSequence
+from sfr_loc_map.metrics.errors.cloud_error import truths_of
 from sfr_loc_map.scoring.inputs import CloudToScore, ScoreInputs
 
 
@@ -30,38 +28,33 @@ def read_cloud(
         assert given is not None  # as checked above
         loaded, name = given, "the cloud"
     loaded = with_fusion_flag(loaded, fused, name)
-    stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
-    truths, nav_stamps_ns = load_map_truth(inputs.map_truth, stamps_ns, inputs.config)
-    if truths:
-        loaded = loaded.of_images(truths[0].rig.width, truths[0].rig.height, name)
-    return CloudToScore(loaded, truths), nav_stamps_ns
-
-
-def load_map_truth(
-    path: Path, stamps_ns: Sequence[int] | None = None, config: SourceConfig | None = None
-) -> tuple[list[PairTruth], IntArray]:
-    """Read the truth of all mapping pairs of a source, or of those at given stamps; return also all stamps."""
-    source = io.open_source(path, config)
-    nav = source.nav
-    if nav is None:
+    source = io.open_source(inputs.map_truth, inputs.config)
+    if source.nav is None:
         raise InputError(
-            f"'{path}' has no mapping pairs: to score a cloud, give a source that has mapping pairs with ground truth"
+            f"'{source.path}' has no mapping pairs: to score a cloud, give a source that has mapping pairs with ground "
+            "truth"
         )
-    wanted = None if stamps_ns is None else set(stamps_ns)
-    pairs: dict[int, PosedStereoPair] = {}
-    every = list(source.missing_nav_ns)
-    for item in nav.pairs():
-        every.append(item.pair.stamp_ns)
-        if wanted is None or item.pair.stamp_ns in wanted:
-            pairs[item.pair.stamp_ns] = item
-    missing = [str(stamp_ns) for stamp_ns in stamps_ns or () if stamp_ns not in pairs]
+    rig = source.nav.rig
+    truths = truths_of(pairs_of_cloud(source.nav, loaded.pair_stamps_ns, source.path), rig)
+    return CloudToScore(loaded.of_images(rig.width, rig.height, name), truths), source.expected_nav_ns()
+
+
+def pairs_of_cloud(nav: NavSequence, stamps_ns: Sequence[int] | None, place: Path) -> list[PosedStereoPair]:
+    """Return the mapping pairs from which a cloud was made, in the order of the points' `pair`.
+
+    `stamps_ns` are the stamps that the cloud states; None stands for all pairs of the source. InputError if the source
+    at `place` does not have a pair.
+    """
+    if stamps_ns is None:
+        return list(nav.pairs())
+    by_stamp = {item.pair.stamp_ns: item for item in nav.pairs() if item.pair.stamp_ns in stamps_ns}
+    missing = [str(stamp_ns) for stamp_ns in stamps_ns if stamp_ns not in by_stamp]
     if missing:
         raise InputError(
-            f"the cloud was made from pairs with stamps {', '.join(missing)}, which '{path}' does not have: give the "
+            f"the cloud was made from pairs with stamps {', '.join(missing)}, which '{place}' does not have: give the "
             "source of the cloud"
         )
-    chosen = pairs.values() if stamps_ns is None else [pairs[stamp_ns] for stamp_ns in stamps_ns]
-    return truths_of(list(chosen), nav.rig), np.array(every, np.int64)
+    return [by_stamp[stamp_ns] for stamp_ns in stamps_ns]
 
 
 def with_fusion_flag(loaded: LoadedCloud, fused: bool | None, name: str) -> LoadedCloud:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -17,12 +18,13 @@ from helpers.made_scene import write_folder
 from helpers.score_rows import number
 from sfr_loc_map.calls.call_files import load_call_stats
 from sfr_loc_map.calls.call_record import CallRecord
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import InputError, MetricsError, SfrError
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import PosedStereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.sequence import NavSequence, Source
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.methods.registry import record_of_ours
@@ -202,12 +204,36 @@ def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_pat
     assert any("the truth has only 3 poses for 12 images" in text for text in score.warnings)
 
 
+def with_nav_pairs(source: Source, pairs: Sequence[PosedStereoPair]) -> Source:
+    """Return a source whose mapping pairs can be read only partially, although all are listed."""
+    nav = SimpleNamespace(rig=source.nav.rig, stamps_ns=source.nav.stamps_ns, pairs=lambda: iter(pairs))
+    return replace(source, loc=None, nav=cast("NavSequence", nav))
+
+
+@pytest.mark.parametrize(
+    ("kept", "true", "error"),
+    [((0, 1, 2), (0, 1), MetricsError), ((0, 1, 2), (), None), ((0, 2), (0, 2), InputError), ((0, 2), (), InputError)],
+)
+def test_a_map_is_not_scored_without_notice_if_the_source_lacks_a_pair_or_its_truth(
+    tmp_path: Path, kept: tuple[int, ...], true: tuple[int, ...], error: type[SfrError] | None
+) -> None:
+    source, run = mapped(write_folder(tmp_path / "source", 0, 3))
+    pairs = [pair if row in true else replace(pair, truth=None) for row, pair in enumerate(source.nav.pairs())]
+    changed = with_nav_pairs(source, [pairs[row] for row in kept])
+    stamps_ns = tuple(item.stamp_ns for item in run.maps)
+    result = ReplayResult(Trajectory.empty(), ReplayedMap(run.fused.cloud, None, stamps_ns), run.records)
+    if error is None:
+        assert not score_replay(changed, result, ScoreConfig(), None, read={}).rows(subject="map")
+        return
+    with pytest.raises(error, match=r"give (the|a) source"):
+        score_replay(changed, result, ScoreConfig(), None, read={})
+
+
 @pytest.mark.parametrize("count", [0, 2, 3])
 def test_without_truth_the_pairs_that_are_in_no_cloud_are_counted(tmp_path: Path, count: int) -> None:
     source, run = mapped(write_folder(tmp_path / "source", 0, 3))
     pairs = [replace(pair, truth=None) for pair in source.nav.pairs()]
-    nav = SimpleNamespace(rig=source.nav.rig, pairs=lambda: pairs)
-    untrue = cast("Source", SimpleNamespace(loc=None, nav=nav, expected_nav_ns=source.expected_nav_ns))
+    untrue = with_nav_pairs(source, pairs)
     stamps_ns = tuple(item.stamp_ns for item in run.maps)[:count]
     result = ReplayResult(Trajectory.empty(), ReplayedMap(run.fused.cloud, None, stamps_ns), run.records)
     score = score_replay(untrue, result, ScoreConfig(), None, read={})

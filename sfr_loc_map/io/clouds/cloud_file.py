@@ -51,6 +51,11 @@ class LoadedCloud:
         """Return a cloud with known pixels as if it were read from a file."""
         return cls(cloud.xyz.astype(np.float64), cloud)
 
+    @property
+    def pair_stamps_ns(self) -> tuple[int, ...] | None:
+        """Stamps of the pairs of the cloud in the order of the points' `pair`; None if unknown."""
+        return None if self.cloud is None else self.cloud.pair_stamps_ns
+
     def of_images(self, width: int, height: int, name: str) -> LoadedCloud:
         """Return the cloud for images of a size; pixels from the order of the points are kept only for this size."""
         if self.grid is None or self.grid == (width, height):

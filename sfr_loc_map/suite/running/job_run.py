@@ -42,6 +42,7 @@ from sfr_loc_map.runs.under_test import UnderTest
 from sfr_loc_map.scoring.input_files import read_files
 from sfr_loc_map.scoring.inputs import CloudToScore, Origin, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
+from sfr_loc_map.scoring.load_map import pairs_of_cloud
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.running.configurations import MASK_HASHES, METHOD_KEYS, chosen_method
 from sfr_loc_map.suite.running.job import Job, JobTask
@@ -108,7 +109,9 @@ def _map(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
     save_cloud(cloud, run.fused.cloud)
     save_stats(stats, run.records, {Task.MAPPING: run.method})
-    scored = CloudToScore(load_cloud(cloud), truths_of(list(source.nav.pairs()), source.nav.rig))
+    loaded = load_cloud(cloud)
+    pairs = pairs_of_cloud(source.nav, loaded.pair_stamps_ns, source.path)
+    scored = CloudToScore(loaded, truths_of(pairs, source.nav.rig))
     origin = Origin(read_files({"cloud": cloud, "map_truth": path, "stats_0": stats}))
     return _scored(job, Run(origin, [load_call_stats(stats)], cloud=scored, nav_stamps_ns=source.expected_nav_ns()))
 
