@@ -13,7 +13,6 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_odometry
 from sfr_loc_map.message_types import ODOMETRY, STRING, TF
-from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE, TRUE_POSES, call_topic
 
@@ -24,7 +23,7 @@ class BagEstimate(NamedTuple):
     """The estimated poses of a bag, and the calls that the bag has."""
 
     trajectory: Trajectory
-    covariance: FloatArray  #: Upper triangles `(N, 21)` of the published covariances.
+    covariance: FloatArray  #: Published covariances `(N, 6, 6)` in ROS order (m^2, rad^2).
     calls: CallStats | None  #: Calls, whose times the node stated; None if the bag has no calls.
 
     @property
@@ -46,7 +45,7 @@ def read_bag_estimate(path: Path) -> BagEstimate:
         )
     trajectory, covariances = read_odometry(bag, topic)
     calls = _calls_of(bag, topic)
-    return BagEstimate(trajectory, covariances[:, *UPPER], stats_of(calls, is_stated=True) if calls else None)
+    return BagEstimate(trajectory, covariances, stats_of(calls, is_stated=True) if calls else None)
 
 
 def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:

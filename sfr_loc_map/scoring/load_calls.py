@@ -12,9 +12,11 @@ import numpy as np
 
 from sfr_loc_map.calls.call_files import load_call_stats
 from sfr_loc_map.calls.call_stats import CallStats, estimates_of, united, with_stamps_of_poses
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.table.records import TargetRecord
 from sfr_loc_map.scoring.call_checks import check_one_method
 from sfr_loc_map.scoring.inputs import InMemory, ScoreInputs, TargetCalls
@@ -66,11 +68,18 @@ def load_target(path: Path) -> TargetRecord:
 
 
 def estimates_of_calls(
-    trajectory: Trajectory, stats: Sequence[CallStats] = (), target: CallStats | None = None
+    trajectory: Trajectory,
+    stats: Sequence[CallStats] = (),
+    target: CallStats | None = None,
+    published: FloatArray | None = None,
 ) -> Estimates:
-    """Return estimated poses with the lost flags and covariances of their calls."""
-    calls = calls_of_poses(trajectory, stats, target)
-    return Estimates.of(trajectory) if calls is None else estimates_of(trajectory, calls)
+    """Return estimated poses with the states, covariances and steps of their calls.
+
+    `published` `(N, 6, 6)` are the covariances of the poses in their file or bag (m^2, rad^2, ROS order). A published
+    covariance takes precedence over that of the call, and marks a pose as lost (`call_stats.estimates_of`).
+    """
+    upper = None if published is None else published[:, *UPPER]
+    return estimates_of(trajectory, calls_of_poses(trajectory, stats, target), upper)
 
 
 def calls_of_poses(

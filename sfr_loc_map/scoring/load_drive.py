@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map import io  # readers of sources are loaded when called, because files of trajectories require no images
-from sfr_loc_map.calls.call_stats import CallStats, estimates_of
+from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -22,11 +22,10 @@ from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.read import truth_of_path
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.metrics.frames.association import Estimates
-from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.scoring.bag_estimates import BagEstimate, read_bag_estimate
 from sfr_loc_map.scoring.call_checks import check_one_estimate
 from sfr_loc_map.scoring.inputs import IN_MEMORY, DriveToScore, InMemory, ScoreInputs
-from sfr_loc_map.scoring.load_calls import RunCalls, calls_of_poses, estimates_of_calls
+from sfr_loc_map.scoring.load_calls import RunCalls, estimates_of_calls
 from sfr_loc_map.suite_names import Task
 
 
@@ -44,12 +43,14 @@ def read_drive(inputs: ScoreInputs, given: InMemory, how: SourceConfig, calls: R
         return None
     true, source = _read_truth(inputs.truth, given.truth, how)
     bag = _read_bag(inputs.estimate, calls.here)
-    if bag is None:
-        found, estimates = _read_estimate(inputs, given.estimate, true, calls)
-    else:
-        found, estimates = _estimate_of_bag(bag, inputs, calls)
-    drive = _drive_of(found, estimates, true, source, inputs.truth, how)
-    return ReadDrive(drive, () if bag is None else bag.all_calls, source)
+    of_bag = [] if bag is None else bag.all_calls
+    found = _read_estimate(inputs, given.estimate, bag)
+    if found.by_index:
+        found = found.with_stamps_of(true)
+    check_one_estimate(found.trajectory, calls.of_estimate)
+    here = [*calls.here, *of_bag]
+    estimates = estimates_of_calls(found.trajectory, here, calls.on_target, found.covariance)
+    return ReadDrive(_drive_of(found, estimates, true, source, inputs.truth, how), of_bag, source)
 
 
 def _read_truth(
@@ -90,30 +91,14 @@ def _read_bag(path: Path | None, stats: Sequence[CallStats]) -> BagEstimate | No
     return bag
 
 
-def _estimate_of_bag(bag: BagEstimate, inputs: ScoreInputs, calls: RunCalls) -> tuple[LoadedTrajectory, Estimates]:
-    """Return the estimated poses of a bag with the states of its calls, or of the given calls."""
-    assert inputs.estimate is not None  # the path of the bag
-    check_one_estimate(bag.trajectory, calls.of_estimate)
-    found = calls_of_poses(bag.trajectory, [*calls.here, *bag.all_calls], calls.on_target)
-    return LoadedTrajectory(inputs.estimate, bag.trajectory), estimates_of(bag.trajectory, found, bag.covariance)
-
-
-def _read_estimate(
-    inputs: ScoreInputs, given: Trajectory | None, true: LoadedTrajectory, calls: RunCalls
-) -> tuple[LoadedTrajectory, Estimates]:
-    """Read the estimated poses of a file, or use those in memory; missing stamps are those of the truth."""
-    if inputs.estimate is not None:
-        found = read_trajectory_file(inputs.estimate, inputs.columns, ESTIMATE_OPTION)
-    else:
+def _read_estimate(inputs: ScoreInputs, given: Trajectory | None, bag: BagEstimate | None) -> LoadedTrajectory:
+    """Return the estimated poses of a bag that was read, or read those of a file, or use those in memory."""
+    if inputs.estimate is None:
         assert given is not None  # by the caller
-        found = LoadedTrajectory(Path(f"the estimate {IN_MEMORY}"), given)
-    if found.by_index:
-        found = found.with_stamps_of(true)
-    check_one_estimate(found.trajectory, calls.of_estimate)
-    estimates = estimates_of_calls(found.trajectory, calls.here, calls.on_target)
-    if found.covariance is not None and estimates.covariance is None:
-        estimates = replace(estimates, covariance=found.covariance[:, *UPPER])
-    return found, estimates
+        return LoadedTrajectory(Path(f"the estimate {IN_MEMORY}"), given)
+    if bag is not None:
+        return LoadedTrajectory(inputs.estimate, bag.trajectory, covariance=bag.covariance)
+    return read_trajectory_file(inputs.estimate, inputs.columns, ESTIMATE_OPTION)
 
 
 def _drive_of(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from sfr_loc_map import io  # readers of sources are loaded when called, because files of trajectories require no images
-from sfr_loc_map.calls.call_stats import estimates_of
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
@@ -13,6 +12,7 @@ from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.scoring.bag_estimates import read_bag_estimate
 from sfr_loc_map.scoring.inputs import DriveToScore, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
+from sfr_loc_map.scoring.load_calls import estimates_of_calls
 from sfr_loc_map.topics import ESTIMATE
 
 
@@ -24,11 +24,12 @@ def load_drive(estimate: Path, truth: Path) -> DriveToScore:
 
 
 def load_estimates(path: Path) -> Estimates:
-    """Read estimated poses; lost flags and covariances are those of a bag, and unknown in another file."""
-    if not is_bag(path):
-        return Estimates.of(read_trajectory_file(path).stamped)
-    bag = read_bag_estimate(path)
-    return estimates_of(bag.trajectory, bag.calls, bag.covariance)
+    """Read estimated poses with the covariances of their file or bag, and with the calls of the bag."""
+    if is_bag(path):
+        bag = read_bag_estimate(path)
+        return estimates_of_calls(bag.trajectory, bag.all_calls, published=bag.covariance)
+    found = read_trajectory_file(path)
+    return estimates_of_calls(found.stamped, published=found.covariance)
 
 
 def load_trajectories(paths: list[Path], truth: Path | None) -> tuple[dict[str, Trajectory], Trajectory | None]:

@@ -167,6 +167,48 @@ def test_a_bag_has_the_states_and_steps_of_its_node(tmp_path: Path) -> None:
         load_estimates(recorded(tmp_path / "broken", {"/rover/localisation_node/call": ['{"stamp_ns": "later"}']}))
 
 
+@pytest.mark.parametrize("of_calls", [None, 4.0, 9999.0])
+@pytest.mark.parametrize(("published", "lost"), [((9999.0, 1e-4), 10), ((0.0, 1e-4), 0), ((1e-4, 1e-4), 0), (None, 0)])
+def test_covariances_and_lost_poses_of_a_file_are_those_of_a_bag(
+    tmp_path: Path, published: tuple[float, float] | None, lost: int, of_calls: float | None
+) -> None:
+    """The first ten poses have one variance, the others another. A covariance of zeros is unknown."""
+    poses = straight(60)
+    variances = np.zeros(60) if published is None else np.repeat(published, (10, 50))
+    header, matrix = "# time tx ty tz qx qy qz qw", np.array([1, 0, 0, 1, 0, 1, 1, 0, 0, 1, 0, 1])
+    entries, lines = [], []
+    for stamp_ns, at, quat, variance in zip(
+        poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, variances.tolist(), strict=True
+    ):
+        message = odometry(stamp_ns, at, quat)
+        message.pose.covariance[::7] = variance
+        entries.append(("/localisation/odometry", stamp_ns, message))
+        of_file = [] if published is None else (variance * matrix).tolist()
+        lines.append(" ".join(map(str, [stamp_ns / 1e9, *at, *quat, *of_file])))
+    columns = "" if published is None else " Pr11 Pr12 Pr13 Pr22 Pr23 Pr33 Pt11 Pt12 Pt13 Pt22 Pt23 Pt33"
+    (tmp_path / "estimate.txt").write_text("\n".join([header + columns, *lines]) + "\n")
+    write_messages(tmp_path / "bag", entries)
+    calls = []
+    if of_calls is not None:
+        records = [CallRecord(k, 0.1, "tracking", covariance=of_calls * np.eye(6)) for k in poses.stamps_ns.tolist()]
+        calls = [stats_of(records)]
+    read = []
+    for path in (tmp_path / "estimate.txt", tmp_path / "bag"):
+        run = load_run(ScoreInputs(estimate=path), in_memory=InMemory(truth=poses, calls=calls))
+        assert run.drive is not None
+        read.append(run.drive.estimates)
+        if of_calls is None:
+            read.append(load_estimates(path))
+    if of_calls == 9999.0 and (published is None or published[0] == 0.0):
+        lost = 60 if published is None else 10
+    for found in read:
+        assert np.count_nonzero(found.lost) == lost
+        np.testing.assert_array_equal(found.is_lost_known, read[0].is_lost_known)
+        assert (found.covariance is None) == (published is None and of_calls is None)
+        if found.covariance is not None:
+            np.testing.assert_array_equal(found.covariance, read[0].covariance)
+
+
 def test_a_bag_without_calls_has_the_states_of_the_given_calls_which_must_be_its_own(tmp_path: Path) -> None:
     inputs, truth = ScoreInputs(estimate=recorded(tmp_path / "bag", {})), straight(3)
     truth = replace(truth, stamps_ns=np.array([1, 2, 3]))
