@@ -17,8 +17,8 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK
 from sfr_loc_map.metrics.calls.call_score import (
+    HOST_CLOCKS,
     KINDS_OF,
     STATED_CLOCK,
     at_place,
@@ -201,13 +201,9 @@ def calls_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detai
 
 
 def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool) -> CallsResult:
-    """Return the figures of the calls on this host; an external node is measured from outside.
-
-    Times that a node states in its messages are not measured from outside. The name of their clock is `STATED_CLOCK`.
-    """
+    """Return the figures of the calls on this host; an external node is measured from outside."""
     calls = [concatenated([item.calls for item in run.stats])] if run.stats else []
-    clock = STATED_CLOCK if any(item.is_stated for item in run.stats) else HOST_CLOCK
-    scored = score_calls(calls[0], clock, details=details) if calls else CallsResult()
+    scored = score_calls(calls[0], clocks_of(run.stats), details=details) if calls else CallsResult()
     expected = [*completeness_rows(calls, expected_ns)]
     if (node := run.external) is None:
         stated = kinds_of_external_nodes(run.stats)
@@ -217,6 +213,19 @@ def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detail
     scored = with_external(scored, node)
     others = [row for row in expected if row.call not in KINDS_OF[Task(node.task)]]
     return replace(scored, figures=(*scored.figures, *others, *answers_completeness(node)))
+
+
+def clocks_of(stats: Sequence[CallStats]) -> dict[CallKind, str]:
+    """Return the name of the clock of each kind of call.
+
+    The name is `STATED_CLOCK` if a node has stated times of the kind in its messages, because these were not measured
+    from outside.
+    """
+    clocks = dict(HOST_CLOCKS)
+    for item in stats:
+        if item.is_stated:
+            clocks |= dict.fromkeys(item.calls.kinds.tolist(), STATED_CLOCK)
+    return clocks
 
 
 def kinds_of_external_nodes(stats: Sequence[CallStats]) -> frozenset[CallKind]:

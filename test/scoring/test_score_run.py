@@ -27,9 +27,11 @@ from sfr_loc_map.io.bag.messages import odometry
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.message_types import STRING
+from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK
+from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.scoring.inputs import InMemory, ScoreInputs
+from sfr_loc_map.scoring.inputs import InMemory, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.load_calls import estimates_of_calls
 from sfr_loc_map.scoring.load_trajectories import load_estimates
@@ -256,11 +258,28 @@ def test_the_calls_of_a_bag_are_those_of_the_run(tmp_path: Path) -> None:
     assert score.verdict == "fail"
     assert [item.state for item in score.on_limits if item.name == "localisation_max_s"] != ["not enough data"]
     assert score.calls is not None
-    assert set(score.calls.clocks.values()) == {"stated by the node"}
+    assert score.calls.clocks == {"localisation": "stated by the node"}
     mapped = stats_of([CallRecord(1, 0.1, "mapped", task=Task.MAPPING)])
     assert len(load_run(inputs, in_memory=InMemory(truth=truth, calls=[mapped])).stats) == 2
     with pytest.raises(InputError, match="give the calls once"):
         load_run(inputs, in_memory=InMemory(truth=truth, calls=[stats_of(records)]))
+
+
+@pytest.mark.parametrize("is_mapper_stated", [False, True])
+@pytest.mark.parametrize("is_localiser_stated", [None, False, True])
+def test_only_the_calls_of_a_node_have_a_stated_clock(is_localiser_stated: bool | None, is_mapper_stated: bool) -> None:
+    """Calls of a bag were stated by the node. Calls of a file were measured."""
+    mapped = [CallRecord(k, 0.1, state, task=Task.MAPPING) for k, state in enumerate(("mapped", "fused"))]
+    stats, is_stated = (
+        [stats_of(mapped, is_stated=is_mapper_stated)],
+        dict.fromkeys(("mapping", "fusion"), is_mapper_stated),
+    )
+    if is_localiser_stated is not None:
+        stats.append(stats_of([CallRecord(1, 0.1, "tracking")], is_stated=is_localiser_stated))
+        is_stated["localisation"] = is_localiser_stated
+    score = score_run(Run(stats=stats), ScoreConfig())
+    assert score.calls is not None
+    assert score.calls.clocks == {kind: STATED_CLOCK if stated else HOST_CLOCK for kind, stated in is_stated.items()}
 
 
 def test_a_method_does_not_tell_its_own_cost(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 from msgspec.structs import asdict
@@ -40,6 +41,8 @@ STATE_KINDS: dict[str, CallKind] = {
 """Kind of a mapping call by its state; all other states are states of the localiser."""
 KINDS_OF = {Task.LOCALISATION: (CallKind.LOCALISATION,), Task.MAPPING: tuple(STATE_KINDS.values())}
 """Kinds of calls by their task."""
+HOST_CLOCKS: Mapping[CallKind, str] = MappingProxyType(dict.fromkeys(CallKind, HOST_CLOCK))
+"""Clock of each kind of call if all calls were measured on this host."""
 HISTOGRAM_BINS = 40
 SERIES_ROWS = 2000  #: Maximum number of calls of each kind in plots.
 
@@ -98,8 +101,8 @@ def stacked(parts: Sequence[FloatArray | None], counts: Sequence[int]) -> FloatA
     )
 
 
-def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> CallsResult:
-    """Return times, with the name of their clock, and memory of calls. The kind of a call follows from its state."""
+def score_calls(calls: Calls, clock_of: Mapping[CallKind, str] = HOST_CLOCKS, *, details: bool = True) -> CallsResult:
+    """Return times and memory of calls, with the name of the clock of each kind. The kind follows from the state."""
     # a peak of 0 is unknown, because systems without the measurement report 0; above the idle process 0 is possible
     peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)
     above = np.where(np.isfinite(peak) | (calls.above_idle_bytes > 0.0), calls.above_idle_bytes, np.nan)
@@ -114,7 +117,7 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
         if not len(mine):
             continue
         if np.isfinite(calls.seconds[mine]).any():
-            clocks[kind.value] = clock
+            clocks[kind.value] = clock_of[kind]
             times += time_rows(kind, calls.seconds[mine])
             times += deadline_rows(kind, calls.stamps_ns[mine], calls.seconds[mine])
             for name, values in sorted(calls.stage_s.items()):
@@ -259,7 +262,7 @@ def score_target(
                 f"the times of {name} belong to another run: {np.count_nonzero(~np.isin(localised, estimate_ns))} of "
                 f"{len(localised)} stamps are not in the estimate; name that run by the option target_run"
             )
-    scored = score_calls(calls, clock=name, details=False)
+    scored = score_calls(calls, dict.fromkeys(CallKind, name), details=False)
     is_measured = has_memory(scored.figures)
     figures = [at_place(row, Place.TARGET) for row in scored.figures if row.subject is Subject.TIMING or is_measured]
     method = calls.memory_method or f"as measured on {name}" if is_measured else None
