@@ -7,4 +7,5 @@ These names are loaded at their first use, so that the import itself is fast.
 import lazy_loader
 
 __version__ = "0.3.0"
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [name for name in _names if name not in ("map", "open")]  # `import *` must not replace builtins

@@ -1,6 +1,8 @@
 """Python interface: `import sfr_loc_map as sfr`. Functions and commands make the same calls (docs/python.md).
 
-Every public name can be imported from `sfr_loc_map` itself. Errors are `SfrError`s whose messages say what to do.
+The functions, the types of their arguments and the types of their results can be imported from `sfr_loc_map` itself.
+Every function raises a subclass of `SfrError`, whose message says what to do. ConfigError refers to an argument or a
+configuration file, and InputError to a file or a source that is missing, invalid or incomplete.
 """
 
 from __future__ import annotations
@@ -10,13 +12,14 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar, Unpack, get_type_hints, overload
+from typing import Any, Literal, TypeVar, overload
 
 import numpy as np
 
 from sfr_loc_map import api_types
 from sfr_loc_map.api_types import PathLike, path_of, wrong_type
-from sfr_loc_map.calls.call_record import tracking_warning
+from sfr_loc_map.calls.call_findings import findings_of_records
+from sfr_loc_map.calls.call_record import CallRecord, tracking_warning
 from sfr_loc_map.calls.call_stats import CallStats, stats_of
 from sfr_loc_map.config import build
 from sfr_loc_map.config_file import read_config
@@ -33,19 +36,15 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.methods.registry import config_text, find_method
-from sfr_loc_map.metrics.config import aligned_error_config
-from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
-from sfr_loc_map.runs.drive_start import start_pose
+from sfr_loc_map.runs.drive_start import start_pose, unstamped_start_warning
 from sfr_loc_map.runs.localiser_run import Step, localiser_steps, run_localiser
 from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.runs.under_test import UnderTest
-from sfr_loc_map.scoring.conversion import converted_run
-from sfr_loc_map.scoring.inputs import Correction, InMemory, Run, ScoreInputs
+from sfr_loc_map.scoring.inputs import InMemory, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
-from sfr_loc_map.scoring.score_run import score_run
-from sfr_loc_map.scoring.settings import ScoreSettings, check_known, score_settings
+from sfr_loc_map.scoring.request import ScoreRequest
 from sfr_loc_map.suite_names import OURS, Task
 
 C = TypeVar("C")
@@ -62,7 +61,10 @@ def open(
     """Open a data set folder, ROS bag, KITTI or EuRoC sequence. The format is detected from the content.
 
     `remap` maps topics of a bag to those of the suite: `{"/cam0/image": "loc/left/image_rect"}`. `config` is an
-    `sfr.yaml`, by default the one in or beside the source.
+    `sfr.yaml`, by default the one in or beside the source. An open source is returned as it is.
+
+    InputError if the source does not exist, has no known format, or is invalid. ConfigError for an invalid `remap` or
+    `config`, and if one of them is given with an open source. GeometryError for an invalid calibration.
     """
     if isinstance(source, Source):
         if remap is not None or config is not None:
@@ -105,12 +107,22 @@ def localise(
 ) -> api_types.Trajectory | Iterator[PoseEstimate]:
     """Estimate the trajectory of a drive, like `sfr localise` with options of the same names.
 
-    `start` is `identity`, `truth` or a pose of RB in DS. With `live`, the result is an iterator that yields each
-    `PoseEstimate` as soon as it is estimated.
+    - `start`: `identity`, `truth` or a pose of RB in DS.
+    - `live`: return an iterator that yields each `PoseEstimate` as soon as it is estimated.
+    - `config`: the parameters of the localiser. A file also configures how a `source` that is a path is read. A
+      dictionary or a `LocalisationConfig` replaces the complete section `localisation` of the file with which the
+      source was opened: parameters that a dictionary does not contain have their defaults. None selects this section.
+    - `method`: name of another method, a Python class or a C library; `config` is then the configuration file of this
+      method.
 
-    `config` contains the parameters of the localiser. A file also configures how a `source` that is a path is read.
-    Without `config`, the parameters are those of the file with which the source was opened. For another `method`,
-    `config` is the configuration file of that method.
+    The errors are those of `sfr.open`, and InputError for a source without a drive, for a drive without pairs, for
+    images that cannot be read, and for `start="truth"` without true attitudes. ConfigError for an invalid argument,
+    GeometryError for an invalid start pose, LocalisationError for pairs that do not fit the rig, and MethodError for a
+    method that cannot be found or started. With `live`, errors of the rig, the pairs and the method are raised by
+    `next()` on the iterator.
+
+    A UserWarning reports many lost or degraded poses, findings on a method, and a start pose of another time than the
+    first pair if a method cannot use its stamp. With `live` there are no warnings.
     """
     _check_flag("live", live)
     opened = _opened(source, config, method)
@@ -127,8 +139,8 @@ def localise(
         return (step.estimate for step in steps)
     with naming(opened.path):
         done = run_localiser(drive, how, first)
-    if (text := tracking_warning(done.records, opened.path)) is not None:
-        warnings.warn(text, UserWarning, stacklevel=2)
+    _warn(None if isinstance(how, LocalisationConfig) else unstamped_start_warning(first, drive))
+    _warn(tracking_warning(done.records, opened.path), *_findings(method, done.records))
     return api_types.Trajectory.of(done.trajectory, records=tuple(done.records), method=done.method)
 
 
@@ -142,8 +154,17 @@ def map(
 ) -> api_types.PointCloud:
     """Map up to three stereo pairs, like `sfr map` with options of the same names.
 
-    `config` contains the parameters of the mapper, as that of `sfr.localise` those of the localiser. If `refine_poses`
-    is given, it has priority over the parameter of this name.
+    - `fuse`: fuse the pairs into one surface, or keep the points of every pair.
+    - `refine_poses`: correct the poses of later pairs by registration of the overlaps. None selects the parameter of
+      this name in `config`, over which a given value has priority.
+    - `config`: the parameters of the mapper, as that of `sfr.localise` those of the localiser.
+    - `method`: as for `sfr.localise`.
+
+    The errors are those of `sfr.open`, and InputError for a source without mapping pairs and for images that cannot be
+    read. ConfigError for an invalid argument, MappingError for pairs that cannot be mapped together, such as more than
+    three, and MethodError for a method that cannot be found or started.
+
+    A UserWarning reports problems of a pair or of the fusion, and findings on a method.
     """
     _check_flag("fuse", fuse)
     if refine_poses is not None:
@@ -154,114 +175,156 @@ def map(
         how = _parameters_or_method(MappingConfig, Task.MAPPING, method, config, opened)
         if isinstance(how, MappingConfig):
             how = how if refine_poses is None else replace(how, refine_poses=bool(refine_poses))
-        elif refine_poses:
+        elif refine_poses is not None:
             raise ConfigError(f"refine_poses applies only to the suite's mapper: omit it with method {method}")
         run = run_mapper(panorama, how)
-    for line in run.warnings:
-        warnings.warn(line, UserWarning, stacklevel=2)
+    _warn(*run.warnings, *_findings(method, run.records))
     cloud = run.fused.cloud if fuse else run.unfused
     return api_types.PointCloud.of(cloud, records=tuple(run.records), method=run.method)
 
 
-class ScoreOptions(ScoreSettings, total=False):
-    """Options of `sfr score` with the same names."""
-
-    fused: bool  # whether the cloud is fused, for a file without this information
-    convention: Sequence[str]  # convention of the poses: `["frame=left_optical", "world=first_pose"]`
-    apply_diagnosis: bool  # whether to correct the convention mismatch that explains the errors
-    max_difference: float  # maximum difference of stamps paired for APE and RPE, s (default 0.01)
-    rpe_delta: str  # interval of the RPE: `frames=1` or `distance=10`
-
-
-def score(
+def score(  # noqa: PLR0913 - every option of a score has a name and a default
     estimate: Estimate,
     truth: Truth,
     conditions: Sequence[str] | None = None,
-    limits: PathLike | Mapping[str, object] | Limits | None = None,
+    limits: PathLike | Mapping[str, object] | None = None,
     *,
     align: str | None = None,
     stats: Sequence[PathLike] = (),
-    **settings: Unpack[ScoreOptions],
+    spacing: int = 10,
+    rebase: str = "pose",
+    partial: bool = False,
+    frames: str = "truth",
+    associate: str = "auto",
+    max_gap: float = 1.0,
+    scored_range: tuple[float, float] = (0.0, 10.0),
+    fused: bool | None = None,
+    convention: Sequence[str] = (),
+    apply_diagnosis: bool = False,
+    max_difference: float | None = None,
+    rpe_delta: str | None = None,
 ) -> api_types.Score:
     """Score an estimated trajectory or cloud against the ground truth, with the same figures as `sfr score`.
 
-    Estimate and truth may be objects or files. `conditions` are the ends of sub-trajectories: `distance=5` (default),
-    `time=60`, `frames=100`, or `distance=5,time=10` if both must hold. `limits` is a YAML file or its content. `align`
-    is `none`, `origin`, `se3` or `sim3`. `stats` are files from `sfr localise --stats`, by default the one beside the
-    file of the estimate. Results of `sfr.localise` and `sfr.map` contain their statistics.
+    - `estimate`, `truth`: objects or files. The truth of a cloud is a source with mapping pairs.
+    - `conditions`: ends of sub-trajectories: `distance=5` (default), `time=60`, `frames=100`, or `distance=5,time=10`
+      if both must hold.
+    - `limits`: a YAML file or its content. Without limits the score has no verdict.
+    - `stats`: files from `sfr localise --stats`, by default the one beside the file of the estimate. Results of
+      `sfr.localise` and `sfr.map` contain their statistics.
+
+    Of trajectories:
+
+    - `spacing`: frames between the starts of sub-trajectories.
+    - `rebase`: removal of the error from before a start: `pose`, `displacement` or `position`.
+    - `partial`: judge an estimate that covers only a part of the drive.
+    - `frames`: true poses (`truth`), or estimates with interpolated truth (`images`).
+    - `associate`: association of estimates with true poses: `auto`, `match` or `interpolate`.
+    - `max_gap`: longest gap of the truth that is bridged by interpolation, s.
+    - `convention`: convention of the poses: `["frame=left_optical", "world=first_pose"]`.
+    - `apply_diagnosis`: correct the convention mismatch that explains the errors.
+    - `align`: also compute APE and RPE after the alignment `none`, `origin`, `se3` or `sim3`.
+    - `max_difference`: maximum difference of stamps that are paired for APE and RPE, s; None selects 0.01 s.
+    - `rpe_delta`: interval of the RPE, `frames=N` or `distance=M`; None selects `frames=1`.
+
+    Of clouds:
+
+    - `scored_range`: range interval of the true points that count for coverage, m.
+    - `fused`: whether the cloud is fused, for a file without this information.
+
+    ConfigError for an invalid argument, for `limits` that are invalid, and for an argument that does not apply to the
+    kind of estimate. InputError for a file that is missing or invalid. MetricsError for an invalid condition, and if
+    figures cannot be computed, for example from poses without common stamps. A missed limit is no error: see
+    `Score.verdict`.
 
     A UserWarning reports what the command prints about a file: an inferred format or unit, and skipped rows.
     """
-    check_known(settings, ScoreOptions, "sfr.score")
-    of_score: Any = {name: value for name, value in settings.items() if name in get_type_hints(ScoreSettings)}
-    texts = None if conditions is None else _texts("conditions", conditions)
-    if texts is not None and not texts:
-        raise ConfigError("conditions is empty: give at least one, such as 'distance=5', or None for the default")
-    config = score_settings(texts, **of_score)
-    further = {name: settings.get(name) for name in ("max_difference", "rpe_delta")}
-    aligned = aligned_error_config(align, further)
-    fused, apply_diagnosis = settings.get("fused"), settings.get("apply_diagnosis", False)
     _check_flag("apply_diagnosis", apply_diagnosis)
     if fused is not None:
         _check_flag("fused", fused)
-    correction = Correction(PoseConvention.parse(_texts("convention", settings.get("convention", ()))), apply_diagnosis)
-    judged_by = _limits(limits)
-    run = _run(estimate, truth, tuple(path_of(file, "stats") for file in _items(stats)), fused)
-    for note in () if run.drive is None else run.drive.notes:
-        warnings.warn(note, UserWarning, stacklevel=2)
-    if correction.is_wanted and run.drive is None:
+    request = ScoreRequest.of(
+        _conditions(conditions),
+        _limits(limits),
+        spacing=spacing,
+        rebase=rebase,
+        partial=partial,
+        frames=frames,
+        associate=associate,
+        max_gap=max_gap,
+        scored_range=scored_range,
+        align=align,
+        max_difference=max_difference,
+        rpe_delta=rpe_delta,
+        convention=_texts("convention", convention),
+        apply_diagnosis=apply_diagnosis,
+    )
+    run = _run(estimate, truth, [path_of(file, "stats") for file in _items(stats)], fused)
+    _warn(*(() if run.drive is None else run.drive.notes))
+    if request.correction.is_wanted and run.drive is None:
         raise ConfigError("convention and apply_diagnosis apply only to trajectories: omit them for a cloud")
     if fused is not None and run.cloud is None:
         raise ConfigError("fused applies only to clouds: omit it for a trajectory")
-    return api_types.Score.of(score_run(converted_run(run, config, correction), config, judged_by, aligned))
+    return api_types.Score.of(request.score(request.converted(run)))
 
 
-def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool | None) -> Run:
-    """Return the run to be scored. Files are read as by the command, and objects are treated like their files."""
-    if not isinstance(estimate, Trajectory | PointCloud):
-        estimate = path_of(estimate, "estimate", "a path, a Trajectory or a PointCloud")
-    config = truth.config if isinstance(truth, Source) else None
-    place = truth.path if isinstance(truth, Source) else truth
-    if not isinstance(place, Trajectory):
-        place = path_of(place, "truth", "a path, a Trajectory or an open source")
-    if isinstance(estimate, Path) and isinstance(place, Path):
-        return load_run(replace(ScoreInputs.of(estimate, place, stats or None), config=config), fused)
-    calls = _own_stats(estimate)
+# ---- a run to be scored
+
+
+def _run(estimate: Estimate, truth: Truth, stats: Sequence[Path], fused: bool | None) -> Run:
+    """Load the run to be scored. Files are read as by the command, and objects are treated like their files."""
+    true_poses, true_file = (truth, None) if isinstance(truth, Trajectory) else (None, _truth_file(truth))
     if isinstance(estimate, PointCloud):
-        if isinstance(place, Trajectory):
-            raise ConfigError("the truth is a trajectory: a cloud requires a source with mapping pairs and their truth")
-        loaded = estimate.loaded if isinstance(estimate, api_types.PointCloud) else LoadedCloud.of(estimate)
-        inputs = ScoreInputs(map_truth=place, stats=stats, config=config)
-        return load_run(inputs, fused, InMemory(cloud=loaded, calls=calls))
-    inputs = ScoreInputs(
-        estimate=estimate if isinstance(estimate, Path) else None,
-        truth=place if isinstance(place, Path) else None,
-        stats=stats,
-        config=config,
-    )
-    poses = estimate if isinstance(estimate, Trajectory) else None
-    true_poses = place if isinstance(place, Trajectory) else None
-    return load_run(inputs, fused, InMemory(poses, true_poses, calls=calls))
+        inputs = ScoreInputs(map_truth=true_file, stats=tuple(stats))
+        in_memory = InMemory(None, true_poses, _loaded(estimate), _own_calls(estimate))
+    elif isinstance(estimate, Trajectory):
+        inputs = ScoreInputs(truth=true_file, stats=tuple(stats))
+        in_memory = InMemory(estimate, true_poses, calls=_own_calls(estimate))
+    else:
+        file = path_of(estimate, "estimate", "a path, a Trajectory or a PointCloud")
+        inputs = ScoreInputs.of(file, true_file, stats or None)
+        in_memory = InMemory(truth=true_poses)
+    is_cloud = inputs.cloud is not None or in_memory.cloud is not None
+    if is_cloud and true_poses is not None:
+        raise ConfigError("the truth is a trajectory: a cloud requires a source with mapping pairs and their truth")
+    config = truth.config if isinstance(truth, Source) else None
+    return load_run(replace(inputs, config=config), fused, in_memory)
 
 
-def _own_stats(estimate: object) -> list[CallStats]:
+def _truth_file(truth: PathLike | Source) -> Path:
+    if isinstance(truth, Source):
+        return truth.path
+    return path_of(truth, "truth", "a path, a Trajectory or an open source")
+
+
+def _loaded(cloud: PointCloud) -> LoadedCloud:
+    """Return a cloud in the form in which its file is read."""
+    return cloud.loaded if isinstance(cloud, api_types.PointCloud) else LoadedCloud.of(cloud)
+
+
+def _own_calls(estimate: Trajectory | PointCloud) -> list[CallStats]:
+    """Return the calls that a result of `sfr.localise` or `sfr.map` contains; empty for other values."""
     if isinstance(estimate, (api_types.Trajectory, api_types.PointCloud)) and estimate.records:
         return [stats_of(estimate.records, estimate.method)]
     return []
 
 
-def _named(path: Path, steps: Iterator[Step]) -> Iterator[Step]:
-    with naming(path):
-        yield from steps
+# ---- arguments
 
 
-def _limits(given: PathLike | Mapping[str, object] | Limits | None) -> Limits | None:
+def _limits(given: PathLike | Mapping[str, object] | None) -> Limits | None:
     """Return the limits in a file or in its content."""
-    if given is None or isinstance(given, Limits):
-        return given
+    if given is None:
+        return None
     if isinstance(given, Mapping):
         return parse_limits(given, "limits")
-    return load_limits(path_of(given, "limits", "a path, the content of a file of limits, or Limits"))
+    return load_limits(path_of(given, "limits", "a path or the content of a file of limits"))
+
+
+def _conditions(given: Sequence[str] | None) -> Sequence[str] | None:
+    texts = None if given is None else _texts("conditions", given)
+    if texts is not None and not texts:
+        raise ConfigError("conditions is empty: give at least one, such as 'distance=5', or None for the default")
+    return texts
 
 
 def _opened(source: SourceLike, config: object, method: str) -> api_types.Source:
@@ -310,3 +373,24 @@ def _check_flag(name: str, value: object) -> None:
     """Raise ConfigError with the name of the argument unless its value is a boolean: `"no"` would be true."""
     if not isinstance(value, bool | np.bool_):
         raise ConfigError(f"{name} is {value!r:.60}: True or False is required")
+
+
+# ---- results
+
+
+def _named(path: Path, steps: Iterator[Step]) -> Iterator[Step]:
+    with naming(path):
+        yield from steps
+
+
+def _findings(method: str, records: Sequence[CallRecord]) -> Iterator[str]:
+    """Yield a warning about each kind of finding on a method."""
+    for finding in findings_of_records(records):
+        yield f"method {method}: {finding}"
+
+
+def _warn(*texts: str | None) -> None:
+    """Issue warnings that refer to the line that calls a function of this interface; None is ignored."""
+    for text in texts:
+        if text is not None:
+            warnings.warn(text, UserWarning, stacklevel=3)

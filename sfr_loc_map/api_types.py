@@ -34,13 +34,15 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition
+from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score import score
 from sfr_loc_map.metrics.stored.score_json import load_score, to_json
 from sfr_loc_map.metrics.table.catalogue import KINDS
 from sfr_loc_map.metrics.table.details import columns_of
 from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.metrics.table.row_part import ANY, RowPart
-from sfr_loc_map.metrics.table.rows import COLUMNS, RowNumbers
+from sfr_loc_map.metrics.table.rows import COLUMNS, RowNumbers, find_rows
+from sfr_loc_map.metrics.table.rows import Figure as Row
 from sfr_loc_map.suite_names import Task
 
 if TYPE_CHECKING:
@@ -280,10 +282,49 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         """Return a score of the lower layers as this type."""
         return cls(**msgspec.structs.asdict(found))
 
+    @property
+    def _plain(self) -> score.Score:
+        """The score as the lower layers use it, whose look-ups accept names without a row."""
+        return score.Score(**msgspec.structs.asdict(self))
+
     @staticmethod
     def load(path: PathLike) -> Score:
-        """Read the JSON of a score."""
+        """Read the JSON of a score, as `save` and `sfr score --json` write it; InputError if the file is invalid."""
         return Score.of(load_score(path_of(path)))
+
+    def figure(
+        self,
+        figure: str,
+        *,
+        subject: str = ANY,
+        condition: str | Condition | None = ANY,
+        part: str | RowPart | None = score.JUDGED_ROW,
+    ) -> Row | None:
+        """Return the row of a figure and a part, or without `part` the judged row; None if the score lacks the figure.
+
+        Without `condition` the first condition is used. ConfigError, which lists the available names, for a figure that
+        does not exist, and for a subject, condition or part that the figure does not have in this score. ConfigError,
+        too, for a figure without a judged row if `part` is not given.
+        """
+        figures = {*KINDS, *(row.figure for row in self.figures)}
+        if figure not in figures:
+            raise ConfigError(f"there is no figure '{figure}'{suggestion(figure, figures)}: give one that exists")
+        self._check_keys(figure, {"subject": subject, "condition": condition, "part": part})
+        return super().figure(figure, subject=subject, condition=condition, part=part)
+
+    def _check_keys(self, figure: str, keys: Mapping[str, str | Condition | RowPart | None]) -> None:
+        """Raise ConfigError if no row of a figure has the given keys; a figure without rows is accepted."""
+        rows = tuple(self.rows(figure))
+        for name, given in keys.items():
+            if given is not None and not isinstance(given, str | Condition | RowPart):
+                raise wrong_type(name, given, "a text")
+            if given == score.JUDGED_ROW:
+                continue
+            left = tuple(find_rows(rows, **{name: given}))  # type: ignore[arg-type] # the name determines the type
+            if rows and not left:
+                known = ", ".join(dict.fromkeys(str(getattr(row, name)) for row in rows))
+                raise ConfigError(f"figure '{figure}' has no {name} '{given}' in this score: give one of {known}")
+            rows = left
 
     def number(
         self,
@@ -294,16 +335,24 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         condition: str | Condition | None = ANY,
         part: str | RowPart | None = score.JUDGED_ROW,
     ) -> float | None:
-        """Return one statistic of a figure, None if it is undefined or there is no such row.
+        """Return one statistic of a figure; None if it is undefined, or if the score lacks the figure.
 
-        ConfigError for a figure or a statistic that does not exist, and for a figure without a judged row if `part` is
-        not given.
+        The statistic of a count, fraction or peak is `value`. Errors, times and other figures of many values have
+        `mean`, `sigma`, `mean_plus_3sigma`, ... instead. ConfigError as for `figure`, for a statistic that does not
+        exist, and for `value` of a figure of many values or another statistic of a figure with one number.
         """
-        figures = {*KINDS, *(row.figure for row in self.figures)}
-        for kind, name, known in (("figure", figure, figures), ("statistic", statistic, RowNumbers.__struct_fields__)):
-            if name not in known:
-                raise ConfigError(f"there is no {kind} '{name}'{suggestion(name, known)}: give one that exists")
-        return super().number(figure, statistic, subject=subject, condition=condition, part=part)
+        known = RowNumbers.__struct_fields__
+        if statistic not in known:
+            hint = suggestion(statistic, known)
+            raise ConfigError(f"there is no statistic '{statistic}'{hint}: give one that exists")
+        row = self.figure(figure, subject=subject, condition=condition, part=part)
+        if row is None:
+            return None
+        found = row.statistic(statistic)
+        if found is None and row.is_one_number != (statistic == "value"):
+            required = "omit the statistic" if row.is_one_number else f"give one of {', '.join(STATISTICS)}"
+            raise ConfigError(f"figure '{figure}' has no statistic '{statistic}': {required}")
+        return found
 
     def to_json(self) -> str:
         """Return the JSON (`sfr-score/2`) that `sfr score --json` writes."""
@@ -317,13 +366,13 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         """Write the report page that `sfr score --html` writes."""
         from sfr_loc_map.report.page import write_page
 
-        write_page(self, path_of(path))
+        write_page(self._plain, path_of(path))
 
     def to_markdown(self) -> str:
         """Return all tables as Markdown."""
         from sfr_loc_map.report.score_tables import score_markdown
 
-        return score_markdown(self)
+        return score_markdown(self._plain)
 
     def to_pandas(self, table: str = "figures") -> pandas.DataFrame:
         """Return a pandas table: `figures` has one row per figure, `sub_trajectories` one row per sub-trajectory.
@@ -343,7 +392,7 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         from sfr_loc_map.report.plots import to_figure
         from sfr_loc_map.report.score_plots import score_plots
 
-        plots = {plot.name: plot for _, plots in score_plots(self) for plot in plots}
+        plots = {plot.name: plot for _, plots in score_plots(self._plain) for plot in plots}
         chosen = next(iter(plots), None) if name is None else name
         if not plots:
             raise ConfigError("this score has no plots: it contains no data of a drive, a map or calls")
@@ -366,7 +415,8 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         from sfr_loc_map.report.score_tables import summary_tables
         from sfr_loc_map.tables.formats import to_html
 
-        return f"<b>{self.verdict or 'no verdict'}</b>" + "".join(to_html(table) for table in summary_tables(self))
+        tables = "".join(to_html(table) for table in summary_tables(self._plain))
+        return f"<b>{self.verdict or 'no verdict'}</b>{tables}"
 
 
 def data_frame(columns: Mapping[str, Any]) -> pandas.DataFrame:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
 from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, FindingRecord
+
+if TYPE_CHECKING:
+    from sfr_loc_map.calls.call_record import CallRecord
 
 
 class FindingCounts:
@@ -42,3 +46,8 @@ def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[Finding
     for text, stamp_ns in zip(texts, stamps_ns, strict=True):
         counts.add_of_call(stamp_ns, text)
     return counts.records
+
+
+def findings_of_records(records: Sequence[CallRecord]) -> tuple[FindingRecord, ...]:
+    """Return the findings in the records of calls, one record for each kind."""
+    return findings_of([record.finding for record in records], [record.stamp_ns for record in records])

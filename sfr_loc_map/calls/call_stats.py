@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace as struct_replace
 from numpy.typing import NDArray
 
-from sfr_loc_map.calls.call_findings import findings_of
+from sfr_loc_map.calls.call_findings import findings_of_records
 from sfr_loc_map.calls.call_record import CallRecord, first_reported
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -221,7 +221,7 @@ def stats_of(
     )
     covariances = [None if record.covariance is None else record.covariance[UPPER] for record in records]
     steps = [record.step for record in records]
-    findings = findings_of([record.finding for record in records], calls.stamps_ns.tolist())
+    findings = findings_of_records(records)
     usage_columns = [numbers(record.statistics.get(name) for record in records) for name in USAGE_NAMES]
     positions = None
     if estimate is not None and len(estimate):

@@ -24,7 +24,6 @@ from sfr_loc_map.suite_names import OURS, Task
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.runs.under_test import UnderTest
-    from sfr_loc_map.scoring.inputs import Correction
 
 MORE = "More"
 METHOD = "Method under test"
@@ -278,14 +277,6 @@ ApplyDiagnosisOption = Annotated[
     ),
 ]
 Align = Literal["none", "origin", "se3", "sim3"]
-
-
-def correction_of(settings: list[str] | None, apply_diagnosis: bool) -> Correction:
-    """Return the conversion of an estimate; raise ConfigError if a setting is invalid."""
-    from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
-    from sfr_loc_map.scoring.inputs import Correction
-
-    return Correction(PoseConvention.parse(settings or ()), apply_diagnosis)
 
 
 # ---- outputs

@@ -28,7 +28,6 @@ from sfr_loc_map.cli.options import (
     SourceArgument,
     SpacingOption,
     StartOption,
-    correction_of,
     open_as,
     refuse_given,
     require_ros,
@@ -48,7 +47,6 @@ if TYPE_CHECKING:
     from sfr_loc_map.replay.files import ReplayFiles
     from sfr_loc_map.replay.options import ReplayOptions
     from sfr_loc_map.replay.scored_replay import ScoredReplay
-    from sfr_loc_map.scoring.inputs import Correction
 
 PLAYED = "Playback of the source"
 UNDER_TEST = "External node in place of ours"
@@ -173,14 +171,22 @@ def replay(
         from sfr_loc_map.metrics.stored.score_json import to_json
         from sfr_loc_map.replay.files import ReplayFiles
         from sfr_loc_map.scoring.judgement import Judgement
-        from sfr_loc_map.scoring.settings import score_settings
+        from sfr_loc_map.scoring.request import ScoreRequest
 
         opened, read_from = open_as(source, remap, config)
         if opened.loc is None:
             refuse_given(context, OF_DRIVES, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
         parameters = Configuration.read(read_from)
         by = Judgement.of(limits, condition, parameters)
-        correction = correction_of(convention, apply_diagnosis)
+        request = ScoreRequest.of(
+            by.conditions,
+            by.limits,
+            spacing=spacing,
+            rebase=rebase,
+            partial=partial,
+            convention=convention or (),
+            apply_diagnosis=apply_diagnosis,
+        )
         require_ros("replay")
         from sfr_loc_map.replay.options import ReplayOptions, first_pose, node_under_test, task_under_test
 
@@ -191,14 +197,14 @@ def replay(
             watch=watch,
             frames=frames,
             timeout_s=answer_timeout,
-            correction=correction,
+            correction=request.correction,
         )
         options = ReplayOptions(
             localisation=parameters.build(LocalisationConfig, "localisation"),
             mapping=parameters.build(MappingConfig, "mapping"),
             parameter_file=read_from if read_from is not None and is_ros_parameter_file(read_from) else None,
-            score=score_settings(by.conditions, spacing=spacing, rebase=rebase, partial=partial),
-            judgement=by,
+            request=request,
+            limits_file=by.limits_file,
             start=first_pose(opened, start, start_offset),
             rate=rate,
             offset_s=start_offset,
@@ -210,7 +216,7 @@ def replay(
         )
         files = None if out is None else ReplayFiles(out)
         with _room_for(files, (source, limits, read_from), overwrite=overwrite):
-            outcome = _replayed(opened, options, correction, files)
+            outcome = _replayed(opened, options, files)
             if page is not None:
                 page.show_score(to_json(outcome.score))
             try:
@@ -244,9 +250,7 @@ def _room_for(files: ReplayFiles | None, inputs: Iterable[Path | None], *, overw
             out.rmdir()
 
 
-def _replayed(
-    source: Source, options: ReplayOptions, correction: Correction, files: ReplayFiles | None
-) -> ScoredReplay:
+def _replayed(source: Source, options: ReplayOptions, files: ReplayFiles | None) -> ScoredReplay:
     """Replay and score with progress bars."""
     from sfr_loc_map.replay.scored_replay import replay_and_score
 
@@ -261,7 +265,6 @@ def _replayed(
         return replay_and_score(
             source,
             options,
-            correction,
             files,
             command=shlex.join(["sfr", *sys.argv[1:]]),
             progress=lambda rig: bar.advance(shown[rig]),

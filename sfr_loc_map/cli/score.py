@@ -30,7 +30,6 @@ from sfr_loc_map.cli.options import (
     SpacingOption,
     announced_config,
     columns_of,
-    correction_of,
     files_read,
     given_words,
     parse_settings,
@@ -50,7 +49,7 @@ from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, present, wr
 from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.bag.files import is_bag
-from sfr_loc_map.metrics.config import ScoreConfig, aligned_error_config
+from sfr_loc_map.metrics.config import ScoreConfig
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.score.score import Score
@@ -207,12 +206,10 @@ def score(
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
     from sfr_loc_map.io.source_settings import truth_config
     from sfr_loc_map.scoring.assembly import with_conditions
-    from sfr_loc_map.scoring.conversion import converted_run
     from sfr_loc_map.scoring.inputs import ScoreInputs
     from sfr_loc_map.scoring.judgement import Judgement
     from sfr_loc_map.scoring.load import load_run
-    from sfr_loc_map.scoring.score_run import score_run
-    from sfr_loc_map.scoring.settings import score_settings
+    from sfr_loc_map.scoring.request import ScoreRequest
 
     found = ScoreInputs.of(estimate, truth, stats)
     read = (estimate, *files_read(truth, config_file), limits, *found.stats, target_timing)
@@ -229,8 +226,9 @@ def score(
     if config_file is None and (truth.is_dir() or is_bag(truth)):
         config_file = announced_config(truth)
     by = Judgement.of(limits, condition, Configuration.read(config_file))
-    config = score_settings(
+    request = ScoreRequest.of(
         by.conditions,
+        by.limits,
         spacing=spacing,
         rebase=rebase,
         partial=partial,
@@ -238,6 +236,11 @@ def score(
         associate=associate,
         max_gap=max_gap,
         scored_range=scored_range,
+        align=align,
+        max_difference=max_difference,
+        rpe_delta=rpe_delta,
+        convention=convention or (),
+        apply_diagnosis=apply_diagnosis,
     )
     of_estimate, of_truth = columns_of(columns)
     inputs = replace(
@@ -247,20 +250,18 @@ def score(
         limits=by.limits_file,
     )
     if diagnose:
-        _diagnose(inputs, config, json_path, lenient=lenient)
+        _diagnose(inputs, request.config, json_path, lenient=lenient)
         return
     inputs = _measured_on(inputs, target, target_timing, target_run)
-    aligned = aligned_error_config(align, {"max_difference": max_difference, "rpe_delta": rpe_delta})
-    correction = correction_of(convention, apply_diagnosis)
     loaded = load_run(inputs, fused, command=shlex.join(["sfr", *sys.argv[1:]]))
     for note in () if loaded.drive is None else loaded.drive.notes:
         say(note, err=True)
-    run = converted_run(loaded, config, correction)
+    run = request.converted(loaded)
     if points is not None and (run.cloud is None or run.cloud.loaded.cloud is None):
         raise ConfigError("'--points' writes errors of map points: give a cloud with the pixel and pair of each point")
-    result = score_run(run, config, by.limits, aligned)
+    result = request.score(run)
     present(result, json_path, html)
-    _write_secondary(result, run, with_conditions(config, by.limits), junit, points, pieces)
+    _write_secondary(result, run, with_conditions(request.config, by.limits), junit, points, pieces)
     _propose_next(context, result)
     conclude(result, by.asked, lenient=lenient)
     if junit is not None and not result.is_judged:

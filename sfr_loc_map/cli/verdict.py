@@ -154,9 +154,9 @@ def not_judged(reasons: Sequence[str], *, lenient: bool) -> None:
 
 def conclude_findings(method: MethodRecord, records: Sequence[CallRecord]) -> None:
     """Report the findings on a method; raise FailedVerdictError if there are any. All outputs have been written."""
-    from sfr_loc_map.calls.call_findings import findings_of
+    from sfr_loc_map.calls.call_findings import findings_of_records
 
-    found = findings_of([record.finding for record in records], [record.stamp_ns for record in records])
+    found = findings_of_records(records)
     for finding in found:
         warn(f"method {method.name}: {finding}")
     if found:

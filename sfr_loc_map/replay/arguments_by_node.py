@@ -28,7 +28,7 @@ def arguments_by_node(source: Source, options: ReplayOptions, folder: Path) -> d
         {
             "localisation": changed(options.localisation),
             "mapping": changed(options.mapping),
-            "monitor": {**options.monitor, **changed(options.score, "score.")},
+            "monitor": {**options.monitor, **changed(options.request.config, "score.")},
             "truth": _tracked_body(source),
             "extrinsics": _extrinsics(source),
             # The nodes must form the same pairs as the reader of the bag.
@@ -36,7 +36,7 @@ def arguments_by_node(source: Source, options: ReplayOptions, folder: Path) -> d
         }
     )
     given[Task.MAPPING.node]["pairs_per_map"] = pairs_per_map(source)
-    limits_file = options.judgement.limits_file
+    limits_file = options.limits_file
     if limits_file is not None:
         given[MONITOR_NODE]["limits_file"] = str(limits_file.resolve())
     external = options.external

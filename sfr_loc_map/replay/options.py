@@ -16,11 +16,10 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.runs.drive_start import start_pose
 from sfr_loc_map.scoring.inputs import Correction
-from sfr_loc_map.scoring.judgement import Judgement
+from sfr_loc_map.scoring.request import ScoreRequest
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import RESULTS
 
@@ -57,8 +56,9 @@ class ReplayOptions:
 
     localisation: LocalisationConfig  #: Parameters of the localiser.
     mapping: MappingConfig  #: Parameters of the mapper.
-    score: ScoreConfig  #: Settings of the monitor's score.
-    judgement: Judgement  #: Limits by which the replay and the monitor are judged.
+    #: Settings and limits of the scores of replay and monitor; its correction applies to an external localiser.
+    request: ScoreRequest
+    limits_file: Path | None  #: File of the limits of the request.
     start: StartPose | None  #: Pose of RB in DS at the start, with its stamp; None: identity.
     rate: float  #: Multiple of the recorded speed; 0: lock step, which waits for the results of each pair.
     offset_s: float  #: Start of the replay, s after the first message.

@@ -16,7 +16,6 @@ from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.replay.score import files_of_source, methods_of, score_replay
 from sfr_loc_map.replay.session import Replayed, replay
-from sfr_loc_map.scoring.inputs import Correction
 from sfr_loc_map.suite_names import Task
 
 
@@ -34,7 +33,6 @@ class ScoredReplay:
 def replay_and_score(
     source: Source,
     options: ReplayOptions,
-    correction: Correction,
     files: ReplayFiles | None,
     command: str,
     *,
@@ -43,24 +41,24 @@ def replay_and_score(
 ) -> ScoredReplay:
     """Replay a source, write the results to files if given, and score the results.
 
-    `progress` is called with the rig of each played pair, `say` with a line about each step. The correction applies to
-    the poses of an external localiser. If a signal ends the replay, the played part is scored; without any result, a
-    KeyboardInterrupt is raised. If the replay or the conversion fails, the received results are written but not scored.
+    `progress` is called with the rig of each played pair, `say` with a line about each step. If a signal ends the
+    replay, the played part is scored; without any result, a KeyboardInterrupt is raised. If the replay or the
+    conversion fails, the received results are written but not scored.
     """
-    read = files_of_source(source, options.judgement.limits_file)
+    read = files_of_source(source, options.limits_file)
     with naming(source.path):
         replayed = replay(source, options, progress=progress, say=say)
         if replayed.was_interrupted and replayed.result.is_empty:
             raise KeyboardInterrupt
-        result = _converted_or_saved(replayed, source, options, correction, files)
+        result = _converted_or_saved(replayed, source, options, files)
         if files is not None:
             _save(result, files, options)
         _check_map(result)
     score = score_replay(
         source,
         result,
-        options.score,
-        options.judgement.limits,
+        options.request.config,
+        options.request.limits,
         settings=options.changed_settings,
         read=read,
         files=files,
@@ -85,7 +83,7 @@ def _played_part(source: Source, options: ReplayOptions, result: ReplayResult) -
 
 
 def _converted_or_saved(
-    replayed: Replayed, source: Source, options: ReplayOptions, correction: Correction, files: ReplayFiles | None
+    replayed: Replayed, source: Source, options: ReplayOptions, files: ReplayFiles | None
 ) -> ReplayResult:
     """Return the result with the poses of an external localiser converted to poses of RB in DS.
 
@@ -95,7 +93,8 @@ def _converted_or_saved(
     error = replayed.error
     if error is None:
         try:
-            return with_converted_poses(replayed.result, source, options.score, correction)
+            request = options.request
+            return with_converted_poses(replayed.result, source, request.config, request.correction)
         except SfrError as reason:
             error = reason
     if files is None or replayed.result.is_empty:

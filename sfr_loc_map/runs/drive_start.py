@@ -30,11 +30,11 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
     truth = sequence.ground_truth
     if truth is None or not len(truth):
         raise InputError(
-            "'--start truth' requires ground truth, which the source does not have: omit it to start at the identity"
+            "the start 'truth' requires ground truth, which the source does not have: start at the identity"
         )
     if not truth.has_attitude:
         raise InputError(
-            "'--start truth' requires true attitudes, but the ground truth has only positions: use --start identity"
+            "the start 'truth' requires true attitudes, but the ground truth has only positions: start at the identity"
         )
     stamps = truth.stamps_ns
     first_ns = int(sequence.stamps_ns[0] if len(sequence) else stamps[0])

@@ -46,8 +46,10 @@ class ScoreInputs:
     columns: str = ""  #: Columns of the estimate, if its file does not name them (`io.tables.column_names`).
 
     @classmethod
-    def of(cls, estimate: Path, truth: Path, stats: Sequence[Path] | None = None) -> ScoreInputs:
+    def of(cls, estimate: Path, truth: Path | None, stats: Sequence[Path] | None = None) -> ScoreInputs:
         """Return the inputs of one estimate and its truth: a trajectory, a cloud, or a folder of target results.
+
+        `truth` is None if the truth is in memory.
 
         If `stats` is None, the calls are read from the file beside the estimate, if it exists.
         """

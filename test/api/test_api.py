@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import inspect
 import json
 import shutil
@@ -20,13 +21,18 @@ from helpers.score_rows import number, rows_about
 from sfr_loc_map import api
 from sfr_loc_map.errors import ConfigError, InputError, OutputError
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.scoring.request import ScoreRequest
 
 LIMITS = {"minimum_independent": 2, "trajectory": [{"condition": "frames=2", "position_mean_plus_3sigma_m": 0.5}]}
 SIGNATURES = {
     "open": ["source", "remap", "config"],
     "localise": ["source", "start", "live", "config", "method"],
     "map": ["source", "fuse", "refine_poses", "config", "method"],
-    "score": ["estimate", "truth", "conditions", "limits", "align", "stats", "settings"],
+    "score": [
+        *("estimate", "truth", "conditions", "limits", "align", "stats", "spacing", "rebase", "partial", "frames"),
+        *("associate", "max_gap", "scored_range", "fused", "convention", "apply_diagnosis", "max_difference"),
+        "rpe_delta",
+    ],
 }
 
 
@@ -39,7 +45,10 @@ def figures(text: str) -> dict[str, Any]:
 
 def test_the_public_names_stay() -> None:
     names = {"Localiser", "Mapper", "PointCloud", "Score", "SfrError", "Source", "Trajectory", "Transform", *SIGNATURES}
-    assert set(suite.__all__) == names
+    names |= {"LocalisationConfig", "MappingConfig", "PoseEstimate", "PosedStereoPair", "StartPose", "StereoPair"}
+    names |= {"StereoRig"}
+    assert set(dir(suite)) == names
+    assert set(suite.__all__) == names - set(dir(builtins)), "import * must not replace builtins"
     found = {name: list(inspect.signature(getattr(suite, name)).parameters) for name in SIGNATURES}
     assert found == SIGNATURES
     assert not [name for name in names if not getattr(suite, name).__doc__]
@@ -146,7 +155,6 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
             "'identity', 'truth' or a pose of RB in DS .Transform. is required",
         ),
         (lambda: suite.localise(folder, config={"max_featurs": 3}), "unknown key 'max_featurs'"),
-        (lambda: suite.score(folder, folder, spacin=3), "no setting 'spacin'"),  # type: ignore[call-arg]
         (lambda: suite.score(folder, folder, frames="odd"), "truth or images is required"),
         (lambda: suite.score(cloud, folder, apply_diagnosis=True), "omit them for a cloud"),
         (lambda: suite.score(cloud, folder, [5]), "conditions has 5: strings are required"),  # type: ignore[list-item]
@@ -180,10 +188,61 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: scored.number("positio", "mean"), "no figure 'positio' .did you mean 'position'"),
         (lambda: scored.number("position", "meen"), "no statistic 'meen' .did you mean 'mean'"),
         (lambda: scored.number("longest_gap"), "has no row without a part: give part=, one of distance, time"),
+        (lambda: suite.map(folder, method="sgbm", refine_poses=False), "refine_poses applies only"),
     ]
     for call, words in calls:
         with pytest.raises((ConfigError, InputError, OutputError), match=words):
             call()
+
+
+def test_the_defaults_of_a_score_are_those_of_the_configuration() -> None:
+    parameters = inspect.signature(suite.score).parameters
+    of_request = inspect.signature(ScoreRequest.of).parameters
+    shared = parameters.keys() & of_request.keys() - {"conditions", "limits"}
+    assert {name: parameters[name].default for name in shared} == {name: of_request[name].default for name in shared}
+    assert ScoreRequest.of() == ScoreRequest()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"condition": "frames=5"}, "no condition 'frames=5' in this score: give one of frames=2, frames=3"),
+        ({"condition": None}, "no condition 'None'"),
+        ({"condition": 3}, "condition has the type int"),
+        ({"subject": "trajctory"}, "no subject 'trajctory' in this score: give one of trajectory"),
+        ({"part": "posee"}, "no part 'posee' in this score: give one of pose, "),
+        ({"statistic": "value"}, "no statistic 'value': give one of mean, sigma, "),
+        ({"figure": "missing", "part": None, "statistic": "mean"}, "no statistic 'mean': omit the statistic"),
+    ],
+)
+def test_a_look_up_of_a_number_that_a_score_does_not_have_lists_those_it_has(
+    folder: Path, arguments: dict[str, Any], words: str
+) -> None:
+    scored = suite.score(suite.open(folder).truth, folder, ["frames=2", "frames=3"], spacing=1)
+    given = {"figure": "position", "statistic": "mean"} | arguments
+    with pytest.raises(ConfigError, match=words):
+        scored.number(**given)
+    if "statistic" not in arguments:
+        del given["statistic"]
+        with pytest.raises(ConfigError, match=words):
+            scored.figure(**given)
+
+
+def test_a_figure_that_a_score_lacks_has_no_number(folder: Path) -> None:
+    scored = suite.score(suite.open(folder).truth, folder, ["frames=2"], spacing=1)
+    assert scored.number("position", "mean", condition="frames = 2") == 0.0
+    assert scored.number("points") is None
+    assert scored.figure("points", part="pair 0") is None
+
+
+def test_statistics_beside_an_estimate_are_read_with_a_truth_in_memory(
+    folder: Path, estimate: suite.Trajectory, tmp_path: Path
+) -> None:
+    estimate.save(tmp_path / "estimate.csv")
+    estimate.to_stats(tmp_path / "estimate.stats.csv")
+    truth = suite.open(folder).truth
+    scores = [suite.score(tmp_path / "estimate.csv", known, "frames=2") for known in (folder, truth)]
+    assert scores[0].number("localisation", "n") == scores[1].number("localisation", "n") == len(estimate)
 
 
 def test_the_columns_of_a_table_can_be_named_and_skipped_rows_are_reported(tmp_path: Path) -> None:

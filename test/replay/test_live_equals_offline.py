@@ -24,7 +24,7 @@ from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.score import score_replay
 from sfr_loc_map.replay.session import Participants, play_and_collect, started_participants
 from sfr_loc_map.runs.drive_start import start_pose
-from sfr_loc_map.scoring.judgement import Judgement
+from sfr_loc_map.scoring.request import ScoreRequest
 
 POSES, PAIRS = 12, 3
 EXACT = 1e-12
@@ -62,8 +62,8 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
     options = ReplayOptions(
         localisation=LocalisationConfig(),
         mapping=MappingConfig(),
-        score=config,
-        judgement=Judgement(None, None, None),
+        request=ScoreRequest(config),
+        limits_file=None,
         start=start_pose(source.loc, "truth"),
         rate=0.0,
         offset_s=0.0,

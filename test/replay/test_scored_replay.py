@@ -13,8 +13,6 @@ from sfr_loc_map.errors import MetricsError, NodeError
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.metrics.config import score_config
-from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.table.records import AnswerCounts, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.replay import scored_replay
 from sfr_loc_map.replay.files import ReplayFiles
@@ -22,15 +20,14 @@ from sfr_loc_map.replay.options import ExternalOptions, ReplayOptions
 from sfr_loc_map.replay.received import Received
 from sfr_loc_map.replay.result import ExternalResult
 from sfr_loc_map.replay.session import Replayed
-from sfr_loc_map.scoring.inputs import Correction
-from sfr_loc_map.scoring.judgement import Judgement
+from sfr_loc_map.scoring.request import ScoreRequest
 from sfr_loc_map.suite_names import Task
 
 OPTIONS = ReplayOptions(
     localisation=LocalisationConfig(),
     mapping=MappingConfig(),
-    score=score_config(["frames=3"], {}),
-    judgement=Judgement(None, None, None),
+    request=ScoreRequest.of(["frames=3"]),
+    limits_file=None,
     start=None,
     rate=1.0,
     offset_s=0.0,
@@ -56,11 +53,11 @@ def saved_stamps(files: ReplayFiles) -> list[int]:
     return [int(row.split(",")[0]) for row in rows]
 
 
-def replay(folder: Path, correction: Correction, options: ReplayOptions = OPTIONS) -> None:
+def replay(folder: Path, options: ReplayOptions = OPTIONS) -> None:
     """Replay the source of a folder and save the results there."""
     source = open_source(folder / "source")
     scored_replay.replay_and_score(
-        source, options, correction, ReplayFiles(folder), "", progress=lambda rig: None, say=lambda line: None
+        source, options, ReplayFiles(folder), "", progress=lambda rig: None, say=lambda line: None
     )
 
 
@@ -73,7 +70,7 @@ def test_the_estimate_is_saved_if_the_mapper_published_no_cloud(
     replayed = Replayed(received(stamps_ns).result(None))
     monkeypatch.setattr(scored_replay, "replay", lambda *_, **__: replayed)
     with pytest.raises(NodeError, match=r"^mapping_node published no cloud"):
-        replay(tmp_path, Correction())
+        replay(tmp_path)
     assert saved_stamps(ReplayFiles(tmp_path)) == stamps_ns
 
 
@@ -89,7 +86,7 @@ def test_the_results_before_an_error_are_saved(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(scored_replay, "replay", lambda *_, **__: replayed)
     text = f"; the received results are in '{tmp_path}'" if count else ""
     with pytest.raises(NodeError, match=f"^mapping_node was killed by SIGKILL{re.escape(text)}$"):
-        replay(tmp_path, Correction())
+        replay(tmp_path)
     assert files.estimate.exists() == bool(count)
     assert files.report.exists() == (not count)
     if count:
@@ -103,7 +100,8 @@ def test_poses_that_cannot_be_converted_are_saved_as_published(tmp_path: Path, m
     method = MethodRecord(name="theirs", version=None, kind=MethodKind.EXTERNAL)
     found = received(stamps_ns, Task.LOCALISATION).result(ExternalResult(method, score, ()))
     monkeypatch.setattr(scored_replay, "replay", lambda *_, **__: Replayed(found))
-    options = replace(OPTIONS, external=ExternalOptions(Task.LOCALISATION, "pose"))
+    request = ScoreRequest.of(["frames=3"], convention=["world=first_pose"])
+    options = replace(OPTIONS, external=ExternalOptions(Task.LOCALISATION, "pose"), request=request)
     with pytest.raises(MetricsError, match="the world frame cannot be aligned"):
-        replay(tmp_path, Correction(PoseConvention(world="first_pose")), options)
+        replay(tmp_path, options)
     assert saved_stamps(ReplayFiles(tmp_path)) == stamps_ns

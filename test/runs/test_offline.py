@@ -116,7 +116,7 @@ def test_the_time_of_a_mapping_call_is_that_of_its_stages(tmp_path: Path) -> Non
 
 def test_a_start_at_the_truth_requires_true_attitudes() -> None:
     pair = OnePair((0.0, 1.0), has_attitude=False)
-    with pytest.raises(InputError, match="the ground truth has only positions: use --start identity"):
+    with pytest.raises(InputError, match="requires true attitudes"):
         start_pose(pair, "truth")
     assert true_start(pair).stamp_ns is None
     assert true_start(OnePair((2.0, 3.0))).T_ds_rb.translation[0] == 2.0

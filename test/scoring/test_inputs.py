@@ -2,14 +2,13 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from helpers.made_scene import write_folder
 from helpers.scored_drives import straight
 from sfr_loc_map import api, api_types
-from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.io.registry import open_source
@@ -23,7 +22,6 @@ from sfr_loc_map.scoring import input_files
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_files, score_run
-from sfr_loc_map.scoring.settings import score_settings
 
 
 def test_calls_beside_an_estimate_are_read_unless_others_are_named(tmp_path: Path) -> None:
@@ -33,12 +31,6 @@ def test_calls_beside_an_estimate_are_read_unless_others_are_named(tmp_path: Pat
     beside.touch()
     assert ScoreInputs.of(estimate, truth).stats == (beside,)
     assert ScoreInputs.of(estimate, truth, [other]).stats == (other,)
-
-
-def test_a_misspelt_setting_of_a_score_is_refused() -> None:
-    misspelt: dict[str, Any] = {"spaceing": 5}
-    with pytest.raises(ConfigError, match="no setting 'spaceing'"):
-        score_settings(None, **misspelt)
 
 
 def test_a_link_to_another_estimate_while_it_is_scored_is_refused(tmp_path: Path) -> None:

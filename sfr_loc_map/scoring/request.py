@@ -1,0 +1,93 @@
+"""What a user requests of a score, by the names that `sfr score`, `sfr replay` and `sfr_loc_map.score` share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.metrics.config import (
+    SPACING_FRAMES,
+    AlignedErrorConfig,
+    ScoreConfig,
+    aligned_error_config,
+    score_config,
+)
+from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
+from sfr_loc_map.metrics.score.limits import Limits
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.scoring.conversion import converted_run
+from sfr_loc_map.scoring.inputs import Correction, Run
+from sfr_loc_map.scoring.score_run import score_run
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreRequest:
+    """Settings, limits and conversion of a score."""
+
+    config: ScoreConfig = field(default_factory=ScoreConfig)
+    limits: Limits | None = None  #: Limits by which the score is judged; None: no verdict.
+    aligned: AlignedErrorConfig | None = None  #: Settings of APE and RPE; None: they are not computed.
+    correction: Correction = field(default_factory=Correction)  #: Conversion of the estimate before it is scored.
+
+    @classmethod
+    def of(  # noqa: PLR0913 - the options of the commands and of `sfr_loc_map.score`
+        cls,
+        conditions: Sequence[str] | None = None,
+        limits: Limits | None = None,
+        *,
+        spacing: int = SPACING_FRAMES,
+        rebase: str = "pose",
+        partial: bool = False,
+        frames: str = "truth",
+        associate: str = "auto",
+        max_gap: float = 1.0,
+        scored_range: tuple[float, float] = (0.0, 10.0),
+        align: str | None = None,
+        max_difference: float | None = None,
+        rpe_delta: str | None = None,
+        convention: Sequence[str] = (),
+        apply_diagnosis: bool = False,
+    ) -> Self:
+        """Return a request from options, which `sfr_loc_map.score` describes; ConfigError if a value is invalid."""
+        if frames not in ("truth", "images"):
+            raise ConfigError(f"frames is '{frames}': truth or images is required")
+        if frames == "images" and associate == "match":
+            raise ConfigError(
+                "frames 'images' interpolates the truth, but associate 'match' does not: omit one of them"
+            )
+        scored_from_m, scored_to_m = _interval(scored_range)
+        settings = {
+            "trajectory.spacing": spacing,
+            "trajectory.rebase": rebase,
+            "trajectory.partial": partial,
+            "trajectory.association.truth": "interpolate" if frames == "images" else associate,
+            "trajectory.association.max_gap_s": max_gap,
+            "map.scored_from_m": scored_from_m,
+            "map.scored_to_m": scored_to_m,
+        }
+        return cls(
+            score_config(conditions, settings),
+            limits,
+            aligned_error_config(align, {"max_difference": max_difference, "rpe_delta": rpe_delta}),
+            Correction(PoseConvention.parse(convention), apply_diagnosis),
+        )
+
+    def converted(self, run: Run) -> Run:
+        """Return a run with its estimate converted to poses of RB in DS."""
+        return converted_run(run, self.config, self.correction)
+
+    def score(self, run: Run) -> Score:
+        """Return the score of a converted run."""
+        return score_run(run, self.config, self.limits, self.aligned)
+
+
+def _interval(scored_range: object) -> tuple[object, object]:
+    """Return the two ends of an interval; their values are checked with the other settings."""
+    if not isinstance(scored_range, Sequence | np.ndarray) or len(scored_range) != 2 or isinstance(scored_range, str):
+        raise ConfigError(f"scored_range is {scored_range!r:.60}: two distances in metres, (FROM, TO), are required")
+    first, last = scored_range
+    return first, last
