@@ -22,6 +22,8 @@ class ExitCode(IntEnum):
     """The input or the usage is invalid."""
     NOT_JUDGED = 3
     """No figure could be judged. With `--lenient` the exit code is 0."""
+    FAULT = 70
+    """The program has a fault: an exception that it does not raise deliberately (EX_SOFTWARE of sysexits.h)."""
     INTERRUPTED = 130
     """SIGINT, SIGTERM or SIGHUP interrupted the command. Finished results are reported."""
 

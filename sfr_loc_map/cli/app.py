@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import typer
 from typer.core import TyperGroup
@@ -26,7 +26,8 @@ from sfr_loc_map.errors import ExitCode
 
 EXIT_CODES = (
     "Exit codes: 0 success; 1 a limit was missed or a blocking issue was found; 2 bad input or usage; "
-    "3 something could not be judged (0 with --lenient); 130 interrupted (finished results are reported)."
+    "3 something could not be judged (0 with --lenient); 70 fault of the program; "
+    "130 interrupted (finished results are reported)."
 )
 PANELS = {
     "Look": ("info", "doctor", "init"),
@@ -43,13 +44,40 @@ HINTS = "SFR_HINTS"
 # ---- one run of a command
 
 
+class FileState(NamedTuple):
+    """State of a file, which differs after the file is written."""
+
+    inode: int
+    changed_ns: int
+
+
+def file_state(path: Path) -> FileState | None:
+    """Return the state of a file; None if it does not exist."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return FileState(found.st_ino, found.st_mtime_ns)
+
+
 @dataclass(slots=True)
 class CommandRun:
-    """Data of a running command for its last line and its exit code."""
+    """Data of a running command for its last line, its exit code and the message after an interruption."""
 
     next_line: str = ""  #: Proposed next command; empty if there is none.
     prints_json: bool = False  #: Whether JSON is printed to standard output.
     failed_outputs: list[str] = field(default_factory=list)  #: Failures of secondary outputs.
+    #: Files that the command writes, each with its state before (`file_state`).
+    outputs: dict[Path, FileState | None] = field(default_factory=dict)
+
+    def add_output(self, path: Path) -> None:
+        """Note a file that the command writes, before it is written."""
+        self.outputs.setdefault(path, file_state(path))
+
+    @property
+    def finished_outputs(self) -> list[Path]:
+        """The noted files that have been written. They are complete, because files are written atomically."""
+        return [path for path, before in self.outputs.items() if file_state(path) not in (None, before)]
 
     def last_line(self, code: int) -> str:
         """Return the last line of a command that ended with an exit code; empty if there is none."""

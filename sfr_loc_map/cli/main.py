@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import sys
+import traceback
 from contextlib import suppress
 
 import typer
@@ -31,7 +32,7 @@ from sfr_loc_map.cli import (  # noqa: F401 - most join `app` when they are impo
     suite,
 )
 from sfr_loc_map.cli import record as record_command  # noqa: F401 - as above
-from sfr_loc_map.cli.app import PANELS, app, command_run
+from sfr_loc_map.cli.app import PANELS, app, command_run, current_run
 from sfr_loc_map.errors import ExitCode, SfrError
 from sfr_loc_map.message_text import one_line, printable
 from sfr_loc_map.signals import handle_signals, hold, ignore_signals
@@ -98,15 +99,27 @@ def _run() -> int:
         code = ExitCode.INTERRUPTED
     except Exception as error:
         if not isinstance(error.__cause__, KeyboardInterrupt):  # else an import failed by an interrupt
-            expected = isinstance(error, SfrError) and error.exit_code is not ExitCode.BAD_INPUT
-            if os.environ.get("SFR_DEBUG") and not expected:
-                raise
-            print(f"sfr: {one_line(_line(error))}", file=sys.stderr)
-            return error.exit_code if isinstance(error, SfrError) else ExitCode.BAD_INPUT
+            return _reported(error)
         code = ExitCode.INTERRUPTED
     if code == ExitCode.INTERRUPTED:
-        print("sfr: interrupted: nothing was finished", file=sys.stderr)
+        finished = ", ".join(str(path) for path in current_run().finished_outputs)
+        print(f"sfr: interrupted: {one_line(finished or 'nothing')} was finished", file=sys.stderr)
     return code if isinstance(code, int) else 0
+
+
+def _reported(error: Exception) -> ExitCode:
+    """Print an error in one line, with `--debug` after its traceback; return its exit code."""
+    code = _code_of(error)
+    if os.environ.get("SFR_DEBUG") and code in (ExitCode.BAD_INPUT, ExitCode.FAULT):
+        traceback.print_exception(error)
+    print(f"sfr: {one_line(_line(error))}", file=sys.stderr)
+    return code
+
+
+def _code_of(error: Exception) -> ExitCode:
+    if isinstance(error, SfrError):
+        return error.exit_code
+    return ExitCode.BAD_INPUT if isinstance(error, (UsageError, OSError)) else ExitCode.FAULT
 
 
 def _line(error: Exception) -> str:

@@ -49,6 +49,7 @@ def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (
             raise OutputError(f"cannot write '{path}': {reason}")
         check_output(path)
         taken[path.resolve()] = "another output has this name"
+        current_run().add_output(path)
 
 
 def _why_not_writable(path: Path, inputs: set[Path], taken: Mapping[Path, str], *, overwrite: bool) -> str:

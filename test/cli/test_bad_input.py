@@ -10,6 +10,7 @@ import pytest
 
 from helpers import broken_sources as broken
 from helpers.cli_result import Result, Sfr
+from sfr_loc_map.errors import ExitCode, FailedVerdictError, InputError, NotJudgedError
 
 Made = Callable[[Path], Path]
 MadeOnce = Callable[[Made], Path]
@@ -39,10 +40,10 @@ SOURCES: dict[str, tuple[Made, str] | tuple[Made, str, tuple[str, ...]]] = {
 CASES = [(name, command) for name, (_, _, *only) in SOURCES.items() for command in (only[0] if only else COMMANDS)]
 
 
-def check(result: Result, named: object, words: str, out: Path) -> None:
+def check(result: Result, named: object, words: str, out: Path, code: int = ExitCode.BAD_INPUT) -> None:
     """Check everything that holds for every refusal."""
     lines = [line for line in result.err.splitlines() if line.strip()]
-    assert result.code == 2, result
+    assert result.code == code, result
     assert len(lines) == 1, result.err
     assert lines[0].startswith("sfr: ")
     assert str(named) in lines[0]
@@ -225,10 +226,34 @@ def test_a_fault_of_the_program_is_one_line_too(
 
     monkeypatch.setattr("sfr_loc_map.io.registry.open_source", fail)
     arguments = ("localise", tmp_path, "-o", out / "t.csv")
-    check(sfr(*arguments), "KeyError", "a fault of the program, run 'sfr --debug", out)
+    check(sfr(*arguments), "KeyError", "a fault of the program, run 'sfr --debug", out, ExitCode.FAULT)
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (InputError("no drive"), 2),
+        (OSError(28, "No space left on device", "drive.csv"), 2),
+        (LookupError("inside"), 70),
+        (FailedVerdictError("missed"), 1),
+        (NotJudgedError("no data"), 3),
+    ],
+)
+def test_debug_adds_the_traceback_of_an_error_and_keeps_its_exit_code(
+    sfr: Sfr, tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, code: int
+) -> None:
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("sfr_loc_map.io.registry.open_source", fail)
+    arguments = ("localise", tmp_path, "-o", out / "t.csv")
+    plain = sfr(*arguments)
     monkeypatch.setenv("SFR_DEBUG", "1")
-    with pytest.raises(KeyError):
-        sfr(*arguments)
+    debug = sfr(*arguments)
+    assert plain.code == debug.code == code
+    assert ("Traceback" in debug.err) == (code in (2, 70))
+    assert debug.err.splitlines()[-1] == plain.err.splitlines()[-1]
+    assert len(plain.err.splitlines()) == 1
 
 
 @pytest.mark.parametrize("command", ["convert", "map"])

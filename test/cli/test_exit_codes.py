@@ -193,6 +193,22 @@ def test_the_error_of_a_failed_method_states_a_contradiction_too() -> None:
         conclude(score, (), lenient=False)
 
 
+@pytest.mark.parametrize("has_earlier_outputs", [False, True])
+def test_an_interruption_names_the_outputs_that_were_finished(
+    sfr: Sfr, files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_earlier_outputs: bool
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sfr_loc_map.report.page.write_page", interrupt)
+    score, page = tmp_path / "score.json", tmp_path / "page.html"
+    for path in (score, page) if has_earlier_outputs else ():
+        path.write_text("{}")
+    result = sfr("score", *files, "--json", score, "--html", page, "--overwrite")
+    assert result.code == ExitCode.INTERRUPTED
+    assert result.err.splitlines()[-1] == f"sfr: interrupted: {score} was finished"
+
+
 def test_the_table_is_in_the_help_and_in_the_docs(sfr: Sfr) -> None:
     text = " ".join(sfr("--help").out.split())
     table = CODES.read_text(encoding="utf-8")
