@@ -97,17 +97,44 @@ def test_a_tolerance_bound_needs_the_other_frames_as_well(tmp_path: Path, sfr: S
         assert done.code == code, done.err
 
 
-def test_a_limit_on_a_quantile_is_not_met_by_one_large_judged_error(tmp_path: Path, sfr: Sfr) -> None:
-    """The judged error of 30 m is above the quantile, and every error at the other frames is below it."""
+@pytest.mark.parametrize(
+    ("name", "outlier_m", "wrong_m"),
+    [
+        ("position_p50_m", 30.0, 2.2),
+        ("position_mean_m", 0.7, 1.0),
+        ("position_mean_plus_3sigma_m", 0.053, 0.158),
+        ("position_rmse_m", 0.17, 0.4),
+    ],
+)
+def test_one_large_judged_error_does_not_hide_the_errors_at_the_other_frames(
+    tmp_path: Path, sfr: Sfr, name: str, outlier_m: float, wrong_m: float
+) -> None:
+    """The limit allows one large judged error, and no error at the other frames is three times as large."""
     paths = tmp_path / "e.csv", tmp_path / "t.csv"
     save_trajectory(paths[1], straight())
-    rules = limits(tmp_path, {"trajectory": [{"condition": "distance=5", "position_p50_m": 0.05}]})
-    honest_with_one, wrong = honest(), with_wrong(between_the_starts())
-    for estimate, code in ((honest_with_one, 0), (wrong, 3)):
-        estimate.positions[150, 0] += 30.0
+    rules = limits(tmp_path, {"trajectory": [{"condition": "distance=5", name: 0.05}]})
+    few, many = between_the_starts()[::100], between_the_starts()
+    for wrong, code in ((few, 0), (many, 3)):
+        estimate = honest()
+        estimate.positions[150, 0] += outlier_m
+        estimate.positions[wrong, 1] += wrong_m
         save_trajectory(paths[0], estimate)
         done = sfr("score", *paths, "--limits", rules)
-        assert done.code == code, done.err
+        assert done.code == code, done.out + done.err
+
+
+def test_one_judged_outlier_does_not_hide_a_twenty_fifth_of_a_long_drive(tmp_path: Path, sfr: Sfr) -> None:
+    paths, count = (tmp_path / "e.csv", tmp_path / "t.csv"), 6000
+    save_trajectory(paths[1], straight(count))
+    rules = limits(tmp_path, {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.05}]})
+    noise = np.random.default_rng(5).normal(0.0, 1e-3, (count, 3))
+    for every, code in ((100, 0), (25, 3)):
+        estimate = Trajectory(straight(count).stamps_ns, straight(count).positions + noise, straight(count).quats_xyzw)
+        estimate.positions[3000, 0] += 0.2
+        estimate.positions[5::every, 1] += 0.5
+        save_trajectory(paths[0], estimate)
+        done = sfr("score", *paths, "--limits", rules)
+        assert done.code == code, done.out + done.err
 
 
 def test_random_honest_drives_have_no_error_beyond_the_judged_ones() -> None:

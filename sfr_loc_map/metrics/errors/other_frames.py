@@ -18,7 +18,7 @@ from sfr_loc_map.metrics.table.row_part import OTHER_FRAMES
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 BEYOND = 3.0
-"""Multiple of the largest judged error that the error at another frame must not exceed."""
+"""Multiple of the largest usual judged error (`largest_usual`) that the error at another frame must not exceed."""
 NAMED_FRAMES = 5  #: Maximum number of ranges of frames that a message names.
 
 
@@ -48,10 +48,17 @@ def to_other_frames(judged: SubTrajectories, placed: PlacedFrames) -> SubTraject
 
 
 def beyond_the_judged(kind: FigureKind, others: SubTrajectories, judged: SubTrajectories) -> Mask:
-    """Return which sub-trajectories have a known error above `BEYOND` times the largest judged error."""
-    judged_sizes, sizes = (error_sizes(kind, sub_trajectories) for sub_trajectories in (judged, others))
-    largest = np.max(judged_sizes[np.isfinite(judged_sizes)], initial=0.0)
-    return np.asarray(sizes > BEYOND * largest)
+    """Return which sub-trajectories have a known error above `BEYOND` times the largest usual judged error."""
+    return np.asarray(error_sizes(kind, others) > BEYOND * largest_usual(error_sizes(kind, judged)))
+
+
+def largest_usual(sizes: FloatArray) -> float:
+    """Return the error that at most the fraction `BEYOND_MOST` of the judged errors exceeds; 0 without a known error.
+
+    The largest error of all would be a single outlier, beside which no other error is far larger.
+    """
+    known = sizes[np.isfinite(sizes)]
+    return float(np.quantile(known, 1.0 - BEYOND_MOST, method="higher")) if len(known) else 0.0
 
 
 def error_sizes(kind: FigureKind, sub_trajectories: SubTrajectories) -> FloatArray:

@@ -179,9 +179,11 @@ def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: fl
     """Yield a shortfall for each limit that the errors at the other frames miss.
 
     These errors must also be far larger, because the figure always depends somewhat on the choice of the starts: a
-    fraction of the frames above `most` has an error far above the largest judged error, or a quantile of the other
-    frames is far above its limit. A limit on a quantile allows a large judged error, with which no other error would be
-    far larger.
+    fraction of the frames above `most` has an error far above the judged errors, or the limited statistic of the other
+    frames is far above its limit, although that of the judged errors meets the limit. Each limit allows some large
+    judged errors, with which no other error would be far larger. A mean or a standard deviation can also be far above
+    its limit because of a few frames, as in a short loss. This is no shortfall, so the 95 % quantile of the other
+    frames must miss such a limit as well.
     """
     for limit in score.active_rules.limits:
         if limit.section is not LimitSection.TRAJECTORY:
@@ -191,12 +193,13 @@ def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: fl
         others = score.figure(limited.figure, condition=limit.condition, part=OTHER_FRAMES)
         statistic = statistic_of(limit)
         value = None if others is None else others.statistic(statistic)
-        if share is None or share.value is None or value is None:
+        if share is None or share.value is None or others is None or value is None:
             continue
         judged = score.figure(limited.figure, condition=limit.condition, part=score.reading)
         judged_value = None if judged is None else judged.statistic(statistic)
         is_met = judged_value is not None and meets(limit, judged_value)
-        is_far = share.value > most or (statistic in QUANTILES and is_met and value > BEYOND * limit.limit)
+        is_of_many = statistic in QUANTILES or others.p95 is None or not meets(limit, others.p95)
+        is_far = share.value > most or (is_met and is_of_many and abs(value) > BEYOND * limit.limit)
         if is_far and not meets(limit, value):
             text = beyond_text(score, limit, share.value, value)
             yield Shortfall(kind, part, most, share.value, text, score.index_of(share))
