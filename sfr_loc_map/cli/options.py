@@ -1,7 +1,8 @@
 """Options that several subcommands share, and functions that interpret their values.
 
-The help shows options without a panel first. The panels contain less common options. The option `--live` is in
-`live_option`. Options that only the commands of one group share are in the module of that group.
+The help shows options without a panel first. Each panel has a title and contains options that apply to one subject, or
+are less common. `of_panels` returns the options of panels, so that they can be refused together. The option `--live` is
+in `live_option`. Options that only the commands of one group share are in the module of that group.
 """
 
 from __future__ import annotations
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
     from sfr_loc_map.runs.under_test import UnderTest
 
 MORE = "More"
+TRAJECTORIES = "Trajectories"
+ASSOCIATION = "Association of an estimated trajectory with the truth"
+TABLES = "Text tables of poses"
+CLOUDS = "Clouds"
 METHOD = "Method under test"
 CONVENTION = "Convention of an estimate other than poses of RB in DS"
 _NAMESPACE = re.compile(r"/?|/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*/?")
@@ -40,6 +45,12 @@ def refuse_given(context: Context, names: Iterable[str], reason: str) -> None:
 def refuse_others(context: Context, allowed: Iterable[str], reason: str) -> None:
     """Raise ConfigError if a parameter other than the allowed ones was given on the command line."""
     refuse_given(context, context.params.keys() - set(allowed), reason)
+
+
+def of_panels(context: Context, *panels: str) -> list[str]:
+    """Return the parameters of a command whose options are in one of the panels of the help."""
+    options = context.command.params
+    return [str(option.name) for option in options if getattr(option, "rich_help_panel", None) in panels]
 
 
 def given_words(context: Context, *names: str) -> list[str]:
@@ -101,7 +112,7 @@ ColumnsOption = Annotated[
     Option(
         "--columns",
         metavar="[estimate:|truth:]NAME=COLUMN,...",
-        rich_help_panel=MORE,
+        rich_help_panel=TABLES,
         help="Columns of a text table, by header (t=Time[s],x=East[mm],...) or by order "
         "(t[ns],x,y,z,qw,qx,qy,qz). Without a prefix, the columns apply to the estimate; repeatable.",
     ),
@@ -246,19 +257,26 @@ ConditionOption = Annotated[
     list[str] | None,
     Option(
         metavar="distance=M|time=S|frames=N",
+        rich_help_panel=TRAJECTORIES,
         show_default="distance=5",
         help="End of a sub-trajectory; also displacement=M, turn=DEG; a comma joins conditions by AND; repeatable.",
     ),
 ]
 LenientOption = Annotated[bool, Option("--lenient", help="Exit 0 instead of 3 if something could not be judged.")]
 SpacingOption = Annotated[
-    int, Option(min=1, metavar="FRAMES", rich_help_panel=MORE, help="Frames between the starts of sub-trajectories.")
+    int,
+    Option(
+        min=1, metavar="FRAMES", rich_help_panel=TRAJECTORIES, help="Frames between the starts of sub-trajectories."
+    ),
 ]
 RebaseOption = Annotated[
     Literal["pose", "displacement", "position"],
-    Option(rich_help_panel=MORE, help="How errors from before the start of a sub-trajectory are removed."),
+    Option(rich_help_panel=TRAJECTORIES, help="How errors from before the start of a sub-trajectory are removed."),
 ]
-PartialOption = Annotated[bool, Option("--partial", help="Judge an estimate that covers only a part of the drive.")]
+PartialOption = Annotated[
+    bool,
+    Option("--partial", rich_help_panel=TRAJECTORIES, help="Judge an estimate that covers only a part of the drive."),
+]
 ConventionOption = Annotated[
     list[str] | None,
     Option(

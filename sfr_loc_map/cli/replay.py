@@ -15,6 +15,9 @@ from typer import Context, Option
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.live_option import LiveOption, PortOption, live_page
 from sfr_loc_map.cli.options import (
+    CONVENTION,
+    METHOD,
+    TRAJECTORIES,
     ApplyDiagnosisOption,
     ConditionOption,
     ConfigOption,
@@ -28,6 +31,7 @@ from sfr_loc_map.cli.options import (
     SourceArgument,
     SpacingOption,
     StartOption,
+    of_panels,
     open_as,
     refuse_given,
     require_ros,
@@ -50,9 +54,6 @@ if TYPE_CHECKING:
 
 PLAYED = "Playback of the source"
 UNDER_TEST = "External node in place of ours"
-OF_EXTERNAL = ("command", "watch", "answers", "frames", "answer_timeout", "convention", "apply_diagnosis")
-"""Options that apply only to an external node."""
-OF_DRIVES = ("start", "condition", "partial", "spacing", "rebase")  #: Options that apply only to a drive.
 
 
 @app.command(
@@ -101,12 +102,11 @@ def replay(
         bool, Option("--start-paused", rich_help_panel=PLAYED, help="Wait for the service ~/resume.")
     ] = False,
     external: Annotated[
-        Literal["localisation", "mapping"] | None,
-        Option(rich_help_panel=UNDER_TEST, help="Task of the node under test."),
+        Literal["localisation", "mapping"] | None, Option(rich_help_panel=METHOD, help="Task of the node under test.")
     ] = None,
     method: Annotated[
         Literal["sfr", "external"],
-        Option(rich_help_panel=UNDER_TEST, help="external: the same as --external with the only task of SRC."),
+        Option(rich_help_panel=METHOD, help="external: the same as --external with the only task of SRC."),
     ] = "sfr",
     command: Annotated[
         str,
@@ -167,7 +167,8 @@ def replay(
         if out is None:
             refuse_given(context, ("overwrite",), "replaces the files of a folder: give --out DIR, too")
         if external is None and method == "sfr":
-            refuse_given(context, OF_EXTERNAL, "applies only to external nodes: give --external TASK, too")
+            of_external = of_panels(context, UNDER_TEST, CONVENTION)
+            refuse_given(context, of_external, "applies only to external nodes: give --external TASK, too")
         from sfr_loc_map.metrics.stored.score_json import to_json
         from sfr_loc_map.replay.files import ReplayFiles
         from sfr_loc_map.scoring.judgement import Judgement
@@ -175,7 +176,8 @@ def replay(
 
         opened, read_from = open_as(source, remap, config)
         if opened.loc is None:
-            refuse_given(context, OF_DRIVES, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
+            of_drives = ("start", *of_panels(context, TRAJECTORIES))
+            refuse_given(context, of_drives, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
         parameters = Configuration.read(read_from)
         by = Judgement.of(limits, condition, parameters)
         request = ScoreRequest.of(

@@ -12,7 +12,7 @@ from typer import Argument, Context, Option
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption, refuse_given, refuse_others
-from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show, warn
+from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, secondary_output, show, warn
 from sfr_loc_map.cli.verdict import conclude_all, write_junit
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError
@@ -241,14 +241,17 @@ def _sign(
     found = read_evidence(evidence)
     in_order = list(scores.values())
     if junit is not None:
-        write_junit(in_order, junit)
+        with secondary_output():
+            write_junit(in_order, junit)
     if test_report is not None:
-        write_text(render_test_report(in_order, *heading, found), test_report)
-        say(f"test report: {test_report}")
-        propose(f"open {test_report} in a browser, print it for the signatures")
+        with secondary_output():
+            write_text(render_test_report(in_order, *heading, found), test_report)
+            say(f"test report: {test_report}")
+            propose(f"open {test_report} in a browser, print it for the signatures")
     if control is not None:
-        _, number, issue = heading
-        _write_control_document(scores, control, (number, issue))
+        with secondary_output():
+            _, number, issue = heading
+            _write_control_document(scores, control, (number, issue))
 
 
 def _write_control_document(scores: dict[str, Score], control: Path, report: tuple[str, str]) -> None:

@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Context, Option
 
-from sfr_loc_map.cli.app import app, examples, propose
+from sfr_loc_map.cli.app import app, current_run, examples, propose
 from sfr_loc_map.cli.options import (
+    ASSOCIATION,
+    CLOUDS,
     CONVENTION,
-    MORE,
+    TABLES,
+    TRAJECTORIES,
     Align,
     ApplyDiagnosisOption,
     ColumnsOption,
@@ -32,6 +35,7 @@ from sfr_loc_map.cli.options import (
     columns_of,
     files_read,
     given_words,
+    of_panels,
     parse_settings,
     refuse_given,
     refuse_others,
@@ -57,16 +61,9 @@ if TYPE_CHECKING:
 
 
 TABLE_SUFFIXES = (".parquet", ".csv")
-OF_TRAJECTORIES = (
-    *("condition", "align", "partial", "convention", "apply_diagnosis", "diagnose", "spacing", "rebase", "frames"),
-    *("associate", "max_gap", "max_difference", "rpe_delta", "pieces", "columns", "settings"),
-)
-"""Options that apply only to trajectories."""
-OF_CLOUDS = ("scored_range", "fused", "points")  #: Options that apply only to clouds.
-OF_COMPARISON = ("frames", "associate", "max_gap", "columns", "config_file", "settings")
-"""Options that determine which poses a score or a diagnosis compares."""
-OF_DIAGNOSIS = ("estimate", "truth", "diagnose", "json_path", "overwrite", "lenient", *OF_COMPARISON)
-"""Arguments and options that apply to `--diagnose`."""
+TARGET = "Calls on a target"
+OF_DIAGNOSIS = ("estimate", "truth", "diagnose", "json_path", "overwrite", "lenient", "config_file")
+"""Arguments and options that apply to `--diagnose`, besides those that select the compared poses."""
 
 
 @app.command(
@@ -97,7 +94,11 @@ def score(
         ),
     ] = None,
     align: Annotated[
-        Align | None, Option(help="Also report APE (ATE) and RPE after alignment; other figures use no alignment.")
+        Align | None,
+        Option(
+            rich_help_panel=TRAJECTORIES,
+            help="Also report APE (ATE) and RPE after alignment; other figures use no alignment.",
+        ),
     ] = None,
     partial: PartialOption = False,
     junit: Annotated[Path | None, Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None,
@@ -116,22 +117,27 @@ def score(
     rebase: RebaseOption = "pose",
     frames: Annotated[
         Literal["truth", "images"],
-        Option(rich_help_panel=MORE, help="Frames: true poses (truth), or estimates with interpolated truth (images)."),
+        Option(
+            rich_help_panel=ASSOCIATION,
+            help="Frames: true poses (truth), or estimates with interpolated truth (images).",
+        ),
     ] = "truth",
     associate: Annotated[
         Literal["auto", "match", "interpolate"],
-        Option(rich_help_panel=MORE, help="Association of estimates with true poses."),
+        Option(rich_help_panel=ASSOCIATION, help="Association of estimates with true poses."),
     ] = "auto",
     max_gap: Annotated[
         float,
-        Option(metavar="S", rich_help_panel=MORE, help="Longest gap of the truth that is bridged by interpolation."),
+        Option(
+            metavar="S", rich_help_panel=ASSOCIATION, help="Longest gap of the truth that is bridged by interpolation."
+        ),
     ] = 1.0,
     scored_range: Annotated[
         tuple[float, float],
         Option(
             "--range",
             metavar="FROM_M TO_M",
-            rich_help_panel=MORE,
+            rich_help_panel=CLOUDS,
             help="Range interval of the true points that count for coverage.",
         ),
     ] = (0.0, 10.0),
@@ -139,7 +145,7 @@ def score(
         bool | None,
         Option(
             "--fused/--not-fused",
-            rich_help_panel=MORE,
+            rich_help_panel=CLOUDS,
             help="Whether the cloud is fused, if the file does not declare this.",
         ),
     ] = None,
@@ -147,7 +153,7 @@ def score(
         float | None,
         Option(
             metavar="S",
-            rich_help_panel=MORE,
+            rich_help_panel=TRAJECTORIES,
             help="Maximum stamp difference of paired poses for APE and RPE.",
             show_default="0.01",
         ),
@@ -156,7 +162,7 @@ def score(
         str | None,
         Option(
             metavar="frames=N|distance=M",
-            rich_help_panel=MORE,
+            rich_help_panel=TRAJECTORIES,
             help="Length of a relative motion (RPE).",
             show_default="frames=1",
         ),
@@ -165,7 +171,7 @@ def score(
         Path | None,
         Option(
             metavar="F.parquet|F.csv",
-            rich_help_panel=MORE,
+            rich_help_panel=CLOUDS,
             help="Write every map point, its ground truth and its error.",
         ),
     ] = None,
@@ -173,23 +179,27 @@ def score(
         Path | None,
         Option(
             metavar="F.parquet|F.csv",
-            rich_help_panel=MORE,
+            rich_help_panel=TRAJECTORIES,
             help="Write every sub-trajectory: frames, displacements, errors.",
         ),
     ] = None,
     target: Annotated[
         str | None,
-        Option(metavar="NAME", rich_help_panel=MORE, help="Name of the target on which --target-timing was measured."),
+        Option(
+            metavar="NAME", rich_help_panel=TARGET, help="Name of the target on which --target-timing was measured."
+        ),
     ] = None,
     target_timing: Annotated[
         Path | None,
         Option(
-            metavar="S.csv", rich_help_panel=MORE, help="Calls on the target: processing_time_s, state, peak_rss_bytes."
+            metavar="S.csv",
+            rich_help_panel=TARGET,
+            help="Calls on the target: processing_time_s, state, peak_rss_bytes.",
         ),
     ] = None,
     target_run: Annotated[
         str | None,
-        Option(metavar="TEXT", rich_help_panel=MORE, help="Name of the other run from which --target-timing comes."),
+        Option(metavar="TEXT", rich_help_panel=TARGET, help="Name of the other run from which --target-timing comes."),
     ] = None,
     columns: ColumnsOption = None,
     config_file: ConfigOption = None,
@@ -198,7 +208,7 @@ def score(
         Option(
             "--set",
             metavar="truth.KEY=VALUE",
-            rich_help_panel=MORE,
+            rich_help_panel=ASSOCIATION,
             help="Setting of the truth, for example truth.sigma_m=0.02; repeatable.",
         ),
     ] = None,
@@ -218,11 +228,13 @@ def score(
         check_suffix(table, TABLE_SUFFIXES)
     check_outputs(json_path, html, junit, points, pieces, inputs=read, overwrite=overwrite)
     if found.estimate is None:
-        refuse_given(context, OF_TRAJECTORIES, "applies only to trajectories: omit it for a cloud")
+        of_trajectories = of_panels(context, TRAJECTORIES, ASSOCIATION, TABLES, CONVENTION)
+        refuse_given(context, of_trajectories, "applies only to trajectories: omit it for a cloud")
     if found.cloud is None:
-        refuse_given(context, OF_CLOUDS, "applies only to clouds: omit it for a trajectory")
+        refuse_given(context, of_panels(context, CLOUDS), "applies only to clouds: omit it for a trajectory")
     if diagnose:
-        refuse_others(context, OF_DIAGNOSIS, "has no effect with --diagnose, which makes no score: omit it")
+        of_diagnosis = (*OF_DIAGNOSIS, *of_panels(context, ASSOCIATION, TABLES))
+        refuse_others(context, of_diagnosis, "has no effect with --diagnose, which makes no score: omit it")
     if config_file is None and (truth.is_dir() or is_bag(truth)):
         config_file = announced_config(truth)
     by = Judgement.of(limits, condition, Configuration.read(config_file))
@@ -308,14 +320,20 @@ def _propose_next(context: Context, result: Score) -> None:
     from sfr_loc_map.metrics.judging.incomplete import is_lifted_by_partial
 
     estimate, truth, html, json_path = (context.params[name] for name in ("estimate", "truth", "html", "json_path"))
-    written = [context.params[name] for name in ("json_path", "html", "junit", "points", "pieces")]
-    is_written = any(path not in (None, STANDARD_OUTPUT) for path in written)
-    again = "... --overwrite" if is_written and not context.params["overwrite"] else "..."
+    again = "... --overwrite" if current_run().outputs and not context.params["overwrite"] else "..."
     if result.incomplete is not None and is_lifted_by_partial(result):
         propose(f"{again} --partial", why="judges the part that the estimate covers")
     elif result.contradiction is not None:
-        words = ("sfr", "score", estimate, truth, *given_words(context, *OF_COMPARISON), "--diagnose")
-        propose(*words, why="finds the convention mismatch and its correction")
+        compared = given_words(context, *of_panels(context, ASSOCIATION, TABLES), "config_file")
+        propose(
+            "sfr",
+            "score",
+            estimate,
+            truth,
+            *compared,
+            "--diagnose",
+            why="finds the convention mismatch and its correction",
+        )
     elif html is not None:
         propose(f"open {html} in a browser")
     elif not result.verdicts:

@@ -19,6 +19,7 @@ from sfr_loc_map.cli.output import (
     check_suffix,
     progress_bar,
     say,
+    secondary_output,
     show,
     warn,
 )
@@ -209,6 +210,8 @@ def report(
     store = _open_store(folder)
     summary = summarise(store)
     write_summary(summary, store)
+    for refusal in summary.refusals:
+        say(one_line(f"skipped: {refusal.reason}"), err=True)
     _present(summary, store, json_path, junit, mlflow, lenient=lenient)
 
 
@@ -276,7 +279,8 @@ def history(
     check_order(nights)
     result = find_changes(nights)
     if html is not None:
-        write_text(render_history(result), html)
+        with secondary_output():
+            write_text(render_history(result), html)
     show(result.to_dict(), json_path, history_tables(result))
     for change in result.worse:
         say(change.text, err=True)
@@ -312,13 +316,13 @@ def _present(
     from sfr_loc_map.suite.statistics.verdict_texts import verdict_texts_of
 
     if junit is not None:
-        write_text(suite_junit(summary), junit)
+        with secondary_output():
+            write_text(suite_junit(summary), junit)
     if mlflow is not None:
-        say(f"MLflow run {log_to_mlflow(summary, store.folder, mlflow)}", err=True)
+        with secondary_output():
+            say(f"MLflow run {log_to_mlflow(summary, store.folder, mlflow)}", err=True)
     show(summary.to_dict(), json_path, suite_tables(summary))
     say(f"report: {store.folder / 'report.html'}", err=True)
-    for refusal in summary.refusals:
-        say(one_line(f"skipped: {refusal.reason}"), err=True)
     for failure in summary.failures:
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)
     if summary.not_run:

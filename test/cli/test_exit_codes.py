@@ -11,7 +11,7 @@ import pytest
 from helpers import ROOT
 from helpers.cli_result import Sfr
 from sfr_loc_map.cli.verdict import conclude
-from sfr_loc_map.errors import ExitCode, FailedVerdictError
+from sfr_loc_map.errors import ExitCode, FailedVerdictError, OutputError
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
@@ -191,6 +191,32 @@ def test_the_error_of_a_failed_method_states_a_contradiction_too() -> None:
     score = judged_by(Score(contradiction="its quaternions are conjugated", findings=(crash,)), None)
     with pytest.raises(FailedVerdictError, match="the method failed: crashed; not judged: its quaternions are conj"):
         conclude(score, (), lenient=False)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("score", "{estimate}", "{truth}", "--limits", "{limits}", "--html", "{page}"),
+        ("report", "{score}", "--test-report", "{page}"),
+    ],
+)
+def test_an_output_that_cannot_be_written_gives_exit_code_2_after_the_others_are_written(
+    sfr: Sfr, files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    def fail(*_: object) -> None:
+        raise OutputError("cannot write 'verdicts.xml': no space left")
+
+    limits = limits_file(
+        tmp_path / "limits.yaml", "minimum_independent: 2\ntrajectory: [{condition: distance=5, position_mean_m: 1}]\n"
+    )
+    page, score = tmp_path / "page.html", tmp_path / "score.json"
+    assert sfr("score", *files, "--limits", limits, "--json", score).code == 0
+    places = {"estimate": files[0], "truth": files[1], "limits": limits, "page": page, "score": score}
+    monkeypatch.setattr("sfr_loc_map.cli.verdict.write_text", fail)
+    result = sfr(*(word.format(**places) for word in words), "--junit", tmp_path / "verdicts.xml")
+    assert result.code == ExitCode.BAD_INPUT
+    assert "sfr: warning: cannot write 'verdicts.xml'" in result.err
+    assert page.is_file()
 
 
 @pytest.mark.parametrize("has_earlier_outputs", [False, True])
