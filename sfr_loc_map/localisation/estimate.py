@@ -89,7 +89,8 @@ class TrackingStatistics:
     #: Median over the landmarks of the squared Mahalanobis residual per degree of freedom.
     chi_median: float | None = None
     residual_px: float | None = None  #: Median residual of the inliers, px.
-    vertical_offset_px: float | None = None  #: Vertical disparity at the image centre (pitch of the right camera), px.
+    #: Vertical disparity at the principal point (pitch of the right camera), px.
+    vertical_offset_px: float | None = None
     disparity_offset_px: float | None = None  #: Common error of all disparities (yaw), px; 0 while not significant.
     #: Growth of the vertical disparity to the right, over a distance of the focal length (roll), px.
     roll_offset_px: float | None = None

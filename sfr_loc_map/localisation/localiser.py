@@ -150,11 +150,12 @@ class Localiser:
         self._rig = rig
         self._config = config
         self._camera = rig.camera
+        self._shape = (rig.height, rig.width)
         self._model = RoverModel.of(rig, config.motion, KEYFRAME_FLOW)
         self._tracker = Tracker(config.min_tracked, rig.camera)
         self._relocaliser = Relocaliser(self._tracker, config, rig.camera, max_corners(rig, config))
         self._ground_selector = GroundSelector(
-            MotionTools(self._tracker, self._relocaliser, rig.camera, (rig.height, rig.width), config.min_tracked)
+            MotionTools(self._tracker, self._relocaliser, rig.camera, self._shape, config.min_tracked)
         )
         self._keyframes = KeyframeMaker(rig, config)
         # one thread, which starts with the first keyframe and ends with this object
@@ -173,8 +174,8 @@ class Localiser:
         self._pending = None
         self._state = State(
             path=trajectory.started(start, self._model),
-            calibration=OnlineCalibration(self._camera, self._config.window_keyframes),
-            ground_memory=GroundMemory.none((self._rig.height, self._rig.width)),
+            calibration=self._first_calibration(),
+            ground_memory=GroundMemory.none(self._shape),
         )
 
     def set_pose(self, pose: StartPose | Transform) -> None:
@@ -328,7 +329,8 @@ class Localiser:
     ) -> CorrectedTracks:
         """Estimate the shift of the right image, and correct the right observations for a drift of the right camera."""
         lens_px = calibration.lens.likely_px
-        shift = right_shift(tracks.pose, tracks.landmarks.estimates, tracks.observed, self._camera, lens_px)
+        landmarks = tracks.landmarks.estimates
+        shift = right_shift(tracks.pose, landmarks, tracks.observed, self._camera, self._shape, lens_px)
         if not np.isfinite(shift.variance):  # too few landmarks are observed in both images
             return CorrectedTracks(tracks, calibration, shear_mean)
         calibration, drift_px = calibration.with_lens_residuals(shift).with_shift(shift)
@@ -582,8 +584,12 @@ class Localiser:
         `uncertainty`), because the yaw that they were based on is discarded.
         """
         drift = DriftEstimate(followed_px=state.calibration.drift.followed_px)
-        calibration = OnlineCalibration(self._camera, self._config.window_keyframes, drift=drift)
+        calibration = replace(self._first_calibration(), drift=drift)
         return replace(state, landmark_map=None, calibration=calibration, has_diverged=True)
+
+    def _first_calibration(self) -> OnlineCalibration:
+        """Return the calibration before the first pair."""
+        return OnlineCalibration(self._camera, self._shape, self._config.window_keyframes)
 
     def _with_pose_from_outside(self, state: State, stamp_ns: int) -> State:
         """Apply a pending external pose if its stamp is reached."""

@@ -56,8 +56,12 @@ def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, prior: Calibrat
 
     The vertical disparity of a yaw is a saddle over the image, and residual distortion can have the same shape. The
     accuracy of the yaw is therefore limited to the yaw whose saddle equals the configured distortion in the corners.
+
+    The saddle is that about the image centre, also if the principal point is elsewhere. A saddle about the principal
+    point differs only by an offset and a tilt, which are fitted separately and do not show a yaw.
     """
-    corner_saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)  # x y in the corner, normalised coordinates
+    # (x - x of the image centre) (y - y of the image centre) in the corner, normalised coordinates
+    corner_saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)
     distortion_rad = prior.distortion_px / (rig.fy * corner_saddle)
     sigma_rad = math.hypot(rotation.yaw_sigma_rad, distortion_rad, math.radians(prior.yaw_deg))
     return max(SIGNIFICANT_SIGMAS * sigma_rad, math.radians(MIN_SIGNIFICANT_YAW_DEG))

@@ -85,7 +85,7 @@ def pair_at(
         number * PERIOD_NS,
         tracks,  # type: ignore[arg-type]
         map_of(NOTHING),  # type: ignore[arg-type]
-        known or OnlineCalibration(RIG.camera, 7),
+        known or OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7),
         chi_median=1.0,
         was_known=True,
         shear_chi2=0.0,
@@ -133,7 +133,7 @@ def step_to(path: PathState, number: int, to: np.ndarray) -> StepEstimate:
 def of_path(path: PathState, known: OnlineCalibration | None = None) -> np.ndarray:
     """Return what the path adds to the covariance of the position."""
     position = path.last.T_world_left.translation
-    calibration = known or OnlineCalibration(RIG.camera, 7)
+    calibration = known or OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7)
     terms = pose_terms(path.errors, position, calibration, model_of(IN_CAMERA))
     images = IMAGE + propagated_covariance(IMAGE, position)
     return np.asarray((terms.total - terms.directed - images)[:3, :3])
@@ -142,7 +142,9 @@ def of_path(path: PathState, known: OnlineCalibration | None = None) -> np.ndarr
 def directed_of(path: PathState) -> np.ndarray:
     """Return the covariance of the errors of a path that have one direction in all steps."""
     position = path.last.T_world_left.translation
-    return pose_terms(path.errors, position, OnlineCalibration(RIG.camera, 7), model_of(IN_CAMERA)).directed
+    return pose_terms(
+        path.errors, position, OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7), model_of(IN_CAMERA)
+    ).directed
 
 
 def test_the_angle_of_repeated_ambiguity_is_at_most_that_of_an_unknown_attitude() -> None:
@@ -223,7 +225,7 @@ def test_yaw_error_grows_in_proportion_to_the_path_and_a_path_back_takes_it_back
 
 
 def test_a_yaw_found_late_leaves_the_path_before_it_uncertain() -> None:
-    exact = OnlineCalibration(RIG.camera, 7, yaw=YawEstimate(0.5, 0.0, 0.5))
+    exact = OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7, yaw=YawEstimate(0.5, 0.0, 0.5))
     common = SOURCES.disparity_px * PER_PX * LENGTH
     path = move(begun(), 1, STEP, exact)  # not corrected
     assert np.trace(of_path(path, exact)) == pytest.approx(
@@ -387,7 +389,7 @@ def test_an_exact_external_pose_at_a_kept_pair_is_exact_there_and_its_motion_cou
         path = trajectory.kept(trajectory.arrived(path, number * PERIOD_NS), number * PERIOD_NS, model)[0]
     path = set_at(path, kept_until, kept_until)
     position = path.last.T_world_left.translation
-    terms = pose_terms(path.errors, position, OnlineCalibration(RIG.camera, 7), model)
+    terms = pose_terms(path.errors, position, OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7), model)
     np.testing.assert_array_equal(terms.total[:3, :3], np.zeros((3, 3)))
     unobserved = np.square(LENGTH)  # the rover may have continued at its last speed for one period
     again = trajectory.kept(path, (kept_until + 1) * PERIOD_NS, model)[0]
@@ -498,7 +500,7 @@ def test_the_noise_of_two_images_is_added_between_a_pose_from_outside_and_the_pr
 def test_drift_corrections_before_a_pose_from_outside_leave_its_attitude_certain(at: int) -> None:
     """The external pose is for an earlier pair, for the last pair, or later than the last pair."""
     model = model_of(IN_CAMERA)
-    followed = OnlineCalibration(RIG.camera, 7, drift=DriftEstimate(followed_px=20.0))
+    followed = OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7, drift=DriftEstimate(followed_px=20.0))
 
     def attitude(path: PathState, known: OnlineCalibration) -> float:
         position = path.last.T_world_left.translation

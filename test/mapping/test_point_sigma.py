@@ -1,8 +1,10 @@
 """The uncertainty of the calibration given what a pair shows of its right camera."""
 
+import dataclasses
 import math
 import re
 
+import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -63,3 +65,19 @@ def test_distortion_sets_the_thresholds_that_its_text_names(distortion_px: float
         tilted = CameraRotation(0.0, 0.0, 0.0, offset_px / RIG.fy, offset_px, 0.0)
         assert (sigma_of_calibration(tilted, RIG, configured).pitch_rad > 0.0) == is_pitch
     assert vertical_warning_px(configured) == pytest.approx(max(3.0 * distortion_px, MIN_VERTICAL_WARNING_PX))
+
+
+@pytest.mark.parametrize("centre", [(319.5, 239.5), (0.0, 479.0), (-500.0, 100.0)])
+def test_a_yaw_that_distortion_explains_is_not_significant_wherever_the_image_was_cropped(
+    centre: tuple[float, float],
+) -> None:
+    rig = dataclasses.replace(RIG, cx=centre[0], cy=centre[1])
+    configured = CalibrationPrior(yaw_deg=0.0)
+    columns, rows = (axis.ravel() for axis in np.meshgrid(np.arange(0.0, 640.0, 20.0), np.arange(0.0, 480.0, 20.0)))
+    distortion_px = configured.distortion_px * (columns - 319.5) * (rows - 239.5) / (320.0 * 240.0)
+    x, y = rig.camera.normalised(np.column_stack((columns, rows))).T
+    terms = np.column_stack((np.ones(len(x)), x, y, x * y, y * y))  # as `VerticalPolynomial`
+    saddle = np.linalg.lstsq(terms, distortion_px)[0][3]
+    for factor, is_significant in ((2.9, False), (3.1, True)):
+        turned = CameraRotation(-factor * saddle / rig.fy, 0.0, 0.0, 0.0, 0.0, 0.0)
+        assert is_yaw_significant(turned, rig, configured) == is_significant

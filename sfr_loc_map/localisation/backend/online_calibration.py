@@ -114,11 +114,15 @@ class LensResidual(NamedTuple):
         """RMS of the block means, px; at least `FIRST_LENS_PX` in the first `LENS_PAIRS` pairs."""
         return max(self.rms_px, FIRST_LENS_PX) if self.pairs < LENS_PAIRS else self.rms_px
 
-    def with_pair(self, uv: FloatArray, disparity: FloatArray, camera: StereoCamera) -> LensResidual:
-        """Add the residual disparities `(N,)` of a pair at left pixels `(N, 2)`."""
+    def with_pair(self, uv: FloatArray, disparity: FloatArray, shape: tuple[int, int]) -> LensResidual:
+        """Add the residual disparities `(N,)` of a pair at left pixels `(N, 2)`.
+
+        The blocks divide the image, whose shape is (height, width). The principal point may be elsewhere.
+        """
+        height, width = shape
         rows, columns = LENS_BLOCKS
-        row = np.int64(uv[:, 1] * rows / (2.0 * camera.cy))
-        column = np.int64(uv[:, 0] * columns / (2.0 * camera.cx))
+        row = np.int64(uv[:, 1] * rows / (height - 1.0))
+        column = np.int64(uv[:, 0] * columns / (width - 1.0))
         row = np.minimum(np.maximum(row, 0), rows - 1)  # faster than `clip` for short arrays
         column = np.minimum(np.maximum(column, 0), columns - 1)
         block = row * columns + column
@@ -136,7 +140,7 @@ class LensResidual(NamedTuple):
 
 
 class YawEstimate(NamedTuple):
-    """Kalman filter of a constant yaw of the right camera, px at the image centre, and its correction.
+    """Kalman filter of a constant yaw of the right camera, px at the principal point, and its correction.
 
     The estimate is corrected if it is significant. The correction approaches the estimate in small steps, because each
     step moves the pose.
@@ -216,8 +220,8 @@ class DriftEstimate(NamedTuple):
 class VerticalEstimate:
     """Pitch and roll of the right camera, a least-squares estimate from the vertical disparities of all keyframes."""
 
-    v_px: float = 0.0  #: Offset of the right image at its centre (pitch).
-    roll_px: float = 0.0  #: Roll, px at one focal length from the image centre.
+    v_px: float = 0.0  #: Offset of the right image at the principal point (pitch).
+    roll_px: float = 0.0  #: Roll, px at one focal length from the principal point.
     information: FloatArray = field(default_factory=lambda: np.diag(VERTICAL_PRIOR))  #: `(2, 2)` of pitch and roll.
     information_vector: FloatArray = field(default_factory=lambda: np.zeros(2))
 
@@ -255,6 +259,7 @@ class OnlineCalibration:
     """
 
     camera: StereoCamera
+    shape: tuple[int, int]  #: Height and width of the images.
     window_keyframes: int  #: Number of keyframes of a window.
     vertical: VerticalEstimate = field(default_factory=VerticalEstimate)
     yaw: YawEstimate = YawEstimate()
@@ -277,7 +282,7 @@ class OnlineCalibration:
 
     def with_lens_residuals(self, shift: RightShift) -> OnlineCalibration:
         """Add the residual disparities of a pair."""
-        return replace(self, lens=self.lens.with_pair(shift.uv, shift.disparity, self.camera))
+        return replace(self, lens=self.lens.with_pair(shift.uv, shift.disparity, self.shape))
 
     def with_shift(self, shift: RightShift) -> tuple[OnlineCalibration, float]:
         """Add the shift of the right image of a pair relative to the landmarks; return the new drift, px, or 0."""

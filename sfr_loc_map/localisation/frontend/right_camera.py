@@ -39,9 +39,9 @@ UNKNOWNS = 9  #: Number of unknowns of the step.
 class RightOffset(NamedTuple):
     """Extrinsic rotation error of the right camera, as the displacement of right image positions."""
 
-    u: float = 0.0  #: Offset along the row at the image centre (yaw), pixels, positive to the right.
-    v: float = 0.0  #: Offset along the column at the image centre (pitch), pixels, positive downwards.
-    roll: float = 0.0  #: Rotation about the optical axis, pixels at one focal length from the image centre.
+    u: float = 0.0  #: Offset along the row at the principal point (yaw), pixels, positive to the right.
+    v: float = 0.0  #: Offset along the column at the principal point (pitch), pixels, positive downwards.
+    roll: float = 0.0  #: Rotation about the optical axis, pixels at one focal length from the principal point.
 
     def at(self, uv: FloatArray, camera: StereoCamera) -> FloatArray:
         """Return the offsets `(N, 2)` at pixels `(N, 2)` of the right image: the flow field of a small rotation."""
@@ -52,7 +52,7 @@ class RightOffset(NamedTuple):
 
 
 class RightShift(NamedTuple):
-    """Shift of right positions along the rows at the image centre, equivalent to a yaw of the right camera."""
+    """Shift of right positions along the rows at the principal point, equivalent to a yaw of the right camera."""
 
     px: float  #: Shift to the right, px, in addition to the corrections applied when landmarks were triangulated.
     variance: float  #: Variance of the shift due to the landmarks alone, px^2; infinite with too few landmarks.
@@ -70,7 +70,12 @@ class _StepEquations(NamedTuple):
 
 
 def right_shift(
-    pose: Pose, landmarks: LandmarkEstimates, observations: StereoObservations, camera: StereoCamera, lens_px: float
+    pose: Pose,
+    landmarks: LandmarkEstimates,
+    observations: StereoObservations,
+    camera: StereoCamera,
+    shape: tuple[int, int],
+    lens_px: float,
 ) -> RightShift:
     """Estimate the shift of the right image and a shear of both images in a solved pair.
 
@@ -84,6 +89,7 @@ def right_shift(
         landmarks: The N landmarks.
         observations: Observations of the landmarks in the pair. Landmarks not observed in both images are ignored.
         camera: The camera.
+        shape: Height and width of the images.
         lens_px: Standard deviation of disparities due to lens errors, pixels. Lens errors may resemble a shear.
     """
     landmarks, observations = _in_both_images(landmarks, observations)
@@ -94,10 +100,12 @@ def right_shift(
     right_uv = observations.uv[:, 2:]
     if np.count_nonzero(weight) < MIN_SHIFT_LANDMARKS:
         return RightShift(0.0, np.inf, 0.0, left_uv[:0], left_uv[:0, 0])
-    right_xy = camera.normalised(right_uv)
-    equations = _step_equations(linearised, weight, camera.normalised(left_uv), right_xy)
+    equations = _step_equations(linearised, weight, camera.normalised(left_uv), camera.normalised(right_uv))
     px, variance = _shift_of(equations)
-    shear_chi2 = _shear_chi2(equations, lens_px / float(np.abs(right_xy[:, 1]).max()))
+    # A shear about another row is the same shear and a shift, so that only distances from the middle row matter.
+    middle_row = 0.5 * (shape[0] - 1)
+    farthest = float(np.abs((right_uv[:, 1] - middle_row) / camera.fy).max())
+    shear_chi2 = _shear_chi2(equations, lens_px / farthest)
     agrees = weight > MIN_INLIER_WEIGHT
     disparity = linearised.residuals[agrees, 2] - linearised.residuals[agrees, 0]
     return RightShift(px, variance, shear_chi2, left_uv[agrees], disparity)
@@ -118,9 +126,9 @@ def _step_equations(
 ) -> _StepEquations:
     """Return the normal equations of a step, from normalised image coordinates `(N, 2)` of the observations.
 
-    A yaw that shifts the image centre by one pixel shifts a right position (x, y) by `(1 + x^2, x y)` pixels. A shear
-    shifts the rows of an image along u in proportion to y. On flat ground, a shear of both images resembles a sideways
-    motion; stones and the horizon distinguish the two.
+    A yaw that shifts the principal point by one pixel shifts a right position (x, y) by `(1 + x^2, x y)` pixels. A
+    shear shifts the rows of an image along u in proportion to y. On flat ground, a shear of both images resembles a
+    sideways motion; stones and the horizon distinguish the two.
     """
     x, y = right_xy.T
     jacobian = np.zeros((len(weight), 4, UNKNOWNS))

@@ -13,6 +13,7 @@ from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
+from sfr_loc_map.localisation.frontend.right_camera import RightShift
 
 CAMERA = StereoCamera(400.0, 400.0, 256.0, 256.0, 0.15)
 
@@ -25,7 +26,7 @@ def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_
     rays = np.column_stack((CAMERA.normalised(places), np.ones(400)))
     rotated = rays @ cv2.Rodrigues(turn)[0].T
     moved = rotated[:, :2] / rotated[:, 2:] * [CAMERA.fx, CAMERA.fy] + [CAMERA.cx, CAMERA.cy]
-    calibration = OnlineCalibration(CAMERA, 7)
+    calibration = OnlineCalibration(CAMERA, (512, 512), 7)
     noisy = moved[:, 1] - places[:, 1] + random.normal(0, 0.1, 400)
     noisy[:30] += random.uniform(-3, 3, 30)  # wrong matches
     calibration = calibration.with_matches(moved[:10], noisy[:10])
@@ -35,6 +36,19 @@ def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_
     assert calibration.offset.v == pytest.approx(-CAMERA.fx * turn[0], abs=0.03)
     assert calibration.offset.roll == pytest.approx(CAMERA.fx * turn[2], abs=0.06)
     np.testing.assert_allclose(calibration.offset.at(moved, CAMERA), moved - places, atol=0.06)
+
+
+@pytest.mark.parametrize("centre", [(255.5, 255.5), (0.0, 0.0), (-300.0, 700.0)])
+def test_lens_errors_are_measured_over_the_image_wherever_the_principal_point_is(centre: tuple[float, float]) -> None:
+    random = np.random.default_rng(0)
+    uv = random.uniform(0, 511, (300, 2))
+    disparity = 0.2 * np.sin(uv[:, 0] / 80.0) + 0.2 * np.sin(uv[:, 1] / 80.0)
+    camera = CAMERA._replace(cx=centre[0], cy=centre[1])
+    calibration = OnlineCalibration(camera, (512, 512), 7)
+    for _ in range(20):
+        calibration = calibration.with_lens_residuals(RightShift(0.0, 1.0, 0.0, uv, disparity))
+    assert np.count_nonzero(calibration.lens.sums[0]) == calibration.lens.sums.shape[1]
+    assert calibration.lens.rms_px == pytest.approx(0.2, abs=0.05)
 
 
 def test_right_camera_that_turns_is_followed_and_reported() -> None:

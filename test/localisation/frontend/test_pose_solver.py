@@ -14,6 +14,7 @@ from sfr_loc_map.localisation.frontend.pose_solver import (
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset, RightShift, right_shift
 
 CAMERA = StereoCamera(400.0, 410.0, 256.0, 240.0, 0.2)
+SHAPE = (481, 513)
 COUNT, NOISE_PX = 120, 0.2
 RANDOM = np.random.default_rng(0)
 HOST = Pose(matrix_from_rotvec([0.05, 0.1, -0.03]), np.array([0.2, -0.1, 0.3]))
@@ -23,20 +24,24 @@ VARIANCE = np.tile([NOISE_PX**2, 0.0, NOISE_PX**2], (COUNT, 2, 1))
 START = Pose(np.eye(3), np.zeros(3))
 
 
-def project(pose: Pose, uv: np.ndarray = UV, rho: np.ndarray = RHO) -> np.ndarray:
-    rays = np.column_stack((CAMERA.normalised(uv), np.ones(COUNT)))
+def project(pose: Pose, uv: np.ndarray = UV, rho: np.ndarray = RHO, camera: StereoCamera = CAMERA) -> np.ndarray:
+    rays = np.column_stack((camera.normalised(uv), np.ones(COUNT)))
     seen = (rays @ HOST.rotation.T + rho[:, None] * (HOST.position - pose.position)) @ pose.rotation
-    u = CAMERA.fx * seen[:, 0] / seen[:, 2] + CAMERA.cx
-    v = CAMERA.fy * seen[:, 1] / seen[:, 2] + CAMERA.cy
-    return np.column_stack((u, v, u - CAMERA.fx * CAMERA.baseline_m * rho / seen[:, 2], v))
+    u = camera.fx * seen[:, 0] / seen[:, 2] + camera.cx
+    v = camera.fy * seen[:, 1] / seen[:, 2] + camera.cy
+    return np.column_stack((u, v, u - camera.fx * camera.baseline_m * rho / seen[:, 2], v))
 
 
-LANDMARKS = LandmarkEstimates(
-    Poses(np.tile(HOST.rotation, (COUNT, 1, 1)), np.tile(HOST.position, (COUNT, 1))),
-    np.column_stack((CAMERA.normalised(UV), np.ones(COUNT))),
-    RHO,
-    np.zeros((COUNT, 3, 3)),
-)
+def landmarks_of(camera: StereoCamera) -> LandmarkEstimates:
+    return LandmarkEstimates(
+        Poses(np.tile(HOST.rotation, (COUNT, 1, 1)), np.tile(HOST.position, (COUNT, 1))),
+        np.column_stack((camera.normalised(UV), np.ones(COUNT))),
+        RHO,
+        np.zeros((COUNT, 3, 3)),
+    )
+
+
+LANDMARKS = landmarks_of(CAMERA)
 
 
 def solve(uv: np.ndarray, covariance: np.ndarray = LANDMARKS.covariance, start: Pose = START) -> PoseSolution:
@@ -85,7 +90,7 @@ def test_information_is_that_of_finite_differences() -> None:
 def shift_found(uv: np.ndarray) -> RightShift:
     observations = StereoObservations(uv, VARIANCE)
     pose = solve_pose(START, LANDMARKS, observations, CAMERA, 30).pose
-    return right_shift(pose, LANDMARKS, observations, CAMERA, 0.0)
+    return right_shift(pose, LANDMARKS, observations, CAMERA, SHAPE, 0.0)
 
 
 @pytest.mark.parametrize("shift_px", [0.0, 0.1, -0.2])
@@ -112,3 +117,16 @@ def test_the_shear_statistic_is_small_for_noise_and_large_for_a_rolling_shutter(
     noisy[0][:, 0] += rows
     noisy[0][:, 2] += rows
     assert shift_found(noisy[0]).shear_chi2 > 20.0
+
+
+@pytest.mark.parametrize("centre_row", [240.0, 0.0, -300.0])
+def test_a_shear_that_lens_errors_explain_is_not_significant_wherever_the_image_was_cropped(centre_row: float) -> None:
+    camera = CAMERA._replace(cy=centre_row)
+    landmarks = landmarks_of(camera)
+    uv = project(TRUTH, camera=camera)
+    lens_px = 2.0
+    from_middle = uv[:, 3] - 240.0
+    uv[:, 2] += lens_px * from_middle / np.abs(from_middle).max()
+    observations = StereoObservations(uv, VARIANCE)
+    assert right_shift(TRUTH, landmarks, observations, camera, SHAPE, 0.0).shear_chi2 > 10.0
+    assert right_shift(TRUTH, landmarks, observations, camera, SHAPE, lens_px).shear_chi2 < 2.0
