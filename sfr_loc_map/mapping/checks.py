@@ -8,11 +8,16 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.errors import MappingError
+from sfr_loc_map.geometry.plausibility import plausible_rotations
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 
+MAX_LM_M = 1e4
+"""Maximum coordinate of the cameras in LM, metres. Points are float32 numbers, which are rounded by up to 0.5 mm at
+this distance from the origin. Rounding errors are not part of sigma."""
 MIN_CONTRAST = 2.0
 """Minimum standard deviation of an image, grey levels. Images of a covered camera with low noise are below this
 threshold. Images of a covered camera with more noise pass this check, but do not match."""
@@ -40,6 +45,21 @@ def check_pair_count(count: int) -> None:
     """Raise MappingError if a map cannot be fused from this number of pairs."""
     if not 1 <= count <= MAX_PAIRS:
         raise MappingError(f"{count} pairs given: 1 to {MAX_PAIRS} are required for a map")
+
+
+def check_pose(stamp_ns: int, T_lm_navsb: Transform) -> None:
+    """Raise MappingError if the rotation of a pose is invalid, or if the pose is far from the origin of LM."""
+    if not plausible_rotations(T_lm_navsb.rotation):
+        raise MappingError(
+            f"the pose of stamp {stamp_ns} has an invalid rotation: {T_lm_navsb.rotation.tolist()}: an orthonormal "
+            "matrix with determinant +1 is required"
+        )
+    if not (np.abs(T_lm_navsb.translation) <= MAX_LM_M).all():
+        raise MappingError(
+            f"the pose of stamp {stamp_ns} is at {T_lm_navsb.translation.tolist()} m in LM: at most {MAX_LM_M:g} m is "
+            "allowed, because points are rounded to float32; choose an origin of LM near the rover, and subtract its "
+            "position from the poses of all pairs"
+        )
 
 
 def check_images(pair: StereoPair, rig: StereoRig) -> None:

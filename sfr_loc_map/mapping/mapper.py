@@ -8,7 +8,8 @@ pairs. A view (`PairView`) is the data of one pair that the fusion uses.
 
 The stages of `Mapper.process`, with their modules and results:
 
-1. `check_images` (`checks`): images are refused if they are textureless, identical, or not of the rig's size.
+1. `check_pose`, `check_images` (`checks`): a pose is refused if its rotation is invalid, or if it is far from the
+   origin of LM. Images are refused if they are textureless, identical, or not of the rig's size.
 2. `estimate_disparity` (`disparity/estimation`) -> `DisparityMap`: disparity, sigma and status of each pixel of the
    left image, and the fraction of the textured pixels that are measured.
 3. `check_matches` (`checks`): a pair is refused if too few of its textured pixels are measured.
@@ -69,7 +70,7 @@ from sfr_loc_map.config import checked
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.calibration_sigma import largest_of, sigma_of_calibration
-from sfr_loc_map.mapping.checks import check_images, check_index, check_matches, check_pair_count
+from sfr_loc_map.mapping.checks import check_images, check_index, check_matches, check_pair_count, check_pose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
@@ -132,10 +133,12 @@ class Mapper:
         The index only distinguishes the points of several maps that are used without a fusion. `fuse` ignores the
         index and assigns new indices.
 
-        Raises MappingError if the index is out of range, the images do not have the rig's size, an image is
-        textureless, both images are identical, or they do not match (`check_matches`).
+        Raises MappingError if the index is out of range, the rotation of the pose is invalid, the pose is farther than
+        `checks.MAX_LM_M` from the origin of LM, the images do not have the rig's size, an image is textureless, both
+        images are identical, or they do not match (`check_matches`).
         """
         check_index(index)
+        check_pose(pair.stamp_ns, T_lm_navsb)
         check_images(pair, self._rig)
         estimated = estimate_disparity(pair, self._rig.camera, self._search.count)
         check_matches(pair, estimated, self._search.count)

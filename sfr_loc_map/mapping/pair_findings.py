@@ -58,13 +58,30 @@ def findings_of_pair(
         "right_roll_deg": math.degrees(rotation.roll_rad),
         "saturated_share": disparity_map.saturation.fraction,
     }
-    warnings = _warnings_of_images(disparity_map, prior) + _warnings_of_rotation(rotation, rig, prior)
+    warnings = (
+        _warnings_of_points(disparity_map)
+        + _warnings_of_images(disparity_map, prior)
+        + _warnings_of_rotation(rotation, rig, prior)
+    )
     return Findings(statistics, warnings)
 
 
 def vertical_warning_px(prior: CalibrationPrior) -> float:
     """Return the vertical disparity above which a warning is issued, pixels."""
     return max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * prior.distortion_px)
+
+
+def _warnings_of_points(disparity_map: DisparityMap) -> tuple[str, ...]:
+    """Return a warning if the map has no points."""
+    if disparity_map.valid.any():
+        return ()
+    beyond_count = int(np.count_nonzero(disparity_map.status == np.uint8(PixelStatus.BEYOND_RANGE)))
+    if not beyond_count:
+        return ("the map has no points: no pixel has a valid disparity; check the images",)
+    return (
+        f"the map has no points: all {beyond_count} pixels with a disparity are beyond the maximum depth; increase "
+        "max_range_m, or check the baseline",
+    )
 
 
 def _warnings_of_images(disparity_map: DisparityMap, prior: CalibrationPrior) -> tuple[str, ...]:

@@ -17,10 +17,10 @@ def point_covariances(cloud: PointCloud, poses_lm_left: Sequence[Transform], foc
 
     The variance along the ray is the point's `sigma^2`. Across the ray a point represents its pixel: a uniform
     distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. The pair index of a point is that of
-    its pose.
+    its pose. Raises MappingError if a pose is missing.
     """
-    axes = np.stack([pose.rotation[:, 2] for pose in poses_lm_left])[cloud.pair]
     ray = rays_from_cameras(cloud.xyz, cloud.pair, poses_lm_left)
+    axes = np.stack([pose.rotation[:, 2] for pose in poses_lm_left])[cloud.pair]
     depth = np.einsum("ij,ij->i", ray, axes)
     ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
     across = np.square(depth / focal_px) / 12.0

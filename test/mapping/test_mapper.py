@@ -23,6 +23,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping import mapper as mapper_module
+from sfr_loc_map.mapping.checks import MAX_LM_M, check_pose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity import estimation
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
@@ -52,7 +53,7 @@ def test_the_stages_are_told_in_the_same_words_in_the_documentation() -> None:
 
     _, of_process, of_fuse = re.split(r"The stages of .*:\n\n", inspect.getdoc(mapper_module) or "")
     documentation = words((SAMPLE.parent / "docs" / "mapping.md").read_text(encoding="utf-8"))
-    assert of_process.startswith("1. `check_images`")
+    assert of_process.startswith("1. `check_pose`")
     assert words(of_process) in documentation.replace(" in `sfr_loc_map/mapping`", "")
     steps = (inspect.getdoc(estimation) or "").partition("their results:\n\n")[2]
     assert steps.startswith("1. `semi_global_matching`")
@@ -271,6 +272,43 @@ def test_wrong_size_and_index_and_maps_of_other_methods_are_refused() -> None:
     )
     with pytest.raises(MappingError, match="stamp 7 was not made by"):
         mapper.fuse([foreign])
+
+
+@pytest.mark.parametrize(
+    ("rotation", "position", "message"),
+    [
+        (2.0 * np.eye(3), [0.0, 0.0, 0.0], "invalid rotation"),
+        (np.diag([1.0, 1.0, -1.0]), [0.0, 0.0, 0.0], "invalid rotation"),
+        (np.eye(3), [4.5e5, 5.4e6, 300.0], "choose an origin of LM near the rover"),
+        (np.eye(3), [0.0, 0.0, -1.01 * MAX_LM_M], "choose an origin of LM near the rover"),
+    ],
+)
+def test_a_pose_that_is_no_rotation_or_far_from_the_origin_is_refused(
+    rotation: np.ndarray, position: list[float], message: str
+) -> None:
+    made = make_world(slope)
+    pair = PosedStereoPair(made.pair, Transform(rotation, np.array(position)))
+    with pytest.raises(MappingError, match=message):
+        Mapper(made.rig).map([pair])
+
+
+def test_rounding_of_points_is_small_at_the_largest_distance_from_the_origin() -> None:
+    check_pose(0, Transform(np.eye(3), np.full(3, MAX_LM_M)))
+    assert np.spacing(np.float32(MAX_LM_M)) < 1e-3
+
+
+def test_a_map_without_points_has_a_warning_that_names_the_range() -> None:
+    made = make_world(slope)
+    scale = made.rig.fx * made.rig.baseline_m
+    nearest_px = float(np.nanmax(made.disparity))
+    ranges = {"min_range_m": scale / (2.0 * nearest_px), "max_range_m": scale / (1.5 * nearest_px)}
+    result = mapped(made, **ranges)
+    assert not len(result.cloud)
+    assert any("max_range_m" in line for line in result.warnings)
+    fused = Mapper(made.rig, MappingConfig(**ranges)).fuse([result])
+    assert not len(fused.cloud)
+    assert any("no points" in line for line in fused.warnings)
+    assert not any("no points" in line for line in mapped(made).warnings)
 
 
 def test_a_map_whose_values_were_changed_is_refused_by_the_fusion() -> None:

@@ -24,7 +24,9 @@ class DisparityMap:
     px: FloatImage
     sigma_px: FloatImage  #: `(H, W)` float32, standard deviation of a valid disparity, pixels.
     status: StatusImage  #: `(H, W)` uint8, measured, filled, or the reason why the disparity is invalid.
-    initial_px: FloatImage  #: `(H, W)` float32, disparities of the semi-global matching, pixels; NaN if unmatched.
+    #: `(H, W)` float32, disparities of the semi-global matching, pixels; NaN if unmatched. `without_roll` does not
+    #: change these disparities.
+    initial_px: FloatImage
     left: FloatImage  #: `(H, W)` float32, left image, grey levels.
     right: FloatImage  #: `(H, W)` float32, right image after its correction, grey levels.
     correction: RightImageCorrection  #: The deviations that were removed from the right image.

@@ -106,7 +106,8 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
         "pairs": float(len(views)),
         "fused": float(len(views) > 1),
     }
-    return FusedViews(points, pair_index, Findings(statistics) + agreement)
+    warnings = () if points.size else ("the fused cloud has no points: see the warnings of the pairs",)
+    return FusedViews(points, pair_index, Findings(statistics, warnings) + agreement)
 
 
 def _compare_with_others(index: int, views: Sequence[PairView], rig: StereoRig) -> Comparison:

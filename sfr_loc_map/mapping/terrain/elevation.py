@@ -52,7 +52,10 @@ def elevation_model(
     poses_lm_left: Sequence[Transform] | None = None,
     random_sigma: FloatArray32 | None = None,
 ) -> ElevationModel:
-    """Return the elevation model of a cloud over cells; raises MappingError if no cell contains a point.
+    """Return the elevation model of a cloud over cells.
+
+    Raises MappingError if no cell contains a point, if `random_sigma` has another length than the cloud, or if the pose
+    of a point is missing.
 
     `cell_of_point` `(N,)` is the cell of each point, -1 outside (`CellGrid.cell_of`). The caller passes the cells,
     because other layers of the grid use them, too. The pair index of a point is that of its left camera's pose;
@@ -67,6 +70,11 @@ def elevation_model(
     - the variance of the mean due to different heights h within the cell, `sum w (h - mean)^2 / sum w / n`;
     - the weighted mean of the common variance of the heights, which is the total minus the random variance.
     """
+    if random_sigma is not None and len(random_sigma) != len(cloud):
+        raise MappingError(
+            f"random_sigma has {len(random_sigma)} values, and the cloud has {len(cloud)} points: a value for each "
+            "point is required"
+        )
     inside = np.flatnonzero(cell_of_point >= 0)
     if not len(inside):
         raise MappingError("the cloud has no points on the grid: increase the range (terrain.range_m)")

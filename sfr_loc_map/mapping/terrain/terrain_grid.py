@@ -17,6 +17,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from sfr_loc_map.config import checked
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
@@ -86,7 +87,7 @@ def terrain_grid(
     poses_lm_left: Sequence[Transform] | None = None,
     random_sigma: FloatArray32 | None = None,
 ) -> TerrainGrid:
-    """Return the terrain of a cloud in LM, with z upwards; raises MappingError for no points or too many cells.
+    """Return the terrain of a cloud in LM, with z upwards.
 
     The pair index of a point is that of its left camera's pose. Without poses, points at all ranges are used and the
     sigma of heights is overestimated. `random_sigma` `(N,)`, metres, is the part of sigma that differs from point to
@@ -100,7 +101,12 @@ def terrain_grid(
     criterion describes the ground under the complete footprint, as the slope does, include the ratio in `plane_ratio`
     of `_hazards`. If the criterion describes a single cell, as the step does, include the ratio in `step_ratio`. The
     cell then counts anywhere in the footprint.
+
+    Raises ConfigError if a value of the configuration is invalid. Raises MappingError if the cloud has no points within
+    the range, a coordinate is not finite, the grid would have too many cells, `random_sigma` has another length than
+    the cloud, or the pose of a point is missing.
     """
+    config = checked(config)
     cell_m = config.cell_m
     poses = poses_lm_left or None  # an empty sequence means no poses
     cells = CellGrid.over(cloud.xyz, cell_m, None if poses is None else _mapped_square(poses, config))

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sfr_loc_map.errors import ConfigError, MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import TerrainConfig
+from sfr_loc_map.mapping.point_covariance import point_covariances
 from sfr_loc_map.mapping.terrain.terrain_grid import STEP_RADIUS_M, TerrainGrid, terrain_grid
 
 CONFIG = TerrainConfig()
@@ -123,3 +125,21 @@ def test_poses_bound_the_range_and_lower_the_sigma() -> None:
     assert everything.hazard.shape == (40, 40)
     known, unknown = (at(grid, grid.elevation.sigma_m, 0.75, 0.75) for grid in (near, everything))
     assert known < unknown == pytest.approx(0.005, rel=0.02)
+
+
+@pytest.mark.parametrize("change", [{"max_step_m": 0.0}, {"cell_m": -0.1}, {"max_slope_deg": float("nan")}])
+def test_a_configuration_that_was_not_checked_is_refused(change: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=next(iter(change))):
+        terrain_grid(ground(lambda x, y: 0.0 * x), replace(CONFIG, **change), CAMERA)
+
+
+def test_a_missing_pose_or_sigma_of_a_point_is_refused() -> None:
+    cloud = ground(lambda x, y: 0.0 * x)
+    second = replace(cloud, pair=np.ones(len(cloud), np.uint8))
+    with pytest.raises(MappingError, match="pair index 1, and 1 poses"):
+        terrain_grid(second, CONFIG, CAMERA)
+    with pytest.raises(MappingError, match="pair index 1, and 1 poses"):
+        point_covariances(second, CAMERA, 400.0)
+    with pytest.raises(MappingError, match="random_sigma has 3 values"):
+        terrain_grid(cloud, CONFIG, CAMERA, np.ones(3, np.float32))
+    assert point_covariances(second, CAMERA * 2, 400.0).shape == (len(cloud), 3, 3)
