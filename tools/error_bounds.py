@@ -21,6 +21,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from sfr_loc_map.geometry.robust_statistics import MAD_TO_SIGMA
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
@@ -34,7 +35,6 @@ from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
-from sfr_loc_map.mapping.robust_statistics import MAD_TO_SIGMA
 from sfr_loc_map.mapping.search_range import search_range_of
 from sfr_loc_map.runs.drive_start import start_pose
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import StereoCamera
+from sfr_loc_map.geometry.robust_statistics import cauchy_weight
 from sfr_loc_map.localisation.backend.bundle_adjustment import OffsetEstimate
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset, RightShift
 
@@ -43,9 +44,9 @@ AFTER_DRIFT_PAIRS: Final = 20
 """Number of pairs after the last correction for which the right camera is still reported as drifting. Chosen by hand,
 above the number of pairs that detect a drift (`MAX_SHIFTS`). With fewer pairs, the state alternates during a drift;
 with more, good pairs stay degraded."""
-FOLLOWED_ERROR_RATIO: Final = 0.1
+DRIFT_ERROR_RATIO: Final = 0.1
 """Ratio of the standard deviation of a drift correction to the correction. Chosen by hand, equal to
-`ErrorSources.followed_attitude_ratio`. With a larger ratio, windows correct the yaw more after a drift, and covariances
+`ErrorSources.drift_attitude_ratio`. With a larger ratio, windows correct the yaw more after a drift, and covariances
 are larger; with a smaller one, an error of the drift correction remains."""
 FIRST_SIGMA_PX: Final = 0.3
 """Prior standard deviation of the yaw, px. At a focal length of 600 px it is 0.03 deg, as after a shock or a change of
@@ -186,7 +187,7 @@ class DriftEstimate(NamedTuple):
     """Change of the yaw within a window, detected from the shifts of consecutive pairs and corrected completely."""
 
     px: float = 0.0  #: Sum of the corrections.
-    followed_px: float = 0.0  #: Sum of the absolute corrections, for the uncertainty of the attitude.
+    total_px: float = 0.0  #: Sum of the absolute corrections, for the uncertainty of the attitude.
     shifts: tuple[float, ...] = ()  #: Shifts of the last right images relative to the landmarks, px.
     pairs_since: int = AFTER_DRIFT_PAIRS  #: Number of pairs since the last correction.
 
@@ -209,7 +210,7 @@ class DriftEstimate(NamedTuple):
         if abs(drift_px) < DRIFT_FLOOR_PX + DRIFT_SIGMAS * sigma_px:
             return quiet, 0.0
         relative = tuple((np.array(shifts) - drift_px).tolist())
-        return DriftEstimate(self.px + drift_px, self.followed_px + abs(drift_px), relative, pairs_since=0), drift_px
+        return DriftEstimate(self.px + drift_px, self.total_px + abs(drift_px), relative, pairs_since=0), drift_px
 
     def after_restart(self) -> DriftEstimate:
         """Discard the shifts of earlier pairs, because they were measured relative to other landmarks."""
@@ -236,7 +237,7 @@ class VerticalEstimate:
         change = np.array([float(np.median(residual)), 0.0])
         prior = np.diag(VERTICAL_PRIOR)
         for _ in range(VERTICAL_ITERATIONS):  # robust weights use this keyframe alone
-            weight = 1.0 / (1.0 + ((residual - design @ change) / VERTICAL_NOISE_PX) ** 2) / len(residual)
+            weight = cauchy_weight(residual - design @ change, VERTICAL_NOISE_PX) / len(residual)
             weighted = (design * weight[:, None]).T
             change = np.linalg.solve(prior + weighted @ design, weighted @ residual)
         # All keyframes contribute, because matches on one side of the image hardly constrain the other side.
@@ -289,7 +290,7 @@ class OnlineCalibration:
         drift, drift_px = self.drift.with_shift(shift.px)
         if drift_px == 0.0:
             return replace(self, drift=drift), 0.0
-        variance_px2 = self.yaw.variance_px2 + (FOLLOWED_ERROR_RATIO * drift_px) ** 2
+        variance_px2 = self.yaw.variance_px2 + (DRIFT_ERROR_RATIO * drift_px) ** 2
         return replace(self, drift=drift, yaw=self.yaw._replace(variance_px2=variance_px2)), drift_px
 
     def with_matches(self, right_uv: FloatArray, vertical_disparity: FloatArray) -> OnlineCalibration:

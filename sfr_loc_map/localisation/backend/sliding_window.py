@@ -23,8 +23,8 @@ from sfr_loc_map.localisation.backend.bundle_adjustment import (
 )
 from sfr_loc_map.localisation.frontend.landmarks import (
     ALIGNED_LANDMARKS,
-    FOLLOWED_LANDMARKS,
     NO_PATCHES,
+    TRACKED_LANDMARKS,
     HostPatches,
     Landmarks,
     Patches,
@@ -260,10 +260,10 @@ class LandmarkMap:
     def prepared(cls, window: SlidingWindow) -> LandmarkMap:
         """Return the map of a window with the templates for the next pairs already copied."""
         landmark_map = cls(window)
-        for landmarks in (landmark_map.followed, landmark_map.rest):
+        for landmarks in (landmark_map.tracked, landmark_map.rest):
             _ = landmarks.patches.at(0)
         _ = landmark_map.landmarks.median_depth
-        _ = landmark_map.followed.median_depth
+        _ = landmark_map.tracked.median_depth
         for level in range(1, LEVELS):
             _ = landmark_map.aligned.patches.at(level)
         return landmark_map
@@ -274,25 +274,25 @@ class LandmarkMap:
         return self.window.landmarks()
 
     @cached_property
-    def followed(self) -> Landmarks:
+    def tracked(self) -> Landmarks:
         """Landmarks that are tracked in each pair."""
-        return self.landmarks.thinned(FOLLOWED_LANDMARKS)
+        return self.landmarks.thinned(TRACKED_LANDMARKS)
 
     @cached_property
     def rest(self) -> Landmarks:
         """Landmarks that are tracked only in pairs that become keyframes."""
-        return self.landmarks.subset(~self.landmarks.among(self.followed))
+        return self.landmarks.subset(~self.landmarks.among(self.tracked))
 
     def rest_of(self, tracked: Landmarks) -> Landmarks:
         """Return the active landmarks that are not among some tracked landmarks."""
-        if np.array_equal(tracked.rows, self.followed.rows):
+        if np.array_equal(tracked.rows, self.tracked.rows):
             return self.rest  # the patches of these landmarks are already copied
         return self.landmarks.subset(~self.landmarks.among(tracked))
 
     @cached_property
     def aligned(self) -> Landmarks:
         """Landmarks used in the alignment of the initial guesses of a pose."""
-        return self.followed.thinned(ALIGNED_LANDMARKS)
+        return self.tracked.thinned(ALIGNED_LANDMARKS)
 
     def without(self, rows: NDArray[np.intp]) -> LandmarkMap:
         """Return the map in which some landmarks are no longer tracked, or this map if `rows` is empty."""

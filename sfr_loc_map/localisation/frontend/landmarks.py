@@ -29,7 +29,7 @@ not show the translation of a rover."""
 ALIGNED_LANDMARKS = 200
 """Maximum number of landmarks in the alignment of a pose. The pose from 300 landmarks differed by 0.02 px from the pose
 from all landmarks (measurements/localiser_trials.md)."""
-FOLLOWED_LANDMARKS = 800
+TRACKED_LANDMARKS = 800
 """Maximum number of landmarks tracked in a pair that does not become a keyframe. The pose errors of such pairs do not
 accumulate. With 600 landmarks, the attitude error was 2 % larger (measurements/localiser_trials.md)."""
 

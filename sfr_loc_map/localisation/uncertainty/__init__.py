@@ -64,7 +64,7 @@ from `pose`, because consecutive poses share most of their errors:
 `added` (`PublishedPose.to_pair`) has three parts: what findings add to the two poses of the step
 (`AddedError.of_step`), the displacement of the previous pose by a correction of the yaw, and the motion while the
 previous pose was kept. An added error of a pose has opposite signs in the steps to and from that pose. Each of the two
-steps contains the covariance of this error, which is conservative (`PublishedPose.undone_by_next_step`). The parts of
+steps contains the covariance of this error, which is conservative (`PublishedPose.shared_with_next_step`). The parts of
 the previous pose are zero if its pair began a window, because the step is measured from the image of that pair.
 
 **What findings and events add** (`inflation`):

@@ -6,7 +6,7 @@ covariances, too. They are defined where they are used, because the estimates al
 | value | module | enters |
 |---|---|---|
 | `PIXEL_FLOOR`, `RESIDUAL_GAIN`, `EDGE_RESIDUALS` | `frontend.noise` | noise of observations |
-| `FIRST_SIGMA_PX`, `YAW_WALK_PX`, `FOLLOWED_ERROR_RATIO` | `backend.online_calibration` | `yaw_sigma_px` |
+| `FIRST_SIGMA_PX`, `YAW_WALK_PX`, `DRIFT_ERROR_RATIO` | `backend.online_calibration` | `yaw_sigma_px` |
 | `START_VARIANCE` | `backend.sliding_window` | first pose of a window, hence `drift` |
 | `MIN_VARIANCE` | `step_covariance` | variance added to each step |
 | `unseen_speed_m_s`, `unseen_turn_rad_s` | `config.MotionBounds` | unobserved motion |
@@ -46,7 +46,7 @@ class ErrorSources:
     bent_attitude_ratio: float = 0.25
     """Pose. Ratio of the attitude error to the right camera's yaw before its correction, because the yaw bends the
     path."""
-    followed_attitude_ratio: float = 0.1
+    drift_attitude_ratio: float = 0.1
     """Pose. Ratio of the attitude error to the drift corrections of the right camera."""
     adjustment_inflation: float = 2.0
     """Pose, step. Factor on the covariance of the bundle adjustment, because errors of neighbouring landmarks are

@@ -42,7 +42,7 @@ class PathSums(NamedTuple):
 
     bias: FloatArray = ZERO_VECTOR  #: Position error per pixel of a constant disparity error, m/px.
     corrected: FloatArray = ZERO_VECTOR  #: Position error per pixel times the yaw correction at the step, m.
-    followed_px: float = 0.0  #: Absolute drift corrections of the right camera, px.
+    drift_px: float = 0.0  #: Absolute drift corrections of the right camera, px.
     directed: DirectedError = NO_DIRECTED_ERROR  #: Ambiguous motions, and bending of the path by the lens.
     turned: FloatArray = ZERO_VECTOR  #: Angle of the directed errors times the position where it arose, rad m.
 
@@ -64,7 +64,7 @@ class PathSums(NamedTuple):
         return PathSums(
             self.bias - earlier.bias,
             self.corrected - earlier.corrected,
-            self.followed_px - earlier.followed_px,
+            self.drift_px - earlier.drift_px,
             self.directed.since(earlier.directed),
             self.turned - earlier.turned,
         )
@@ -86,7 +86,7 @@ def sums_after_step(
         corrected += corrected_px Z / (f b) displacement
         directed  += (0, lens_turn length of the displacement) + ambiguity
         turned    += (angle of the added directed error) position
-        followed_px = drift.followed_px, which is a sum itself (`DriftEstimate`)
+        drift_px = drift.total_px, which is a sum itself (`DriftEstimate`)
 
     A step backwards undoes the turn of a step forwards (`systematic_step`). The length in `directed` has no sign, so
     that the sum is an upper bound if the path has steps in both directions.
@@ -106,7 +106,7 @@ def sums_after_step(
     return PathSums(
         bias=before.bias + m_per_px,
         corrected=before.corrected + m_per_px * calibration.yaw.corrected_px,
-        followed_px=calibration.drift.followed_px,
+        drift_px=calibration.drift.total_px,
         directed=before.directed.plus(directed),
         turned=before.turned + directed.radians * position,
     )

@@ -35,7 +35,7 @@ class PublishedPose:
     #: the next step as well, where the turn of the step is neglected. If this pose is wrong, the next step starts at
     #: the wrong pose and contains the same error with the opposite sign.
     #: The part consists of the inflation by findings, and of the displacement by a correction of the yaw.
-    undone_by_next_step: FloatArray = field(default_factory=lambda: ZERO)
+    shared_with_next_step: FloatArray = field(default_factory=lambda: ZERO)
     #: `(6, 6)` in RB at the last accepted pose: covariance of the unobserved motion since that pose, while that pose
     #: was kept; zero if a window began at this pose.
     kept_motion_rb: FloatArray = field(default_factory=lambda: ZERO)
@@ -70,7 +70,7 @@ class PublishedPose:
         published = PublishedPose(
             stamp_ns=pair.stamp_ns,
             T_world_left=pair.T_world_left,
-            undone_by_next_step=added.of_step,
+            shared_with_next_step=added.of_step,
             noise=noise,
             variance_factor=variance_factor,
         )
@@ -82,7 +82,7 @@ class PublishedPose:
         step = StepEstimate(
             seconds=seconds,
             motion=motion.vector,
-            covariance=of_images + self.undone_by_next_step + self.kept_motion_rb + published.undone_by_next_step,
+            covariance=of_images + self.shared_with_next_step + self.kept_motion_rb + published.shared_with_next_step,
             systematic=systematic_step(motion, depth_m, pair.calibration, model),
             noise=noise,
             noise_before=self.noise,
@@ -130,7 +130,7 @@ class PublishedPose:
         The next step is measured from the image of this pair. It therefore contains no errors and no noise of the
         earlier poses.
         """
-        return replace(self, undone_by_next_step=ZERO, kept_motion_rb=ZERO, noise=ZERO)
+        return replace(self, shared_with_next_step=ZERO, kept_motion_rb=ZERO, noise=ZERO)
 
     def displaced(self, moved: MotionSize) -> PublishedPose:
         """Return the pose after the last known pose was displaced by a change of the yaw correction.
@@ -139,4 +139,4 @@ class PublishedPose:
         first, the step to the kept pose contains the displacement itself, and its covariance is that of an unobserved
         motion.
         """
-        return replace(self, undone_by_next_step=self.undone_by_next_step + moved.covariance)
+        return replace(self, shared_with_next_step=self.shared_with_next_step + moved.covariance)

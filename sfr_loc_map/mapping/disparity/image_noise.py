@@ -28,8 +28,8 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
+from sfr_loc_map.geometry.robust_statistics import mad_sigma, spread
 from sfr_loc_map.mapping.filters import downsample_mean
-from sfr_loc_map.mapping.robust_statistics import mad_sigma, spread
 
 ROUNDING_NOISE = 0.3
 """Minimum standard deviation of a residual due to rounding, in steps of the grey levels. The rounding noise of the left

@@ -40,6 +40,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
+from sfr_loc_map.geometry.robust_statistics import mad_sigma
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, StatusImage, is_valid, with_reason
 from sfr_loc_map.mapping.disparity.saturation import Saturation
@@ -48,7 +49,6 @@ from sfr_loc_map.mapping.disparity.surfaces import occlusion_mask, right_surface
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 from sfr_loc_map.mapping.disparity.wrong_surface import JumpScene, wrong_surface_mask
 from sfr_loc_map.mapping.filters import box_mean
-from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 MAX_CHI2_PER_DOF = F(4.0)
 """A match is suspicious if the mean squared normalised residual of a window around it exceeds this: twice the standard

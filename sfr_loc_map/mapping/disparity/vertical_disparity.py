@@ -13,8 +13,8 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.camera import StereoCamera
+from sfr_loc_map.geometry.robust_statistics import cauchy_weight, mad_sigma
 from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual
-from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
 SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used; 100 000 samples suffice.
 HALF_WEIGHT_SIGMAS = 2.0

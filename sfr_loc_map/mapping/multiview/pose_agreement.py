@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray32, median
+from sfr_loc_map.geometry.robust_statistics import mad_sigma, spread
 from sfr_loc_map.mapping.disparity.texture import TEXTURE_SIGMAS
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, SHIFT_PX, Observations
 from sfr_loc_map.mapping.pair_view import PairView
-from sfr_loc_map.mapping.robust_statistics import mad_sigma, spread
 
 AGREEMENT_STRIDE = 4  #: The agreement is measured on every fourth common point, which is enough for medians.
 MAX_RANGE_RATIO = 1.8

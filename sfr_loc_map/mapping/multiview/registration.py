@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage
+from sfr_loc_map.geometry.robust_statistics import cauchy_weight, mad_sigma
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, project_into_view
 from sfr_loc_map.mapping.pair_view import PairView, ViewImages, ViewPoints
-from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
 ENOUGH_POINTS = 10_000
 """Points of each other view are thinned by an integer stride, so that one to two times this number remain. This is
@@ -62,14 +62,14 @@ class RegisteredViews(NamedTuple):
     findings: Findings  #: Motions, and poses that could not be registered or were not changed.
 
 
-class MotionSize(NamedTuple):
+class RegistrationSize(NamedTuple):
     """Rotation angle and distance of a motion."""
 
     rotation_deg: float
     translation_m: float
 
     @classmethod
-    def of(cls, motion: Transform) -> MotionSize:
+    def of(cls, motion: Transform) -> RegistrationSize:
         """Return the size of a motion."""
         rotation_deg = float(np.rad2deg(np.linalg.norm(rotvec_from_matrix(motion.rotation))))
         return cls(rotation_deg, float(np.linalg.norm(motion.translation)))
@@ -87,7 +87,7 @@ def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews
     for index, view in enumerate(views[1:], start=1):
         motion = _estimate_motion(registered, view, rig)
         findings += _findings_of_motion(index, motion)
-        if motion is None or not MotionSize.of(motion).is_accepted:
+        if motion is None or not RegistrationSize.of(motion).is_accepted:
             registered.append(view)
         else:
             registered.append(view.with_pose(view.T_lm_left @ motion))
@@ -102,7 +102,7 @@ def _findings_of_motion(index: int, motion: Transform | None) -> Findings:
             "given"
         )
         return Findings(warnings=(warning,))
-    size = MotionSize.of(motion)
+    size = RegistrationSize.of(motion)
     statistics = {f"pose_turned_deg_{index}": size.rotation_deg, f"pose_moved_m_{index}": size.translation_m}
     if size.is_accepted:
         return Findings(statistics)
