@@ -11,10 +11,33 @@ import numpy as np
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.plausibility import LOST_VARIANCE, MAX_VARIANCE, is_plausible_covariance, plausible_rotations
+from sfr_loc_map.geometry.plausibility import (
+    LOST_VARIANCE,
+    MAX_POSITION_M,
+    MAX_VARIANCE,
+    is_plausible_covariance,
+    plausible_rotations,
+)
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
+
+MAX_GIVEN_M = 0.5 * MAX_POSITION_M
+"""Maximum coordinate of an external pose, and of the motion by odometry, m. The path from there is also within the
+limit of all positions."""
+
+
+def check_given(T_a_b: Transform, name: str) -> None:
+    """Check an external pose, or a motion from another source, by its name in messages.
+
+    GeometryError if the rotation is invalid, or if a coordinate exceeds `MAX_GIVEN_M`.
+    """
+    if not plausible_rotations(T_a_b.rotation):
+        raise GeometryError(f"{name} has an invalid rotation: {T_a_b.rotation.tolist()}")
+    if not (np.abs(T_a_b.translation) <= MAX_GIVEN_M).all():
+        raise GeometryError(
+            f"{name} has the position {T_a_b.translation.tolist()} m: at most {MAX_GIVEN_M:g} m is allowed"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +54,8 @@ class StartPose:
     def of(cls, pose: StartPose | Transform) -> StartPose:
         """Return a start pose. A transform is exact and valid at the next pair.
 
-        GeometryError if the rotation is invalid, or the covariance is not finite, symmetric and positive semi-definite.
+        GeometryError if the rotation is invalid, a coordinate exceeds `MAX_GIVEN_M`, the covariance is not finite,
+        symmetric and positive semi-definite, or the stamp is not a whole number.
         """
         start = pose if isinstance(pose, StartPose) else cls(pose)
         covariance = np.asarray(start.covariance, np.float64)
@@ -41,8 +65,7 @@ class StartPose:
                 "the start pose has an invalid covariance: a 6 x 6, finite, symmetric and positive semi-definite "
                 "matrix is required"
             )
-        if not plausible_rotations(start.T_ds_rb.rotation):
-            raise GeometryError(f"the start pose has an invalid rotation: {start.T_ds_rb.rotation.tolist()}")
+        check_given(start.T_ds_rb, "the start pose")
         if not isinstance(start.stamp_ns, int | np.integer | None):
             raise GeometryError(
                 f"the start pose has an invalid stamp: {start.stamp_ns!r}: whole nanoseconds, or None for the next "

@@ -1,7 +1,7 @@
 """Findings of the guards, and the table of their consequences.
 
 `RULES` lists all findings in the order of precedence. The first finding present determines the action and the published
-reason of a pair (`decide`). Findings that refuse a pair come first, in the order of the stages.
+reason of a pair (`decide`). Findings that refuse a pair come first, causes before their effects.
 
 A pose with other findings is accepted and degraded. The order of these findings affects only the published reason,
 because inflation and suitability as a keyframe are combined from all findings. Measured problems (stale images, a gap,
@@ -17,7 +17,8 @@ cause an inferred one. The published reason is therefore not always that of the 
 | `UNEXPLAINED`, `RECOVERING` | `ground.cases.findings_of` |
 | `BODY_OR_GROUND`, `GROUND_IN_DOUBT`, `AT_REST_IN_DOUBT`, `AMBIGUOUS` | `ground.cases.findings_of` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
-| `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
+| `SWAPPED` | `guards.check_order` in a new window, `guards.check_sides` in a pair with a pose |
+| `ONE_SIDED` | `guards.check_sides` |
 | `AFTER_GAP` | `guards.check_gap` |
 | `DIVERGED` | `guards.has_diverged`, or singular equations of an adjustment; kept in `State` until a window begins |
 | `CALIBRATION`, `SHEARED_ROWS` | `guards.check_calibration`, `guards.check_shear` |
@@ -29,8 +30,8 @@ A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, a
   again with the pose from all landmarks. The findings then decide only whether this pose is used. A guard that degrades
   a pose must therefore not be called there.
 - Any other guard is called in `_judge`.
-- A new window (`_begin`) is checked for landmarks and for a gap. If there was no map, the findings of the images and of
-  the last adjustment apply to the new window as well.
+- A guard for a new window is called in `_check_window`. The gap before a window is checked in `_begin`. If there was no
+  map, the findings of the images and of the last adjustment apply to the new window as well.
 - The memory of a guard is a field of `State`. A memory that learns from poses is passed to `_accept` by the `Candidate`
   and changes only there. The memory of the ground is passed by `Ground`.
 
@@ -67,13 +68,13 @@ class Finding(Enum):
 
     REPEATED_PAIR = auto()  #: Both images repeat those of the previous pair, possibly swapped or with new noise.
     IDENTICAL_IMAGES = auto()  #: Left and right image are identical.
+    SWAPPED = auto()  #: Left and right image are swapped.
     UNTEXTURED = auto()  #: Like `FEW_LANDMARKS`, and an image has no texture.
     FROZEN_AND_FEW = auto()  #: Like `FEW_LANDMARKS`, and one image repeats that of the previous pair and is blanked.
     FEW_LANDMARKS = auto()  #: The window has too few landmarks, too few were tracked, or they do not agree on a pose.
     CONTRADICTED = auto()  #: The pose predicts no motion where the image changed.
     SINGULAR = auto()  #: The pose is not finite or not determined.
     TOO_FAST = auto()  #: The motion exceeds the configured bounds.
-    SWAPPED = auto()  #: Left and right image are swapped.
     FROZEN_IMAGE = auto()  #: One image repeats that of the previous pair and is blanked.
     STALE_ROWS = auto()  #: Some rows repeat those of the previous pair and are blanked.
     DIVERGED = auto()  #: An adjustment diverged, its map was discarded, and the pair is the first to begin a window.
@@ -132,13 +133,14 @@ class Degradation(NamedTuple):
 RULES: Final[dict[Finding, Refusal | Degradation]] = {
     Finding.REPEATED_PAIR: Refusal(Action.KEEP, StateReason.REPEATED_IMAGES),
     Finding.IDENTICAL_IMAGES: Refusal(Action.REJECT, StateReason.NO_STEREO),
+    # Before the findings of too few landmarks, because swapped images have few landmarks.
+    Finding.SWAPPED: Refusal(Action.REJECT, StateReason.NO_STEREO),
     Finding.UNTEXTURED: Refusal(Action.RESTART, StateReason.UNTEXTURED_IMAGES),
     Finding.FROZEN_AND_FEW: Refusal(Action.RESTART, StateReason.REPEATED_IMAGES),
     Finding.FEW_LANDMARKS: Refusal(Action.RESTART, StateReason.FEW_LANDMARKS),
     Finding.CONTRADICTED: Refusal(Action.KEEP, StateReason.MOVING_REGIONS),
     Finding.SINGULAR: Refusal(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
     Finding.TOO_FAST: Refusal(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
-    Finding.SWAPPED: Refusal(Action.REJECT, StateReason.NO_STEREO),
     # No keyframe: without the blanked image no landmark can be triangulated.
     Finding.FROZEN_IMAGE: Degradation(StateReason.REPEATED_IMAGES, can_be_reference=False),
     # No keyframe: the edges of the blanked rows would be detected as texture.

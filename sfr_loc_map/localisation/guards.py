@@ -3,7 +3,8 @@
 Each guard is a pure function `check_*` that takes values and returns findings. One table lists the consequences of all
 findings (`findings.RULES`). A guard that compares a pair with earlier pairs takes the result as an argument: the
 comparison of the images (`stale_images.compare`), or the running mean of the shear (`ShearMean`). `check_sides` takes
-the tracker, because it tracks all landmarks again in swapped images. Findings about the ground's motion come from
+the tracker, because it tracks all landmarks again in swapped images. `check_order` takes the landmarks of two windows,
+the second of which begins with the swapped images. Findings about the ground's motion come from
 `ground.cases.findings_of`.
 """
 
@@ -41,6 +42,9 @@ causes at most 0.5."""
 MIN_STEREO_FRACTION: Final = 0.3
 """Ratio `Tracks.stereo_fraction` up to which a pair is one-sided. Landmarks are triangulated from both
 images, so that both images of a good pair show most landmarks."""
+SWAPPED_FACTOR: Final = 2
+"""Images are swapped if an exchange of the images multiplies the number of landmarks of a new window by at least this
+factor. Chosen by hand: images of little texture may have a few more landmarks by chance after the exchange."""
 MAX_SHEAR: Final = 7.0
 """Maximum ratio of the squared shear of the rows to its variance, per degree of freedom, for rows exposed at one time.
 The ratio is at most 6.4 on clean drives and 7 to 250 for a shear of 1 px, so some shears of 1 px are not
@@ -82,6 +86,18 @@ def check_wiring(pair: StereoPair) -> Findings:
 def check_landmarks(frame: StereoFrame, landmarks: Landmarks, min_tracked: int) -> Findings:
     """Report a map with too few landmarks, and whether the images are the cause."""
     return frozenset() if len(landmarks.rows) >= min_tracked else _too_few(frame)
+
+
+def check_order(landmarks: Landmarks, if_swapped: Landmarks, min_tracked: int) -> Findings:
+    """Report swapped images at the start of a window.
+
+    Args:
+        landmarks: Landmarks that were triangulated from the images, fewer than `min_tracked`.
+        if_swapped: Landmarks that were triangulated from the images after an exchange of left and right.
+        min_tracked: Minimum number of landmarks of a window.
+    """
+    enough = max(min_tracked, SWAPPED_FACTOR * len(landmarks.rows))
+    return _found(Finding.SWAPPED, len(if_swapped.rows) >= enough)
 
 
 def check_tracks(frame: StereoFrame, tracks: Tracks) -> Findings:

@@ -4,9 +4,9 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 
 1. Check the images: keep the last pose for a repeated pair, and blank stale parts (`stale_images`, `guards`).
 2. Predict the pose by the last motion, a standstill and wheel odometry (`motion_model`).
-3. Track: align at most 200 landmarks jointly (direct image alignment as in SVO, Forster et al. 2017). Track the patches
-   of at most 800 landmarks, warped by their local planes, in both images (Lucas and Kanade 1981), and solve for the
-   pose with robust weights.
+3. Track: align some landmarks jointly (direct image alignment as in SVO, Forster et al. 2017). Track the patches of
+   more landmarks, warped by their local planes, in both images (Lucas and Kanade 1981), and solve for the pose with
+   robust weights.
 4. Relocalise if the pose is not trusted: optical flow, then SIFT descriptors (`relocalisation`).
 5. Select the ground's motion among the motions in the image (`ground.selection`). If one motion does not explain the
    tracks, track the landmarks again from its pose. If many are still unexplained, search for another motion. Landmarks
@@ -27,14 +27,13 @@ Before and after these stages, `Localiser.process`
   with marginalisation as in OKVIS, Leutenegger et al. 2015; `keyframes`).
 
 A pair may begin a window (`_begin`) if there is no map, or if several good images were refused. Findings can refuse a
-pair at six points, and the later stages are then skipped:
+pair at five points, and the later stages are then skipped:
 
 - after stage 1, with or without a map;
 - before stage 2, if the map has too few landmarks;
-- after stage 5, by the findings about the ground's motion, or if the tracks are not trusted;
 - in stage 7;
 - in `_begin`, if the findings of stage 1 show that the pair cannot be a reference for later pairs;
-- in `_begin`, if the new window has too few landmarks.
+- in `_begin`, by the findings about the new window (`_check_window`).
 
 A pair that `_begin` refuses is lost. At the other points, the finding determines whether the last pose is kept, the
 localiser is lost, or a window may begin (`findings.Action`).
@@ -54,9 +53,9 @@ import numpy as np
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import checked
-from sfr_loc_map.errors import GeometryError, LocalisationError
+from sfr_loc_map.errors import LocalisationError
 from sfr_loc_map.geometry.camera import Pose
-from sfr_loc_map.geometry.plausibility import LOST_VARIANCE, plausible_rotations
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation import guards, stale_images, trajectory, warm_up
@@ -69,9 +68,11 @@ from sfr_loc_map.localisation.estimate import (
     StateReason,
     TrackingState,
     TrackingStatistics,
+    check_given,
     lost_covariance,
 )
 from sfr_loc_map.localisation.findings import Action, Finding, Findings, Verdict, decide
+from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_shift
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
@@ -91,6 +92,7 @@ from sfr_loc_map.localisation.symmetric_matrices import symmetric
 from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
 from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+from sfr_loc_map.parallel import Pending
 
 
 class CorrectedTracks(NamedTuple):
@@ -205,7 +207,7 @@ class Localiser:
             localiser.process(pair)
         landmark_map = localiser._state.landmark_map
         assert landmark_map is not None, "the black pair is kept"
-        warm_up.call_kernels_of_two_motions(landmark_map.followed)
+        warm_up.call_kernels_of_two_motions(landmark_map.tracked)
         localiser.reset(Transform.identity())  # waits for the last keyframe
         warm_up.call_kernels_of_large_images()
 
@@ -216,11 +218,12 @@ class Localiser:
         initial guess only.
 
         LocalisationError, and no change, if the size of the images is not the rig's, or if the stamp of the pair is not
-        later than that of the previous pair. GeometryError, and no change, if the rotation of the odometry is invalid.
+        later than that of the previous pair. GeometryError, and no change, if the odometry has an invalid rotation or a
+        coordinate above `MAX_GIVEN_M`.
         """
         self._check_pair(pair)
-        if odometry is not None and not plausible_rotations(odometry.rotation):
-            raise GeometryError(f"the odometry has an invalid rotation: {odometry.rotation.tolist()}")
+        if odometry is not None:
+            check_given(odometry, "the odometry")
         clock = StageClock()
         with clock.stage("wait"):
             pending = self._pending
@@ -274,18 +277,15 @@ class Localiser:
         pending_change = self._ground_selector.begin_change(frame, state.ground_memory)
         tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
         # 5 select the ground's motion
-        ground = self._select_ground(frame, tracks, prediction, state, images, pending_change.result())
-        findings |= ground.findings
-        verdict = decide(findings | guards.check_tracks(frame, ground.tracks))
-        if verdict.refuses:
-            return self._refuse_selected(state, verdict, frame, ground, ground.tracks)
+        ground = self._select_ground(frame, tracks, prediction, state, images, pending_change)
         # 6 correct the right camera
         corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
         candidate = Candidate(frame, landmark_map.without(ground.not_ground), ground, corrected)
         # 7 judge
-        verdict = self._judge(state, candidate, findings)
+        verdict = self._judge(state, candidate, findings | ground.findings)
         if verdict.refuses:
-            return self._refuse_selected(state, verdict, frame, ground, candidate.tracks)
+            state = replace(state, ground_memory=ground.memory.for_verdict(verdict))
+            return self._refuse_or_restart(state, verdict, frame, candidate.tracks)
         # 8 complete, 9 accept
         final = self._complete(state, candidate, verdict, clock)
         return self._accept(state, candidate, verdict, final)
@@ -299,9 +299,9 @@ class Localiser:
         clock: StageClock,
     ) -> Tracks:
         """Track the landmarks of the map; relocalise if the pose is not trusted."""
-        landmarks = landmark_map.followed
+        landmarks = landmark_map.tracked
         with clock.stage("align"):
-            coarse = self._tracker.align(frame.left, landmark_map.aligned, prediction.guesses.all)
+            coarse = self._tracker.align(frame.left, landmark_map.aligned, prediction.guesses.distinct)
         with clock.stage("refine"):
             tracks = self._tracker.refine(frame, landmarks, coarse, prediction.offset)
         if tracks.is_trusted:
@@ -317,17 +317,24 @@ class Localiser:
         prediction: Prediction,
         state: State,
         images: ImageComparison,
-        change: Change,
+        pending_change: Pending[Change],
     ) -> Ground:
         """Select the ground's motion, unless the left image is frozen or rows of either image are stale."""
+        memory = state.ground_memory
         if images.is_left_frozen or images.blanked_rows.any():
-            return Ground.unselected(tracks, state.ground_memory)
-        return self._ground_selector.select(frame, tracks, prediction, state.ground_memory, state.recovery, change)
+            return Ground.unselected(tracks, memory)
+        change = pending_change.result()
+        return self._ground_selector.select(frame, tracks, prediction, memory, state.recovery, change)
 
     def _correct_right_camera(
         self, tracks: Tracks, calibration: OnlineCalibration, shear_mean: ShearMean
     ) -> CorrectedTracks:
-        """Estimate the shift of the right image, and correct the right observations for a drift of the right camera."""
+        """Estimate the shift of the right image, and correct the right observations for a drift of the right camera.
+
+        Tracks that are not trusted are returned unchanged, because stage 7 refuses them.
+        """
+        if not tracks.is_trusted:
+            return CorrectedTracks(tracks, calibration, shear_mean)
         lens_px = calibration.lens.likely_px
         landmarks = tracks.landmarks.estimates
         shift = right_shift(tracks.pose, landmarks, tracks.observed, self._camera, self._shape, lens_px)
@@ -357,10 +364,7 @@ class Localiser:
         return decide(findings)
 
     def _check_pose(self, state: State, frame: StereoFrame, tracks: Tracks) -> Findings:
-        """Return the findings of the fast guards that refuse poses; they are repeated for the pose of a keyframe.
-
-        The tracks are checked again here, because a correction of the right camera may have changed their inliers.
-        """
+        """Return the findings of the fast guards that refuse poses; they are repeated for the pose of a keyframe."""
         findings = guards.check_tracks(frame, tracks)
         return findings | guards.check_pose(tracks, state.path.last, frame.stamp_ns, self._config.motion)
 
@@ -444,13 +448,6 @@ class Localiser:
             return self._keep(state, verdict, stamp_ns, statistics, tracks)
         return self._lose(state, verdict.reason, statistics, tracks)
 
-    def _refuse_selected(
-        self, state: State, verdict: Verdict, frame: StereoFrame, ground: Ground, tracks: Tracks
-    ) -> Outcome:
-        """Refuse a pair, or begin a window with it, after the ground's motion was selected."""
-        state = replace(state, ground_memory=ground.memory.for_verdict(verdict))
-        return self._refuse_or_restart(state, verdict, frame, tracks)
-
     def _refuse_or_restart(
         self, state: State, verdict: Verdict, frame: StereoFrame, tracks: Tracks | None = None
     ) -> Outcome:
@@ -514,11 +511,10 @@ class Localiser:
         verdict = decide(findings)
         if not verdict.can_be_reference:  # checked first: with a blanked image, no landmark is triangulated
             return self._lose(state, verdict.reason, TrackingStatistics(inliers=0), tracks)
-        pose = Pose.of(state.path.last.T_world_left)
-        result = self._keyframes.begin(frame, pose, state.calibration, state.ground_memory.excluded.mask)
+        result = self._first_keyframe(state, frame)
         landmarks = result.landmark_map.landmarks
         statistics = TrackingStatistics(features=len(landmarks.rows))
-        verdict = decide(findings | guards.check_landmarks(frame, landmarks, self._config.min_tracked))
+        verdict = decide(findings | self._check_window(state, frame, landmarks))
         if verdict.refuses:
             return self._lose(state, verdict.reason, replace(statistics, inliers=0), tracks)
         status = TrackingState.DEGRADED
@@ -532,7 +528,7 @@ class Localiser:
             calibration=result.calibration,
             recovery=RecoveryImages.of_first_keyframe(frame.image, landmarks),
             failed_recoveries=0,
-            ground_memory=state.ground_memory.in_new_window(frame, pose),
+            ground_memory=state.ground_memory.in_new_window(frame, Pose.of(state.path.last.T_world_left)),
             keyframes=keyframes,
             clean_from_keyframe=clean_from,
             has_diverged=False,
@@ -540,6 +536,23 @@ class Localiser:
             reason=verdict.reason,
         )
         return Outcome(state, statistics, tracks, step)
+
+    def _first_keyframe(self, state: State, frame: StereoFrame) -> KeyframeResult:
+        """Return a window that begins at the last known pose with a pair."""
+        pose = Pose.of(state.path.last.T_world_left)
+        return self._keyframes.begin(frame, pose, state.calibration, state.ground_memory.excluded.mask)
+
+    def _check_window(self, state: State, frame: StereoFrame, landmarks: Landmarks) -> Findings:
+        """Apply the guards for the landmarks of a new window.
+
+        If the window has too few landmarks, a window of the swapped images shows whether the order is the cause.
+        """
+        min_tracked = self._config.min_tracked
+        findings = guards.check_landmarks(frame, landmarks, min_tracked)
+        if not findings:
+            return findings
+        if_swapped = self._first_keyframe(state, frame.swapped()).landmark_map.landmarks
+        return findings | guards.check_order(landmarks, if_swapped, min_tracked)
 
     # ---- before and after the stages
 
@@ -583,7 +596,7 @@ class Localiser:
         sums of the path continue, too. Corrections of the yaw up to here then count as errors (`disparity` in
         `uncertainty`), because the yaw that they were based on is discarded.
         """
-        drift = DriftEstimate(followed_px=state.calibration.drift.followed_px)
+        drift = DriftEstimate(total_px=state.calibration.drift.total_px)
         calibration = replace(self._first_calibration(), drift=drift)
         return replace(state, landmark_map=None, calibration=calibration, has_diverged=True)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
@@ -33,9 +35,18 @@ class Guesses(NamedTuple):
     others: tuple[Pose, ...]
 
     @property
-    def all(self) -> list[Pose]:
-        """All guesses."""
-        return [self.repeated_motion, self.standstill, *self.others]
+    def distinct(self) -> list[Pose]:
+        """All guesses without repetitions. After a lost pair, the repeated motion is a standstill."""
+        poses: list[Pose] = []
+        for pose in (self.repeated_motion, self.standstill, *self.others):
+            if not any(_are_equal(pose, earlier) for earlier in poses):
+                poses.append(pose)
+        return poses
+
+
+def _are_equal(first: Pose, second: Pose) -> bool:
+    """Return whether two poses are bit-identical."""
+    return all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
 
 
 class Prediction(NamedTuple):

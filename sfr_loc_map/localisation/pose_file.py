@@ -43,7 +43,8 @@ class PoseFile:
 
     def __init__(self, path: Path, max_age_s: float) -> None:
         """Create the store without reading or writing; a pose whose stamp is older than `max_age_s` is not loaded."""
-        self._path, self._max_age_s = Path(os.path.realpath(path)), max_age_s
+        self._path = Path(os.path.realpath(path))
+        self._max_age_s = max_age_s
 
     def check(self) -> None:
         """Raise OutputError unless the file does not exist, is empty, or begins like a saved pose.
@@ -69,6 +70,7 @@ class PoseFile:
             covariance = np.array(kept.covariance).reshape(6, 6)
             if not is_plausible_covariance(covariance):
                 raise InputError("its covariance is invalid")
+            saved = StartPose.of(StartPose(pose, covariance, kept.stamp_ns))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, RecursionError, SfrError) as error:
@@ -76,7 +78,7 @@ class PoseFile:
         if kept.rig != rig.fingerprint:
             raise InputError(f"resume_file '{self._path}' was saved with another rig or calibration; {REPLACED}")
         age_s = (stamp_ns - kept.stamp_ns) * 1e-9
-        return StartPose(pose, covariance, kept.stamp_ns) if 0.0 < age_s <= self._max_age_s else None
+        return saved if 0.0 < age_s <= self._max_age_s else None
 
     def save(self, known: StartPose, rig: StereoRig) -> None:
         """Save a pose with its stamp, unless its covariance is invalid or too large."""

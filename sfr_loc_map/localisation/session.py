@@ -72,8 +72,10 @@ class LocalisationSession:
         """Continue, or start, at a given pose, which is valid at its stamp; later runs start at this pose, too.
 
         Components that are unknown in the given pose are taken from the last known pose.
+
+        GeometryError, and no change, if the pose is invalid (`StartPose.of`).
         """
-        pose = completed_pose(given, self._last or self._start)
+        pose = StartPose.of(completed_pose(StartPose.of(given), self._last or self._start))
         self._first = replace(pose, stamp_ns=None)
         self._start = pose
         self._last = None
@@ -82,8 +84,11 @@ class LocalisationSession:
             self._localiser.set_pose(pose)
 
     def set_first(self, pose: StartPose) -> None:
-        """Set the start pose of later runs; this run continues unchanged."""
-        self._first = replace(pose, stamp_ns=None)
+        """Set the start pose of later runs; this run continues unchanged.
+
+        GeometryError, and no change, if the pose is invalid (`StartPose.of`).
+        """
+        self._first = replace(StartPose.of(pose), stamp_ns=None)
 
     def restart(self) -> None:
         """Start a new run at the first pose."""

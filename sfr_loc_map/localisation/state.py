@@ -6,7 +6,8 @@ Each call takes a state and returns the next one. A pair changes these parts of 
 |---|---|
 | accepted (`_accept`) | all but `clean_from_keyframe` and `has_diverged`; the state learns from poses only here |
 | kept (`_keep`) | path (covariance and step), status, reason |
-| lost (`_lose`) | path (a standstill is predicted), number of failed recoveries (after a good image), status, reason |
+| lost (`_lose`) | path (a standstill is predicted), memory of the ground (identification restarts), status, reason |
+| | number of failed recoveries (after a good image) |
 | begins a window (`_begin`) | all but `shear_mean`; the window starts at the last known pose |
 
 Five other events change the state:

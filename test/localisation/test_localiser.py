@@ -26,7 +26,7 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform, interpolated, propagated_covariance
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StateReason, TrackingState
+from sfr_loc_map.localisation.estimate import MAX_GIVEN_M, PoseEstimate, StartPose, StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.selection import Ground
@@ -100,11 +100,13 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(estimates: list[PoseEs
     for wrong in (
         *(StartPose(exact, covariance) for covariance in (np.full((6, 6), np.nan), -np.eye(6), np.ones(6))),
         *(StartPose(exact, stamp_ns=0.5), Transform(2.0 * np.eye(3), np.zeros(3))),
+        *(Transform(np.eye(3), np.array([x, 0.0, 0.0])) for x in (1e9, -1.01 * MAX_GIVEN_M)),
     ):
         with pytest.raises(GeometryError, match="start pose"):
             by.set_pose(wrong)
-    with pytest.raises(GeometryError, match="odometry"):
-        by.process(DRIVE[4], Transform(3.0 * np.eye(3), np.zeros(3)))
+    for wrong in (Transform(3.0 * np.eye(3), np.zeros(3)), Transform(np.eye(3), np.full(3, 1e9))):
+        with pytest.raises(GeometryError, match="odometry"):
+            by.process(DRIVE[4], wrong)
     with pytest.raises(GeometryError, match="start pose"):
         by.reset(Transform(2.0 * np.eye(3), np.zeros(3)))
     assert by.process(DRIVE[4]).T_ds_rb.matrix.tobytes() == estimates[4].T_ds_rb.matrix.tobytes()
@@ -112,6 +114,15 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(estimates: list[PoseEs
         Localiser(LOC_RIG, LocalisationConfig(max_features=-5))
     with pytest.raises(GeometryError, match="T_rb_locsb"):
         Localiser(replace(LOC_RIG, T_rb_sb=None), LocalisationConfig(), Transform.identity())
+
+
+def test_a_start_pose_as_far_as_allowed_can_be_processed() -> None:
+    far = Transform(np.eye(3), np.full(3, -MAX_GIVEN_M))
+    by = localiser(far)
+    run(DRIVE[:2], by)
+    by.set_pose(far)
+    estimate = by.process(DRIVE[2], Transform(np.eye(3), np.full(3, MAX_GIVEN_M)))
+    np.testing.assert_allclose(estimate.T_ds_rb.translation, far.translation)
 
 
 @pytest.mark.parametrize("side", ["left_mask", "right_mask"])
@@ -348,7 +359,21 @@ def test_images_that_are_no_stereo_pair_are_lost_and_begin_no_window(fault: str)
     assert estimates[3].reason is StateReason.NO_STEREO
     np.testing.assert_array_equal(estimates[4].T_ds_rb.matrix, estimates[2].T_ds_rb.matrix)
     assert errors(estimates[6], true_pose(6))[0] < 0.003
-    assert [estimate.state.value for estimate in run([mixed(DRIVE[0]), DRIVE[1]])] == ["lost", "degraded"]
+    first = run([*map(mixed, DRIVE[:3]), DRIVE[3]])
+    assert [estimate.state.value for estimate in first] == ["lost", "lost", "lost", "degraded"]
+    assert {estimate.reason for estimate in first[:3]} == {StateReason.NO_STEREO}
+
+
+@pytest.mark.parametrize("side", [0, 30, 45])
+def test_a_first_pair_with_little_texture_is_not_reported_as_swapped(side: int) -> None:
+    """Only a square has texture, in the order of the cameras."""
+    left = np.full((HEIGHT, WIDTH), 128, np.uint8)
+    right = left.copy()
+    inside = np.s_[40 : 40 + side, 60 : 60 + side]
+    left[inside] = DRIVE[0].left[inside]
+    right[inside] = DRIVE[0].right[inside]
+    estimate = run([replace(DRIVE[0], left=left, right=right)])[0]
+    assert estimate.reason in (None, StateReason.FEW_LANDMARKS, StateReason.UNTEXTURED_IMAGES)
 
 
 @pytest.mark.parametrize("fault", ["swapped", "identical", "black", "repeated"])
@@ -401,7 +426,6 @@ def test_an_adjustment_does_not_change_the_motion_since_the_image_that_pairs_are
     state = by._with_keyframe(by._state, by._pending.result())
     poses = []
     for path, memory in ((by._state.path, by._state.ground_memory), (state.path, state.ground_memory)):
-        assert memory.earlier is not None
         poses.append(path.last.T_world_left.inverse() @ Transform(*memory.earlier.pose))
     assert np.any(by._state.path.last.T_world_left.matrix != state.path.last.T_world_left.matrix)
     np.testing.assert_allclose(poses[1].matrix, poses[0].matrix, atol=1e-12)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sfr_loc_map.errors import InputError, LocalisationError, OutputError
+from sfr_loc_map.errors import GeometryError, InputError, LocalisationError, OutputError
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -144,6 +144,16 @@ def test_each_transition_from_each_phase(tmp_path: Path, event: str, before: Pha
     assert phase_of(session) is RUNNING
 
 
+@pytest.mark.parametrize("set_pose", [LocalisationSession.set_pose, LocalisationSession.set_first])
+@pytest.mark.parametrize("wrong", [at(1e9), Transform(2.0 * np.eye(3), np.zeros(3))])
+def test_an_invalid_pose_is_refused_and_changes_nothing(tmp_path: Path, set_pose: Any, wrong: Transform) -> None:
+    session = session_in(READY, tmp_path)
+    with pytest.raises(GeometryError, match="start pose"):
+        set_pose(session, StartPose(wrong))
+    session.restart()
+    assert start_of(session, 4 * S) == AT_FIRST[1]
+
+
 @pytest.mark.parametrize("variance", [None, np.nan, np.inf, -1.0])
 def test_a_lost_pose_or_one_without_covariance_is_neither_kept_nor_started_from(
     tmp_path: Path, variance: float | None
@@ -194,6 +204,7 @@ def test_a_broken_file_is_reported(tmp_path: Path) -> None:
     good = json.loads(path.read_text())
     wrong = {"stamp_ns": -1, "schema": "sfr-resume/2", "translation_m": [1e300, 0, 0], "quat_xyzw": [0, 0, 0, 0]}
     values = [json.dumps(good | {name: value}) for name, value in (*wrong.items(), ("covariance", [float("inf")] * 36))]
+    values.append(json.dumps(good | {"translation_m": [6e8, 0, 0]}))
     for text in ("", "[]", '{"x": ' + "[" * 100_000, "\0" * 100, json.dumps(good)[:-9], *values):
         path.write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=r"cannot be read.*the file is replaced"):

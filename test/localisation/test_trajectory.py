@@ -179,7 +179,7 @@ def guesses(stamp_ns: int, odometry: Transform | None = None) -> list[np.ndarray
     path = begun(RIG)
     for number, pose in enumerate(true_path(3)[1:], 1):
         path = move(path, number, pose, rig=RIG)
-    return [Transform(*guess).matrix for guess in path.last.predict(stamp_ns, odometry, model_of(RIG)).all]
+    return [Transform(*guess).matrix for guess in path.last.predict(stamp_ns, odometry, model_of(RIG)).distinct]
 
 
 @pytest.mark.parametrize("missed", [0, 1, MAX_MISSED_PAIRS, MAX_MISSED_PAIRS + 1])
@@ -196,11 +196,20 @@ def test_the_motion_over_a_long_gap_is_repeated_as_the_mean_motion_of_one_period
     poses = true_path(22)
     path = move(lost_until(move(begun(RIG), 1, poses[1], rig=RIG), 19), 20, poses[20], rig=RIG)
     guesses = path.last.predict(21 * PERIOD_NS, None, model_of(RIG))
-    assert len(guesses.all) == 2
+    assert len(guesses.distinct) == 2
     repeated = Transform(*guesses.repeated_motion)
     moved = poses[20].inverse() @ repeated
     np.testing.assert_allclose(moved.rotation, TURN.rotation, atol=1e-12)
     assert np.linalg.norm(moved.translation - TURN.translation) < 0.3 * np.linalg.norm(TURN.translation)
+
+
+def test_after_a_lost_pair_the_only_guesses_are_a_standstill_and_the_odometry() -> None:
+    poses = true_path(3)
+    path = move(begun(RIG), 1, poses[1], rig=RIG)
+    last = lost_until(path, 3).last
+    assert len(path.last.predict(4 * PERIOD_NS, None, model_of(RIG)).distinct) == 3
+    assert len(last.predict(4 * PERIOD_NS, None, model_of(RIG)).distinct) == 1
+    assert len(last.predict(4 * PERIOD_NS, TURN, model_of(RIG)).distinct) == 2
 
 
 def test_wheel_odometry_is_a_motion_of_the_rover() -> None:
@@ -500,7 +509,7 @@ def test_the_noise_of_two_images_is_added_between_a_pose_from_outside_and_the_pr
 def test_drift_corrections_before_a_pose_from_outside_leave_its_attitude_certain(at: int) -> None:
     """The external pose is for an earlier pair, for the last pair, or later than the last pair."""
     model = model_of(IN_CAMERA)
-    followed = OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7, drift=DriftEstimate(followed_px=20.0))
+    followed = OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7, drift=DriftEstimate(total_px=20.0))
 
     def attitude(path: PathState, known: OnlineCalibration) -> float:
         position = path.last.T_world_left.translation
@@ -510,8 +519,8 @@ def test_drift_corrections_before_a_pose_from_outside_leave_its_attitude_certain
     before = attitude(path, followed)
     path = set_at(path, at, max(at, 2))
     after = attitude(path, followed)
-    per_px2 = (SOURCES.followed_attitude_ratio / RIG.fx) ** 2
+    per_px2 = (SOURCES.drift_attitude_ratio / RIG.fx) ** 2
     assert before - after > 0.9 * per_px2 * 20.0**2
-    further = replace(followed, drift=DriftEstimate(followed_px=30.0))
+    further = replace(followed, drift=DriftEstimate(total_px=30.0))
     path = move(path, 5, 3.0 * STEP, further)
     assert attitude(path, further) - after == pytest.approx(per_px2 * 10.0**2, rel=0.05)

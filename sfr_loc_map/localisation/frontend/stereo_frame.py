@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,12 @@ class StereoFrame(NamedTuple):
         """
         left, right = both(build_pyramid, (pair.left,), (pair.right,))
         return cls(pair, received or pair, left, right, has_frozen_image)
+
+    def swapped(self) -> StereoFrame:
+        """Return the frame with its left and right images exchanged."""
+        pair = replace(self.pair, left=self.pair.right, right=self.pair.left)
+        received = replace(self.received, left=self.received.right, right=self.received.left)
+        return StereoFrame(pair, received, self.right, self.left, self.has_frozen_image)
 
     @property
     def stamp_ns(self) -> int:

@@ -220,5 +220,5 @@ class Tracker:
         rotation, position = tracks.pose
         baseline = rotation[:, 0] * self._camera.baseline_m
         start = Pose(rotation, position - baseline if tracks.is_left_fuller else position + baseline)
-        swapped = self.refine(frame._replace(left=frame.right, right=frame.left), tracks.landmarks, start, offset)
+        swapped = self.refine(frame.swapped(), tracks.landmarks, start, offset)
         return swapped.is_trusted and swapped.stereo_fraction > SWAPPED_STEREO_FRACTION

@@ -135,7 +135,7 @@ def case_of(pair: ComparedPair, main: Motion, evidence: Evidence, memory: Ground
         return PartialTransfer()
     # one exposure dominates, and its motion explains more than half of the landmarks
     may_dominate = not evidence.is_contradicted and not evidence.is_half_unexplained
-    if may_dominate and searches.is_double_exposure(pair, main, memory.previous):
+    if may_dominate and searches.is_double_exposure(pair, main, memory.last_image):
         return DoubleExposure()
     if evidence.is_contradicted or evidence.is_unusual:
         other = searches.other_motion(pair, main, is_contradicted=evidence.is_contradicted)

@@ -143,6 +143,11 @@ class ImageFaults(NamedTuple):
     #: are degraded (`Finding.RECOVERING`).
     recovery_pairs: int = 0
 
+    @property
+    def degrades_next(self) -> bool:
+        """Whether a trusted pair without another finding is degraded next, if its image moves."""
+        return self.recovery_pairs > 1
+
     def after(self, fault: Fault, *, is_moving: bool) -> ImageFaults:
         """Return the faults after a pair. Only moving pairs without a fault reduce the recovery."""
         match fault:

@@ -9,7 +9,9 @@ from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import NamedTuple
 
-from sfr_loc_map.geometry.arrays import FloatImage, Mask
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatImage, Mask, read_only
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.findings import Finding, Verdict
@@ -76,13 +78,21 @@ class Effect(NamedTuple):
 
 
 class EarlierImage(NamedTuple):
-    """Earlier image that the present image is compared with, cell by cell."""
+    """Earlier image that the next image is compared with, cell by cell."""
 
     image: FloatImage  #: Pyramid level `LEVEL` of a left image.
     pose: Pose  #: Pose of the left camera at that image.
-    #: Number of pairs since the image. A refused pair from which the memory does not learn is not
+    #: Number of pairs from the image to the next pair. A refused pair from which the memory does not learn is not
     #: counted. The image motion from which outliers are ignored is proportional to the age (`selection.FAR_RATIO`).
-    age: int = 0
+    age: int = 1
+
+    def older(self) -> EarlierImage:
+        """Return the image after one more pair."""
+        return self._replace(age=self.age + 1)
+
+
+NO_IMAGE = EarlierImage(read_only(np.zeros((0, 0), np.float32)), Pose.of(Transform.identity()))
+"""Earlier image before the first window. No pair is compared with it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +105,7 @@ class GroundMemory:
     |---|---|---|---|---|---|---|
     | `excluded` | = cells after the pair | | | | | |
     | `earlier` | one pair older, or a newer image | one pair older | = first image | pose | | |
-    | `previous` | = image of the pair | = None | = None | | | |
+    | `last_image` | = image of the pair | = None | = None | | | |
     | `identification` | by the conclusion | | restarted | | restarted | |
     | `faults` | by the fault | | = none | | | by the rows |
     | `typical` | updated if there is one motion | | = None | | | |
@@ -113,10 +123,10 @@ class GroundMemory:
     """
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.
-    earlier: EarlierImage | None = None  #: Image at an accepted pose; None before the first window.
-    #: Pyramid level `MIXTURE_LEVEL` of the left image at the last accepted pose; None if that image was not compared
-    #: with earlier images.
-    previous: FloatImage | None = None
+    earlier: EarlierImage = NO_IMAGE  #: Image at an accepted pose, for the detection of changed cells.
+    #: Left image at the last accepted pose, pyramid level `MIXTURE_LEVEL`, for the detection of double exposures; None
+    #: if the ground's motion was not selected in that pair.
+    last_image: FloatImage | None = None
     identification: Identification = Identification()  #: Which motion is the ground's.
     faults: ImageFaults = ImageFaults()  #: Faults of earlier images.
     #: Typical fraction of unexplained landmarks; None until one motion has explained a pair of the window.
@@ -138,12 +148,6 @@ class GroundMemory:
     def is_clear(self) -> bool:
         """Whether earlier pairs no longer have an effect: the images have no fault, and the ground is not in doubt."""
         return self.faults == ImageFaults() and self.identification.phase is not Phase.IN_DOUBT
-
-    @property
-    def compared(self) -> EarlierImage:
-        """Earlier image that a pair is compared with, at the age that it has in this pair. A window has begun."""
-        assert self.earlier is not None, "pairs are compared only in a window"
-        return self.earlier._replace(age=self.earlier.age + 1)
 
     def is_usual(self, unexplained: float) -> bool:
         """Return whether a fraction of unexplained landmarks is usual for the ground."""
@@ -182,8 +186,8 @@ class GroundMemory:
         """
         return GroundMemory(
             excluded=excluded,
-            earlier=self.compared,
-            previous=image,
+            earlier=self.earlier.older(),
+            last_image=image,
             identification=self.identification_after(effect.conclusion, support),
             faults=self.faults.after(effect.fault, is_moving=is_moving),
             typical=self.typical_after(effect.conclusion, support.unexplained_fraction),
@@ -217,14 +221,14 @@ class GroundMemory:
         A doubt persists, and the recovery from earlier faults makes no progress. Excluded cells do not age, because
         stationary cells, which renew the lifetime of cells fixed to the camera, are not detected in such a pair.
         """
-        return replace(self, earlier=self.compared, previous=None)
+        return replace(self, earlier=self.earlier.older(), last_image=None)
 
     def in_new_window(self, frame: StereoFrame, pose: Pose) -> GroundMemory:
         """Return the memory in a new window. The ground must be learnt again, and doubt persists."""
         return replace(
             self,
             earlier=EarlierImage(frame.left[LEVEL].image, pose),
-            previous=None,
+            last_image=None,
             identification=self.identification.restarted(),
             faults=ImageFaults(),
             typical=None,
@@ -235,8 +239,6 @@ class GroundMemory:
 
         The earlier image moves with it, so that the image motion between the two remains.
         """
-        if self.earlier is None:
-            return self
         pose = Pose.of(T_after_before @ Transform(*self.earlier.pose))
         return replace(self, earlier=self.earlier._replace(pose=pose))
 
@@ -266,10 +268,10 @@ class NextMemory(NamedTuple):
             before: Memory before the pair.
             learnt: Memory with what the pair shows.
             next_earlier: Earlier image of the next pairs if they may be compared with this pair.
-            outlasts_refusal: Whether the memory learns from the pair although its pose is refused. The previous image
-                is then still that at the last accepted pose.
+            outlasts_refusal: Whether the memory learns from the pair although its pose is refused. The last image is
+                then still that at the last accepted pose.
         """
-        refused = replace(learnt, previous=before.previous) if outlasts_refusal else before
+        refused = replace(learnt, last_image=before.last_image) if outlasts_refusal else before
         return cls(replace(learnt, earlier=next_earlier), learnt, refused)
 
     @classmethod

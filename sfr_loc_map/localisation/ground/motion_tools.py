@@ -97,7 +97,7 @@ class ComparedPair(NamedTuple):
         if count < min_tracked:
             return None
         offset = self.prediction.offset
-        start = tracker.align(self.frame.left, landmarks.thinned(ALIGNED_LANDMARKS), self.guesses.all)
+        start = tracker.align(self.frame.left, landmarks.thinned(ALIGNED_LANDMARKS), self.guesses.distinct)
         tracks = tracker.refine(self.frame, landmarks, start, offset)
         if tracks.inlier_count < CONVINCING * count:
             pose = self.tools.relocaliser.pose_by_flow(self.frame, self.recovery, landmarks)

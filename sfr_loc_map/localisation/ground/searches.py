@@ -94,17 +94,17 @@ def other_motion(pair: ComparedPair, main: Motion, *, is_contradicted: bool) -> 
     return found if _image_motion_between(pair, main, found) > least_px else None
 
 
-def is_double_exposure(pair: ComparedPair, main: Motion, previous: FloatImage | None) -> bool:
-    """Return whether the exposures of two pairs are blended in the left image of this pair or of the previous pair.
+def is_double_exposure(pair: ComparedPair, main: Motion, last_image: FloatImage | None) -> bool:
+    """Return whether the exposures of two pairs are blended in the left image of this pair or of the last pair.
 
     The dominant exposure is tracked. If the newer exposure dominates, this image also shows the scene from the last
-    pose. If the older exposure dominates, poses lag behind by one pair, and the previous image also shows the scene
-    from the present pose.
+    pose. If the older exposure dominates, poses lag behind by one pair, and the last image also shows the scene from
+    the present pose.
 
     Args:
         pair: The pair.
         main: The main motion.
-        previous: Level `MIXTURE_LEVEL` of the left image at the last pose; None if unknown.
+        last_image: Level `MIXTURE_LEVEL` of the left image at the last pose; None if unknown.
     """
     if main.agreement.unexplained_fraction < SEARCHED_UNEXPLAINED:
         return False
@@ -115,7 +115,7 @@ def is_double_exposure(pair: ComparedPair, main: Motion, previous: FloatImage | 
     image = pair.frame.left[MIXTURE_LEVEL].image
     if pair.shows_other(image, landmarks, now, last):
         return True
-    return previous is not None and pair.shows_other(previous, landmarks, last, now)
+    return last_image is not None and pair.shows_other(last_image, landmarks, last, now)
 
 
 def _image_motion_between(pair: ComparedPair, main: Motion, other: Motion) -> float:

@@ -55,7 +55,7 @@ from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL
 from sfr_loc_map.localisation.ground.evidence import evidence_of
 from sfr_loc_map.localisation.ground.excluded_cells import Exclusion
 from sfr_loc_map.localisation.ground.identification import Fault, Phase
-from sfr_loc_map.localisation.ground.memory import EarlierImage, Effect, GroundMemory, NextMemory
+from sfr_loc_map.localisation.ground.memory import EarlierImage, GroundMemory, NextMemory
 from sfr_loc_map.localisation.ground.motion_tools import ComparedPair, Motion, MotionTools
 from sfr_loc_map.localisation.ground.two_motions import TwoMotions
 from sfr_loc_map.localisation.motion_model import Prediction
@@ -102,14 +102,16 @@ class Ground(NamedTuple):
     def unselected(cls, tracks: Tracks, memory: GroundMemory) -> Ground:
         """Return all tracks as those of the ground, without a comparison with earlier pairs.
 
-        Whether the image moved is unknown. The pair is reported as recovering as if the image had moved.
+        A doubt, or a recovery from earlier faults, is reported again.
         """
-        is_in_doubt = memory.identification.phase is Phase.IN_DOUBT
-        effect = Effect(Finding.GROUND_IN_DOUBT) if is_in_doubt else Effect()
-        faults = memory.faults.after(Fault.NONE, is_moving=True)
+        findings: Findings = frozenset()
+        if memory.identification.phase is Phase.IN_DOUBT:
+            findings = frozenset({Finding.GROUND_IN_DOUBT})
+        elif tracks.is_trusted and memory.faults.degrades_next:
+            findings = frozenset({Finding.RECOVERING})
         return cls(
             tracks=tracks,
-            findings=cases.findings_of(effect, faults, is_trusted=tracks.is_trusted),
+            findings=findings,
             not_ground=np.zeros(0, np.intp),
             other_distance=NO_DISTANCE,
             memory=NextMemory.of_unselected(memory),
@@ -124,7 +126,7 @@ class GroundSelector:
 
     def begin_change(self, frame: StereoFrame, memory: GroundMemory) -> Pending[Change]:
         """Start to compare the left image with an earlier image, cell by cell, while the landmarks are tracked."""
-        return beside(change_of, memory.compared.image, frame.left[LEVEL].image)
+        return beside(change_of, memory.earlier.image, frame.left[LEVEL].image)
 
     def select(
         self,
@@ -137,7 +139,7 @@ class GroundSelector:
     ) -> Ground:
         """Return the ground's motion in a pair. The tracks may follow any motion, trusted or not."""
         tools = self._tools
-        earlier = memory.compared
+        earlier = memory.earlier
         far_px = FAR_RATIO * tools.shape[1] * earlier.age if memory.is_clear else np.inf
         pair = ComparedPair(tools, frame, prediction, recovery, change, earlier.pose, far_px)
 
@@ -168,11 +170,11 @@ class GroundSelector:
 def _next_earlier(frame: StereoFrame, selection: Selection, earlier: EarlierImage, fault: Fault) -> EarlierImage:
     """Return the image that the next pair is compared with: the present left image, or the earlier image again."""
     if fault is Fault.TRANSFER:
-        return earlier
+        return earlier.older()
     shows_fixed = selection.motion.agreement.motion_px > COMPARED_PX
     if shows_fixed or not selection.is_main or earlier.age > COMPARED_PAIRS:
         return EarlierImage(frame.left[LEVEL].image, selection.motion.tracks.pose)
-    return earlier
+    return earlier.older()
 
 
 # ---- the tracks of a case

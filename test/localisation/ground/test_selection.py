@@ -176,13 +176,13 @@ def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
 
 
 def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> None:
-    before = replace(GroundMemory.none((32, 32)), earlier=EarlierImage(IMAGE, HERE), previous=IMAGE)
-    learnt = replace(before, previous=np.ones((16, 16), np.float32), faults=ImageFaults(transfers=2))
+    before = replace(GroundMemory.none((32, 32)), earlier=EarlierImage(IMAGE, HERE), last_image=IMAGE)
+    learnt = replace(before, last_image=np.ones((16, 16), np.float32), faults=ImageFaults(transfers=2))
     refused = decide({Finding.CONTRADICTED})
     next_earlier = EarlierImage(IMAGE, HERE)
     assert NextMemory.of_selected(before, learnt, next_earlier, outlasts_refusal=False).for_verdict(refused) is before
     memory = NextMemory.of_selected(before, learnt, next_earlier, outlasts_refusal=True).for_verdict(refused)
-    assert memory.previous is before.previous
+    assert memory.last_image is before.last_image
     assert memory.faults.transfers == 2
 
 
