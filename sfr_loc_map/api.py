@@ -22,7 +22,7 @@ from sfr_loc_map.calls.call_findings import findings_of_records
 from sfr_loc_map.calls.call_record import CallRecord, tracking_warning
 from sfr_loc_map.calls.call_stats import CallStats, stats_of
 from sfr_loc_map.config import build
-from sfr_loc_map.config_file import read_config
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -343,13 +343,13 @@ def _parameters_or_method(kind: type[C], task: Task, method: str, config: object
         text = config_text(None if config is None else path_of(config, "config"))
         return UnderTest(find_method(method, task, text), hidden=source.truth_paths())
     if config is None:
-        return source.config.parameters(kind, task.value)
+        return source.config.given.build(kind, task.value)
     if isinstance(config, kind):
         return config
     if isinstance(config, Mapping):
         return build(kind, config, origin="config")
     file = path_of(config, "config", f"a path, parameters by name, or a {kind.__name__}")
-    return read_config(kind, file, task.value)
+    return Configuration.read(file).build(kind, task.value)
 
 
 def _items(values: object) -> list[Any]:

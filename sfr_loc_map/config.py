@@ -45,6 +45,7 @@ class ParamInfo:
 
     name: str
     type: type
+    kind: str  #: The type in words.
     default: Any
     doc: str
     unit: str
@@ -54,7 +55,10 @@ class ParamInfo:
 
 
 def parameters(config_type: type, prefix: str = "") -> Iterator[ParamInfo]:
-    """Yield every parameter of a configuration class. Nested parameters have dotted names."""
+    """Yield every parameter of a configuration class. Nested parameters have dotted names.
+
+    TypeError for a type that is not supported.
+    """
     types = get_type_hints(config_type)
     for item in fields(config_type):
         kind = types[item.name]
@@ -62,7 +66,7 @@ def parameters(config_type: type, prefix: str = "") -> Iterator[ParamInfo]:
         if is_dataclass(kind) and isinstance(kind, type):
             yield from parameters(kind, name + ".")
             continue
-        yield ParamInfo(name=name, type=kind, default=item.default, **item.metadata)
+        yield ParamInfo(name=name, type=kind, kind=_kind_of(kind, name), default=item.default, **item.metadata)
 
 
 def flatten(
@@ -156,7 +160,7 @@ def _converted(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parame
     try:
         value = msgspec.convert(value, info.type)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"'{info.name}' is {value!r:.40}: {_kind_of(info.type)} is required") from error
+        raise ConfigError(f"'{info.name}' is {value!r:.40}: {info.kind} is required") from error
     for item in value if isinstance(value, tuple) else (value,):
         if info.low is not None and info.high is not None and not info.low <= item <= info.high:
             limits = f"{info.low} to {info.high} {info.unit}".rstrip()
@@ -174,11 +178,18 @@ def _without_numpy(value: Any) -> Any:  # noqa: ANN401 - any parameter type
     return value.tolist() if hasattr(value, "tolist") else value
 
 
-def _kind_of(parameter_type: type) -> str:
-    """Return the type of a parameter in words; `tuple[float, float, float]` is a list of 3 numbers."""
-    if get_origin(parameter_type) is not tuple:
+def _kind_of(parameter_type: type, name: str) -> str:
+    """Return the type of a parameter in words; `tuple[float, float, float]` is a list of 3 numbers.
+
+    TypeError if the type is neither in `_KINDS` nor a tuple of these types.
+    """
+    is_list = get_origin(parameter_type) is tuple
+    items = get_args(parameter_type) if is_list else (parameter_type,)
+    if unknown := [item for item in items if item not in _KINDS and item is not Ellipsis]:
+        known = ", ".join(kind.__name__ for kind in _KINDS)
+        raise TypeError(f"the parameter {name} has the type {unknown[0]}: {known}, or a tuple of one is required")
+    if not is_list:
         return _KINDS[parameter_type]
-    items = get_args(parameter_type)
     return "a list" if Ellipsis in items else f"a list of {len(items)} numbers"
 
 

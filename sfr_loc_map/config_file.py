@@ -1,19 +1,20 @@
-"""The configuration file of all commands and nodes: the sections of an `sfr.yaml` or of a ROS parameter file.
+"""The configuration of all commands and nodes: the sections of an `sfr.yaml` or of a ROS parameter file.
 
 A value of the file takes these steps:
 
-1. `read_sections` reads the YAML, and returns the values by section and dotted name;
+1. `Configuration.read` reads the YAML, and returns the values by section and dotted name;
 2. `io.source_settings` changes values by the options of a command (`--set`, `--remap`, `--calibration`);
-3. `build` converts each section to its dataclass, with a check of every name, type and range. The sections `topics` to
-   `truth` become an `io.source_config.SourceConfig`, and the others the parameters of localiser, mapper and monitor.
+3. `Configuration.build` converts a section to its dataclass, with a check of every name, type and range. The sections
+   `topics` to `truth` become an `io.source_config.SourceConfig`, and the others the parameters of localiser, mapper and
+   monitor.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from sfr_loc_map.config import MAPPING, build, flatten, is_empty, suggestion
 from sfr_loc_map.config_nodes import NODE_SECTIONS, has_nodes, sections_of_nodes
@@ -30,16 +31,35 @@ SECTIONS = (
 
 `topics` contains the name in the bag by name in the suite; `--remap FOUND:=EXPECTED` has the inverse order.
 """
+ALIAS, ALIASED = NODE_SECTIONS["extrinsics"].prefix, "extrinsics"
+"""Second name of a section, which is that of its node parameters, and the name of the section."""
 
 
-def read_sections(path: Path) -> dict[str, Any]:
-    """Return the values of a configuration file by section, as mappings of dotted names.
+class Key(NamedTuple):
+    """The place of a value: a name in a section, or a section whose value has no names, such as `limits`."""
 
-    The file is an `sfr.yaml` or a ROS parameter file (`/**: ros__parameters:` or `NODE: ros__parameters:`). Raises
-    ConfigError.
-    """
-    flat = _read_flat(path)
-    return sections_of_nodes(flat, path) if has_nodes(flat) else _sections_of_file(flat, path)
+    section: str
+    name: str = ""  #: Name in the section; empty for the value of the section itself.
+
+    @classmethod
+    def parse(cls, text: str) -> Key:
+        """Return the key of a text `SECTION.NAME` or `SECTION`; the section may be unknown."""
+        section, _, name = text.partition(".")
+        return cls(ALIASED if section == ALIAS else section, name)
+
+    def __str__(self) -> str:
+        return f"{self.section}.{self.name}" if self.name else self.section
+
+    def value_in(self, sections: Mapping[str, Any]) -> Any:  # noqa: ANN401 - any value of a configuration
+        """Return the value in sections; None if it is missing."""
+        return sections.get(self.section, {}).get(self.name) if self.name else sections.get(self.section)
+
+    def put(self, value: object, sections: dict[str, Any]) -> None:
+        """Set the value in sections."""
+        if self.name:
+            sections.setdefault(self.section, {})[self.name] = value
+        else:
+            sections[self.section] = value
 
 
 def is_ros_parameter_file(path: Path) -> bool:
@@ -56,66 +76,80 @@ def _read_flat(path: Path) -> dict[str, Any]:
 
 def _sections_of_file(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Return the sections of an `sfr.yaml`; the section `extrinsics` may have the name of its node parameters."""
-    alias = NODE_SECTIONS["extrinsics"].prefix
-    if {alias, "extrinsics"} <= {key.partition(".")[0] for key in flat}:
-        raise ConfigError(f"{path}: '{alias}' and 'extrinsics' are names of one section: give one of them")
+    check_one_name(flat, str(path))
     sections: dict[str, Any] = {}
-    for key, value in flat.items():
-        given, _, name = key.partition(".")
-        section = "extrinsics" if given == alias else given
-        if section not in SECTIONS:
+    for name, value in flat.items():
+        key = Key.parse(name)
+        if key.section not in SECTIONS:
             raise ConfigError(
-                f"{path}: unknown section '{section}'{suggestion(section, SECTIONS)}: parameters belong to a section, "
-                "such as localisation or mapping"
+                f"{path}: unknown section '{key.section}'{suggestion(key.section, SECTIONS)}: parameters belong to a "
+                "section, such as localisation or mapping"
             )
-        if not name and is_empty(value):
+        if not key.name and is_empty(value):
             continue
-        check_form(section, name, value, f"{path}: '{key}'")
-        if name:
-            sections.setdefault(section, {})[name] = value
-        else:
-            sections[section] = value
+        check_form(key, value, f"{path}: '{name}'")
+        key.put(value, sections)
     return sections
 
 
-def check_form(section: str, name: str, value: object, where: str) -> None:
-    """Raise ConfigError if a section does not have the form of a value: a file name, a list, or names with values.
+def check_one_name(names: Iterable[str], origin: str) -> None:
+    """Raise ConfigError if names of values contain both names of the section `extrinsics`."""
+    if {ALIAS, ALIASED} <= {name.partition(".")[0] for name in names}:
+        raise ConfigError(f"{origin}: '{ALIAS}' and '{ALIASED}' are names of one section: give one of them")
 
-    `name` is the name of the value in the section; empty for the value of the section itself. `where` begins the
-    message.
+
+def check_form(key: Key, value: object, where: str) -> None:
+    """Raise ConfigError if a value does not have the form of its section: a file name, a list, or names with values.
+
+    `where` begins the message.
     """
-    if section == "limits":
-        is_valid, required = not name and isinstance(value, str) and value != "", "a file name"
-    elif section == "conditions":
+    if key.section == "limits":
+        is_valid, required = not key.name and isinstance(value, str) and value != "", "a file name"
+    elif key.section == "conditions":
         is_list = isinstance(value, list) and len(value) > 0 and all(isinstance(item, str) for item in value)
-        is_valid, required = not name and is_list, "a list such as [distance=5]"
+        is_valid, required = not key.name and is_list, "a list such as [distance=5]"
     else:
-        is_valid, required = bool(name) or isinstance(value, Mapping), MAPPING
+        is_valid, required = bool(key.name) or isinstance(value, Mapping), MAPPING
     if not is_valid:
-        raise ConfigError(f"{where} is {value!r:.40}: {required} is required for '{section}'")
+        raise ConfigError(f"{where} is {value!r:.40}: {required} is required for '{key.section}'")
 
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """The sections of a configuration file; without a file, there are no sections."""
+    """The sections of a configuration file, possibly changed by the options of a command."""
 
-    path: Path | None
-    sections: Mapping[str, Any]
+    path: Path | None = None  #: The file; None if all values are those of options.
+    sections: Mapping[str, Any] = field(default_factory=dict)
+    """Values by section; a section is a mapping of dotted names, except `conditions` and `limits` (`check_form`)."""
 
     @classmethod
     def read(cls, path: Path | None) -> Configuration:
-        """Read a file (`read_sections`)."""
-        return cls(path, {} if path is None else read_sections(path))
+        """Read an `sfr.yaml` or a ROS parameter file (`/**: ros__parameters:` or `NODE: ros__parameters:`).
+
+        None gives a configuration without values. Raises ConfigError.
+        """
+        if path is None:
+            return cls()
+        flat = _read_flat(path)
+        return cls(path, sections_of_nodes(flat, path) if has_nodes(flat) else _sections_of_file(flat, path))
+
+    @property
+    def origin(self) -> str:
+        """The beginning of messages about the values: the file, or the word settings."""
+        return "settings" if self.path is None else str(self.path)
+
+    @property
+    def folder(self) -> Path:
+        """The folder to which names of files in the values are relative; without a file, the working directory."""
+        return Path() if self.path is None else self.path.parent
 
     def section(self, name: str) -> Mapping[str, Any]:
         """Return the values of a section; empty if it is missing."""
         return self.sections.get(name) or {}
 
     def build(self, config_type: type[C], name: str) -> C:
-        """Return the parameters of a section, such as `localisation`."""
-        return build(config_type, self.section(name), origin=f"{self.path}, {name}")
+        """Return the parameters of a section, such as `localisation`; ConfigError if a value is invalid."""
+        return build(config_type, self.section(name), origin=f"{self.origin}, {name}")
 
 
-def read_config(config_type: type[C], path: Path | None, part: str) -> C:
-    """Read the parameters of a section, such as `localisation`, from a configuration file; None gives the defaults."""
-    return Configuration.read(path).build(config_type, part)
+NOTHING_GIVEN = Configuration()  #: The configuration without values.

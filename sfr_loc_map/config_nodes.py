@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from sfr_loc_map.config import MAPPING, is_empty, suggestion
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.suite_names import MONITOR_NODE, SUITE_NODES, Task
 
 
@@ -66,10 +67,17 @@ def has_nodes(flat: Mapping[str, Any]) -> bool:
 def sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Return the sections of a ROS parameter file; values of a node have priority over those of all nodes (`/**`).
 
-    Other parameters of nodes are ignored. ConfigError if a section is not a mapping, or if two nodes have different
-    values of a parameter that a section has once. Raises the errors of `_by_node` and `_by_suite_node`.
+    Other parameters of nodes are ignored. ConfigError if a section is not a mapping, if two nodes have different
+    values of a parameter that a section has once, or if all parameters are those of nodes of other programs. Raises the
+    errors of `_by_node` and `_by_suite_node`.
     """
-    parameters = _by_suite_node(_by_node(flat, path), path)
+    nodes = _by_node(flat, path)
+    parameters = _by_suite_node(nodes, path)
+    if nodes and not parameters:
+        raise ConfigError(
+            f"{path}: all parameters are those of other nodes, such as '{min(nodes)}': parameters of "
+            f"{alternatives((*SUITE_NODES, '/**'))} are required"
+        )
     sections: dict[str, Any] = {}
     node_of: dict[str, str] = {}
     for name in (ALL_NODES, *SUITE_NODES):

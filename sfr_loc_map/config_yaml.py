@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -67,8 +68,19 @@ def _comment(info: ParamInfo) -> str:
     return " ".join(parts)
 
 
+class _OneLineDumper(yaml.SafeDumper):
+    """Writes texts that are empty or contain line breaks in double quotes, with escape sequences."""
+
+
+def _one_line_text(dumper: yaml.SafeDumper, value: str) -> yaml.ScalarNode:
+    return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=None if value.splitlines() == [value] else '"')
+
+
+_OneLineDumper.add_representer(str, _one_line_text)
+
+
 def yaml_text(value: object) -> str:
     """Return a value as one line of YAML."""
     plain = list(value) if isinstance(value, tuple) else value
-    text = yaml.safe_dump(plain, default_flow_style=True, width=10**6, default_style='"' if plain == "" else None)
+    text: str = yaml.dump(plain, Dumper=_OneLineDumper, default_flow_style=True, width=math.inf)
     return text.removesuffix("\n").removesuffix("\n...")

@@ -75,6 +75,11 @@ _SPECIAL_FILES = {
 }
 
 
+def parent_of(path: Path) -> Path:
+    """Return the folder that contains a path; unlike `Path.parent`, also of `.` and of paths that end in `..`."""
+    return path / ".." if path.name in ("", "..") else path.parent
+
+
 def special_kind(mode: int) -> str:
     """Return the kind of a special file with this `st_mode` in words; empty for a regular file or a folder."""
     return "" if stat.S_ISDIR(mode) else _SPECIAL_FILES.get(stat.S_IFMT(mode), "")

@@ -2,18 +2,20 @@
 
 import math
 import re
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, make_dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sfr_loc_map.config import build, flatten, param, parameters
-from sfr_loc_map.config_file import read_sections
-from sfr_loc_map.config_yaml import load_yaml
+from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.config_yaml import load_yaml, yaml_text
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
@@ -143,6 +145,24 @@ def test_names_and_merged_maps_of_yaml(tmp_path: Path) -> None:
     assert content["d"] == {"1e-3": 1500.0, 1: "one", "1": "text"}
 
 
+@given(st.one_of(st.text(max_size=8), st.lists(st.text(max_size=8) | st.integers(), max_size=3)))
+def test_a_value_is_one_line_of_yaml_and_is_read_back(value: object) -> None:
+    text = yaml_text(value)
+    assert len(text.splitlines()) == 1
+    assert yaml.safe_load(text) == value
+
+
+@pytest.mark.parametrize("wrong", [float | None, complex, list[float], tuple[float, Path]])
+def test_a_parameter_of_another_type_is_refused_at_its_first_use(wrong: type) -> None:
+    cls = make_dataclass("Other", [("value", wrong, param(None, doc="Any value."))], frozen=True)
+    with pytest.raises(TypeError, match="the parameter value has the type"):
+        build(cls, {"value": "x"})
+
+
+def sections_of(path: Path) -> Mapping[str, Any]:
+    return Configuration.read(path).sections
+
+
 OF_ALL = "/**:\n  ros__parameters: {truth.sigma_m: 0.1}\n"
 OF_MAPPER = "mapping_node:\n  ros__parameters: {input.stamp_tolerance_s: 0.2}\n"
 OF_MONITOR = "monitor_node:\n  ros__parameters: {truth: {sigma_m: 0.2}}\n"
@@ -154,7 +174,7 @@ OF_MONITOR = "monitor_node:\n  ros__parameters: {truth: {sigma_m: 0.2}}\n"
         ("/**:\n  ros__parameters:\n", {}),
         (OF_ALL + OF_MONITOR, {"truth": {"sigma_m": 0.2}}),
         (OF_MONITOR + OF_ALL, {"truth": {"sigma_m": 0.2}}),
-        (OF_MONITOR.replace("monitor", "other"), {}),
+        (OF_MONITOR.replace("monitor", "other") + OF_ALL, {"truth": {"sigma_m": 0.1}}),
         (OF_ALL.replace("/**", "/*"), {"truth": {"sigma_m": 0.1}}),
         (
             OF_ALL.replace("truth.sigma_m", "mapping.voxel_m").replace("/**", "/rover/**") + OF_ALL,
@@ -168,20 +188,20 @@ def test_parameters_of_nodes_are_read_from_a_ros_parameter_file(
     tmp_path: Path, text: str, sections: dict[str, Any]
 ) -> None:
     (tmp_path / "nodes.yaml").write_text(text)
-    assert read_sections(tmp_path / "nodes.yaml") == sections
+    assert sections_of(tmp_path / "nodes.yaml") == sections
 
 
 @pytest.mark.parametrize("name", ["thruth", "topic", "ground_truth", "camera", "max_features", "/**.ros__params"])
 def test_an_unknown_section_is_refused_also_if_it_is_the_only_one(tmp_path: Path, name: str) -> None:
     (tmp_path / "sfr.yaml").write_text(f"{name}: {{file: x}}\n")
     with pytest.raises(ConfigError, match=r"sfr\.yaml: unknown section '"):
-        read_sections(tmp_path / "sfr.yaml")
+        sections_of(tmp_path / "sfr.yaml")
 
 
 def test_parameters_beside_a_section_are_refused(tmp_path: Path) -> None:
     (tmp_path / "sfr.yaml").write_text("localisation: {min_inliers: 20}\nmax_features: 300\n")
     with pytest.raises(ConfigError, match=r"sfr\.yaml: unknown section 'max_features'"):
-        read_sections(tmp_path / "sfr.yaml")
+        sections_of(tmp_path / "sfr.yaml")
 
 
 @pytest.mark.parametrize("node", ["/**", "/**/localisation_node", "localisation_node"])
@@ -190,19 +210,19 @@ def test_a_misspelt_prefix_in_a_ros_parameter_file_is_refused(tmp_path: Path, no
     with pytest.raises(
         ConfigError, match=r"unknown parameter 'localization\.max_features' .*did you mean 'localisation'"
     ):
-        read_sections(tmp_path / "nodes.yaml")
+        sections_of(tmp_path / "nodes.yaml")
 
 
 def test_other_parameters_of_nodes_are_ignored(tmp_path: Path) -> None:
     text = OF_ALL.replace("truth.sigma_m", "autostart")
     other = OF_MONITOR.replace("monitor", "other").replace("truth", "thruth")
     (tmp_path / "nodes.yaml").write_text(text + other)
-    assert read_sections(tmp_path / "nodes.yaml") == {}
+    assert sections_of(tmp_path / "nodes.yaml") == {}
 
 
 def test_values_of_a_node_have_priority_over_those_of_all_nodes_in_any_order(tmp_path: Path) -> None:
     (tmp_path / "nodes.yaml").write_text(OF_MONITOR.replace("monitor", "/**/monitor") + OF_ALL)
-    assert read_sections(tmp_path / "nodes.yaml") == {"truth": {"sigma_m": 0.2}}
+    assert sections_of(tmp_path / "nodes.yaml") == {"truth": {"sigma_m": 0.2}}
 
 
 @pytest.mark.parametrize("node", ["/rover/monitor_node", "rover/monitor_node", "monitor_node"])
@@ -210,7 +230,7 @@ def test_nodes_of_a_namespace_are_read(tmp_path: Path, node: str) -> None:
     nested = "rover:\n  monitor_node:\n    ros__parameters: {truth.sigma_m: 0.2}\n"
     for text in (OF_MONITOR.replace("monitor_node", node), nested):
         (tmp_path / "nodes.yaml").write_text(text)
-        assert read_sections(tmp_path / "nodes.yaml") == {"truth": {"sigma_m": 0.2}}
+        assert sections_of(tmp_path / "nodes.yaml") == {"truth": {"sigma_m": 0.2}}
 
 
 @pytest.mark.parametrize(
@@ -242,24 +262,38 @@ def test_nodes_of_a_namespace_are_read(tmp_path: Path, node: str) -> None:
 def test_an_ambiguous_or_malformed_file_is_refused(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "file.yaml").write_text(text)
     with pytest.raises(ConfigError, match=rf"file\.yaml: {words}"):
-        read_sections(tmp_path / "file.yaml")
+        sections_of(tmp_path / "file.yaml")
 
 
 def test_an_empty_section_does_not_remove_its_values(tmp_path: Path) -> None:
     (tmp_path / "sfr.yaml").write_text("truth.source: a\ntruth:\nlimits:\nmapping: {}\n")
-    assert read_sections(tmp_path / "sfr.yaml") == {"truth": {"source": "a"}}
+    assert sections_of(tmp_path / "sfr.yaml") == {"truth": {"source": "a"}}
 
 
 @pytest.mark.parametrize("empty", ["{}", "{ros__parameters: {}}", "{ros__parameters: {localisation: }}"])
 def test_nodes_without_parameters_are_accepted(tmp_path: Path, empty: str) -> None:
     text = f"localisation_node: {empty}\nmonitor_node: {{ros__parameters: {{truth.source: a}}}}\n"
     (tmp_path / "nodes.yaml").write_text(text)
-    assert read_sections(tmp_path / "nodes.yaml") == {"truth": {"source": "a"}}
+    assert sections_of(tmp_path / "nodes.yaml") == {"truth": {"source": "a"}}
 
 
 def test_other_nodes_with_similar_names_are_ignored(tmp_path: Path) -> None:
     text = (
         "localization_node: {ros__parameters: {map_frame: x}}\nslam_mapping_node: {ros__parameters: {mapping.m: 1}}\n"
     )
+    (tmp_path / "nodes.yaml").write_text(text + "/**: {ros__parameters: {use_sim_time: true}}\n")
+    assert sections_of(tmp_path / "nodes.yaml") == {}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "my_localiser: {ros__parameters: {localisation: {max_features: 300}}}\n",
+        "/rover/amcl: {ros__parameters: {max_particles: 300}}\nmap_server: {ros__parameters: {topic_name: map}}\n",
+        OF_MONITOR.replace("monitor", "other"),
+    ],
+)
+def test_a_file_with_parameters_of_other_nodes_alone_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "nodes.yaml").write_text(text)
-    assert read_sections(tmp_path / "nodes.yaml") == {}
+    with pytest.raises(ConfigError, match=r"nodes\.yaml: all parameters are those of other nodes, such as '"):
+        sections_of(tmp_path / "nodes.yaml")

@@ -23,7 +23,7 @@ from sfr_loc_map.cli.options import (
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, counting, progress_bar, say, show
 from sfr_loc_map.cli.verdict import check_conditions
-from sfr_loc_map.config_file import read_config
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import FailedVerdictError, InputError, InterruptedRunError, NotJudgedError
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
@@ -81,7 +81,7 @@ def localise(
     scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
     check_outputs(json_path, inputs=(*files_read(source, config), vocabulary), overwrite=overwrite)
     opened, config = open_as(source, remap, config)
-    parameters, sequence = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
+    parameters, sequence = Configuration.read(config).build(LocalisationConfig, "localisation"), drive_of(opened)
     check_conditions(sequence.ground_truth, scoring.conditions, lenient=lenient)
     methods, missing = methods_to_compare(Task.LOCALISATION, parameters, peer_python, vocabulary, method or ())
     trial = LocaliserTrial(
@@ -116,7 +116,7 @@ def map_(
     propose("sfr map SRC -o C.ply --stats S.csv --method NAME", why="runs one method, with files to score")
     check_outputs(json_path, inputs=files_read(source, config), overwrite=overwrite)
     opened, config = open_as(source, remap, config)
-    parameters, sequence = read_config(MappingConfig, config, "mapping"), panorama_of(opened)
+    parameters, sequence = Configuration.read(config).build(MappingConfig, "mapping"), panorama_of(opened)
     methods, missing = methods_to_compare(Task.MAPPING, parameters, peer_python, added=method or ())
     trial = MapperTrial.of(sequence, parameters, opened.truth_paths())
     with progress_bar("calls") as bar:
@@ -157,7 +157,7 @@ def faults(
     check_outputs(json_path, inputs=files_read(source, config), overwrite=overwrite)
     wanted = tuple(fault or FAULTS)
     opened, config = open_as(source, remap, config)
-    localiser, drive = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
+    localiser, drive = Configuration.read(config).build(LocalisationConfig, "localisation"), drive_of(opened)
     if drive.ground_truth is None:
         raise without_truth(source)
     if not drive.ground_truth.has_attitude:

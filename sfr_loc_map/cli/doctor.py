@@ -19,7 +19,7 @@ from sfr_loc_map.cli.options import (
     require_ros,
 )
 from sfr_loc_map.cli.output import check_outputs
-from sfr_loc_map.config_file import read_sections
+from sfr_loc_map.config_file import Configuration
 
 
 @app.command(epilog=examples("sfr doctor", "sfr doctor --namespace rover1 --seconds 5"))
@@ -41,10 +41,9 @@ def doctor(
     from sfr_loc_map.doctor.examination import examine
     from sfr_loc_map.graph.observer import GraphObserver
     from sfr_loc_map.io.source_config import SourceConfig
-    from sfr_loc_map.io.source_settings import changed_sections
+    from sfr_loc_map.io.source_settings import with_settings
 
-    sections = {} if config is None else read_sections(config)
-    given = SourceConfig.of(changed_sections(sections, {}, remap=parse_remaps(remap)), config)
+    given = SourceConfig.of(with_settings(Configuration.read(config), {}, remap=parse_remaps(remap)))
     with GraphObserver({topic: name for name, topic in given.topics.items()}) as observer:
         seen = observer.observe(seconds, namespace, given)
     found = IssueList(seen.subject, examine(seen))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Context, Option
 
@@ -17,12 +18,12 @@ from sfr_loc_map.cli.options import (
     RemapOption,
     SectionsOption,
     SourceArgument,
+    configuration_of,
     files_read,
     given_words,
-    sections_of,
 )
 from sfr_loc_map.cli.output import check_outputs, progress_bar, say
-from sfr_loc_map.config_file import Configuration, is_ros_parameter_file, read_sections
+from sfr_loc_map.config_file import Configuration, is_ros_parameter_file
 from sfr_loc_map.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
@@ -76,22 +77,21 @@ def info(
             f"'{path}' is a ROS parameter file, whose other parameters --write would remove: write an sfr.yaml by "
             f"sfr init DIR --from {source}"
         )
-    sections = sections_of(source, path, calibration, settings, remap)
-    how = SourceConfig.of(sections, path)
-    parameters = Configuration(path, sections)
-    parameters.build(LocalisationConfig, "localisation")
-    parameters.build(MappingConfig, "mapping")
+    given = configuration_of(source, path, calibration, settings, remap)
+    how = SourceConfig.of(given)
+    given.build(LocalisationConfig, "localisation")
+    given.build(MappingConfig, "mapping")
     check_source_exists(source)
     if write:
-        path, how = _write(source, sections, path)
+        path, how = _write(source, given)
     with progress_bar("pairs") as bar:
         task = bar.add_task("reading", total=None)
         seen = observe(source, how, lambda: bar.advance(task))
     issues = examine(seen)
     if can_write and not write and any(issue.is_blocking for issue in issues):
-        given = given_words(context, "config", "calibration", "settings", "remap")
-        words = ["sfr", "info", str(source), "--write", *given]
-        issues = with_fix(source, sections, path, issues, words)
+        options = given_words(context, "config", "calibration", "settings", "remap")
+        words = ["sfr", "info", str(source), "--write", *options]
+        issues = with_fix(source, given, issues, words)
     found = IssueList(seen.subject, issues)
     facts = {"configuration": None if path is None else str(path)} | facts_of(source, how)
     is_unreadable = is_bag(source) and not facts["topics"]  # no topic could be read
@@ -103,15 +103,15 @@ def info(
     found.show(json_path, facts, facts_tables(facts))
 
 
-def _write(source: Path, sections: dict[str, Any], path: Path | None) -> tuple[Path, SourceConfig]:
+def _write(source: Path, given: Configuration) -> tuple[Path, SourceConfig]:
     """Write the proposed configuration to the file that was read, or to a new file; return the file and its content."""
     from sfr_loc_map.io.source_settings import NAME
     from sfr_loc_map.source_setup.proposal import propose_config
 
-    place = path or (source if source.is_dir() else source.parent) / NAME
-    found = propose_config(source, sections, place, {} if path is None else read_sections(path))
+    place = given.path or (source if source.is_dir() else source.parent) / NAME
+    found = propose_config(source, replace(given, path=place), Configuration.read(given.path))
     write_text(found.text(), place)
-    kept = "" if path is None else ", updated: its values are kept"
+    kept = "" if given.path is None else ", updated: its values are kept"
     say(f"configuration: {place}{kept}", err=True)
     for text in found.missing:
         say(f"missing: {text}", err=True)

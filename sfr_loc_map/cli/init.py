@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from typer import Argument, Context, Option
 
@@ -15,10 +16,11 @@ from sfr_loc_map.cli.options import (
     OverwriteOption,
     RemapOption,
     SectionsOption,
+    configuration_of,
     refuse_given,
-    sections_of,
 )
 from sfr_loc_map.cli.output import check_outputs, make_folder, say
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import FailedVerdictError
 
 
@@ -45,8 +47,8 @@ def init(
     1 if values are missing that only you know.
     """
     if source is not None:
-        sections = sections_of(source, None, calibration, settings, remap)
-        _init_from(source, folder, sections, (source, calibration), overwrite=overwrite)
+        given = configuration_of(source, None, calibration, settings, remap)
+        _init_from(source, folder, given, (source, calibration), overwrite=overwrite)
         return
     of_recording = ("calibration", "settings", "remap")
     refuse_given(context, of_recording, "describes a recording: give --from SRC, too")
@@ -65,7 +67,7 @@ def init(
 
 
 def _init_from(
-    source: Path, folder: Path, sections: dict[str, Any], inputs: Iterable[Path | None], *, overwrite: bool
+    source: Path, folder: Path, given: Configuration, inputs: Iterable[Path | None], *, overwrite: bool
 ) -> None:
     """Write the configuration that is inferred from a source, and limits; report what is missing."""
     from sfr_loc_map.io.source_settings import NAME
@@ -75,7 +77,7 @@ def _init_from(
     path, limits = folder / NAME, folder / "limits.yaml"
     if folder.is_dir():
         check_outputs(path, inputs=inputs, overwrite=overwrite)
-    found = propose_config(source, sections, path)
+    found = propose_config(source, replace(given, path=path))
     make_folder(folder, "name")
     if "limits" not in found.sections:
         value, text_of_limits = initial_limits(found, limits)

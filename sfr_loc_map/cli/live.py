@@ -11,7 +11,7 @@ from sfr_loc_map.cli.former import FormerArgument, check_live
 from sfr_loc_map.cli.live_option import PortOption, require_live
 from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, RosRemapOption, refuse_given, require_ros
 from sfr_loc_map.config import build
-from sfr_loc_map.config_file import read_sections
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import InterruptedRunError
 from sfr_loc_map.live.config import DEFAULT_HOST, DEFAULT_PORT, LiveConfig
 
@@ -65,7 +65,7 @@ def live(
     page = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="'--host', '--port', '--token'")
     remaps = list(remap or ())
     if config is not None:
-        remaps += remaps_of(SourceConfig.of(read_sections(config), config))
+        remaps += remaps_of(SourceConfig.of(Configuration.read(config)))
     state = LiveState()
     if terminal:
         _show_on_terminal(state, namespace, remaps)

@@ -77,7 +77,7 @@ def localise(
     check_outputs(*files_written(output), stats, video, inputs=files_read(source, config), overwrite=overwrite)
     opened, _ = open_as(source, remap, config if method == OURS else None)
     theirs = method_under_test(context, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
-    parameters, sequence = opened.config.parameters(LocalisationConfig, "localisation"), drive_of(opened)
+    parameters, sequence = opened.config.given.build(LocalisationConfig, "localisation"), drive_of(opened)
     with ExitStack() as film, naming(source):
         first_pose = start_pose(sequence, start)
         if theirs is not None and (text := unstamped_start_warning(first_pose, sequence)) is not None:

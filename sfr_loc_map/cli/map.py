@@ -79,7 +79,7 @@ def map_cloud(
     stats = stats_beside(output) if stats is None else stats
     opened, _ = open_as(source, remap, config if method == OURS else None)
     theirs = method_under_test(context, Task.MAPPING, opened, config, call_timeout, memory_limit)
-    parameters = opened.config.parameters(MappingConfig, "mapping")
+    parameters = opened.config.given.build(MappingConfig, "mapping")
     parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
     check_dems(dem or ())
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)

@@ -17,7 +17,7 @@ from typer import Argument, Context, Option
 
 from sfr_loc_map.cli.output import say
 from sfr_loc_map.config import build
-from sfr_loc_map.config_file import read_sections
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError, MissingExtraError
 from sfr_loc_map.json_yaml import parse_yaml
 from sfr_loc_map.suite_names import OURS, Task
@@ -194,16 +194,15 @@ def open_as(source: Path, remap: list[str] | None = None, config: Path | None = 
     return open_source(source, source_config(source, config, remaps)), config
 
 
-def sections_of(
+def configuration_of(
     source: Path, config: Path | None, calibration: Path | None, settings: list[str] | None, remap: list[str] | None
-) -> dict[str, Any]:
-    """Return the sections of a configuration of a source, with the values of `--calibration`, `--set` and `--remap`."""
-    from sfr_loc_map.io.source_settings import changed_sections, check_remap
+) -> Configuration:
+    """Return a configuration of a source with the values of `--calibration`, `--set` and `--remap`."""
+    from sfr_loc_map.io.source_settings import check_remap, with_settings
 
     remaps = parse_remaps(remap)
     check_remap(source, remaps)
-    sections = {} if config is None else read_sections(config)
-    return changed_sections(sections, parse_settings(settings), calibration, remaps)
+    return with_settings(Configuration.read(config), parse_settings(settings), calibration, remaps)
 
 
 # ---- methods under test

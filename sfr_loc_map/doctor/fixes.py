@@ -5,8 +5,8 @@ from __future__ import annotations
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.observation import observe
 from sfr_loc_map.errors import SfrError
@@ -14,16 +14,14 @@ from sfr_loc_map.issues import Issue
 from sfr_loc_map.source_setup.proposal import propose_config
 
 
-def with_fix(
-    source: Path, sections: dict[str, Any], path: Path | None, issues: list[Issue], words: list[str]
-) -> list[Issue]:
+def with_fix(source: Path, given: Configuration, issues: list[Issue], words: list[str]) -> list[Issue]:
     """Return the issues, with the command `words` as the fix of each issue that the proposed configuration removes.
 
     The command writes this configuration. The source is examined with the configuration to determine which issues
     remain.
     """
     try:
-        found = propose_config(source, sections, path)
+        found = propose_config(source, given)
         remaining = {
             (issue.cause, issue.where) for issue in examine(observe(source, found.config)) if issue.is_blocking
         }
@@ -31,7 +29,7 @@ def with_fix(
         return issues
     command = shlex.join(words)
     fix = command
-    added = {name: values for name, values in found.sections.items() if values != sections.get(name) and values}
+    added = {name: values for name, values in found.sections.items() if values != given.sections.get(name) and values}
     if added.keys() - {"conditions"} == {"topics"}:  # remapping is sufficient
         remaps = [word for name, topic in added["topics"].items() for word in ("--remap", f"{topic}:={name}")]
         fix += f"; for a single command: {shlex.join(remaps)}"

@@ -5,21 +5,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import get_type_hints
 
-from sfr_loc_map.config import build, param
+from sfr_loc_map.config import param
 from sfr_loc_map.config_file import SECTIONS, Configuration
 from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag
-from sfr_loc_map.io.truth.config import NO_TURN, TruthConfig
+from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
-
-C = TypeVar("C")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,18 +33,16 @@ class FramesConfig:
         (0.0, 0.0, 0.0), unit="m", doc="Position of NAVSB in the head that the joints move.", low=-10.0, high=10.0
     )
     head_to_navsb_quat_xyzw: tuple[float, float, float, float] = param(
-        (0.0, 0.0, 0.0, 0.0), doc="Orientation of NAVSB in the head; all zero: that of the head.", low=-1.01, high=1.01
+        (0.0, 0.0, 0.0, 0.0),
+        doc="Orientation of NAVSB in the head; 0, 0, 0, 1: that of the head. All zero: not given.",
+        low=-1.01,
+        high=1.01,
     )
 
-    def head_transform(self, name: str = "frames") -> Transform | None:
-        """Return `T_head_navsb`, None if it is not given; error messages name the section `name`."""
-        position, quat = self.head_to_navsb_m, self.head_to_navsb_quat_xyzw
-        if not any((*position, *quat)):
-            return None
-        try:
-            return Transform.from_quat(position, quat if any(quat) else NO_TURN)
-        except GeometryError as error:
-            raise ConfigError(f"{name}: head_to_navsb_quat_xyzw: {error}") from error
+    def head_transform(self, origin: str = "frames") -> Transform | None:
+        """Return `T_head_navsb`, None if it is not given; `origin` begins error messages."""
+        names = "head_to_navsb_m", "head_to_navsb_quat_xyzw"
+        return _optional_transform(self.head_to_navsb_m, self.head_to_navsb_quat_xyzw, names, origin)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,16 +77,26 @@ class ExtrinsicsConfig:
         high=10.0,
     )
 
-    def transform(self, name: str = "extrinsics") -> Transform | None:
-        """Return `T_rb_locsb`, None if it is not given; error messages name the section or parameter `name`."""
-        if not any(self.quat_xyzw):
-            if any(self.translation_m):
-                raise ConfigError(f"{name}.translation_m is given but quat_xyzw is not: give both")
-            return None
-        try:
-            return Transform.from_quat(self.translation_m, self.quat_xyzw)
-        except GeometryError as error:
-            raise ConfigError(f"{name}: {error}") from error
+    def transform(self, origin: str = "extrinsics") -> Transform | None:
+        """Return `T_rb_locsb`, None if it is not given; `origin` begins error messages."""
+        return _optional_transform(self.translation_m, self.quat_xyzw, ("translation_m", "quat_xyzw"), origin)
+
+
+def _optional_transform(
+    translation_m: Sequence[float], quat_xyzw: Sequence[float], names: tuple[str, str], origin: str
+) -> Transform | None:
+    """Return a transform of two parameters; None if both are zero, which means that they are not given.
+
+    ConfigError if only the translation is given, because no rotation is assumed, or if the quaternion is no rotation.
+    """
+    if not any(quat_xyzw):
+        if any(translation_m):
+            raise ConfigError(f"{origin}: {names[0]} is given but {names[1]} is not: give both")
+        return None
+    try:
+        return Transform.from_quat(translation_m, quat_xyzw)
+    except GeometryError as error:
+        raise ConfigError(f"{origin}: {names[1]}: {error}") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +129,6 @@ class SyncConfig:
 class SourceConfig:
     """How a source is read; missing values are taken from the topics and files of the source."""
 
-    path: Path | None = None  #: File of the configuration.
     remap: Mapping[str, str] = field(default_factory=dict)
     """Name in the suite by name in the bag, as `--remap FOUND:=EXPECTED`: the inverse of the section `topics`."""
     frames: FramesConfig = field(default_factory=FramesConfig)
@@ -131,9 +136,9 @@ class SourceConfig:
     extrinsics: ExtrinsicsConfig = ExtrinsicsConfig()
     sync: SyncConfig = SyncConfig()
     truth: TruthConfig = field(default_factory=TruthConfig)
-    #: Sections from which the configuration was built. They are not compared, because equal values can be written in
-    #: several forms.
-    sections: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    #: The file and the sections from which the values were built. They are not compared, because equal values can be
+    #: written in several forms.
+    given: Configuration = field(default_factory=Configuration, compare=False)
 
     @property
     def uses_messages_as_recorded(self) -> bool:
@@ -157,43 +162,33 @@ class SourceConfig:
         truth = {"ground_truth/odometry": self.truth.topic} if self.truth.topic else {}
         return {name: topic for topic, name in self.remap.items()} | truth
 
-    def parameters(self, config_type: type[C], section: str) -> C:
-        """Return the parameters in a section, such as `localisation`; without this section, the defaults.
-
-        The values are those at the time when the file was read. Raises ConfigError for invalid values.
-        """
-        return Configuration(self.path, self.sections).build(config_type, section)
-
     @classmethod
-    def of(cls, sections: Mapping[str, Any], path: Path | None = None) -> SourceConfig:
-        """Build the configuration from its sections.
-
-        Names of files are relative to the folder of `path`, or to the working directory without `path`.
-        """
-        origin, folder = str(path or "settings"), Path() if path is None else path.parent
-        types, topics = get_type_hints(cls), sections.get("topics") or {}
-        if wrong := [name for name, topic in topics.items() if not isinstance(topic, str) or not topic]:
-            raise ConfigError(f"{origin}: topics.{wrong[0]}: the name of a topic of the source is required")
-        _check_topics_differ(topics, origin)
-        parts = {
-            item.name: build(types[item.name], sections.get(item.name) or {}, origin=f"{origin}, {item.name}")
-            for item in fields(cls)
-            if item.name in SECTIONS
-        }
-        config = cls(path, {topic: name for name, topic in topics.items()}, **parts, sections=sections)
-        config.extrinsics.transform(f"{origin}, extrinsics")  # reports invalid extrinsics with the name of the file
-        config.frames.head_transform(f"{origin}, frames")
+    def of(cls, given: Configuration) -> SourceConfig:
+        """Build the configuration from its sections, with absolute names of files. Raises ConfigError."""
+        topics = given.section("topics")
+        _check_topics(topics, given.origin)
+        types = get_type_hints(cls)
+        sections = [item.name for item in fields(cls) if item.name in SECTIONS]
+        parts = {name: given.build(types[name], name) for name in sections}
+        config = cls({topic: name for name, topic in topics.items()}, **parts, given=given)
+        config.extrinsics.transform(f"{given.origin}, extrinsics")  # reports invalid values with the name of the file
+        config.frames.head_transform(f"{given.origin}, frames")
         return replace(
             config,
-            truth=replace(config.truth, source=file_or_topic(config.truth.source, folder)),
-            calibration=replace(config.calibration, file=file_in(config.calibration.file, folder)),
+            truth=replace(config.truth, source=file_or_topic(config.truth.source, given.folder)),
+            calibration=replace(config.calibration, file=file_in(config.calibration.file, given.folder)),
         )
 
 
-def _check_topics_differ(topics: Mapping[str, str], origin: str) -> None:
-    """Raise ConfigError if two names of the suite have one topic, because a message is read under one name only."""
+def _check_topics(topics: Mapping[str, object], origin: str) -> None:
+    """Raise ConfigError if a value is no name of a topic, or if two names of the suite have one topic.
+
+    A message is read under one name only.
+    """
     name_of: dict[str, str] = {}
     for name, topic in topics.items():
+        if not isinstance(topic, str) or not topic:
+            raise ConfigError(f"{origin}: topics.{name}: the name of a topic of the source is required")
         other = name_of.setdefault(topic.strip("/"), name)
         if other != name:
             raise ConfigError(

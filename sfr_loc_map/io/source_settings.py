@@ -7,19 +7,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import build, flatten, suggestion
-from sfr_loc_map.config_file import SECTIONS, check_form, read_sections
+from sfr_loc_map.config import suggestion
+from sfr_loc_map.config_file import SECTIONS, Configuration, Key, check_form, check_one_name
 from sfr_loc_map.errors import ConfigError, SfrError
+from sfr_loc_map.inputs import parent_of
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig, file_in, file_or_topic
-from sfr_loc_map.io.truth.config import TruthConfig
 
 NAME = "sfr.yaml"
 _REMAP_FORM = "{FOUND: EXPECTED}"  #: Form of a remapping in messages.
-FILE_SETTINGS: Mapping[str, Callable[[str, Path], str]] = {
-    "calibration.file": file_in,
-    "truth.source": file_or_topic,
-    "limits": file_in,
+FILE_SETTINGS: Mapping[Key, Callable[[str, Path], str]] = {
+    Key("calibration", "file"): file_in,
+    Key("truth", "source"): file_or_topic,
+    Key("limits"): file_in,
 }
 """Settings that name files, each with the function that returns the absolute path for a name in a folder."""
 
@@ -29,7 +29,7 @@ def config_beside(source: Path) -> Path | None:
 
     None if there is no such file, or if the source is not a bag and the file belongs to a bag beside it.
     """
-    folders = (source, source.parent) if source.is_dir() else (source.parent,)
+    folders = (source, parent_of(source)) if source.is_dir() else (parent_of(source),)
     found = next((folder / NAME for folder in folders if (folder / NAME).is_file()), None)
     if found is not None and found.parent != source and not is_bag(source) and _is_of_bag(found):
         return None  # the file belongs to a bag beside the source
@@ -39,39 +39,42 @@ def config_beside(source: Path) -> Path | None:
 def _is_of_bag(path: Path) -> bool:
     """Return whether a configuration names topics, which only bags have."""
     try:
-        config = SourceConfig.of(read_sections(path), path)
+        config = SourceConfig.of(Configuration.read(path))
     except SfrError:
         return False  # reported when the configuration is read
     return bool(config.remap) or bool(config.truth.topic)
 
 
-def changed_sections(
-    sections: Mapping[str, Any],
+def with_settings(
+    given: Configuration,
     values: Mapping[str, Any],
     calibration: Path | None = None,
     remap: Mapping[str, str] | None = None,
-) -> dict[str, Any]:
-    """Return the sections of a configuration with changed values, whose keys are `SECTION.KEY` or `SECTION`.
+) -> Configuration:
+    """Return a configuration with changed values, whose names are `SECTION.KEY` or `SECTION`.
 
     File names in `values` and `calibration` are relative to the working directory. ConfigError if a section is unknown,
     or if a value does not have the form of its section.
     """
-    changed = {name: dict(section) if isinstance(section, Mapping) else section for name, section in sections.items()}
-    given = dict(values)
-    if calibration is not None:
-        given["calibration.file"] = str(calibration)
+    sections = copied(given.sections)
     if remap:
-        changed["topics"] = _renamed_topics(changed.get("topics", {}), remap)
-    for key, value in given.items():
-        section, _, name = key.partition(".")
-        if section not in SECTIONS:
-            raise ConfigError(f"setting '{key}': no section '{section}'{suggestion(section, SECTIONS)}")
-        check_form(section, name, value, f"setting '{key}'")
-        if name:
-            changed.setdefault(section, {})[name] = _in_working_directory(key, value)
-        else:
-            changed[section] = _in_working_directory(key, value)
-    return changed
+        sections["topics"] = _renamed_topics(given.section("topics"), remap)
+    settings = dict(values)
+    if calibration is not None:
+        settings["calibration.file"] = str(calibration)
+    check_one_name(settings, "settings")
+    for name, value in settings.items():
+        key = Key.parse(name)
+        if key.section not in SECTIONS:
+            raise ConfigError(f"setting '{name}': no section '{key.section}'{suggestion(key.section, SECTIONS)}")
+        check_form(key, value, f"setting '{name}'")
+        key.put(_in_working_directory(key, value), sections)
+    return replace(given, sections=sections)
+
+
+def copied(sections: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy of sections whose mappings can be changed."""
+    return {name: dict(value) if isinstance(value, Mapping) else value for name, value in sections.items()}
 
 
 def _renamed_topics(topics: Mapping[str, Any], remap: Mapping[str, str]) -> dict[str, Any]:
@@ -96,10 +99,10 @@ def _renamed_topics(topics: Mapping[str, Any], remap: Mapping[str, str]) -> dict
     return kept | by_name
 
 
-def _in_working_directory(key: str, value: Any) -> Any:  # noqa: ANN401 - any value of a setting
+def _in_working_directory(key: Key, value: Any) -> Any:  # noqa: ANN401 - any value of a setting
     """Return the value of a setting with the absolute paths of the files that it names (`FILE_SETTINGS`)."""
     if isinstance(value, Mapping):
-        return {name: _in_working_directory(f"{key}.{name}", item) for name, item in value.items()}
+        return {name: _in_working_directory(Key(key.section, name), item) for name, item in value.items()}
     path_of = FILE_SETTINGS.get(key)
     return value if path_of is None or not isinstance(value, str) else path_of(value, Path())
 
@@ -119,23 +122,23 @@ def source_config(source: Path, path: Path | None = None, remap: Mapping[str, st
     path = path or config_beside(source)
     if path is None and not remap:
         return DEFAULT_SOURCE
-    sections = {} if path is None else read_sections(path)
-    return SourceConfig.of(changed_sections(sections, {}, remap=remap), path)
+    return SourceConfig.of(with_settings(Configuration.read(path), {}, remap=remap))
 
 
 def truth_config(truth: Path, path: Path | None, settings: Mapping[str, Any], columns: str) -> SourceConfig | None:
     """Return the configuration of a truth: that of a file, changed by settings `truth.KEY` and by columns of a table.
 
-    None if nothing is given.
+    None if nothing is given. ConfigError for a setting of another section.
     """
     if path is None and not settings and not columns:
         return None
-    config = source_config(truth, path)
-    values = flatten(config.truth)
-    if not truth.is_dir() and not is_bag(truth):
-        values["source"] = ""  # the truth itself is the file
-    for key, value in settings.items():
-        values[key.removeprefix("truth.")] = _in_working_directory(key, value)
+    for name in settings:
+        if Key.parse(name).section != "truth":
+            raise ConfigError(f"setting '{name}': only settings of the truth apply here: give truth.KEY=VALUE")
+    given = source_config(truth, path).given
+    values = dict(settings)
     if columns:
-        values["columns"] = columns
-    return replace(config, truth=build(TruthConfig, values, origin="--set truth.KEY=VALUE"))
+        values["truth.columns"] = columns
+    if not truth.is_dir() and not is_bag(truth):
+        values = {"truth.source": ""} | values  # the truth itself is the file
+    return SourceConfig.of(with_settings(given, values))

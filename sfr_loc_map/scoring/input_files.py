@@ -59,9 +59,10 @@ def read_files(paths: Mapping[str, Path | None]) -> dict[str, ReadFile]:
 
 def configuration_files(how: SourceConfig) -> dict[str, Path | None]:
     """Return the files by which a source is read, by role; None if there is no such file."""
-    calibration = Path(how.calibration.file)
-    is_file = bool(how.calibration.file) and calibration.exists()
-    return {"configuration": how.path, "truth_file": how.truth.file, "calibration": calibration if is_file else None}
+    calibration = Path(how.calibration.file) if how.calibration.file else None
+    if calibration is not None and not calibration.exists():
+        calibration = None
+    return {"configuration": how.given.path, "truth_file": how.truth.file, "calibration": calibration}
 
 
 def _states_of(path: Path) -> tuple[FileState, ...]:

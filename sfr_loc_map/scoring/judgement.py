@@ -24,8 +24,8 @@ class Judgement:
     def of(cls, limits_file: Path | None, conditions: Sequence[str] | None, config: Configuration) -> Judgement:
         """Return the given limits and conditions, or else those of the configuration."""
         named, listed = config.sections.get("limits"), config.sections.get("conditions")
-        if limits_file is None and config.path is not None and named:
-            limits_file = config.path.parent / named
+        if limits_file is None and named:
+            limits_file = config.folder / named
         limits = None if limits_file is None else load_limits(limits_file)
         return cls(limits_file, limits, conditions or listed)
 

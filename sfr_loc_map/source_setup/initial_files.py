@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from sfr_loc_map.config_file import Key
 from sfr_loc_map.config_yaml import to_yaml_lines
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
@@ -32,9 +33,9 @@ def initial_limits(proposal: Proposal, path: Path) -> tuple[Value, str | None]:
     The text is None if the user has edited an existing file, which is then kept.
     """
     if path.exists() and is_edited(path.read_text(encoding="utf-8", errors="replace")):
-        return Value("limits", "", path.name, "the existing file is kept"), None
+        return Value(Key("limits"), path.name, "the existing file is kept"), None
     conditions = proposal.sections.get("conditions") or [CONDITION]
     truth = proposal.truth or TruthComponents()
     active = active_limits(has_attitude=truth.has_attitude, has_height=truth.has_height, has_tilt=truth.has_tilt)
     text = limits_text(conditions[0], active)
-    return Value("limits", "", path.name, "placeholders: replace them by your limits"), text
+    return Value(Key("limits"), path.name, "placeholders: replace them by your limits"), text

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sfr_loc_map.config import flatten
+from sfr_loc_map.config_file import NOTHING_GIVEN, Configuration, Key
 from sfr_loc_map.config_yaml import yaml_text
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import IntArray
@@ -22,7 +23,7 @@ from sfr_loc_map.io.layouts.bag_source import BagLocSequence
 from sfr_loc_map.io.registry import format_of, open_source
 from sfr_loc_map.io.sequence import LocSequence, SourceFormat
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
-from sfr_loc_map.io.source_settings import FILE_SETTINGS
+from sfr_loc_map.io.source_settings import FILE_SETTINGS, copied
 from sfr_loc_map.io.truth.names import is_tracker
 from sfr_loc_map.io.truth.of_bag import could_be_truth
 from sfr_loc_map.message_stamps import NS_PER_S
@@ -42,8 +43,7 @@ STEADY = 0.1  #: Largest variation of a constant offset of the right stamps, as 
 class Value(NamedTuple):
     """An inferred value of an `sfr.yaml`."""
 
-    section: str
-    name: str  #: Name in the section; empty for the value of the section itself.
+    key: Key
     value: object
     reason: str
 
@@ -71,25 +71,23 @@ class Proposal:
     """Sections of an `sfr.yaml` with the reason for each value, the values that only the owner can add, and remarks."""
 
     source: Path
-    sections: Mapping[str, Any]
-    path: Path | None = None  #: Path of the `sfr.yaml`; file names are relative to its folder.
-    reasons: Mapping[str, str] = field(default_factory=dict)  #: By `section.name`.
+    given: Configuration  #: The sections with all values, and the path of the `sfr.yaml`, if it is known.
+    reasons: Mapping[Key, str] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     truth: TruthComponents | None = None  #: Components of the ground truth; None without ground truth.
 
     def adding(self, findings: Findings) -> Proposal:
         """Return the proposal with the findings of a step; values that it already contains are kept."""
-        sections = _copied(self.sections)
+        sections = copied(self.sections)
         reasons = dict(self.reasons)
-        for section, name, value, reason in findings.values:
-            place = sections.setdefault(section, {}) if name else sections
-            if (key := name or section) not in place:
-                place[key] = value
-                reasons[f"{section}.{name}" if name else section] = reason
+        for key, value, reason in findings.values:
+            if key.value_in(sections) is None:
+                key.put(value, sections)
+                reasons[key] = reason
         return replace(
             self,
-            sections=sections,
+            given=replace(self.given, sections=sections),
             reasons=reasons,
             missing=(*self.missing, *findings.missing),
             remarks=(*self.remarks, *findings.remarks),
@@ -97,9 +95,14 @@ class Proposal:
         )
 
     @property
+    def sections(self) -> Mapping[str, Any]:
+        """The sections with all values."""
+        return self.given.sections
+
+    @property
     def config(self) -> SourceConfig:
-        """The proposal as a configuration."""
-        return SourceConfig.of(self.sections, self.path)
+        """How the source is read with the proposal."""
+        return SourceConfig.of(self.given)
 
     def text(self) -> str:
         """Return the proposal as `sfr.yaml`, each value with its reason."""
@@ -107,25 +110,23 @@ class Proposal:
         lines += [f"# MISSING: {text}" for text in self.missing] + [f"# {text}" for text in self.remarks]
         for section, values in self.sections.items():
             if not isinstance(values, Mapping):
-                lines.append(f"{section}: {yaml_text(values)}  # {self.reasons.get(section, 'given')}")
+                lines.append(f"{section}: {yaml_text(values)}  # {self.reasons.get(Key(section), 'given')}")
             elif values:
                 lines.append(f"{section}:")
                 for name, value in values.items():
-                    reason = self.reasons.get(f"{section}.{name}", "given")
+                    reason = self.reasons.get(Key(section, name), "given")
                     lines.append(f"  {name}: {yaml_text(value)}  # {reason}")
         return "\n".join(lines) + "\n"
 
 
-def propose_config(
-    source: Path, given: Mapping[str, Any], path: Path | None = None, before: Mapping[str, Any] | None = None
-) -> Proposal:
-    """Examine a source and propose its configuration; the values in the sections of `given` are kept.
+def propose_config(source: Path, given: Configuration, before: Configuration = NOTHING_GIVEN) -> Proposal:
+    """Examine a source and propose its configuration; the given values are kept.
 
     Each step reads the source as the findings of the earlier steps configure it. The reason for a given value is "as
-    before" if `before` has the same value. Files in or below the folder of `path` are named relative to this folder.
+    before" if `before` has the same value. Files in or below the folder of `given` are named relative to this folder.
     InputError if the source, the given calibration or the given truth is invalid or corrupt.
     """
-    proposal = _given(source, given, path, before or {})
+    proposal = _given(source, given, before)
     recorded = Bag(source) if format_of(source) is SourceFormat.BAG else None
     if recorded is not None:
         proposal = _with_topics_and_stamps(proposal, recorded)
@@ -141,7 +142,7 @@ def propose_config(
     try:
         truth = loc.ground_truth
     except SfrError as error:
-        if {"source", "frame"} & given.get("truth", {}).keys():
+        if {"source", "frame"} & given.section("truth").keys():
             raise
         return proposal.adding(Findings(missing=(str(error),)))
     if truth is None and recorded is not None:
@@ -163,33 +164,26 @@ def _with_topics_and_stamps(proposal: Proposal, recorded: Bag) -> Proposal:
 def _with_truth(proposal: Proposal, truth: Trajectory, stamps_ns: Sequence[int]) -> Proposal:
     """Return a proposal with the components of a ground truth, and a condition for the pairs with these stamps."""
     proposal = proposal.adding(Findings(truth=_components(truth)))
-    if "lever_arm_m" not in proposal.sections.get("truth", {}):
+    if "lever_arm_m" not in proposal.given.section("truth"):
         proposal = proposal.adding(_lever_arm(truth, proposal.config))
     if "conditions" not in proposal.sections:
         proposal = proposal.adding(_condition(stamps_ns, truth))
     return proposal
 
 
-def _copied(sections: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of sections whose mappings can be changed."""
-    return {name: dict(value) if isinstance(value, Mapping) else value for name, value in sections.items()}
-
-
-def _given(source: Path, given: Mapping[str, Any], path: Path | None, before: Mapping[str, Any]) -> Proposal:
+def _given(source: Path, given: Configuration, before: Configuration) -> Proposal:
     """Return the proposal with the given values alone."""
-    sections = _copied(given)
+    sections = copied(given.sections)
     sections.setdefault("topics", {})
-    values = flatten(sections)
-    reasons = {name: "as before" for name, value in flatten(before).items() if values.get(name) == value}
-    if path is not None:
-        folder = path.parent.resolve()
+    keys = map(Key.parse, flatten(before.sections))
+    reasons = {key: "as before" for key in keys if key.value_in(sections) == key.value_in(before.sections)}
+    if given.path is not None:
+        folder = given.folder.resolve()
         for key in FILE_SETTINGS:
-            section, _, name = key.partition(".")
-            place = sections.get(section, {}) if name else sections
-            file = Path(str(place.get(name or section, "")))
+            file = Path(str(key.value_in(sections) or ""))
             if file.is_relative_to(folder):
-                place[name or section] = str(file.relative_to(folder))
-    return Proposal(source, sections, path, reasons)
+                key.put(str(file.relative_to(folder)), sections)
+    return Proposal(source, replace(given, sections=sections), reasons)
 
 
 def _topics(bag: Bag, given: SourceConfig) -> Findings:
@@ -201,13 +195,13 @@ def _topics(bag: Bag, given: SourceConfig) -> Findings:
         name = f"{plain}{COMPRESSED_END}" if is_compressed else plain
         if not bag.matches(name) and topic not in given.remap:
             reason = guess.reasons.get(plain.removesuffix(COMPRESSED_END), "by its name and type")
-            values.append(Value("topics", name, topic, reason))
+            values.append(Value(Key("topics", name), topic, reason))
     if guess.layout:
         values.append(
-            Value("calibration", "stereo_layout", guess.layout, "by the width and height of its images; likely")
+            Value(Key("calibration", "stereo_layout"), guess.layout, "by the width and height of its images; likely")
         )
     if guess.truth and not bag.matches(TRUE_POSES) and not given.truth.source and not given.truth.frame:
-        values.append(Value("truth", "source", guess.truth, guess.truth_reason))
+        values.append(Value(Key("truth", "source"), guess.truth, guess.truth_reason))
     return Findings(tuple(values), remarks=tuple(guess.remarks))
 
 
@@ -221,7 +215,7 @@ def _origin_of_stamps(bag: Bag) -> Findings:
         count += 1
     if count < 2:
         return Findings()
-    return Findings((Value("sync", "stamps", "record", "all stamps of the headers are 0; sure"),))
+    return Findings((Value(Key("sync", "stamps"), "record", "all stamps of the headers are 0; sure"),))
 
 
 def _calibration(bag: Bag, given: CalibrationConfig) -> Findings:
@@ -241,7 +235,7 @@ def _calibration(bag: Bag, given: CalibrationConfig) -> Findings:
         return Findings(missing=("P[3] of the right camera_info is 0: give --set calibration.baseline_m=METRES",))
     baseline = float(round(np.linalg.norm(joined.translation), 9))
     reason = "P[3] is 0; from /tf_static, left to right frame; sure"
-    return Findings((Value("calibration", "baseline_m", baseline, reason),))
+    return Findings((Value(Key("calibration", "baseline_m"), baseline, reason),))
 
 
 def _image_topics(bag: Bag, rig: str) -> list[Topic]:
@@ -264,7 +258,7 @@ def _sync(bag: Bag, given: SyncConfig) -> Findings:
     left_ns, right_ns = (np.array(side, np.int64) for side in stamps.values())
     right_ns = right_ns + round(given.right_offset_s * NS_PER_S)
     found = _offset_or_tolerance(left_ns, right_ns, given.stamp_tolerance_ns)
-    return Findings(tuple(Value("sync", name, value, reason) for name, value, reason in found))
+    return Findings(tuple(Value(Key("sync", name), value, reason) for name, value, reason in found))
 
 
 def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: int) -> Iterator[tuple[str, float, str]]:
@@ -315,8 +309,8 @@ def _extrinsics(loc: LocSequence, given: SourceConfig) -> Findings:
         return Findings(remarks=("extrinsics are those of the source (rig.json or the calibration)",))
     reason = f"from {mount.text}; {'unsure' if mount.other_bases else 'sure'}"
     values = (
-        Value("extrinsics", "translation_m", T_rb_sb.translation.tolist(), reason),
-        Value("extrinsics", "quat_xyzw", T_rb_sb.quat_xyzw.tolist(), reason),
+        Value(Key("extrinsics", "translation_m"), T_rb_sb.translation.tolist(), reason),
+        Value(Key("extrinsics", "quat_xyzw"), T_rb_sb.quat_xyzw.tolist(), reason),
     )
     remark = f"extrinsics are from {mount.text}: --set frames.base=NAME"
     return Findings(values, remarks=(remark,) if mount.other_bases else ())
@@ -344,10 +338,10 @@ def _condition(stamps_ns: Sequence[int], truth: Trajectory) -> Findings:
     metres, pairs = 5 if along_m[-1] >= SHORT_M else 1, len(stamps_ns)
     reason = f"the true path is {along_m[-1]:.1f} m long"
     if np.sum(left_m >= metres) >= 2:
-        return Findings((Value("conditions", "", [f"distance={metres}"], reason),))
+        return Findings((Value(Key("conditions"), [f"distance={metres}"], reason),))
     frames = max(1, min(SPACING_FRAMES, pairs - SPACING_FRAMES - 1))
     remark = f"too few pairs for a verdict: {pairs} ({SPACING_FRAMES + 2} are required)"
     return Findings(
-        (Value("conditions", "", [f"frames={frames}"], reason),),
+        (Value(Key("conditions"), [f"frames={frames}"], reason),),
         remarks=(remark,) if pairs < SPACING_FRAMES + 2 else (),
     )

@@ -11,7 +11,7 @@ from helpers import broken_sources as broken
 from helpers.cli_result import Sfr
 from helpers.made_scores import whole_score
 from sfr_loc_map.config import parameters
-from sfr_loc_map.config_file import read_config
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits
@@ -39,8 +39,8 @@ def test_init_writes_every_parameter_at_its_default(hints: Sfr, tmp_path: Path) 
     result = hints("init", folder)
     assert result.code == 0
     configuration = folder / "configuration.yaml"
-    assert read_config(LocalisationConfig, configuration, "localisation") == LocalisationConfig()
-    assert read_config(MappingConfig, configuration, "mapping") == MappingConfig()
+    assert Configuration.read(configuration).build(LocalisationConfig, "localisation") == LocalisationConfig()
+    assert Configuration.read(configuration).build(MappingConfig, "mapping") == MappingConfig()
     text = configuration.read_text()
     for info in (*parameters(LocalisationConfig), *parameters(MappingConfig)):
         assert f"# {info.doc}" in text, info.name

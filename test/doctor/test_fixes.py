@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.doctor import fixes
 from sfr_loc_map.issues import Cause, Issue
 
@@ -16,9 +17,9 @@ def test_of_two_missing_topics_the_one_that_the_proposal_finds_gets_its_command(
 ) -> None:
     issues = [Issue(Cause.NO_TOPIC, topic, "there is none", "record it") for topic in ("nav/pose", "loc/left/image")]
     proposal = SimpleNamespace(config=None, sections={"topics": {"loc/left/image": "/cam0"}}, missing=())
-    monkeypatch.setattr(fixes, "propose_config", lambda source, sections, path: proposal)
+    monkeypatch.setattr(fixes, "propose_config", lambda source, given: proposal)
     monkeypatch.setattr(fixes, "observe", lambda source, config: None)
     monkeypatch.setattr(fixes, "examine", lambda seen: issues[:1])
-    pose, image = fixes.with_fix(Path("drive"), {}, None, issues, ["sfr", "info", "drive", "--write"])
+    pose, image = fixes.with_fix(Path("drive"), Configuration(), issues, ["sfr", "info", "drive", "--write"])
     assert pose == issues[0]
     assert image.command == "sfr info drive --write"

@@ -17,6 +17,7 @@ from helpers.made_worlds import (
     make_world,
     write_folder,
 )
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.hashes import hash_path
@@ -152,7 +153,7 @@ def test_the_accuracy_and_unknown_components_of_a_truth_are_reported(
 def test_a_truth_file_in_any_order_is_written_in_order(tmp_path: Path, world: World) -> None:
     header, *rows = trajectory_text(world.truth).splitlines()
     (tmp_path / "t.csv").write_text("\n".join([header, *reversed(rows)]) + "\n")
-    config = SourceConfig.of({"truth": {"source": str(tmp_path / "t.csv")}})
+    config = SourceConfig.of(Configuration(None, {"truth": {"source": str(tmp_path / "t.csv")}}))
     convert(open_source(write_folder(tmp_path / "a", world), config), tmp_path / "b")
     assert_same_trajectory(open_source(tmp_path / "b").loc.ground_truth, world.truth)
 

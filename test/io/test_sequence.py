@@ -104,13 +104,17 @@ def test_a_source_with_an_empty_drive_has_no_pairs(tmp_path: Path) -> None:
     assert len(source) == len(list(source)) == 3
 
 
-def test_the_poses_beside_a_kitti_sequence_are_paths_of_its_truth(tmp_path: Path) -> None:
+def test_the_poses_beside_a_kitti_sequence_are_paths_of_its_truth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sequence = made.write_kitti(tmp_path / "sequences" / "00")
     (tmp_path / "poses").mkdir()
     poses = (sequence / "poses.txt").rename(tmp_path / "poses" / "00.txt")
     source = open_source(sequence)
     assert source.truth is not None
     assert set(source.truth_paths()) == {sequence, poses}
+    monkeypatch.chdir(sequence)
+    assert open_source(Path()).truth is not None
 
 
 @pytest.mark.parametrize("write", [write_folder, write_bag])

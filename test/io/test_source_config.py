@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.source_settings import changed_sections, source_config, truth_config
+from sfr_loc_map.io.source_settings import config_beside, source_config, truth_config, with_settings
 from sfr_loc_map.localisation.config import LocalisationConfig
+
+FOR_TIME = Configuration(None, {"conditions": ["time=1"]})
+
+
+def of(sections: Mapping[str, Any], path: Path | None = None) -> SourceConfig:
+    return SourceConfig.of(Configuration(path, sections))
 
 
 @pytest.mark.parametrize(
@@ -28,30 +36,30 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 )
 def test_a_setting_that_does_not_fit_its_section_is_refused(key: str, value: object) -> None:
     with pytest.raises(ConfigError, match=f"^setting '{key}' is "):
-        changed_sections({"conditions": ["time=1"]}, {key: value})
+        with_settings(FOR_TIME, {key: value})
 
 
 def test_an_orientation_of_the_head_that_is_not_a_rotation_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"frames: head_to_navsb_quat_xyzw: .* is not a rotation"):
-        SourceConfig.of({"frames": {"head_to_navsb_quat_xyzw": [0.5, 0.0, 0.0, 0.0]}})
+        of({"frames": {"head_to_navsb_quat_xyzw": [0.5, 0.0, 0.0, 0.0]}})
 
 
 def test_settings_of_sections_replace_them() -> None:
     settings: dict[str, Any] = {"conditions": ["distance=5"], "limits": "/l.yaml", "sync": {"stamps": "record"}}
-    assert changed_sections({"conditions": ["time=1"]}, settings) == settings
+    assert with_settings(FOR_TIME, settings).sections == settings
 
 
 @pytest.mark.parametrize("other", ["/zed/left", "zed/left"])
 def test_one_topic_under_two_names_is_refused(other: str) -> None:
     topics = {"loc/left/image_rect": "/zed/left", "nav/left/image_rect": other}
     with pytest.raises(ConfigError, match=r"topics\.loc/left/image_rect and topics\.nav/left/image_rect are both"):
-        SourceConfig.of({"topics": topics})
+        of({"topics": topics})
 
 
 def test_a_remapped_topic_loses_its_former_name() -> None:
     sections = {"topics": {"loc/left/image_rect": "/zed/left", "loc/right/image_rect": "/zed/right"}}
-    changed = changed_sections(sections, {}, remap={"/zed/left": "nav/left/image_rect"})
-    assert changed["topics"] == {"loc/right/image_rect": "/zed/right", "nav/left/image_rect": "/zed/left"}
+    changed = with_settings(Configuration(None, sections), {}, remap={"/zed/left": "nav/left/image_rect"})
+    assert changed.sections["topics"] == {"loc/right/image_rect": "/zed/right", "nav/left/image_rect": "/zed/left"}
     assert SourceConfig.of(changed).remap == {"/zed/left": "nav/left/image_rect", "/zed/right": "loc/right/image_rect"}
 
 
@@ -67,12 +75,12 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_file_of_a_configuration_is_not_taken_from_the_working_directory(data: Path) -> None:
     sections = {"truth": {"source": "gt.csv"}, "calibration": {"file": "cal.yaml"}}
-    config = SourceConfig.of(sections, data / "sfr.yaml")
+    config = of(sections, data / "sfr.yaml")
     assert config.truth.source == str(data / "gt.csv")
     assert config.truth.file is None
     assert config.calibration.file == str(data / "cal.yaml")
     (data / "gt.csv").write_text("t x y z\n")
-    assert SourceConfig.of(sections, data / "sfr.yaml").truth.file == data / "gt.csv"
+    assert of(sections, data / "sfr.yaml").truth.file == data / "gt.csv"
 
 
 @pytest.mark.parametrize("is_section", [False, True])
@@ -81,11 +89,11 @@ def test_files_of_settings_are_relative_to_the_working_directory(data: Path, is_
     settings: dict[str, Any] = {"truth.source": "gt.csv", "calibration.file": "cal.yaml", "limits": "limits.yaml"}
     if is_section:
         settings = {"truth": {"source": "gt.csv"}, "calibration": {"file": "cal.yaml"}, "limits": "limits.yaml"}
-    changed = changed_sections({}, settings)
-    config = SourceConfig.of(changed, data / "sfr.yaml")
+    changed = with_settings(Configuration(data / "sfr.yaml"), settings)
+    config = SourceConfig.of(changed)
     assert config.truth.file == Path("gt.csv").resolve()
     assert config.calibration.file == str(Path("cal.yaml").resolve())
-    assert changed["limits"] == str(Path("limits.yaml").resolve())
+    assert changed.sections["limits"] == str(Path("limits.yaml").resolve())
     of_score = truth_config(data / "e.csv", None, {"truth.source": "gt.csv"}, "")
     assert of_score is not None
     assert of_score.truth.file == Path("gt.csv").resolve()
@@ -95,11 +103,11 @@ def test_a_bag_as_truth_is_not_a_topic(data: Path) -> None:
     """The path of a folder has the form of the name of a topic."""
     (data / "station").mkdir()
     (data / "station" / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
-    config = SourceConfig.of({"truth": {"source": "station"}}, data / "sfr.yaml")
+    config = of({"truth": {"source": "station"}}, data / "sfr.yaml")
     assert config.truth.file == data / "station"
     assert config.topics == {}
     for topic in ("/station", "station/pose"):
-        assert SourceConfig.of({"truth": {"source": topic}}, data / "sfr.yaml").truth.source == topic
+        assert of({"truth": {"source": topic}}, data / "sfr.yaml").truth.source == topic
 
 
 def test_the_parameters_are_those_of_the_time_when_the_file_was_read(
@@ -110,4 +118,77 @@ def test_the_parameters_are_those_of_the_time_when_the_file_was_read(
     config = source_config(data, Path("q.yaml"))
     Path("q.yaml").unlink()
     monkeypatch.chdir(data.parent)
-    assert config.parameters(LocalisationConfig, "localisation").max_features == 300
+    assert config.given.build(LocalisationConfig, "localisation").max_features == 300
+
+
+@pytest.mark.parametrize("section", ["extrinsics", "T_rb_locsb"])
+def test_a_setting_has_either_name_of_the_extrinsics_and_not_both(section: str) -> None:
+    quat = [0.0, 0.0, 0.0, 1.0]
+    changed = with_settings(Configuration(), {f"{section}.quat_xyzw": quat})
+    assert changed.sections == {"extrinsics": {"quat_xyzw": quat}}
+    other = {"extrinsics": "T_rb_locsb", "T_rb_locsb": "extrinsics"}[section]
+    with pytest.raises(ConfigError, match="'T_rb_locsb' and 'extrinsics' are names of one section"):
+        with_settings(Configuration(), {f"{section}.quat_xyzw": quat, f"{other}.quat_xyzw": quat})
+
+
+@pytest.mark.parametrize(
+    ("section", "translation", "rotation"),
+    [("extrinsics", "translation_m", "quat_xyzw"), ("frames", "head_to_navsb_m", "head_to_navsb_quat_xyzw")],
+)
+def test_a_translation_without_a_rotation_is_refused(section: str, translation: str, rotation: str) -> None:
+    with pytest.raises(ConfigError, match=f"^a/sfr.yaml, {section}: {translation} is given but {rotation} is not"):
+        of({section: {translation: [1.0, 0.0, 0.0]}}, Path("a/sfr.yaml"))
+    assert of({section: {rotation: [0.0, 0.0, 0.0, 1.0]}})
+
+
+@pytest.mark.parametrize("name", ["sigma_m", "sync.stamps", "localisation.max_features", "truht.sigma_m"])
+def test_a_truth_has_only_settings_of_its_section(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ConfigError, match=f"^setting '{name}': only settings of the truth apply"):
+        truth_config(tmp_path / "t.csv", None, {name: 1}, "")
+
+
+@pytest.mark.parametrize("name", ["sigma", "sigma_m.x"])
+def test_an_unknown_setting_of_a_truth_is_named_as_in_its_section(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ConfigError, match=f"^settings, truth: unknown key '{name}' .did you mean 'sigma_m'"):
+        truth_config(tmp_path / "t.csv", None, {f"truth.{name}": 1}, "")
+
+
+@pytest.mark.parametrize(
+    ("cwd", "source", "found"),
+    [
+        ("par/d", ".", "par"),
+        ("par/d", "./", "par"),
+        ("par/d", "../d", "par"),
+        ("par/d/sub", "..", "par"),
+        ("par/d/sub", "../.", "par"),
+        ("par/d/sub", "../../d", "par"),
+        ("par/d", "sub", "par/d"),
+        ("par/d", "sub/..", "par"),
+        ("par/link", ".", "par"),
+        ("par", "link", "par"),
+        (".", "par/link/..", "."),
+    ],
+)
+def test_the_folder_of_a_source_does_not_depend_on_how_its_path_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cwd: str, source: str, found: str
+) -> None:
+    (tmp_path / "par" / "d" / "sub").mkdir(parents=True)
+    (tmp_path / "par" / "link").symlink_to("d")
+    (tmp_path / found / "sfr.yaml").write_text("")
+    monkeypatch.chdir(tmp_path / cwd)
+    beside = config_beside(Path(source))
+    assert beside is not None
+    assert beside.resolve() == tmp_path / found / "sfr.yaml"
+
+
+@pytest.mark.parametrize(("cwd", "source"), [("par/d", "."), ("par/d/sub", "..")])
+def test_a_file_of_the_working_directory_below_a_source_is_not_that_of_the_source(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cwd: str, source: str
+) -> None:
+    (tmp_path / "par" / "d" / "sub").mkdir(parents=True)
+    for folder in ("par", "par/d/sub"):
+        (tmp_path / folder / "sfr.yaml").write_text("")
+    monkeypatch.chdir(tmp_path / cwd)
+    beside = config_beside(Path(source))
+    assert beside is not None
+    assert beside.resolve() == tmp_path / "par" / "sfr.yaml"

@@ -9,6 +9,7 @@ import yaml
 
 from helpers.made_scene import compressed_bag
 from sfr_loc_map.config import build
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.nodes.launch.ros_arguments import arguments_of_config, topic_rules
@@ -66,7 +67,7 @@ def test_what_nodes_cannot_do_is_said(tmp_path: Path) -> None:
 
 def test_compressed_topics_of_a_recording_reach_the_nodes(tmp_path: Path) -> None:
     bag = compressed_bag(tmp_path, 3)
-    proposal = propose_config(bag, {}, tmp_path / "sfr.yaml")
+    proposal = propose_config(bag, Configuration(tmp_path / "sfr.yaml"))
     (tmp_path / "sfr.yaml").write_text(proposal.text())
     loc = open_source(bag, proposal.config).loc
     assert loc is not None

@@ -12,6 +12,7 @@ from helpers import broken_sources as broken
 from helpers.cli_result import Sfr
 from helpers.made_worlds import make_world
 from helpers.message_bags import write_messages
+from sfr_loc_map.config_file import Configuration, Key
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.source_setup.proposal import Findings, Proposal, Value, propose_config
@@ -21,7 +22,7 @@ def test_a_recording_without_images_has_a_proposal(tmp_path: Path) -> None:
     """No topic is searched for the missing images, whatever the names of the topics are."""
     message = messages.odometry(1, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
     place = write_messages(tmp_path / "x", [("/loc/left/None", 1, message)])
-    assert propose_config(place, {}).missing
+    assert propose_config(place, Configuration()).missing
 
 
 def raw_stereo(path: Path, late_ns: int = 40_000_000) -> Path:
@@ -41,17 +42,17 @@ def raw_stereo(path: Path, late_ns: int = 40_000_000) -> Path:
 
 def test_a_given_baseline_is_not_missing(tmp_path: Path) -> None:
     place = raw_stereo(tmp_path / "x")
-    assert any("calibration.baseline_m" in text for text in propose_config(place, {}).missing)
-    given = propose_config(place, {"calibration": {"baseline_m": 0.12}}).missing
+    assert any("calibration.baseline_m" in text for text in propose_config(place, Configuration()).missing)
+    given = propose_config(place, Configuration(None, {"calibration": {"baseline_m": 0.12}})).missing
     assert given
     assert not any("calibration.baseline_m" in text for text in given)
 
 
 def test_the_stamps_are_compared_as_the_source_uses_them(tmp_path: Path) -> None:
     place = raw_stereo(tmp_path / "x")
-    assert propose_config(place, {}).sections["sync"] == {"right_offset_s": -0.04}
+    assert propose_config(place, Configuration()).sections["sync"] == {"right_offset_s": -0.04}
     for given in ({"stamps": "record"}, {"right_offset_s": -0.039}, {"stamp_tolerance_s": 0.045}):
-        assert propose_config(place, {"sync": given}).sections["sync"] == given
+        assert propose_config(place, Configuration(None, {"sync": given})).sections["sync"] == given
 
 
 def unstamped(topic: str, number: int, message: Any) -> Any:
@@ -68,7 +69,7 @@ def without_truth(topic: str, number: int, message: Any) -> Any:
 @pytest.mark.parametrize("edit", [unstamped, without_truth])
 def test_stamps_of_0_are_replaced_by_the_times_of_recording(tmp_path: Path, sfr: Sfr, edit: broken.Edit) -> None:
     bag = broken.rewritten_bag(tmp_path / "x.mcap", edit)
-    found = propose_config(bag, {})
+    found = propose_config(bag, Configuration())
     assert found.sections["sync"] == {"stamps": "record"}
     assert [text for text in found.missing if "truth.stamps=record" in text] == list(found.missing)
     assert bool(found.missing) == (edit is unstamped)
@@ -79,20 +80,21 @@ def test_stamps_of_0_are_replaced_by_the_times_of_recording(tmp_path: Path, sfr:
 
 def test_right_images_that_are_half_a_period_late_are_not_paired(tmp_path: Path) -> None:
     """Each right image is as near to the next left image as to its own."""
-    found = propose_config(raw_stereo(tmp_path / "x", late_ns=50_000_000), {"calibration": {"baseline_m": 0.12}})
+    given = Configuration(None, {"calibration": {"baseline_m": 0.12}})
+    found = propose_config(raw_stereo(tmp_path / "x", late_ns=50_000_000), given)
     assert "sync" not in found.sections
     assert any("sync.right_offset_s" in text for text in found.missing)
 
 
 def test_a_wrong_given_truth_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="neither a file nor a topic"):
-        propose_config(broken.good_bag(tmp_path / "x.mcap"), {"truth": {"source": "/none"}})
+        propose_config(broken.good_bag(tmp_path / "x.mcap"), Configuration(None, {"truth": {"source": "/none"}}))
 
 
 def test_findings_keep_what_is_given() -> None:
-    proposal = Proposal(Path("x"), {"sync": {"stamps": "header"}})
-    values = (Value("sync", "stamps", "record", "zero"), Value("limits", "", "l.yaml", "new"))
-    found = proposal.adding(Findings(values)).adding(Findings((Value("limits", "", "m.yaml", "newer"),)))
+    proposal = Proposal(Path("x"), Configuration(None, {"sync": {"stamps": "header"}}))
+    values = (Value(Key("sync", "stamps"), "record", "zero"), Value(Key("limits"), "l.yaml", "new"))
+    found = proposal.adding(Findings(values)).adding(Findings((Value(Key("limits"), "m.yaml", "newer"),)))
     assert found.sections == {"sync": {"stamps": "header"}, "limits": "l.yaml"}
-    assert found.reasons == {"limits": "new"}
+    assert found.reasons == {Key("limits"): "new"}
     assert proposal.sections == {"sync": {"stamps": "header"}}

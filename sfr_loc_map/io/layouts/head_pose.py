@@ -80,8 +80,8 @@ def _by_joints(bag: Bag, camera_frame: str, stamps_ns: IntArray, config: FramesC
     T_head_navsb = config.head_transform()
     if T_head_navsb is None:
         raise InputError(
-            f"bag '{bag.path}': the cameras are moved by joints: give their position on the head by "
-            "--set 'frames.head_to_navsb_m=[X, Y, Z]'"
+            f"bag '{bag.path}': the cameras are moved by joints: give their pose on the head by "
+            "--set 'frames.head_to_navsb_m=[X, Y, Z]' --set 'frames.head_to_navsb_quat_xyzw=[X, Y, Z, W]'"
         )
     return [mast_head_in_rb(float(pan), float(tilt)) @ T_head_navsb for pan, tilt in zip(*angles, strict=True)]
 

@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.stamped_poses import covered, sampled
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import read_table, refusing
+from sfr_loc_map.inputs import parent_of, read_table, refusing
 from sfr_loc_map.io.calibration.camera_info import check_centre, projection, rig_from_projections
 from sfr_loc_map.io.images.codec import encode_png, read_grey
 from sfr_loc_map.io.images.files import ImagePair, complete_pairs
@@ -89,7 +89,7 @@ def _read_projections(calibration: Path) -> dict[int, FloatArray]:
 
 def _pose_files(path: Path) -> list[Path]:
     """Return the possible files of the poses of a sequence, in the order of preference."""
-    return [path / "poses.txt", path.parent.parent / "poses" / f"{path.resolve().name}.txt"]
+    return [path / "poses.txt", parent_of(parent_of(path)) / "poses" / f"{path.resolve().name}.txt"]
 
 
 def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) -> RecordedTruth | None:

@@ -31,7 +31,7 @@ from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_poses, p
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import read_table, split_lines
+from sfr_loc_map.inputs import parent_of, read_table, split_lines
 from sfr_loc_map.io.tables.column_detection import detect_columns
 from sfr_loc_map.io.tables.pose_columns import (
     COVARIANCES,
@@ -261,7 +261,7 @@ def _stamps_of_frames(path: Path, numbers: IntArray, numbers_of: str, count: int
     `count` is the number of times that the file of seconds must have: that of the lines with poses, including skipped
     lines. It is None if the numbers of the images are not consecutive.
     """
-    benchmark = path.parent.parent / "sequences" / path.stem / "times.txt"
+    benchmark = parent_of(parent_of(path)) / "sequences" / path.stem / "times.txt"
     files = (times_beside(path), path.with_name("times.txt"), benchmark)
     times = next((file for file in files if file.is_file() and file != path), None)
     if times is None:

@@ -65,8 +65,7 @@ def arguments_of_config(config: Path, written: Path) -> list[str]:
     Settings that apply only to recordings raise a ConfigError, because a node receives topics as drivers publish them.
     """
     given = Configuration.read(config)
-    sections = given.sections
-    how = SourceConfig.of(sections, config)
+    how = SourceConfig.of(given)
     if how.calibration != CalibrationConfig() or how.sync.right_offset_s:
         raise ConfigError(
             f"'{config}': calibration and sync.right_offset_s apply only to recordings: publish camera_info "
@@ -89,9 +88,9 @@ def arguments_of_config(config: Path, written: Path) -> list[str]:
     )
     if how.frames.base:
         found[Task.LOCALISATION.node]["rb_frame"] = how.frames.base
-    if isinstance(limits := sections.get("limits"), str):
-        found[MONITOR_NODE]["limits_file"] = str((config.parent / limits).resolve())
-    if conditions := sections.get("conditions"):
+    if limits := given.sections.get("limits"):
+        found[MONITOR_NODE]["limits_file"] = str((given.folder / limits).resolve())
+    if conditions := given.sections.get("conditions"):
         found[MONITOR_NODE]["score.trajectory.conditions"] = conditions
     for task in Task:
         raw = f"{task.rig}/left/image_raw"

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from sfr_loc_map import __version__
-from sfr_loc_map.config_file import read_sections
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.hashes import hash_path, visible_files
 from sfr_loc_map.io.source_config import SourceConfig
@@ -97,7 +97,7 @@ def files_of_source(place: Path) -> tuple[Path, ...]:
     beside = config_beside(place)
     if beside is None:
         return (place,)
-    config = SourceConfig.of(read_sections(beside), beside)
+    config = SourceConfig.of(Configuration.read(beside))
     calibration = Path(config.calibration.file) if config.calibration.file else None
     named = [file for file in (config.truth.file, calibration) if file is not None]
     return (place, beside, *(file for file in named if file.exists()))

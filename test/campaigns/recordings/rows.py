@@ -454,7 +454,8 @@ def add_mapping(recording: Recording, drive: Drive, prefix: str, head_by: str) -
 @row(0.001, "the same head, from its angles", figure="map")
 def pan_tilt_joints(folder: Path, drive: Drive) -> Made:
     cameras = NavCamerasConfig()
-    place = {"frames.head_to_navsb_m": [cameras.x_m, cameras.y_m, cameras.z_m]}
+    position_m = [cameras.x_m, cameras.y_m, cameras.z_m]
+    place = {"frames.head_to_navsb_m": position_m, "frames.head_to_navsb_quat_xyzw": [0.0, 0.0, 0.0, 1.0]}
     return Made(add_mapping(stereo(drive), drive, "/pancam", "joints").write(folder / "head"), settings=place)
 
 

@@ -9,6 +9,7 @@ import pytest
 from campaigns.recordings.bags import Recording, add_static, nav_sat_fix
 from campaigns.recordings.drive import Drive, load_drive
 from campaigns.recordings.rows import ROWS, Made
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -79,7 +80,7 @@ def test_a_recording_is_read_as_proposed_and_not_without(drive: Drive, tmp_path:
         drive = load_drive()  # long enough to keep complete chunks
     made = ROWS[name].make(tmp_path, drive)
     file = tmp_path / "mine" / "sfr.yaml"
-    proposal = propose_config(made.source, sections_of(made), file)
+    proposal = propose_config(made.source, Configuration(file, sections_of(made)))
     assert not proposal.missing
     file.parent.mkdir()
     file.write_text(proposal.text())

@@ -23,7 +23,7 @@ from sfr_loc_map.io.source_config import FramesConfig
 from sfr_loc_map.simulation.config import PanoramaConfig
 
 RIG = StereoRig(16, 12, 20.0, 20.0, 7.5, 5.5, 0.15)
-PLACE = FramesConfig(head_to_navsb_m=(0.06, 0.0, 0.08))
+PLACE = FramesConfig(head_to_navsb_m=(0.06, 0.0, 0.08), head_to_navsb_quat_xyzw=(0.0, 0.0, 0.0, 1.0))
 TILT_AXIS = np.array([0.451, 0.317, 0.594])
 MS = 1_000_000
 
@@ -111,7 +111,7 @@ REFUSED: dict[str, tuple[Callable[[], Recording], FramesConfig, str]] = {
     "a place not given": (
         lambda: joints_at(0, 900),
         FramesConfig(),
-        "give their position on the head by --set 'frames.head_to",
+        "give their pose on the head by --set 'frames.head_to",
     ),
     "no joint of the head": (
         lambda: joints_at(0, 900, wheel=0.1),

@@ -123,7 +123,7 @@ def test_poses_without_stamps_name_what_is_numbered(tmp_path: Path, number: str,
     assert read_trajectory_file(file).stamps == f"{numbers_of} numbers, 1 s apart"
 
 
-def test_stamps_of_kitti_poses(tmp_path: Path) -> None:
+def test_stamps_of_kitti_poses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     poses, times = tmp_path / "poses" / "07.txt", tmp_path / "sequences" / "07" / "times.txt"
     poses.parent.mkdir()
     times.parent.mkdir(parents=True)
@@ -133,7 +133,9 @@ def test_stamps_of_kitti_poses(tmp_path: Path) -> None:
     assert alone.by_index
     assert alone.trajectory.stamps_ns.tolist() == [k * 10**9 for k in range(5)]
     times.write_text("0.0\n0.1\n0.2\n0.3\n4e-1\n")
-    assert read_trajectory_file(poses).trajectory.stamps_ns.tolist() == [k * 10**8 for k in range(5)]
+    monkeypatch.chdir(poses.parent)
+    for path in (poses, Path(poses.name)):
+        assert read_trajectory_file(path).trajectory.stamps_ns.tolist() == [k * 10**8 for k in range(5)]
     times.write_text("0.0\n")
     with pytest.raises(InputError, match="1 times for 5 poses"):
         read_trajectory_file(poses)
