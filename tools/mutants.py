@@ -373,8 +373,8 @@ MUTATIONS = (
     Mutation(JOB, "else self.path), self.source_sha256", "else self.path), object()"),
     Mutation(STORE, ', *sorted(self.failures.glob("*.json"))):', ",):"),
     Mutation(JOB, "self.fault_seed), self.repeat)", "self.fault_seed))"),
-    Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
-    Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),
+    Mutation(STORE, "elif hash_path(Path(file.path)) != file.sha256:", "elif False:"),
+    Mutation(STORE, "if to_plain(limits_in(Path(suite))) != self._plan.limits:", "if False:"),
     # edited scores
     Mutation("metrics/stored/related_rows.py", "    _required,\n", ""),
     Mutation("metrics/stored/related_rows.py", "    _of_pairs,\n", ""),

@@ -11,24 +11,28 @@ DIR/cache/                  simulated and fetched sources; may be deleted
 from __future__ import annotations
 
 import fcntl
-import json
+import socket
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
+
+import msgspec
 
 from sfr_loc_map.atomic import make_folder, write_text
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.hashes import hash_path
-from sfr_loc_map.inputs import refusing
+from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text, refusing
+from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_plain, json_line, to_plain
+from sfr_loc_map.package_commit import package_commit
 from sfr_loc_map.suite.running.digests import code_fingerprint, file_state, files_of_source
 from sfr_loc_map.suite.running.job import OF_SUITE, Job, JobDescription, digest
 from sfr_loc_map.suite.running.job_outcome import JobFailure, JobOutcome, JobState, WorkerRecord
-from sfr_loc_map.suite.running.provenance import about_run
 from sfr_loc_map.suite.running.source_readers import SourceFacts, inspect_file
 from sfr_loc_map.suite.running.specification import Refusal, limits_in
 
@@ -37,24 +41,67 @@ ADVICE = "delete this file and run the suite again"
 T = TypeVar("T")
 
 
+class KnownFacts(msgspec.Struct, frozen=True):
+    """Facts of a source."""
+
+    stamp: str  #: Hash of the code and of the state of the files of the source, for which the facts apply.
+    facts: dict[str, Any]  #: `SourceFacts` as JSON values.
+
+
+class PlanFile(msgspec.Struct, frozen=True):
+    """A file from which a plan was made."""
+
+    path: str
+    sha256: str
+
+
+class Plan(msgspec.Struct, frozen=True, kw_only=True):
+    """Content of `plan.json`.
+
+    Facts, jobs and refusals are JSON values, because those that another version wrote are replaced without being read.
+    """
+
+    sources: dict[str, KnownFacts] = {}  #: Facts of the sources by absolute path.
+    jobs: list[dict[str, Any]] = []
+    limits: dict[str, Any] = {}  #: Limits as stated in the file of the suite.
+    refusals: list[dict[str, Any]] = []
+    run: dict[str, Any] = {}  #: Commit, host and time of the last run (`about_run`).
+    files: list[PlanFile] = []  #: The file of the suite, and the file of its limits if there is one.
+
+
+class ResultProvenance(msgspec.Struct, frozen=True):
+    """The part of the provenance of a stored result that describes its job."""
+
+    configuration: dict[str, Any] = {}
+
+
+class StoredResult(msgspec.Struct, frozen=True):
+    """The part of a stored result that describes its job."""
+
+    provenance: ResultProvenance | None = None
+
+
+def about_run() -> dict[str, object]:
+    """Return the commit, host and time of the run of a suite. Commit, branch and date are None if unknown."""
+    time = datetime.now(UTC).isoformat(timespec="seconds")
+    return {"git": package_commit()._asdict(), "host": socket.gethostname(), "time": time}
+
+
 class Store:
     """The folder of a suite, opened or created; raises OutputError if the folder has other content."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder)
         self.results, self.failures, self.cache = (self.folder / name for name in ("results", "failures", "cache"))
-        plan = self.folder / PLAN
+        self._plan_file = self.folder / PLAN
         others = [path.name for path in self.folder.iterdir()] if self.folder.is_dir() else []
-        if others and not plan.exists() and not self.results.is_dir():
+        if others and not self._plan_file.exists() and not self.results.is_dir():
             raise OutputError(f"'{folder}' contains {others[0]} and is not the folder of a suite: choose another name")
         for path in (self.results, self.failures, self.cache):
             make_folder(path, "choose another folder")
-        self._plan: dict[str, Any] = {"sources": {}, "jobs": [], "limits": {}, "refusals": [], "run": {}, "files": []}
-        if plan.exists():
-            found = _read(plan)
-            if not isinstance(found, dict) or any(type(found.get(k, v)) is not type(v) for k, v in self._plan.items()):
-                raise InputError(f"'{plan}' is not the plan of a suite: run the suite again in another folder")
-            self._plan |= found
+        self._plan = Plan()
+        if self._plan_file.exists():
+            self._plan = _record(Plan, _read(self._plan_file), self._plan_file)
         self._jobs: tuple[Job, ...] | None = None
 
     @contextmanager
@@ -74,11 +121,12 @@ class Store:
     def facts_of(self, path: Path) -> SourceFacts:
         """Return the facts of a source, cached until the code or the `file_state` of one of its files changes."""
         state = digest([code_fingerprint(), *(file_state(file) for file in files_of_source(path))])
-        known = self._plan["sources"].get(str(path.absolute()))
-        if known is not None and known["stamp"] == state:
-            return _record(SourceFacts, known["facts"], self.folder / PLAN)
+        place = str(path.absolute())
+        known = self._plan.sources.get(place)
+        if known is not None and known.stamp == state:
+            return _record(SourceFacts, known.facts, self._plan_file)
         facts = inspect_file(path)
-        self._plan["sources"][str(path.absolute())] = {"stamp": state, "facts": to_plain(facts)}
+        self._plan.sources[place] = KnownFacts(state, to_plain(facts))
         return facts
 
     def save_plan(
@@ -92,14 +140,15 @@ class Store:
 
         `files` are the file of the suite and the file of its limits, if there is one.
         """
-        self._plan |= {
-            "files": [{"path": str(path.absolute()), "sha256": hash_path(path)} for path in files],
-            "jobs": to_plain(jobs),
-            "limits": to_plain(limits),
-            "refusals": to_plain(refusals),
-            "run": about_run(),
-        }
-        write_text(json_line(self._plan), self.folder / PLAN)
+        self._plan = Plan(
+            sources=self._plan.sources,
+            jobs=to_plain(jobs),
+            limits=to_plain(limits),
+            refusals=to_plain(refusals),
+            run=about_run(),
+            files=[PlanFile(str(path.absolute()), hash_path(path)) for path in files],
+        )
+        write_text(json_line(self._plan), self._plan_file)
         self._jobs = None
 
     def check_files(self) -> tuple[str, ...]:
@@ -107,35 +156,38 @@ class Store:
 
         Raise InputError if a file has changed, or if the limits of the plan differ from those of the suite's file.
         """
-        plan = self.folder / PLAN
+        files = self._plan.files
         absent = []
-        for item in self._plan["files"]:
-            path = Path(item["path"])
-            if not path.is_file():
-                absent.append(str(path))
-            elif hash_path(path) != item["sha256"]:
-                raise InputError(f"'{path}' has changed since '{plan}' was written: run the suite again")
-        if self._plan["files"] and not absent:
-            suite = Path(self._plan["files"][0]["path"])
-            if to_plain(limits_in(suite)) != self._plan["limits"]:
-                raise InputError(f"'{plan}' has limits that differ from those of '{suite}': run the suite again")
+        for file in files:
+            if not Path(file.path).is_file():
+                absent.append(file.path)
+            elif hash_path(Path(file.path)) != file.sha256:
+                raise InputError(
+                    f"'{file.path}' has changed since '{self._plan_file}' was written: run the suite again"
+                )
+        if files and not absent:
+            suite = files[0].path
+            if to_plain(limits_in(Path(suite))) != self._plan.limits:
+                raise InputError(
+                    f"'{self._plan_file}' has limits that differ from those of '{suite}': run the suite again"
+                )
         return tuple(absent)
 
     @property
     def run(self) -> dict[str, Any]:
         """Code, host and time of the last run."""
-        return dict(self._plan["run"])
+        return dict(self._plan.run)
 
     @property
     def limits(self) -> Limits | None:
         """Limits of the suite; None if there are none."""
-        limits = self._plan["limits"]
-        return parse_limits(limits, f"'{self.folder / PLAN}': limits") if limits else None
+        limits = self._plan.limits
+        return parse_limits(limits, f"'{self._plan_file}': limits") if limits else None
 
     @property
     def refusals(self) -> tuple[Refusal, ...]:
         """Unreadable sources of the last run, and sources that have results but no job any more."""
-        unread = (_record(Refusal, item, self.folder / PLAN) for item in self._plan["refusals"])
+        unread = _record(tuple[Refusal, ...], self._plan.refusals, self._plan_file)
         return (*unread, *self.left_over())
 
     def left_over(self) -> tuple[Refusal, ...]:
@@ -162,13 +214,13 @@ class Store:
         if path.parent == self.failures:
             failure = _record(JobFailure, _read(path), path)
             return failure.description or JobDescription(source=failure.source)
-        content = _record(dict, _read(path), path)
-        return _description(content.get("provenance", {}).get("configuration", {}), path)
+        result = _record(StoredResult, _read(path), path)
+        return _description({} if result.provenance is None else result.provenance.configuration, path)
 
     def workers(self) -> tuple[WorkerRecord, ...]:
         """Return the workers of all runs."""
         path = self.folder / WORKERS
-        return tuple(_record(WorkerRecord, item, path) for item in (_read(path) if path.exists() else ()))
+        return _record(tuple[WorkerRecord, ...], _read(path), path) if path.exists() else ()
 
     def add_workers(self, records: Sequence[WorkerRecord]) -> None:
         """Add the workers of a run to those of earlier runs."""
@@ -186,8 +238,6 @@ class Store:
         path = self.results / f"{job.key}.json"
         score = from_dict(_read(path), f"'{path}'", needs_hash=True)
         description = _description({} if score.provenance is None else score.provenance.configuration, path)
-        if not description.key:
-            raise InputError(f"'{path}' does not name its job ({OF_SUITE}key in its provenance): {ADVICE}")
         if description.key != job.key:
             raise InputError(f"'{path}' is the result of '{description.source}', not of '{job.label}': {ADVICE}")
         return score
@@ -210,13 +260,17 @@ class Store:
     def jobs(self) -> tuple[Job, ...]:
         """The jobs of the suite in the order of its file."""
         if self._jobs is None:
-            self._jobs = tuple(_record(Job, item, self.folder / PLAN) for item in self._plan["jobs"])
+            self._jobs = _record(tuple[Job, ...], self._plan.jobs, self._plan_file)
         return self._jobs
 
 
 def _description(configuration: Mapping[str, object], path: Path) -> JobDescription:
+    """Return the description of the job in the provenance of a result; InputError if the result names no job."""
     with refusing(f"cannot read '{path}'", ADVICE):
-        return JobDescription.from_provenance(configuration)
+        description = JobDescription.from_provenance(configuration)
+    if not description.key:
+        raise InputError(f"'{path}' does not name its job ({OF_SUITE}key in its provenance): {ADVICE}")
+    return description
 
 
 def _left_over(source: str, path: Path) -> Refusal:
@@ -228,10 +282,12 @@ def _left_over(source: str, path: Path) -> Refusal:
 
 
 def _record(kind: type[T], value: object, path: Path) -> T:
+    """Return the value of a type from the JSON values of a file; InputError if they do not match the type."""
     with refusing(f"cannot read '{path}'", ADVICE):
         return from_plain(kind, value)
 
 
 def _read(path: Path) -> Any:  # noqa: ANN401 - any JSON
+    """Return the JSON values of a file; InputError if the file cannot be read."""
     with refusing(f"cannot read '{path}'", ADVICE):
-        return json.loads(path.read_text(encoding="utf-8"))
+        return parse_json(read_text(path, MAX_JSON_BYTES))

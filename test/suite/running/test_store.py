@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from helpers.made_suites import JOB
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.stored.score_json import to_json
+from sfr_loc_map.metrics.stored.score_json import json_line, to_json
 from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.suite.running import store as store_module
 from sfr_loc_map.suite.running.digests import files_hash
 from sfr_loc_map.suite.running.job import Job, SourceKind
-from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome
+from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome, WorkerRecord
 from sfr_loc_map.suite.running.source_readers import SourceFacts
+from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.statistics.summary import summarise
 
 CRASHED = JobOutcome(cause=FailureCause.DIED, message="its worker process was killed or crashed")
 
@@ -170,3 +174,69 @@ def test_a_plan_is_compared_with_its_files(tmp_path: Path) -> None:
         store.check_files()
     limits.unlink()
     assert store.check_files() == (str(limits),)
+
+
+def mutations(content: object) -> Iterator[object]:
+    """Yield JSON values in which one value is replaced, or removed from its object."""
+    for other in (None, [], {}, "", 1, True, [{}], {"path": {}}):
+        if other != content:
+            yield other
+    if isinstance(content, dict):
+        for name, value in content.items():
+            yield {key: item for key, item in content.items() if key != name}
+            for changed in mutations(value):
+                yield {**content, name: changed}
+    if isinstance(content, list):
+        for row, value in enumerate(content):
+            for changed in mutations(value):
+                yield [*content[:row], changed, *content[row + 1 :]]
+
+
+@pytest.mark.parametrize("edited", ["plan", "workers", "result", "left-over result", "failure", "left-over failure"])
+def test_an_edited_file_of_a_suite_is_read_or_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edited: str
+) -> None:
+    done, failed, gone, lost = (replace(JOB, source=replace(JOB.source, name=name, sha256=name)) for name in "abcd")
+    suite, drive = tmp_path / "suite.yaml", tmp_path / "drive.mcap"
+    suite.write_text("sources: [a]\nlimits: {memory: {localisation_peak_bytes: 5}}\n")
+    drive.touch()
+    facts = SourceFacts(sha256="", pairs=1, nav_pairs=0)
+    monkeypatch.setattr(store_module, "inspect_file", lambda path: facts)
+    folder = tmp_path / "out"
+    store = Store(folder)
+    store.facts_of(drive)
+    limits = {"memory": {"localisation_peak_bytes": 5}}
+    refusals = [Refusal("gone.mcap", "source 'gone.mcap': no match")]
+    store.save_plan([done, failed], refusals, limits, files=[suite])
+    store.add_workers([WorkerRecord(worker="tcp://127.0.0.1:1")])
+    for job in (done, gone):
+        store.save(job, result_of(job))
+    for job in (failed, lost):
+        store.save(job, CRASHED)
+    path = {
+        "plan": folder / "plan.json",
+        "workers": folder / "workers.json",
+        "result": store.results / f"{done.key}.json",
+        "left-over result": store.results / f"{gone.key}.json",
+        "failure": store.failures / f"{failed.key}.json",
+        "left-over failure": store.failures / f"{lost.key}.json",
+    }[edited]
+    assert summarise(Store(folder)).counts.jobs == 2
+    for content in mutations(json.loads(path.read_text())):
+        path.write_text(json.dumps(content))
+        with suppress(InputError, ConfigError):
+            changed = Store(folder)
+            changed.facts_of(drive)
+            changed.check_files()
+            json_line(summarise(changed).to_dict())
+
+
+@pytest.mark.parametrize("text", ["", "null", "[" * 10_000, "{", "\xff", '{"sources": ' + "1" * 5000 + "}"])
+@pytest.mark.parametrize("name", ["plan.json", "workers.json", "results/other.json", "failures/other.json"])
+def test_a_damaged_file_of_a_suite_is_refused_in_one_line(tmp_path: Path, name: str, text: str) -> None:
+    store = Store(tmp_path)
+    store.save_plan([JOB])
+    store.save(JOB, result_of(JOB))
+    (tmp_path / name).write_bytes(text.encode("latin-1"))
+    with pytest.raises(InputError, match=r"^cannot read '.*json': [^\n]*; delete this file and run the suite again$"):
+        summarise(Store(tmp_path))
