@@ -16,9 +16,9 @@ import yaml
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.calls.call_files import load_call_stats, save_stats
-from sfr_loc_map.child_process import child_environment, end_with_parent
+from sfr_loc_map.child_process import child_environment, end_with_parent, ending_of
 from sfr_loc_map.config import build
-from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.errors import ConfigError, ExitCode, InputError, NodeError, SfrError
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import faulty
 from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
@@ -50,6 +50,8 @@ from sfr_loc_map.suite.running.source_readers import SOURCE_READERS
 from sfr_loc_map.suite_names import Task
 
 REPLAY_FOLDER = "replay"  #: Folder of the output of a replay.
+SCORED = (ExitCode.OK, ExitCode.FAILED, ExitCode.NOT_JUDGED)
+"""Exit codes of a replay that is scored as a whole. After an interrupt, only the played part is scored."""
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -139,9 +141,16 @@ def _replay(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
         preexec_fn=partial(end_with_parent, signal.SIGTERM),
     )
     report = scratch / REPLAY_FOLDER / "report.json"
-    if not report.exists():
-        raise InputError(f"replay of '{job.source.path}' wrote no report: {done.stderr.strip()[-300:]}")
+    if done.returncode not in SCORED or not report.exists():
+        raise _error_of_replay(job, done)
     return from_json(report.read_text(encoding="utf-8"), str(report))
+
+
+def _error_of_replay(job: Job, done: subprocess.CompletedProcess[str]) -> SfrError:
+    """Return the error of a replay without a score: InputError for bad input, NodeError if the process has died."""
+    lines = done.stderr.splitlines() or ["it printed no error"]
+    message = f"the replay of '{job.source.path}' {ending_of(done.returncode)} without a score: {lines[-1]}"
+    return InputError(message) if done.returncode == ExitCode.BAD_INPUT else NodeError(message)
 
 
 def replay_options(job: Job, scratch: Path) -> list[str]:

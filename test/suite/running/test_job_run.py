@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +12,11 @@ import numba
 import pytest
 
 from helpers.made_suites import JOB
+from sfr_loc_map.errors import InputError, NodeError, SfrError
 from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, LimitSection
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.suite.running import job_run
 from sfr_loc_map.suite.running.job import JobTask
 from sfr_loc_map.suite.running.job_run import replay_options, run_job, use_threads
@@ -63,3 +67,36 @@ def test_a_replay_runs_with_the_threads_of_the_job(
         run_job(replace(REPLAY, source=replace(JOB.source, path=str(tmp_path))), tmp_path, tmp_path)
     names = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
     assert {name: given[name] for name in names} == dict.fromkeys(names, "3")
+
+
+@pytest.mark.parametrize("has_report", [False, True])
+@pytest.mark.parametrize(
+    ("code", "error"),
+    [(0, None), (1, None), (3, None), (2, InputError), (130, NodeError), (-11, NodeError), (-9, NodeError)],
+)
+def test_a_replay_is_a_failure_by_the_exit_code_of_its_process(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    threads_restored: None,
+    code: int,
+    error: type[SfrError] | None,
+    has_report: bool,
+) -> None:
+    """A crash is not bad input, which a search would skip for ever. An interrupted replay is scored in part."""
+
+    def ended(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        if has_report:
+            folder = Path(command[command.index("--out") + 1])
+            folder.mkdir()
+            (folder / "report.json").write_text(to_json(Score(figures=())))
+        return subprocess.CompletedProcess(command, code, "", "starting\nsfr: the last words\n")
+
+    monkeypatch.setattr(job_run.subprocess, "run", ended)
+    job = replace(REPLAY, source=replace(JOB.source, path=str(tmp_path / "drive")))
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    if error is None and has_report:
+        assert run_job(job, scratch, tmp_path).figures == ()
+        return
+    with pytest.raises(error or NodeError, match=r"/drive' .* without a score: sfr: the last words"):
+        run_job(job, scratch, tmp_path)
