@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ from sfr_loc_map.suite.running.specification import SuiteSettings
 
 Point = tuple[float, ...]
 """Values of the parameters of a search, in the order of the file."""
+DIGITS = 6  #: Significant digits of the value of a parameter, unless its range is narrow.
+DIGITS_OF_FLOAT = 17  #: Significant digits that identify a float64.
 CHOICES = (*STATISTICS, "value")  #: Statistics that a search accepts.
 SUBJECTS = (Subject.TRAJECTORY, Subject.TIMING, Subject.MEMORY, Subject.COMPLETENESS, Subject.CONSISTENCY)
 """Subjects of the figures that the score of a localised drive can have."""
@@ -58,9 +61,20 @@ class Parameter:
         """Group of the parameter: `faults`, or the section of the scenario."""
         return "faults" if self.fault else self.name.partition(".")[0]
 
+    @property
+    def digits(self) -> int:
+        """Number of significant digits of the values: 6, and more if the range is narrow relative to its bounds."""
+        largest = max(abs(self.low), abs(self.high))
+        decades = math.log10(largest) - math.log10(self.high - self.low)
+        return min(DIGITS + max(0, math.floor(decades)), DIGITS_OF_FLOAT)
+
     def rounded(self, value: float) -> float:
-        """Return a value as the scenario uses it: an integer, or six digits."""
-        return float(round(value)) if self.is_whole else float(f"{value:.6g}")
+        """Return a value as the scenario uses it: an integer, or a number of `digits`."""
+        return float(round(value)) if self.is_whole else float(f"{value:.{self.digits}g}")
+
+    def drawn(self, value: float) -> float:
+        """Return a rounded value within the range."""
+        return min(max(self.rounded(value), self.low), self.high)
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,7 +52,7 @@ class RandomChooser:
         drawn = self._rng.random((count, len(self._parameters)))
         return [
             tuple(
-                parameter.rounded(parameter.low + share * (parameter.high - parameter.low))
+                parameter.drawn(parameter.low + share * (parameter.high - parameter.low))
                 for parameter, share in zip(self._parameters, row, strict=True)
             )
             for row in drawn
@@ -96,7 +96,7 @@ class TreeChooser:
         trials = [self._study.ask(self._ranges) for _ in range(count)]
         self._asked = trials
         return [
-            tuple(parameter.rounded(trial.params[parameter.name]) for parameter in self._parameters) for trial in trials
+            tuple(parameter.drawn(trial.params[parameter.name]) for parameter in self._parameters) for trial in trials
         ]
 
     def tell(self, points: Sequence[Point], ratios: Sequence[float | None]) -> None:
@@ -197,7 +197,7 @@ def slices_of(
 
 
 def _grid(parameter: Parameter, count: int) -> tuple[float, ...]:
-    values = (parameter.rounded(value) for value in np.linspace(parameter.low, parameter.high, count))
+    values = (parameter.drawn(value) for value in np.linspace(parameter.low, parameter.high, count))
     return tuple(dict.fromkeys(values))
 
 

@@ -54,6 +54,30 @@ def test_a_search_chooses_the_same_points_again() -> None:
     assert one == two
 
 
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [
+        (1000000.4, 1000003.0),
+        (-1000003.0, -1000000.4),
+        (0.12345649, 0.1234567),
+        (0.0, 0.123456789),
+        (-0.123456789, 0.0),
+        (1e-9, 1e6),
+        (1e300, 2e300),
+        (1.0, 1.0 + 1e-15),
+    ],
+)
+def test_drawn_values_are_within_the_range_and_differ(low: float, high: float) -> None:
+    parameter = Parameter("light.sun_elevation_deg", low, high, 0.5)
+    for chooser in (RandomChooser([parameter], 1), TreeChooser([parameter], 1)):
+        values = [value for (value,) in chooser.ask(8)]
+        assert all(low <= value <= high for value in values), values
+        assert len({*values}) > 2
+    case = TriedPoint((0.5, 0.5), 2.0)
+    (part,) = slices_of([parameter, PARAMETERS[0]], case, [], 3, lambda points: [1.0] * len(points))
+    assert (part.x[0], len(part.x), part.x[-1]) == (low, 3, high)
+
+
 def test_the_reduced_case_changes_only_what_it_needs() -> None:
     usual = tuple(parameter.usual for parameter in PARAMETERS)
     found = TriedPoint((0.9, 0.1, 0.8, 0.9, 0.1), weak([(0.9, 0.1, 0.8, 0.9, 0.1)])[0])
