@@ -270,7 +270,8 @@ def history(
     """
     from sfr_loc_map.suite.pages.page import render_history
     from sfr_loc_map.suite.pages.tables import history_tables
-    from sfr_loc_map.suite.statistics.history import Night, check_order, find_changes
+    from sfr_loc_map.suite.statistics.history import find_changes
+    from sfr_loc_map.suite.statistics.night import Night, check_order
 
     propose("sfr report A B", why="compares two of these nights in full")
     check_suffix(html, HTML_SUFFIXES)

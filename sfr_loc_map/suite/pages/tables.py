@@ -21,7 +21,8 @@ from sfr_loc_map.suite.statistics.comparison import CountComparison, FigureCompa
 from sfr_loc_map.suite.statistics.drive_count import DriveCount
 from sfr_loc_map.suite.statistics.figures import map_error_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
-from sfr_loc_map.suite.statistics.history import MIN_REFERENCE, Change, History
+from sfr_loc_map.suite.statistics.history import Change, History
+from sfr_loc_map.suite.statistics.night_comparison import MIN_REFERENCE
 from sfr_loc_map.suite.statistics.summary import CommonDeviation, Group, JobCounts, ReplacedTruth, ScoredJob, Summary
 from sfr_loc_map.tables.model import MIB, MILLIMETRE, MILLISECOND, PERCENT, Cell, Column, Table, Unit, fitting, number
 from sfr_loc_map.tables.typed import RowColumn, heads, intervals, numbers, table_of, words

@@ -12,16 +12,10 @@ from helpers.cli_result import Sfr
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
-from sfr_loc_map.suite.statistics.history import (
-    FALSE_ALARM_RATE,
-    SCALES,
-    Change,
-    History,
-    Night,
-    changes_of,
-    compare_nights,
-    find_changes,
-)
+from sfr_loc_map.suite.statistics.history import FALSE_ALARM_RATE, Change, History, find_changes
+from sfr_loc_map.suite.statistics.night import Night
+from sfr_loc_map.suite.statistics.night_changes import changes_of
+from sfr_loc_map.suite.statistics.night_comparison import SCALES, compare_nights
 from sfr_loc_map.suite.statistics.pairing import PairKey
 from sfr_loc_map.suite.statistics.summary import SCHEMA
 

@@ -1,0 +1,122 @@
+"""Changes of one figure from night to night, and returns to the level before a change."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.suite.statistics.night_comparison import MIN_REFERENCE, Scale, Shift, compare_nights, known_mean
+
+WINDOWS = (1, 4)  #: Lengths of the mean, nights: 1 detects large changes immediately, 4 detects small changes later.
+REFERENCE = 30  #: Maximum number of reference nights.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundChange(Shift):
+    """A change of values `(job, night)` with its nights."""
+
+    night: int  #: First night after the change.
+    last_before: int  #: Last night before the change in which a changed job has a value.
+    detected: int  #: Night at which the change was detected.
+    nights_before: tuple[int, int]  #: First night of the values before the change, and the night after the last night.
+    nights_after: tuple[int, int]  #: The same for the values after the change.
+    is_return: bool = False  #: Whether the figure returned to its level before the previous change.
+
+
+def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[FoundChange]:
+    """Return the changes of values `(D, T)` of jobs and nights, NaN if missing, in the order of their detection.
+
+    Each night is compared with the reference nights of the present level. After a change, the following nights are
+    compared with the same reference. If the figure returns to its level before the change within `MIN_REFERENCE`
+    nights, the return is a second change. Otherwise the level after the change becomes the reference.
+    """
+    found: list[FoundChange] = []
+    level_from = 0  # first night of the present level
+    last: FoundChange | None = None  # the last change, until the figure returns or its new level becomes the reference
+    for night in range(1, x.shape[1]):
+        if last is not None and night - last.night >= MIN_REFERENCE:
+            level_from, last = last.night, None
+        if last is not None:
+            change = _return_at(night, x, level_from, last, scale, false_alarm_rate / len(WINDOWS))
+            last = last if change is None else None
+        else:
+            change = last = _change_at(night, x, level_from, scale, false_alarm_rate / len(WINDOWS))
+        if change is not None:
+            found.append(change)
+    return found
+
+
+def _change_at(night: int, x: FloatArray, level_from: int, scale: Scale, false_alarm_rate: float) -> FoundChange | None:
+    """Return the change of values `(D, T)` that the mean of the nights up to `night` reveals; None without a change.
+
+    The reference nights are those since `level_from`, at most `REFERENCE`.
+    """
+    for window in WINDOWS:
+        first = night + 1 - window
+        if first <= level_from:
+            return None
+        begin = max(level_from, first - REFERENCE)
+        before, after = x[:, begin:first], x[:, first : night + 1]
+        shift = compare_nights(before, after, scale, false_alarm_rate)
+        if shift is None:
+            continue
+        jobs = list(shift.jobs)
+        changed_at = first + _start_of_change(before[jobs], after[jobs])
+        return FoundChange(
+            **asdict(shift),
+            night=changed_at,
+            last_before=_last_with_value(x[jobs, :changed_at]),
+            detected=night,
+            nights_before=(begin, first),
+            nights_after=(first, night + 1),
+        )
+    return None
+
+
+def _return_at(
+    night: int, x: FloatArray, level_from: int, change: FoundChange, scale: Scale, false_alarm_rate: float
+) -> FoundChange | None:
+    """Return the return of values `(D, T)` to their level before a change; None without a return.
+
+    A night without a value of the changed jobs is not evidence of a return.
+    """
+    changed = x[list(change.jobs)]
+    if not np.isfinite(changed[:, night]).any():
+        return None
+    after = x[:, max(change.night, night + 1 - change.window) : night + 1]
+    reference = x[:, max(level_from, change.night - REFERENCE) : change.night]
+    if compare_nights(reference, after, scale, false_alarm_rate) is not None:
+        return None
+    return replace(
+        change,
+        night=night,
+        detected=night,
+        last_before=_last_with_value(changed[:, :night]),
+        before=change.after,
+        after=float(known_mean(changed[:, night])),
+        nights_before=change.nights_after,
+        nights_after=(night, night + 1),
+        is_return=True,
+    )
+
+
+def _start_of_change(before: FloatArray, after: FloatArray) -> int:
+    """Return the night of `after` `(D, W)` from which the shift from the reference nights `(D, N)` is most significant.
+
+    The shift of a night is relative to the level of each job, so that a night without the result of a job is not
+    shifted. A change cannot start in a night without a value.
+    """
+    levels = known_mean(before.T)
+    shifts = known_mean(after - levels[:, None])
+    sizes = np.full(len(shifts), -np.inf)
+    for night in np.flatnonzero(np.isfinite(shifts)):
+        later = shifts[night:][np.isfinite(shifts[night:])]
+        sizes[night] = abs(later.mean()) / np.sqrt(1.0 / len(later) + 1.0 / before.shape[1])
+    return int(np.argmax(sizes))
+
+
+def _last_with_value(x: FloatArray) -> int:
+    """Return the last night in which a job has a value."""
+    return int(np.flatnonzero(np.isfinite(x).any(axis=0))[-1])
