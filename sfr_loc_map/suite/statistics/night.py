@@ -7,9 +7,12 @@ from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from pathlib import Path
 
+import msgspec
+
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.json_yaml import parse_json
+from sfr_loc_map.metrics.stored.score_json import from_plain
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
 from sfr_loc_map.suite.statistics.pairing import PairKey, without_configuration
 from sfr_loc_map.suite.statistics.summary import SCHEMA
@@ -17,10 +20,43 @@ from sfr_loc_map.suite.statistics.summary import SCHEMA
 MAX_NUMBER = 1e100  #: Maximum number of a figure; its squares and sums are finite.
 
 
-def _figure(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= MAX_NUMBER:
-        raise ValueError(f"a figure is {value!r:.40}: a number of at least 0 is required")
-    return float(value)
+class JobOfNight(msgspec.Struct, frozen=True):
+    """A result or a failure in `suite.json`."""
+
+    pairing: str
+    configuration: str
+    label: str
+    source: str = ""  #: Name or path of the source.
+    path: str = ""  #: Path of the source of a result.
+    figures: list[tuple[ComparedKind, str, float]] = []  #: Kind, name and value of each figure of a result.
+
+    @property
+    def key(self) -> PairKey:
+        """Identity of the job among several nights."""
+        return PairKey(self.pairing, self.configuration)
+
+
+class CommitOfNight(msgspec.Struct, frozen=True):
+    """The code of a night in `suite.json`."""
+
+    commit: str | None
+
+
+class RefusedSource(msgspec.Struct, frozen=True):
+    """A source without a job in `suite.json`."""
+
+    path: str
+
+
+class SuiteFile(msgspec.Struct, frozen=True, kw_only=True):
+    """The part of `suite.json` that a history requires."""
+
+    git: CommitOfNight
+    drives: list[JobOfNight]
+    failures: list[JobOfNight]
+    time: str | None = None
+    refusals: list[RefusedSource] = []
+    waiting_jobs: list[str] = []
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,26 +84,20 @@ class Night:
 
     @classmethod
     def read(cls, folder: Path) -> Night:
-        """Read the night from `suite.json` of a folder."""
+        """Read the night from `suite.json` of a folder; InputError if the file is not that of a suite."""
         path = folder / "suite.json"
         with refusing(f"cannot read the figures of '{path}'", f"make it with sfr suite report '{folder}'"):
-            content = parse_json(path.read_bytes())
-            if content["schema"] != SCHEMA:
-                raise ValueError(f"its schema is {content['schema']}: {SCHEMA} is required")
-            results = {PairKey(item["pairing"], item["configuration"]): item for item in content["drives"]}
-            failures = {PairKey(item["pairing"], item["configuration"]): item for item in content["failures"]}
-            jobs = results | failures
-            labels = {key: item["label"] for key, item in jobs.items()}
-            paths = {key: item.get("path") or item["source"] for key, item in jobs.items()}
-            figures = {
-                key: {FigureName(ComparedKind(kind), name): _figure(value) for kind, name, value in item["figures"]}
-                for key, item in results.items()
-            }
-            commit = content["git"]["commit"]
-            time = str(content.get("time") or "")
-            refused = [str(item["path"]) for item in content.get("refusals", ())]
-            waiting = (*map(str, content.get("waiting_jobs", ())), *refused)
-        return cls(str(folder), commit, labels, paths, figures, time, waiting)
+            suite = _suite_file(parse_json(path.read_bytes()))
+            jobs = {job.key: job for job in (*suite.drives, *suite.failures)}
+            return cls(
+                name=str(folder),
+                commit=suite.git.commit,
+                labels={key: job.label for key, job in jobs.items()},
+                paths={key: job.path or job.source for key, job in jobs.items()},
+                figures={job.key: _figures(job) for job in suite.drives},
+                time=suite.time or "",
+                waiting=(*suite.waiting_jobs, *(source.path for source in suite.refusals)),
+            )
 
     def without_configurations(self) -> Night:
         """Return the night with jobs that are identified by their work and data only, not by their configuration."""
@@ -75,6 +105,22 @@ class Night:
         paths = {without_configuration(key): path for key, path in self.paths.items()}
         figures = {without_configuration(key): of_job for key, of_job in self.figures.items()}
         return replace(self, labels=labels, paths=paths, figures=figures)
+
+
+def _suite_file(content: object) -> SuiteFile:
+    """Return the content of `suite.json` from its JSON values; ValueError if it has another schema or type."""
+    schema = content.get("schema") if isinstance(content, dict) else None
+    if schema != SCHEMA:
+        raise ValueError(f"its schema is {schema!s:.40}: {SCHEMA} is required")
+    return from_plain(SuiteFile, content)
+
+
+def _figures(job: JobOfNight) -> dict[FigureName, float]:
+    """Return the figures of a result by their name; ValueError if a figure is negative, too large or NaN."""
+    for _, name, value in job.figures:
+        if not 0.0 <= value <= MAX_NUMBER:
+            raise ValueError(f"{name} is {value:g}: a number of 0 to {MAX_NUMBER:g} is required")
+    return {FigureName(kind, name): value for kind, name, value in job.figures}
 
 
 def check_order(nights: Sequence[Night]) -> None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from helpers.json_mutations import mutations
 from helpers.made_suites import JOB
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.metrics.score.score import Score
@@ -174,22 +174,6 @@ def test_a_plan_is_compared_with_its_files(tmp_path: Path) -> None:
         store.check_files()
     limits.unlink()
     assert store.check_files() == (str(limits),)
-
-
-def mutations(content: object) -> Iterator[object]:
-    """Yield JSON values in which one value is replaced, or removed from its object."""
-    for other in (None, [], {}, "", 1, True, [{}], {"path": {}}):
-        if other != content:
-            yield other
-    if isinstance(content, dict):
-        for name, value in content.items():
-            yield {key: item for key, item in content.items() if key != name}
-            for changed in mutations(value):
-                yield {**content, name: changed}
-    if isinstance(content, list):
-        for row, value in enumerate(content):
-            for changed in mutations(value):
-                yield [*content[:row], changed, *content[row + 1 :]]
 
 
 @pytest.mark.parametrize("edited", ["plan", "workers", "result", "left-over result", "failure", "left-over failure"])

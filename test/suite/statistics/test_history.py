@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from helpers.cli_result import Sfr
-from sfr_loc_map.errors import MetricsError
+from helpers.json_mutations import mutations
+from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.metrics.stored.comparison import Outcome
+from sfr_loc_map.metrics.stored.score_json import json_line
+from sfr_loc_map.suite.pages.page import render_history
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
 from sfr_loc_map.suite.statistics.history import FALSE_ALARM_RATE, Change, History, find_changes
 from sfr_loc_map.suite.statistics.night import Night
@@ -233,6 +236,38 @@ def test_a_night_of_an_earlier_version_is_refused_in_one_line(sfr: Sfr, tmp_path
     assert done.code == 2
     assert len(done.err.strip().splitlines()) == 1
     assert "its schema is sfr-suite/9: sfr-suite/1 is required" in done.err
+
+
+def test_an_edited_night_is_read_or_refused(tmp_path: Path) -> None:
+    """An unknown value of another type would otherwise fail in the statistics or in the page."""
+    first, last = written(tmp_path, ["a" * 40] * 2, {kind: x[:2] for kind, x in nights(2).items()})
+    path = last / "suite.json"
+    content = json.loads(path.read_text()) | {
+        "time": "2026-01-01T00:00:00+00:00",
+        "waiting_jobs": ["drive 45"],
+        "refusals": [{"path": "gone.mcap", "reason": "no match"}],
+    }
+    content["failures"] = [content["drives"].pop()]
+    refused = 0
+    for edited in mutations(content):
+        path.write_text(json.dumps(edited))
+        try:
+            result = find_changes([Night.read(first), Night.read(last)])
+        except (InputError, MetricsError):
+            refused += 1
+        else:
+            assert json_line(result.to_dict())
+            assert render_history(result)
+    assert refused > 50
+
+
+@pytest.mark.parametrize("value", ["NaN", "Infinity", "-1", "1e101", "true", "null", '"1"'])
+def test_a_figure_that_is_no_number_of_at_least_0_is_refused(tmp_path: Path, value: str) -> None:
+    (folder,) = written(tmp_path, ["a" * 40], {ACCURACY: np.array([[0.125]])})
+    path = folder / "suite.json"
+    path.write_text(path.read_text().replace("0.125", value))
+    with pytest.raises(InputError, match="cannot read the figures of"):
+        Night.read(folder)
 
 
 def test_a_history_without_a_test_is_not_judged(sfr: Sfr, tmp_path: Path) -> None:
