@@ -61,9 +61,13 @@ class FusedViews(NamedTuple):
 
 
 class Judgement(NamedTuple):
-    """Judgement of the points of a view by another view, for the M points that this view observes, `(M,)` each."""
+    """Judgement of the N points of a view by another view, `(N,)` each.
+
+    At points that the other view does not observe, no flag is set, and weight and difference are 0.
+    """
 
     weight: FloatArray32  #: Weight of the observed range, 1 / m^2; 0 if the ranges do not agree.
+    difference: FloatArray32  #: Observed range minus the range of the point, metres; 0 if the ranges do not agree.
     agrees: Mask  #: Whether the ranges agree.
     is_duplicate: Mask  #: Whether the other view is preferred and samples the same spot.
     is_conflict: Mask  #: Whether the other view is preferred and observes a farther surface.
@@ -72,6 +76,7 @@ class Judgement(NamedTuple):
 class Comparison(NamedTuple):
     """The N points of a view, compared with all other views."""
 
+    rays: FloatArray32  #: `(N, 3)`, vector from the point's own camera to the point, metres, LM.
     own_range: FloatArray32  #: `(N,)`, range of the point from its own camera, metres.
     total_weight: FloatArray32  #: `(N,)`, sum of the weights of the point and of the agreeing views, 1 / m^2.
     weighted_difference: FloatArray32  #: `(N,)`, sum of weight times range difference of the agreeing views, 1 / m.
@@ -128,16 +133,16 @@ def _compare_with_others(index: int, views: Sequence[PairView], rig: StereoRig) 
         if other_index == index:
             continue
         observed = project_into_view(view.points.xyz, other.T_lm_left, other.images, rig)
-        rows = observed.indices
         judgement = _judge(observed, own_weight, own_range, own_sigma, is_earlier=other_index < index)
-        total_weight[rows] += judgement.weight
-        weighted_difference[rows] += judgement.weight * observed.difference
-        weighted_variance[rows] += np.square(judgement.weight * observed.fusion_sigma)
-        agrees[rows] |= judgement.agrees
-        is_duplicate[rows] |= judgement.is_duplicate
-        is_conflict[rows] |= judgement.is_conflict
+        total_weight += judgement.weight
+        weighted_difference += judgement.weight * judgement.difference
+        weighted_variance += np.square(judgement.weight * observed.fusion_sigma)
+        agrees |= judgement.agrees
+        is_duplicate |= judgement.is_duplicate
+        is_conflict |= judgement.is_conflict
         agreement += agreement_findings(index, other_index, views, observed)
     return Comparison(
+        rays=rays,
         own_range=own_range,
         total_weight=total_weight,
         weighted_difference=weighted_difference,
@@ -166,16 +171,14 @@ def _judge(
     To add a test of points across pairs, add a flag to `Judgement`, combine the flag over the other views in
     `_compare_with_others`, and apply the flag in `_fused_points`.
     """
-    weight_here = own_weight[observed.indices]
-    is_preferred = observed.weight > weight_here
-    if is_earlier:
-        is_preferred |= observed.weight == weight_here
-    is_used = observed.point_range <= MAX_RANGE_FACTOR * own_range[observed.indices]
+    is_preferred = observed.weight >= own_weight if is_earlier else observed.weight > own_weight
+    is_used = observed.point_range <= MAX_RANGE_FACTOR * own_range
     sigma = observed.difference_sigma(own_sigma)
-    agrees = is_used & (np.abs(observed.difference) / sigma <= AGREE_SIGMAS)
+    agrees = is_used & (np.abs(observed.difference) / sigma <= AGREE_SIGMAS)  # false if the difference is NaN
     is_farther = is_used & (observed.difference > AGREE_SIGMAS * sigma)
     return Judgement(
         weight=np.where(agrees, observed.weight, F(0.0)),
+        difference=np.where(agrees, observed.difference, F(0.0)),
         agrees=agrees,
         is_duplicate=agrees & is_preferred & (observed.sample_distance_px < SAME_SAMPLE_PX),
         is_conflict=is_farther & is_preferred,
@@ -190,16 +193,13 @@ def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:
     is the standard deviation of the point and c the fraction of the variance that is common to all pairs. Away from the
     image border the weights are `1 / s_i^2`, and the last term is `(1 - c) / sum w_i`.
     """
-    kept = np.flatnonzero(~(comparison.is_duplicate | comparison.is_conflict))
-    points = view.points.select(kept)
-    moved = np.flatnonzero(comparison.agrees[kept])
-    rows = kept[moved]
-    total_weight = comparison.total_weight[rows]
-    positions = points.xyz.take(moved, axis=0)
-    rays = positions - view.T_lm_left.translation.astype(F)
-    relative_step = comparison.weighted_difference[rows] / total_weight / comparison.own_range[rows]
-    variance_of_mean = comparison.weighted_variance[rows] / np.square(total_weight)  # if all errors were independent
-    variance = COMMON_VARIANCE * np.square(points.fusion_sigma[moved]) + (1.0 - COMMON_VARIANCE) * variance_of_mean
-    points.xyz[moved] = positions + rays * relative_step[:, None]  # `points` are copies, not views of the arguments
-    points.fusion_sigma[moved] = np.sqrt(variance)
-    return points
+    points = view.points
+    total_weight = comparison.total_weight
+    relative_step = comparison.weighted_difference / total_weight / comparison.own_range
+    variance_of_mean = comparison.weighted_variance / np.square(total_weight)  # if all errors were independent
+    variance = COMMON_VARIANCE * np.square(points.fusion_sigma) + (1.0 - COMMON_VARIANCE) * variance_of_mean
+    fused = points._replace(
+        xyz=points.xyz + comparison.rays * relative_step[:, None],
+        fusion_sigma=np.where(comparison.agrees, np.sqrt(variance), points.fusion_sigma),
+    )
+    return fused.select(~(comparison.is_duplicate | comparison.is_conflict))

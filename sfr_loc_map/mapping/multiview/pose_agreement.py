@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray32, median
 from sfr_loc_map.geometry.robust_statistics import mad_sigma, spread
@@ -55,11 +56,12 @@ def agreement_findings(i: int, j: int, views: Sequence[PairView], observed: Obse
     Two views are compared twice, once with the points of each view. Only the comparison with the points of the earlier
     view issues the warning.
     """
-    common = len(observed.indices)
+    indices = observed.indices
+    common = len(indices)
     overlap = {f"overlap_{i}_{j}": common / max(views[i].points.size, 1)}
     if common == 0:
         return Findings(overlap)
-    agreement = _pose_agreement(views[i], views[j], observed)
+    agreement = _pose_agreement(views[i], views[j], observed, indices[::AGREEMENT_STRIDE])
     statistics = overlap | {
         f"difference_median_m_{i}_{j}": agreement.difference_median_m,
         f"difference_spread_m_{i}_{j}": agreement.difference_spread_m,
@@ -76,22 +78,24 @@ def agreement_findings(i: int, j: int, views: Sequence[PairView], observed: Obse
     return Findings(statistics, (warning,))
 
 
-def _pose_agreement(view: PairView, other: PairView, observed: Observations) -> PoseAgreement:
-    """Return the agreement of a view with another view that observes at least one point of the first view.
+def _pose_agreement(
+    view: PairView, other: PairView, observed: Observations, indices: NDArray[np.intp]
+) -> PoseAgreement:
+    """Return the agreement of a view with another view at points that the other view observes, given by their indices.
 
     Range differences are compared with those expected for correct sigmas and poses. Grey level differences are compared
     with those at an offset of `SHIFT_PX`, because they reveal a wrong yaw on any texture.
     """
-    thinned = observed.thinned(AGREEMENT_STRIDE)
-    expected = thinned.difference_sigma(view.points.fusion_sigma)
-    own_grey = view.points.intensity[thinned.indices]
-    grey = _spread_of_finite(thinned.grey - own_grey)
-    grey_shifted = _spread_of_finite(thinned.grey_shifted - own_grey)
+    samples = observed.select(indices)
+    expected = samples.difference_sigma(view.points.fusion_sigma[indices])
+    own_grey = view.points.intensity[indices]
+    grey = _spread_of_finite(samples.grey - own_grey)
+    grey_shifted = _spread_of_finite(samples.grey_shifted - own_grey)
     is_textured = grey_shifted > TEXTURE_SIGMAS * max(view.noise_grey, other.noise_grey)
     return PoseAgreement(
-        difference_median_m=median(thinned.difference),
-        difference_spread_m=spread(thinned.difference),
-        range_ratio=mad_sigma(thinned.difference / expected),
+        difference_median_m=median(samples.difference),
+        difference_spread_m=spread(samples.difference),
+        range_ratio=mad_sigma(samples.difference / expected),
         grey_ratio=grey / grey_shifted if is_textured else math.nan,
     )
 

@@ -29,9 +29,12 @@ MIN_DEPTH_M = 1e-3  #: Minimum depth of a projected point, metres: points behind
 
 
 class Observations(NamedTuple):
-    """Observations of M of the N points of a view by another view, the observing view; `(M,)` each."""
+    """Observations of the N points of a view by another view, the observing view; `(N,)` each.
 
-    indices: NDArray[np.intp]  #: Indices of the observed points among the N points.
+    At points that the observing view does not observe, the differences and grey levels are NaN, and the other values
+    are 0.
+    """
+
     #: Observed range minus the range of the point, along the ray of the observing view, metres.
     difference: FloatArray32
     point_range: FloatArray32  #: Range of the point from the camera of the observing view, metres.
@@ -43,26 +46,26 @@ class Observations(NamedTuple):
     grey_shifted: FloatArray32
     sample_distance_px: FloatArray32  #: Distance of the projected point from the nearest pixel, pixels.
 
+    @property
+    def indices(self) -> NDArray[np.intp]:
+        """The indices of the observed points."""
+        return np.flatnonzero(np.isfinite(self.difference))
+
     def difference_sigma(self, fusion_sigma: FloatArray32) -> FloatArray32:
-        """Return the standard deviation of the range differences `(M,)`, metres, given the sigma of the N points.
+        """Return the standard deviation of the range differences `(N,)`, metres, given the sigma of the points `(N,)`.
 
         The sigma of a point is along the ray of its own view, as if both cameras were at the same position (`fusion`).
         """
-        return np.asarray(np.sqrt(np.square(fusion_sigma[self.indices]) + np.square(self.fusion_sigma)))
+        return np.asarray(np.sqrt(np.square(fusion_sigma) + np.square(self.fusion_sigma)))
 
-    def select(self, rows: NDArray[np.intp]) -> Observations:
-        """Return the observations with the given positions in the arrays."""
-        return Observations._make(values.take(rows) for values in self)
-
-    def thinned(self, stride: int) -> Observations:
-        """Return every `stride`-th observation."""
-        return Observations._make(values[::stride] for values in self)
+    def select(self, indices: NDArray[np.intp]) -> Observations:
+        """Return the observations of the points with the given indices."""
+        return Observations._make(values.take(indices) for values in self)
 
 
 def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> Observations:
     """Return the observations of points `(N, 3)` in LM by a view whose left camera has the pose `T_lm_left`."""
-    of_all_points = _observe(xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
-    return of_all_points.select(np.flatnonzero(np.isfinite(of_all_points.difference)))
+    return _observe(xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
 
 
 def point_weights(view: PairView) -> FloatArray32:
@@ -106,22 +109,18 @@ def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
 
 @jit_rows
 def _observe(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: ViewImages) -> Observations:
-    """Return the observations of all points `(N, 3)` in LM.
-
-    If a point is not observed, its range difference is NaN and its other values are undefined.
-    """
+    """Return the observations of points `(N, 3)` in LM."""
     rows, cols = images.disparity.shape
     rotation = T_left_lm.rotation
     translation = T_left_lm.position
     count = len(xyz)
-    indices = np.arange(count)
     difference = np.full(count, F(np.nan))
-    point_range = np.empty(count, F)
-    fusion_sigma = np.empty(count, F)
-    weight = np.empty(count, F)
-    grey = np.empty(count, F)
+    point_range = np.zeros(count, F)
+    fusion_sigma = np.zeros(count, F)
+    weight = np.zeros(count, F)
+    grey = np.full(count, F(np.nan))
     grey_shifted = np.full(count, F(np.nan))
-    sample_distance_px = np.empty(count, F)
+    sample_distance_px = np.zeros(count, F)
     scale = camera.fx * camera.baseline_m
     for n in prange(count):
         x0 = np.float64(xyz[n, 0])
@@ -164,4 +163,4 @@ def _observe(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: V
         row_offset = v - nearest_row
         column_offset = u - nearest_column
         sample_distance_px[n] = np.sqrt(row_offset * row_offset + column_offset * column_offset)
-    return Observations(indices, difference, point_range, fusion_sigma, weight, grey, grey_shifted, sample_distance_px)
+    return Observations(difference, point_range, fusion_sigma, weight, grey, grey_shifted, sample_distance_px)

@@ -174,11 +174,9 @@ def _gauss_newton_step(
     def residuals(parameters: FloatArray) -> FloatArray:
         """Return the normalised range differences and the grey level differences `(2, N)`; NaN where unobserved."""
         observed = project_into_view(points.xyz, pose @ _motion(parameters), images, rig)
-        indices = observed.indices
-        out = np.full((2, points.size), np.nan)
-        out[0, indices] = observed.difference / observed.difference_sigma(points.fusion_sigma)
-        out[1, indices] = observed.grey - points.intensity[indices]
-        return out
+        range_residuals = observed.difference / observed.difference_sigma(points.fusion_sigma)
+        grey_residuals = observed.grey - points.intensity
+        return np.array([range_residuals, grey_residuals], np.float64)
 
     current = residuals(np.zeros(6))
     derivatives = []
