@@ -67,12 +67,12 @@ def test_the_feather_reduces_weights_towards_the_border_and_leaves_sigma() -> No
     """Of a plane in front of the camera sigma is that of the ray's length; a corner has a feather of 1 / 48."""
     view = plane_view(4.0, 0.1)
     seen = project_into_view(view.points.xyz, view.T_lm_left, view.images, RIG)
-    np.testing.assert_array_equal(seen.fusion_sigma, view.points.fusion_sigma[seen.indices])
+    np.testing.assert_array_equal(seen.fusion_sigma[seen.indices], view.points.fusion_sigma[seen.indices])
     weights = point_weights(view)
     feather = weights * np.square(view.points.fusion_sigma)
     assert feather.max() == pytest.approx(1.0)
     assert feather.min() == pytest.approx(1.0 / FEATHER_PX)
-    np.testing.assert_allclose(seen.weight, weights[seen.indices])
+    np.testing.assert_allclose(seen.weight[seen.indices], weights[seen.indices])
 
 
 def test_sigma_near_the_border_is_that_of_the_mean_with_reduced_weights() -> None:
