@@ -207,8 +207,8 @@ def report(
 
     propose("sfr report A B", why="compares with an earlier suite")
     check_outputs(json_path, junit, inputs=(folder,), overwrite=overwrite)
-    store = _open_store(folder)
-    summary = summarise(store)
+    store, unchecked = _open_store(folder)
+    summary = summarise(store, unchecked)
     write_summary(summary, store)
     for refusal in summary.refusals:
         say(one_line(f"skipped: {refusal.reason}"), err=True)
@@ -251,7 +251,7 @@ def drives(
     else:
         reason = "has no effect with a suite, because the limits of the suite define it: omit the option or the suite"
         refuse_given(context, asked, reason)
-        store = _open_store(folder)
+        store, _ = _open_store(folder)
         counts = list(drive_counts(summarise(store).results, store.limits))
     show(counts, json_path, [drive_count_table(counts)])
 
@@ -297,15 +297,18 @@ def history(
     not_judged([result.shortage] if result.shortage else [], lenient=lenient)
 
 
-def _open_store(folder: Path) -> Store:
+def _open_store(folder: Path) -> tuple[Store, list[str]]:
+    """Return the folder of a suite, and what of its plan could not be compared with the suite, which is warned of."""
+    from sfr_loc_map.suite.running.plan_check import check_plan
     from sfr_loc_map.suite.running.store import Store
 
     if not (folder / "plan.json").is_file():
         raise InputError(f"'{folder}' is not a suite: plan.json is missing; give a folder made by sfr suite run")
     store = Store(folder)
-    for path in store.check_files():
-        warn(f"'{path}' is missing: the plan was not compared with this file")
-    return store
+    unchecked = check_plan(store)
+    for text in unchecked:
+        warn(text)
+    return store, unchecked
 
 
 def _present(

@@ -8,6 +8,7 @@
       running/plan.py             hashes each source (digests.py), finds copies of drives (drive_copies.py) and combines
                                   sources, faults and configurations to jobs (job.py)
       running/store.py            DIR/plan.json lists the jobs; a job without a file of its key is waiting
+      running/plan_check.py       for `sfr suite report`: compares DIR/plan.json with a plan made again
       running/cluster.py          gives the waiting jobs to Dask workers, with limits of time and memory
         running/job_run.py        on a worker: opens or renders the source, executes and scores the job: Score
       running/store.py            DIR/results/KEY.json or DIR/failures/KEY.json (job_outcome.py)

@@ -7,7 +7,7 @@ import os
 import re
 import signal
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,6 +26,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
+from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite_names import Task
 
 DRIVES = 3
@@ -254,15 +255,42 @@ def test_a_plan_with_edited_limits_is_refused(sfr: Sfr, missed: tuple[Path, Path
     assert (refused.code, "has limits that differ from those of" in refused.err) == (2, True), refused.err
 
 
+def without_job(plan: dict[str, Any]) -> None:
+    plan["jobs"] = [job for job in plan["jobs"] if job["source"]["name"] != "drive2.csv"]
+
+
+def without_suite_file(plan: dict[str, Any]) -> None:
+    without_job(plan)
+    plan["files"] = []
+
+
+def with_other_drive(plan: dict[str, Any]) -> None:
+    plan["jobs"][0]["source"]["drive"] = plan["jobs"][1]["source"]["drive"]
+
+
+def with_added_job(plan: dict[str, Any]) -> None:
+    plan["jobs"].append(plan["jobs"][0] | {"repeat": 1})
+
+
 @pytest.mark.slow
-def test_a_plan_from_which_a_job_was_removed_is_incomplete(sfr: Sfr, missed: tuple[Path, Path]) -> None:
+@pytest.mark.parametrize("is_deleted", [False, True], ids=["result_kept", "result_deleted"])
+@pytest.mark.parametrize("edit", [without_job, without_suite_file, with_other_drive, with_added_job])
+def test_a_plan_with_other_jobs_than_the_suite_is_refused(
+    sfr: Sfr, missed: tuple[Path, Path], edit: Callable[[dict[str, Any]], None], is_deleted: bool
+) -> None:
+    """Also if the result of the removed job is deleted, so that no file names the job any more."""
     _, out = missed
     plan = json.loads((out / "plan.json").read_text())
-    plan["jobs"] = [job for job in plan["jobs"] if job["source"]["name"] != "drive2.csv"]
+    (job,) = [job for job in Store(out).jobs if job.source.name == "drive2.csv"]
+    result = out / f"results/{job.key}.json"
+    edit(plan)
     (out / "plan.json").write_text(json.dumps(plan))
-    without = sfr("suite", "report", out, "--json", "-")
-    assert (without.code, json.loads(without.out)["verdict"]) == (2, "incomplete")
-    assert "skipped: 'drive2.csv' was run" in without.err
+    content = result.read_text()
+    if is_deleted:
+        result.unlink()
+    refused = sfr("suite", "report", out)
+    result.write_text(content)
+    assert (refused.code, "run the suite again" in refused.err) == (2, True), refused.err
 
 
 @pytest.mark.slow
@@ -286,7 +314,28 @@ def test_a_suite_from_which_a_drive_that_was_run_was_removed_is_incomplete(sfr: 
 def test_the_report_warns_without_the_suite_file(sfr: Sfr, missed: tuple[Path, Path]) -> None:
     suite, out = missed
     suite.unlink()
-    assert "was not compared with this file" in sfr("suite", "report", out).err
+    report = sfr("suite", "report", out, "--json", "-")
+    text = f"The plan was not compared with '{suite}', because this file is missing."
+    assert text in report.err
+    assert text in [item["text"] for item in json.loads(report.out)["deviations"]]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("is_planned", "code"), [(True, 1), (False, 2)])
+def test_a_source_that_is_missing_now_must_be_in_the_plan(
+    sfr: Sfr, missed: tuple[Path, Path], is_planned: bool, code: int
+) -> None:
+    suite, out = missed
+    if not is_planned:
+        plan = json.loads((out / "plan.json").read_text())
+        without_job(plan)
+        (out / "plan.json").write_text(json.dumps(plan))
+    estimate = suite.parent / "drive2.csv"
+    moved = estimate.rename(estimate.with_suffix(".moved"))
+    report = sfr("suite", "report", out)
+    moved.rename(estimate)
+    assert report.code == code, report.err
+    assert ("which cannot be read now" in report.err) == is_planned
 
 
 def test_a_suite_whose_bad_drive_was_replaced_by_another_is_incomplete(

@@ -93,15 +93,15 @@ class Store:
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder)
         self.results, self.failures, self.cache = (self.folder / name for name in ("results", "failures", "cache"))
-        self._plan_file = self.folder / PLAN
+        self.plan_file = self.folder / PLAN
         others = [path.name for path in self.folder.iterdir()] if self.folder.is_dir() else []
-        if others and not self._plan_file.exists() and not self.results.is_dir():
+        if others and not self.plan_file.exists() and not self.results.is_dir():
             raise OutputError(f"'{folder}' contains {others[0]} and is not the folder of a suite: choose another name")
         for path in (self.results, self.failures, self.cache):
             make_folder(path, "choose another folder")
         self._plan = Plan()
-        if self._plan_file.exists():
-            self._plan = _record(Plan, _read(self._plan_file), self._plan_file)
+        if self.plan_file.exists():
+            self._plan = _record(Plan, _read(self.plan_file), self.plan_file)
         self._jobs: tuple[Job, ...] | None = None
 
     @contextmanager
@@ -124,7 +124,7 @@ class Store:
         place = str(path.absolute())
         known = self._plan.sources.get(place)
         if known is not None and known.stamp == state:
-            return _record(SourceFacts, known.facts, self._plan_file)
+            return _record(SourceFacts, known.facts, self.plan_file)
         facts = inspect_file(path)
         self._plan.sources[place] = KnownFacts(state, to_plain(facts))
         return facts
@@ -148,7 +148,7 @@ class Store:
             run=about_run(),
             files=[PlanFile(str(path.absolute()), hash_path(path)) for path in files],
         )
-        write_text(json_line(self._plan), self._plan_file)
+        write_text(json_line(self._plan), self.plan_file)
         self._jobs = None
 
     def check_files(self) -> tuple[str, ...]:
@@ -162,16 +162,20 @@ class Store:
             if not Path(file.path).is_file():
                 absent.append(file.path)
             elif hash_path(Path(file.path)) != file.sha256:
-                raise InputError(
-                    f"'{file.path}' has changed since '{self._plan_file}' was written: run the suite again"
-                )
+                raise InputError(f"'{file.path}' has changed since '{self.plan_file}' was written: run the suite again")
         if files and not absent:
             suite = files[0].path
             if to_plain(limits_in(Path(suite))) != self._plan.limits:
                 raise InputError(
-                    f"'{self._plan_file}' has limits that differ from those of '{suite}': run the suite again"
+                    f"'{self.plan_file}' has limits that differ from those of '{suite}': run the suite again"
                 )
         return tuple(absent)
+
+    @property
+    def suite_file(self) -> Path | None:
+        """The file of the suite; None if the plan does not name this file."""
+        files = self._plan.files
+        return Path(files[0].path) if files else None
 
     @property
     def run(self) -> dict[str, Any]:
@@ -182,13 +186,17 @@ class Store:
     def limits(self) -> Limits | None:
         """Limits of the suite; None if there are none."""
         limits = self._plan.limits
-        return parse_limits(limits, f"'{self._plan_file}': limits") if limits else None
+        return parse_limits(limits, f"'{self.plan_file}': limits") if limits else None
 
     @property
     def refusals(self) -> tuple[Refusal, ...]:
         """Unreadable sources of the last run, and sources that have results but no job any more."""
-        unread = _record(tuple[Refusal, ...], self._plan.refusals, self._plan_file)
-        return (*unread, *self.left_over())
+        return (*self.planned_refusals, *self.left_over())
+
+    @property
+    def planned_refusals(self) -> tuple[Refusal, ...]:
+        """Sources of the last run that are unreadable or lack data for a task."""
+        return _record(tuple[Refusal, ...], self._plan.refusals, self.plan_file)
 
     def left_over(self) -> tuple[Refusal, ...]:
         """Return the sources that have a result or a failure in the folder, but no job of the same work in the plan.
@@ -260,7 +268,7 @@ class Store:
     def jobs(self) -> tuple[Job, ...]:
         """The jobs of the suite in the order of its file."""
         if self._jobs is None:
-            self._jobs = _record(tuple[Job, ...], self._plan.jobs, self._plan_file)
+            self._jobs = _record(tuple[Job, ...], self._plan.jobs, self.plan_file)
         return self._jobs
 
 

@@ -265,8 +265,11 @@ class SequentialDecision:
         return are_decided([*groups_of(results, self._limits, unfinished)], self._planned)
 
 
-def summarise(store: Store) -> Summary:
-    """Return the summary of the results in a suite's folder."""
+def summarise(store: Store, unchecked: Sequence[str] = ()) -> Summary:
+    """Return the summary of the results in a suite's folder.
+
+    `unchecked` are sentences about parts of the plan that were not compared with the suite. They are deviations.
+    """
     jobs, limits = store.jobs, store.limits
     in_state: dict[JobState, list[Job]] = {state: [] for state in JobState}
     for job in jobs:
@@ -288,7 +291,7 @@ def summarise(store: Store) -> Summary:
         planned_groups=planned_groups_of(jobs),
         copies=tuple(copies_in(jobs)),
         replaced_truths=replaced_truths_in(results),
-        deviations=common_deviations(results),
+        deviations=(*_of_all_results(unchecked, results), *common_deviations(results)),
         limits=limits,
     )
 
@@ -311,6 +314,12 @@ def replaced_truths_in(results: Sequence[ScoredJob]) -> tuple[ReplacedTruth, ...
         if file is not None:
             found[ReplacedTruth(result.job.source.name, file.path)] = None
     return tuple(found)
+
+
+def _of_all_results(sentences: Sequence[str], results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
+    """Yield sentences that are about all results as deviations."""
+    for text in sentences:
+        yield CommonDeviation(text=text, results=len(results), of="all results")
 
 
 def common_deviations(results: Sequence[ScoredJob]) -> tuple[CommonDeviation, ...]:
