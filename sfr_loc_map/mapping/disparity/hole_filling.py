@@ -108,20 +108,27 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     """
     was_valid = disparity_map.valid
     unsaturated = ~disparity_map.saturation.square_saturated
-    cost_limit = _cost_limit(_scene(disparity_map, disparity_map.px, was_valid, unsaturated))
+    has_hypotheses = dilated(was_valid, REACH)
+    scene = HoleScene(
+        left=disparity_map.left,
+        right=disparity_map.right,
+        disparity=disparity_map.px,
+        valid=was_valid,
+        fillable=unsaturated & has_hypotheses & ~was_valid,
+        initial=disparity_map.initial_px,
+    )
+    cost_limit = _cost_limit(scene)
     if cost_limit is None:
         return disparity_map
     min_margin = F(MARGIN_SIGMAS * disparity_map.noise_grey)
-    px = disparity_map.px
-    valid = was_valid
-    newly_valid = was_valid
     for _ in range(PASSES):
-        has_new_hypotheses = dilated(newly_valid, REACH)
-        scene = _scene(disparity_map, px, valid, unsaturated & has_new_hypotheses)
         filled = _filled(scene, cost_limit, min_margin)
-        px = filled.px
-        valid = valid | filled.accepted
-        newly_valid = filled.accepted
+        valid = scene.valid | filled.accepted
+        has_new_hypotheses = dilated(filled.accepted, REACH)
+        fillable = unsaturated & has_new_hypotheses & ~valid
+        scene = scene._replace(disparity=filled.px, valid=valid, fillable=fillable)
+    px = scene.disparity
+    valid = scene.valid
     # Depths are compared after all passes. A rejected pixel may therefore have provided a hypothesis in a later pass.
     has_similar_depth = depth_ratio(np.where(valid, px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
     is_filled = valid & ~was_valid & has_similar_depth
@@ -133,23 +140,11 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     )
 
 
-def _scene(disparity_map: DisparityMap, px: FloatImage, valid: Mask, allowed: Mask) -> HoleScene:
-    """Return the input of a pass over the allowed invalid pixels, with the current disparities and valid pixels."""
-    distance = np.asarray(cv2.distanceTransform((~valid).astype(np.uint8), cv2.DIST_C, 3), F)
-    return HoleScene(
-        left=disparity_map.left,
-        right=disparity_map.right,
-        disparity=px,
-        valid=valid,
-        fillable=allowed & ~valid,
-        initial=disparity_map.initial_px,
-        distance=distance,
-    )
-
-
 def _filled(scene: HoleScene, cost_limit: np.float32, min_margin: np.float32) -> FilledPixels:
     """Return the disparities and the accepted pixels of one pass."""
-    proposed_px = _fill_pass(scene, right_surfaces(scene.disparity, scene.valid), cost_limit, min_margin)
+    distance = np.asarray(cv2.distanceTransform((~scene.valid).astype(np.uint8), cv2.DIST_C, 3), F)
+    surfaces = right_surfaces(scene.disparity, scene.valid)
+    proposed_px = _fill_pass(scene, distance, surfaces, cost_limit, min_margin)
     is_proposed = np.isfinite(proposed_px)
     px = np.where(is_proposed, proposed_px, scene.disparity)
     valid = scene.valid | is_proposed
@@ -167,11 +162,14 @@ def _cost_limit(scene: HoleScene) -> np.float32 | None:
 
 
 @jit_rows
-def _fill_pass(scene: HoleScene, surfaces: RightSurfaces, cost_limit: np.float32, min_margin: np.float32) -> FloatImage:
+def _fill_pass(
+    scene: HoleScene, distance: FloatImage, surfaces: RightSurfaces, cost_limit: np.float32, min_margin: np.float32
+) -> FloatImage:
     """Return the disparities `(H, W)` that one pass proposes, NaN elsewhere.
 
-    `cost_limit` is the maximum cost of a filled pixel, and `min_margin` the required margin to other hypotheses for a
-    window of one effective pixel, both in grey levels.
+    `distance` `(H, W)` is the distance to the nearest valid pixel, rows or columns. `surfaces` are the surfaces of the
+    valid pixels in the right image. `cost_limit` is the maximum cost of a filled pixel, and `min_margin` the required
+    margin to other hypotheses for a window of one effective pixel, both in grey levels.
     """
     rows, cols = scene.disparity.shape
     out = np.full((rows, cols), F(np.nan))
@@ -179,19 +177,25 @@ def _fill_pass(scene: HoleScene, surfaces: RightSurfaces, cost_limit: np.float32
         y = interleaved_row(k, rows)
         for x in range(cols):
             if scene.fillable[y, x]:
-                out[y, x] = _best_hypothesis(scene, surfaces, cost_limit, min_margin, y, x)
+                hypotheses = find_hypotheses(scene, distance, y, x)
+                out[y, x] = _best_hypothesis(scene, hypotheses, surfaces, cost_limit, min_margin, y, x)
     return out
 
 
 @jit_rows_inline
 def _best_hypothesis(
-    scene: HoleScene, surfaces: RightSurfaces, cost_limit: np.float32, min_margin: np.float32, y: int, x: int
+    scene: HoleScene,
+    hypotheses: Hypotheses,
+    surfaces: RightSurfaces,
+    cost_limit: np.float32,
+    min_margin: np.float32,
+    y: int,
+    x: int,
 ) -> np.float32:
     """Return the disparity of the best hypothesis of a pixel, NaN if it does not meet the conditions 3 to 6.
 
     If the refined field agrees with the hypothesis, the disparity of the field is returned.
     """
-    hypotheses = find_hypotheses(scene, y, x)
     possible = np.zeros(DIRECTION_COUNT, np.bool_)
     count = 0
     for k in range(DIRECTION_COUNT):

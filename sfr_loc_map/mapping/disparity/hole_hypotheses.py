@@ -29,7 +29,6 @@ class HoleScene(NamedTuple):
     valid: Mask  #: Pixels with a valid disparity, measured or filled in an earlier pass.
     fillable: Mask  #: Invalid pixels that may be filled.
     initial: FloatImage  #: Disparities of the semi-global matching, pixels; NaN at unmatched pixels.
-    distance: FloatImage  #: Rows or columns to the nearest valid pixel.
 
 
 class Hypotheses(NamedTuple):
@@ -41,10 +40,11 @@ class Hypotheses(NamedTuple):
 
 
 @jit_rows_inline
-def find_hypotheses(scene: HoleScene, y: int, x: int) -> Hypotheses:
+def find_hypotheses(scene: HoleScene, distance: FloatImage, y: int, x: int) -> Hypotheses:
     """Return the nearest surface along each direction, extrapolated to the pixel as a plane.
 
-    All pixels nearer than `distance` are invalid, so the search along a direction advances by `distance`.
+    `distance` `(H, W)` is the distance to the nearest valid pixel, rows or columns. All pixels nearer than it are
+    invalid, so the search along a direction advances by this distance.
     """
     rows, cols = scene.disparity.shape
     planes = np.full((3, DIRECTION_COUNT), F(np.nan))
@@ -54,7 +54,7 @@ def find_hypotheses(scene: HoleScene, y: int, x: int) -> Hypotheses:
     for k in range(DIRECTION_COUNT):
         dy = DIRECTIONS[k, 0]
         dx = DIRECTIONS[k, 1]
-        steps = int(scene.distance[y, x])
+        steps = int(distance[y, x])
         while steps <= REACH:
             v = y + steps * dy
             u = x + steps * dx
@@ -67,7 +67,7 @@ def find_hypotheses(scene: HoleScene, y: int, x: int) -> Hypotheses:
                 slopes_x[k] = slope_x
                 slopes_y[k] = slope_y
                 break
-            steps += int(scene.distance[v, u])
+            steps += int(distance[v, u])
     return Hypotheses(disparities, slopes_x, slopes_y)
 
 
