@@ -19,19 +19,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap, SlidingWindow
 from sfr_loc_map.localisation.datum import MAX_AHEAD_NS, MAX_START_AHEAD_NS, Datum, PendingPose
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.history import History, PastPose
 from sfr_loc_map.localisation.motion_model import LastPose
 from sfr_loc_map.localisation.motion_size import size_of
-from sfr_loc_map.localisation.symmetric_matrices import symmetric
 from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
-from sfr_loc_map.localisation.uncertainty.directed_error import ZERO
 from sfr_loc_map.localisation.uncertainty.inflation import inflation_of, unobserved_during, unobserved_size
 from sfr_loc_map.localisation.uncertainty.path_errors import NOTHING, LocatedCovariance, Origin, PathErrors
 from sfr_loc_map.localisation.uncertainty.published_pose import PublishedPose
@@ -220,10 +216,7 @@ def _shortest_period_ns(path: PathState) -> int:
 def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: RoverModel) -> PathState:
     """Return the path whose last pose is an external pose, known at a stamp. The earlier path is discarded."""
     T_world_left = path.last.T_world_left
-    T_ds_world = pose.T_ds_rb @ model.T_rb_left @ T_world_left.inverse()
-    covariance = model.covariance_of_left(
-        pose.covariance, R_world_frame=T_ds_world.rotation.T, R_world_left=T_world_left.rotation
-    )
+    T_ds_world, covariance = _with_external(T_world_left, pose, model)
     return replace(
         path,
         last=path.last.at_stamp(stamp_ns),
@@ -236,31 +229,35 @@ def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: Rover
 def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) -> PathState:
     """Return the path, moved so that it passes through an external pose at a past stamp.
 
-    Errors are accumulated from this stamp. If the stamp is later than the last past pose, this pose is kept, and the
-    published pose at the stamp is the external pose itself. The errors of the image of the last past pose, and the
-    motion from this pose to the stamp, then count from the next accepted pair on.
+    Errors are accumulated from this stamp. The map has the errors of the image of the past pose, and of the motion from
+    the past pose to the stamp, relative to the external pose. If the stamp is later than the last past pose, this pose
+    is kept, and the published pose at the stamp is the external pose itself. These errors then count from the next
+    accepted pair on.
     """
     past, apart_s = path.history.at(at_ns)
-    T_ds_world = pose.T_ds_rb @ model.T_rb_left @ past.T_world_left.inverse()
-    unobserved = unobserved_during(path.last.speed, apart_s, model)
-    unobserved = symmetric(propagated_covariance(unobserved, np.zeros(3), pose.T_ds_rb.rotation))
-    R_world_ds = T_ds_world.rotation.T
-    R_world_left = past.T_world_left.rotation
-    position = past.position
-    is_later = at_ns > past.stamp_ns and past.stamp_ns == path.history.last_ns
-    at_external = pose.covariance if is_later else pose.covariance + unobserved
-    external = model.covariance_of_left(at_external, R_world_frame=R_world_ds, R_world_left=R_world_left)
-    of_accepted = ZERO
-    if is_later:
-        motion = model.covariance_of_left(unobserved, R_world_frame=R_world_ds, R_world_left=R_world_left)
-        of_accepted = motion + past.errors.alone
-    else:
-        external = external + past.errors.alone
+    is_present = past.stamp_ns == path.history.last_ns
+    is_later = is_present and at_ns > past.stamp_ns
+    T_ds_world, covariance = _with_external(past.T_world_left, pose, model)
+    motion = model.covariance_at(past.T_world_left, unobserved_during(path.last.speed, apart_s, model))
     origin = Origin(
-        external=LocatedCovariance(position, external),
-        shared=past.errors.shared(position),
+        external=LocatedCovariance(past.position, covariance),
+        shared=past.errors.shared(past.position),
         sums=past.errors.sums,
-        of_accepted=of_accepted,
+        of_accepted=motion + past.errors.alone,
     )
-    errors = path.errors.rebased(origin, is_present=past.stamp_ns == path.history.last_ns)
+    if not is_later:
+        origin = origin.with_accepted()
+    errors = path.errors.rebased(origin, is_present=is_present)
     return replace(path, datum=replace(path.datum, T_ds_world=T_ds_world, rebased_ns=at_ns), errors=errors)
+
+
+def _with_external(T_world_left: Transform, pose: StartPose, model: RoverModel) -> tuple[Transform, FloatArray]:
+    """Return the pose of the world in DS if an external pose is that of RB at a pose of the left camera in the world.
+
+    The second value is the covariance `(6, 6)` of the external pose, for the left camera in the world.
+    """
+    T_ds_world = pose.T_ds_rb @ model.T_rb_left @ T_world_left.inverse()
+    covariance = model.covariance_of_left(
+        pose.covariance, R_world_frame=T_ds_world.rotation.T, R_world_left=T_world_left.rotation
+    )
+    return T_ds_world, covariance
