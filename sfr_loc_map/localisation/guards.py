@@ -42,9 +42,13 @@ causes at most 0.5."""
 MIN_STEREO_FRACTION: Final = 0.3
 """Ratio `Tracks.stereo_fraction` up to which a pair is one-sided. Landmarks are triangulated from both
 images, so that both images of a good pair show most landmarks."""
-SWAPPED_FACTOR: Final = 2
+ORDER_TESTED_RATIO: Final = 0.1
+"""Ratio of the landmarks of a new window to the cells in which corners are detected, up to which the order of the
+images is tested. In two drives, and in copies of these drives with a twentieth of the contrast, the ratio is at most
+0.05 for swapped images, whose landmarks are due to chance, and at least 0.37 for correct images."""
+SWAPPED_FACTOR: Final = 4
 """Images are swapped if an exchange of the images multiplies the number of landmarks of a new window by at least this
-factor. Chosen by hand: images of little texture may have a few more landmarks by chance after the exchange."""
+factor. In the same drives, the factor is at least 7 for swapped images."""
 MAX_SHEAR: Final = 7.0
 """Maximum ratio of the squared shear of the rows to its variance, per degree of freedom, for rows exposed at one time.
 The ratio is at most 6.4 on clean drives and 7 to 250 for a shear of 1 px, so some shears of 1 px are not
@@ -92,7 +96,7 @@ def check_order(landmarks: Landmarks, if_swapped: Landmarks, min_tracked: int) -
     """Report swapped images at the start of a window.
 
     Args:
-        landmarks: Landmarks that were triangulated from the images, fewer than `min_tracked`.
+        landmarks: Landmarks that were triangulated from the images.
         if_swapped: Landmarks that were triangulated from the images after an exchange of left and right.
         min_tracked: Minimum number of landmarks of a window.
     """

@@ -155,7 +155,8 @@ class Localiser:
         self._shape = (rig.height, rig.width)
         self._model = RoverModel.of(rig, config.motion, KEYFRAME_FLOW)
         self._tracker = Tracker(config.min_tracked, rig.camera)
-        self._relocaliser = Relocaliser(self._tracker, config, rig.camera, max_corners(rig, config))
+        self._max_corners = max_corners(rig, config)
+        self._relocaliser = Relocaliser(self._tracker, config, rig.camera, self._max_corners)
         self._ground_selector = GroundSelector(
             MotionTools(self._tracker, self._relocaliser, rig.camera, self._shape, config.min_tracked)
         )
@@ -545,11 +546,11 @@ class Localiser:
     def _check_window(self, state: State, frame: StereoFrame, landmarks: Landmarks) -> Findings:
         """Apply the guards for the landmarks of a new window.
 
-        If the window has too few landmarks, a window of the swapped images shows whether the order is the cause.
+        If the window has few landmarks, a window of the swapped images shows whether the order is the cause.
         """
         min_tracked = self._config.min_tracked
         findings = guards.check_landmarks(frame, landmarks, min_tracked)
-        if not findings:
+        if len(landmarks.rows) >= max(min_tracked, guards.ORDER_TESTED_RATIO * self._max_corners):
             return findings
         if_swapped = self._first_keyframe(state, frame.swapped()).landmark_map.landmarks
         return findings | guards.check_order(landmarks, if_swapped, min_tracked)

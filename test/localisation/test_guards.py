@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from helpers.made_scene import HEIGHT, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
 from sfr_loc_map.localisation.findings import RULES, Action, Finding, Inflation, Refusal, decide
-from sfr_loc_map.localisation.guards import check_images
+from sfr_loc_map.localisation.guards import check_images, check_order
 from sfr_loc_map.localisation.stale_images import compare
 
 DRIVE = drive(16)
@@ -40,6 +42,17 @@ def torn(new: StereoPair, old: StereoPair, row: int) -> StereoPair:
     """Return a pair whose rows from one on are those of another pair."""
     sides = (np.concatenate((getattr(new, s)[:row], getattr(old, s)[row:])) for s in ("left", "right"))
     return StereoPair(new.stamp_ns, *sides)
+
+
+@pytest.mark.parametrize(
+    ("landmarks", "if_swapped", "is_swapped"),
+    [(0, 25, True), (0, 24, False), (15, 2276, True), (117, 905, True), (100, 120, False), (200, 0, False)],
+)
+def test_images_are_swapped_if_an_exchange_gives_enough_and_many_more_landmarks(
+    landmarks: int, if_swapped: int, *, is_swapped: bool
+) -> None:
+    counts: list[Any] = [SimpleNamespace(rows=np.zeros(count)) for count in (landmarks, if_swapped)]
+    assert (Finding.SWAPPED in check_order(*counts, min_tracked=25)) == is_swapped
 
 
 def test_frozen_pair_with_new_noise_is_degraded_with_a_covariance_that_contains_the_motion() -> None:
