@@ -17,13 +17,11 @@ from sfr_loc_map.cli.options import (
     RemapOption,
     SourceArgument,
     SpacingOption,
-    files_read,
-    open_as,
+    announced_config,
     refuse_given,
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, counting, progress_bar, say, show
 from sfr_loc_map.cli.verdict import check_conditions
-from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import FailedVerdictError, InputError, InterruptedRunError, NotJudgedError
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
@@ -72,6 +70,7 @@ def localise(
     """Compare our localiser with a plain OpenCV localiser, ORB-SLAM3 (pyorbslam3) if installed, and other methods."""
     from sfr_loc_map.bench.method_benchmark import compare_methods, methods_to_compare
     from sfr_loc_map.bench.trials import LocaliserTrial
+    from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.runs.drive_start import true_start
 
@@ -79,9 +78,10 @@ def localise(
     if peer_python is None:
         refuse_given(context, ("vocabulary",), "is the vocabulary of ORB-SLAM3: give --peer-python PYTHON, too")
     scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
-    check_outputs(json_path, inputs=(*files_read(source, config), vocabulary), overwrite=overwrite)
-    opened, config = open_as(source, remap, config)
-    parameters, sequence = Configuration.read(config).build(LocalisationConfig, "localisation"), drive_of(opened)
+    how = announced_config(source, config, remap)
+    check_outputs(json_path, inputs=(source, how.given.path, vocabulary), overwrite=overwrite)
+    opened = open_source(source, how)
+    parameters, sequence = how.given.build(LocalisationConfig, "localisation"), drive_of(opened)
     check_conditions(sequence.ground_truth, scoring.conditions, lenient=lenient)
     methods, missing = methods_to_compare(Task.LOCALISATION, parameters, peer_python, vocabulary, method or ())
     trial = LocaliserTrial(
@@ -111,12 +111,14 @@ def map_(
     """Compare our mapper with OpenCV's semi-global matching, Pandora if installed, and other methods."""
     from sfr_loc_map.bench.method_benchmark import compare_methods, methods_to_compare
     from sfr_loc_map.bench.trials import MapperTrial
+    from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.sequence import panorama_of
 
     propose("sfr map SRC -o C.ply --stats S.csv --method NAME", why="runs one method, with files to score")
-    check_outputs(json_path, inputs=files_read(source, config), overwrite=overwrite)
-    opened, config = open_as(source, remap, config)
-    parameters, sequence = Configuration.read(config).build(MappingConfig, "mapping"), panorama_of(opened)
+    how = announced_config(source, config, remap)
+    check_outputs(json_path, inputs=(source, how.given.path), overwrite=overwrite)
+    opened = open_source(source, how)
+    parameters, sequence = how.given.build(MappingConfig, "mapping"), panorama_of(opened)
     methods, missing = methods_to_compare(Task.MAPPING, parameters, peer_python, added=method or ())
     trial = MapperTrial.of(sequence, parameters, opened.truth_paths())
     with progress_bar("calls") as bar:
@@ -151,13 +153,15 @@ def faults(
     Exit with 1 for silent errors, and with 3 if no pair with a fault can be compared with the ground truth.
     """
     from sfr_loc_map.bench.fault_benchmark import FAULTS, benchmark_faults
+    from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.sequence import drive_of, without_truth
 
     propose("sfr simulate DST --from SRC --fault KIND:amount=A", why="writes the data with a single fault")
-    check_outputs(json_path, inputs=files_read(source, config), overwrite=overwrite)
+    how = announced_config(source, config, remap)
+    check_outputs(json_path, inputs=(source, how.given.path), overwrite=overwrite)
     wanted = tuple(fault or FAULTS)
-    opened, config = open_as(source, remap, config)
-    localiser, drive = Configuration.read(config).build(LocalisationConfig, "localisation"), drive_of(opened)
+    opened = open_source(source, how)
+    localiser, drive = how.given.build(LocalisationConfig, "localisation"), drive_of(opened)
     if drive.ground_truth is None:
         raise without_truth(source)
     if not drive.ground_truth.has_attitude:

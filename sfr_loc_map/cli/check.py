@@ -15,13 +15,11 @@ from sfr_loc_map.cli.options import (
     OverwriteOption,
     RemapOption,
     SourceArgument,
-    files_read,
-    open_as,
+    announced_config,
     refuse_given,
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
 from sfr_loc_map.cli.verdict import not_judged
-from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, naming
 from sfr_loc_map.metrics.config import Condition
 
@@ -61,8 +59,10 @@ def check(
     """
     from sfr_loc_map.evidence.check_tables import check_tables
     from sfr_loc_map.evidence.recording import calls_of_check, check_recording, has_drive_to_check, read_estimates
+    from sfr_loc_map.io.registry import open_source
 
-    check_outputs(json_path, inputs=(*files_read(source, config), *(estimate or ())), overwrite=overwrite)
+    how = announced_config(source, config, remap)
+    check_outputs(json_path, inputs=(source, how.given.path, *(estimate or ())), overwrite=overwrite)
     if len(estimate or ()) > MAX_ESTIMATES:
         raise ConfigError(
             f"'--estimate' is given {len(estimate or ())} times: at most {MAX_ESTIMATES} estimates can be compared "
@@ -70,14 +70,13 @@ def check(
         )
     others = read_estimates(estimate or ())
     conditions = list(dict.fromkeys(Condition.parse(text) for text in condition or CONDITIONS))
-    opened, read_from = open_as(source, remap, config)
+    opened = open_source(source, how)
     if not has_drive_to_check(opened):
         of_drives = ("condition", "estimate", "pairs")
         refuse_given(context, of_drives, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
     with naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("checking", total=calls_of_check(opened, pairs))
-        parameters = Configuration.read(read_from)
-        found = check_recording(opened, parameters, conditions, pairs, others, lambda: bar.advance(task))
+        found = check_recording(opened, how.given, conditions, pairs, others, lambda: bar.advance(task))
     show(found.to_dict(), json_path, check_tables(found.figures, found.advice))
     is_silent = json_path == STANDARD_OUTPUT
     for subject, item in found.checks.items():

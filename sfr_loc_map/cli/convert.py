@@ -17,9 +17,6 @@ from sfr_loc_map.cli.options import (
     SourceArgument,
     announced_config,
     columns_of,
-    files_read,
-    open_as,
-    parse_remaps,
     refuse_others,
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, progress_bar, say, warn
@@ -141,8 +138,9 @@ def _convert_source(
 ) -> None:
     """Write a source as a bag, a folder or another layout."""
     from sfr_loc_map.io.convert import convert as run
+    from sfr_loc_map.io.registry import open_source
 
-    opened, _ = open_as(source, remap, config)
+    opened = open_source(source, announced_config(source, config, remap))
     parts = [part for part in (opened.loc, opened.nav) if part is not None]
     if options.layout is not None:
         if opened.loc is not None and opened.nav is not None:
@@ -173,10 +171,12 @@ def _convert_pairs(
 ) -> None:
     """Write the pairs of a source for a target board; a drive starts at its first true pose, if known."""
     from sfr_loc_map.io.layouts.board_file import write_pairs
+    from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.runs.drive_start import true_start
 
-    check_outputs(destination, inputs=files_read(source, config), overwrite=overwrite)
-    opened, _ = open_as(source, remap, config)
+    how = announced_config(source, config, remap)
+    check_outputs(destination, inputs=(source, how.given.path), overwrite=overwrite)
+    opened = open_source(source, how)
     start = None if opened.loc is None else true_start(opened.loc).T_ds_rb
     with naming(source), progress_bar("pairs") as bar:
         total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
@@ -207,11 +207,10 @@ def _write_true_trajectory(
 ) -> None:
     """Write the true trajectory of a source as a file of poses."""
     from sfr_loc_map.io.registry import true_trajectory
-    from sfr_loc_map.io.source_settings import source_config
     from sfr_loc_map.io.tables.trajectory_file import files_written
 
-    check_outputs(*files_written(destination), inputs=files_read(source, config), overwrite=overwrite)
-    how = source_config(source, config or announced_config(source), parse_remaps(remap))
+    how = announced_config(source, config, remap)
+    check_outputs(*files_written(destination), inputs=(source, how.given.path), overwrite=overwrite)
     _write_poses(true_trajectory(source, how), source, destination, overwrite=overwrite)
 
 

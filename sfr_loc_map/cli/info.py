@@ -19,7 +19,6 @@ from sfr_loc_map.cli.options import (
     SectionsOption,
     SourceArgument,
     configuration_of,
-    files_read,
     given_words,
 )
 from sfr_loc_map.cli.output import check_outputs, progress_bar, say
@@ -69,8 +68,8 @@ def info(
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.source_setup.facts import facts_of, facts_tables
 
-    check_outputs(json_path, inputs=(*files_read(source, config), calibration), overwrite=overwrite)
     path = config or config_beside(source)
+    check_outputs(json_path, inputs=(source, path, calibration), overwrite=overwrite)
     can_write = path is None or not is_ros_parameter_file(path)
     if write and not can_write:
         raise ConfigError(

@@ -18,10 +18,9 @@ from sfr_loc_map.cli.options import (
     RemapOption,
     SourceArgument,
     StartOption,
-    files_read,
+    announced_config,
     given_words,
     method_under_test,
-    open_as,
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
@@ -67,6 +66,7 @@ def localise(
     """Estimate the trajectory of a drive with the code of the localisation node, or with another method."""
     from sfr_loc_map.calls.call_files import save_stats, stats_beside
     from sfr_loc_map.calls.call_record import states_text, tracking_warning
+    from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
     from sfr_loc_map.runs.drive_start import start_pose, unstamped_start_warning
@@ -74,10 +74,12 @@ def localise(
 
     check_suffix(output, FILE_SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
-    check_outputs(*files_written(output), stats, video, inputs=files_read(source, config), overwrite=overwrite)
-    opened, _ = open_as(source, remap, config if method == OURS else None)
+    how = announced_config(source, config if method == OURS else None, remap)
+    inputs = (source, how.given.path, config)
+    check_outputs(*files_written(output), stats, video, inputs=inputs, overwrite=overwrite)
+    opened = open_source(source, how)
     theirs = method_under_test(context, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
-    parameters, sequence = opened.config.given.build(LocalisationConfig, "localisation"), drive_of(opened)
+    parameters, sequence = how.given.build(LocalisationConfig, "localisation"), drive_of(opened)
     with ExitStack() as film, naming(source):
         first_pose = start_pose(sequence, start)
         if theirs is not None and (text := unstamped_start_warning(first_pose, sequence)) is not None:

@@ -17,10 +17,9 @@ from sfr_loc_map.cli.options import (
     OverwriteOption,
     RemapOption,
     SourceArgument,
-    files_read,
+    announced_config,
     given_words,
     method_under_test,
-    open_as,
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
@@ -56,8 +55,12 @@ def map_cloud(
         bool, Option("--covariance", help="Also write C.covariance.npz: 3 x 3 of each point, in cloud order.")
     ] = False,
     refine_poses: Annotated[
-        bool, Option("--refine-poses", help="Correct the poses of later pairs by registration of the overlaps.")
-    ] = False,
+        bool | None,
+        Option(
+            "--refine-poses/--no-refine-poses",
+            help="Correct the poses of later pairs by registration of the overlaps; default: as configured.",
+        ),
+    ] = None,
     stats: Annotated[
         Path | None, Option(metavar="S.csv", help="One row per call: time, memory, ...; default: C.stats.csv.")
     ] = None,
@@ -71,24 +74,28 @@ def map_cloud(
     """Map up to three stereo pairs with the code of the mapping node, or with another method."""
     from sfr_loc_map.calls.call_files import save_stats, stats_beside
     from sfr_loc_map.io.clouds.cloud_file import SUFFIXES
+    from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.sequence import panorama_of
     from sfr_loc_map.runs.map_files import MapOutputs, check_dems, save_map
     from sfr_loc_map.runs.mapper_run import run_mapper
 
     check_suffix(output, SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
-    opened, _ = open_as(source, remap, config if method == OURS else None)
-    theirs = method_under_test(context, Task.MAPPING, opened, config, call_timeout, memory_limit)
-    parameters = opened.config.given.build(MappingConfig, "mapping")
-    parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
+    how = announced_config(source, config if method == OURS else None, remap)
+    parameters = how.given.build(MappingConfig, "mapping")
+    if refine_poses is not None:
+        parameters = replace(parameters, refine_poses=refine_poses)
     check_dems(dem or ())
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)
-    check_outputs(output, stats, *outputs.more, inputs=files_read(source, config), overwrite=overwrite)
+    check_outputs(output, stats, *outputs.more, inputs=(source, how.given.path, config), overwrite=overwrite)
+    opened = open_source(source, how)
+    theirs = method_under_test(context, Task.MAPPING, opened, config, call_timeout, memory_limit)
     sequence = panorama_of(opened)
     with naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("mapping", total=len(sequence))
-        how = theirs or parameters
-        run = run_mapper(sequence, how, lambda done: bar.update(task, completed=done), keeps_finished=True)
+        run = run_mapper(
+            sequence, theirs or parameters, lambda done: bar.update(task, completed=done), keeps_finished=True
+        )
         hold()
     cloud = save_map(run, sequence.rig.fx, outputs, secondary_output)
     with secondary_output():

@@ -24,6 +24,7 @@ from sfr_loc_map.suite_names import OURS, Task
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
+    from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.runs.under_test import UnderTest
 
 MORE = "More"
@@ -167,31 +168,18 @@ def columns_of(texts: Sequence[str] | None) -> tuple[str, str]:
     return ",".join(found["estimate"]), ",".join(found["truth"])
 
 
-def announced_config(source: Path) -> Path | None:
-    """Return the configuration in or beside a source and report its use; None if there is none."""
-    from sfr_loc_map.io.source_settings import config_beside
+def announced_config(source: Path, config: Path | None, remap: list[str] | None = None) -> SourceConfig:
+    """Return how a source is read: by the file of `--config`, by default the file beside the source, and `--remap`.
 
-    found = config_beside(source)
-    if found is not None:
-        say(f"configuration: {found}", err=True)
-    return found
-
-
-def files_read(source: Path, config: Path | None) -> tuple[Path, Path | None]:
-    """Return the files that a command reads: a source, and its configuration, by default the file beside the source."""
-    from sfr_loc_map.io.source_settings import config_beside
-
-    return source, config or config_beside(source)
-
-
-def open_as(source: Path, remap: list[str] | None = None, config: Path | None = None) -> tuple[Source, Path | None]:
-    """Open a source with a configuration, by default the file beside the source; return both."""
-    from sfr_loc_map.io.registry import open_source
+    The use of the file beside the source is reported. A command reads the configuration only here, before it checks its
+    outputs: the file is an input of the command. `io.registry.open_source` then opens the source.
+    """
     from sfr_loc_map.io.source_settings import source_config
 
-    remaps = parse_remaps(remap)
-    config = config or announced_config(source)
-    return open_source(source, source_config(source, config, remaps)), config
+    how = source_config(source, config, parse_remaps(remap))
+    if config is None and how.given.path is not None:
+        say(f"configuration: {how.given.path}", err=True)
+    return how
 
 
 def configuration_of(

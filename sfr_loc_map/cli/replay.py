@@ -31,14 +31,14 @@ from sfr_loc_map.cli.options import (
     SourceArgument,
     SpacingOption,
     StartOption,
+    announced_config,
     of_panels,
-    open_as,
     refuse_given,
     require_ros,
 )
 from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude, present
-from sfr_loc_map.config_file import Configuration, is_ros_parameter_file
+from sfr_loc_map.config_file import is_ros_parameter_file
 from sfr_loc_map.errors import InterruptedRunError
 from sfr_loc_map.live.config import DEFAULT_PORT
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -169,17 +169,18 @@ def replay(
         if external is None and method == "sfr":
             of_external = of_panels(context, UNDER_TEST, CONVENTION)
             refuse_given(context, of_external, "applies only to external nodes: give --external TASK, too")
+        from sfr_loc_map.io.registry import open_source
         from sfr_loc_map.metrics.stored.score_json import to_json
         from sfr_loc_map.replay.files import ReplayFiles
         from sfr_loc_map.scoring.judgement import Judgement
         from sfr_loc_map.scoring.request import ScoreRequest
 
-        opened, read_from = open_as(source, remap, config)
+        how = announced_config(source, config, remap)
+        opened, file = open_source(source, how), how.given.path
         if opened.loc is None:
             of_drives = ("start", *of_panels(context, TRAJECTORIES))
             refuse_given(context, of_drives, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
-        parameters = Configuration.read(read_from)
-        by = Judgement.of(limits, condition, parameters)
+        by = Judgement.of(limits, condition, how.given)
         request = ScoreRequest.of(
             by.conditions,
             by.limits,
@@ -202,9 +203,9 @@ def replay(
             correction=request.correction,
         )
         options = ReplayOptions(
-            localisation=parameters.build(LocalisationConfig, "localisation"),
-            mapping=parameters.build(MappingConfig, "mapping"),
-            parameter_file=read_from if read_from is not None and is_ros_parameter_file(read_from) else None,
+            localisation=how.given.build(LocalisationConfig, "localisation"),
+            mapping=how.given.build(MappingConfig, "mapping"),
+            parameter_file=file if file is not None and is_ros_parameter_file(file) else None,
             request=request,
             limits_file=by.limits_file,
             start=first_pose(opened, start, start_offset),
@@ -212,12 +213,12 @@ def replay(
             offset_s=start_offset,
             duration_s=math.inf if duration is None else duration,
             paused=start_paused,
-            monitor=parameters.section("monitor"),
+            monitor=how.given.section("monitor"),
             page=page,
             external=external_node,
         )
         files = None if out is None else ReplayFiles(out)
-        with _room_for(files, (source, limits, read_from), overwrite=overwrite):
+        with _room_for(files, (source, by.limits_file, file), overwrite=overwrite):
             outcome = _replayed(opened, options, files)
             if page is not None:
                 page.show_score(to_json(outcome.score))

@@ -33,7 +33,6 @@ from sfr_loc_map.cli.options import (
     SpacingOption,
     announced_config,
     columns_of,
-    files_read,
     given_words,
     of_panels,
     parse_settings,
@@ -50,7 +49,6 @@ from sfr_loc_map.cli.output import (
     show,
 )
 from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, present, write_junit
-from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig
@@ -214,6 +212,7 @@ def score(
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
+    from sfr_loc_map.io.source_config import DEFAULT_SOURCE
     from sfr_loc_map.io.source_settings import truth_config
     from sfr_loc_map.scoring.assembly import with_conditions
     from sfr_loc_map.scoring.inputs import ScoreInputs
@@ -222,7 +221,10 @@ def score(
     from sfr_loc_map.scoring.request import ScoreRequest
 
     found = ScoreInputs.of(estimate, truth, stats)
-    read = (estimate, *files_read(truth, config_file), limits, *found.stats, target_timing)
+    is_configured = config_file is not None or truth.is_dir() or is_bag(truth)
+    how = announced_config(truth, config_file) if is_configured else DEFAULT_SOURCE
+    by = Judgement.of(limits, condition, how.given)
+    read = (estimate, truth, how.given.path, by.limits_file, *found.stats, target_timing)
     check_suffix(html, HTML_SUFFIXES)
     for table in (points, pieces):
         check_suffix(table, TABLE_SUFFIXES)
@@ -235,9 +237,6 @@ def score(
     if diagnose:
         of_diagnosis = (*OF_DIAGNOSIS, *of_panels(context, ASSOCIATION, TABLES))
         refuse_others(context, of_diagnosis, "has no effect with --diagnose, which makes no score: omit it")
-    if config_file is None and (truth.is_dir() or is_bag(truth)):
-        config_file = announced_config(truth)
-    by = Judgement.of(limits, condition, Configuration.read(config_file))
     request = ScoreRequest.of(
         by.conditions,
         by.limits,
@@ -258,7 +257,7 @@ def score(
     inputs = replace(
         found,
         columns=of_estimate,
-        config=truth_config(truth, config_file, parse_settings(settings), of_truth),
+        config=truth_config(truth, how, parse_settings(settings), of_truth),
         limits=by.limits_file,
     )
     if diagnose:

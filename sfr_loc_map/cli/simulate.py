@@ -9,7 +9,14 @@ from typing import Annotated
 from typer import Argument, Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, open_as, parse_settings, refuse_given
+from sfr_loc_map.cli.options import (
+    ConfigOption,
+    OverwriteOption,
+    RemapOption,
+    announced_config,
+    parse_settings,
+    refuse_given,
+)
 from sfr_loc_map.cli.output import output_folder, progress_bar, say
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.config_yaml import load_yaml
@@ -104,11 +111,12 @@ def _inject(
     """Write a copy of a source with faults."""
     from sfr_loc_map.faults.source import faulty
     from sfr_loc_map.io.convert import EXACT, convert
+    from sfr_loc_map.io.registry import open_source
 
     if not fault:
         raise ConfigError(f"no --fault given: name at least one of {', '.join(FaultKind)}")
     faults = [parse_fault(text) for text in fault]
-    opened, _ = open_as(source, remap, config)
+    opened = open_source(source, announced_config(source, config, remap))
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
     room = output_folder(destination, overwrite=overwrite, inputs=(source,))
     with room as place, naming(source), progress_bar("pairs") as bar:

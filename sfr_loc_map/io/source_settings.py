@@ -125,20 +125,17 @@ def source_config(source: Path, path: Path | None = None, remap: Mapping[str, st
     return SourceConfig.of(with_settings(Configuration.read(path), {}, remap=remap))
 
 
-def truth_config(truth: Path, path: Path | None, settings: Mapping[str, Any], columns: str) -> SourceConfig | None:
-    """Return the configuration of a truth: that of a file, changed by settings `truth.KEY` and by columns of a table.
+def truth_config(truth: Path, config: SourceConfig, settings: Mapping[str, Any], columns: str) -> SourceConfig:
+    """Return a configuration of a truth that is changed by settings `truth.KEY` and by the columns of a table.
 
-    None if nothing is given. ConfigError for a setting of another section.
+    ConfigError for a setting of another section.
     """
-    if path is None and not settings and not columns:
-        return None
     for name in settings:
         if Key.parse(name).section != "truth":
             raise ConfigError(f"setting '{name}': only settings of the truth apply here: give truth.KEY=VALUE")
-    given = source_config(truth, path).given
     values = dict(settings)
     if columns:
         values["truth.columns"] = columns
     if not truth.is_dir() and not is_bag(truth):
         values = {"truth.source": ""} | values  # the truth itself is the file
-    return SourceConfig.of(with_settings(given, values))
+    return SourceConfig.of(with_settings(config.given, values)) if values else config

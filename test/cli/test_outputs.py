@@ -11,6 +11,7 @@ import pytest
 
 from helpers import broken_sources as broken
 from helpers.cli_result import Sfr
+from sfr_loc_map import config_file
 from sfr_loc_map.cli.output import output_folder
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
@@ -69,13 +70,66 @@ def test_a_file_with_the_name_of_standard_output_is_not_replaced(
     assert Path("-").read_text() == "mine"
 
 
-def test_the_configuration_beside_a_source_is_not_replaced(sfr: Sfr, tum: Path) -> None:
-    """The command reads the configuration, although no option names it."""
-    config = tum.with_name("sfr.yaml")
+@pytest.mark.parametrize("given", [True, False])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("score", "{tum}", "{source}"),
+        ("check", "{source}"),
+        ("info", "{source}"),
+        ("bench", "localise", "{source}"),
+        ("bench", "map", "{source}"),
+        ("bench", "faults", "{source}"),
+    ],
+)
+def test_the_configuration_of_a_source_is_not_replaced(
+    sfr: Sfr, made_once: MadeOnce, tum: Path, out: Path, words: tuple[str, ...], given: bool
+) -> None:
+    """The file beside the source is an input of the command, although no option names it."""
+    source = out / "source"
+    shutil.copytree(made_once(broken.good_folder), source)
+    config = out / "other.yaml" if given else source / "sfr.yaml"
     config.write_text("truth:\n  sigma_m: 0.01\n")
-    result = sfr("score", str(tum), str(tum), "--json", str(config), "--overwrite")
+    options = ("--config", config) if given else ()
+    result = sfr(*(word.format(tum=tum, source=source) for word in words), *options, "--json", config, "--overwrite")
     assert result.code == 2
+    assert "it is also an input of this command" in result.err
     assert config.read_text() == "truth:\n  sigma_m: 0.01\n"
+
+
+@pytest.mark.parametrize("given", [True, False])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("localise", "{source}", "-o", "{out}/t.csv"),
+        ("map", "{source}", "-o", "{out}/c.ply"),
+        ("convert", "{source}", "{out}/t.csv"),
+        ("convert", "{source}", "{out}/pairs.sfrp"),
+        ("convert", "{source}", "{out}/copy"),
+        ("simulate", "{out}/copy", "--from", "{source}", "--fault", "dropped:share=0.5"),
+        ("score", "{tum}", "{source}"),
+    ],
+)
+def test_a_command_reads_the_configuration_once_and_reports_the_file_beside_the_source(
+    sfr: Sfr,
+    made_once: MadeOnce,
+    tum: Path,
+    out: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    given: bool,
+) -> None:
+    source = out / "source"
+    shutil.copytree(made_once(broken.good_folder), source)
+    config = out / "other.yaml" if given else source / "sfr.yaml"
+    config.write_text("truth:\n  sigma_m: 0.01\n")
+    read: list[Path] = []
+    real = config_file.load_yaml
+    monkeypatch.setattr(config_file, "load_yaml", lambda path: read.append(path) or real(path))
+    options = ("--config", config) if given else ()
+    result = sfr(*(word.format(tum=tum, source=source, out=out) for word in words), *options)
+    assert read == [config]
+    assert (f"configuration: {config}" in result.err.splitlines()) == (not given)
 
 
 @pytest.mark.parametrize("case", EXISTS)

@@ -119,7 +119,7 @@ def test_the_command_writes_rows_and_takes_two_other_estimates(
     for name, poses in (("a.csv", truth), ("b.csv", noisy)):
         save_trajectory(tmp_path / name, poses)
     opened = Source(tmp_path, SourceFormat.FOLDER, PairsInMemory(LOC_RIG, pairs), None)
-    monkeypatch.setattr("sfr_loc_map.cli.check.open_as", lambda *_: (opened, None))
+    monkeypatch.setattr("sfr_loc_map.io.registry.open_source", lambda *_: opened)
     options = ("--condition", "frames=5", "--json", tmp_path / "check.json")
     found = sfr("check", tmp_path, *options, "--estimate", tmp_path / "a.csv", "--estimate", tmp_path / "b.csv")
     assert found.code in (0, 1)

@@ -100,7 +100,7 @@ def test_the_command_checks_a_source_of_maps_alone(
     sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forward_m: float, code: int, result: str
 ) -> None:
     opened = Source(tmp_path, SourceFormat.FOLDER, None, two_pairs(forward_m=forward_m))
-    monkeypatch.setattr("sfr_loc_map.cli.check.open_as", lambda *_: (opened, None))
+    monkeypatch.setattr("sfr_loc_map.io.registry.open_source", lambda *_: opened)
     found = sfr("check", tmp_path, "--json", tmp_path / "check.json")
     assert found.code == code
     content = json.loads((tmp_path / "check.json").read_text())

@@ -10,7 +10,7 @@ import pytest
 
 from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
 from sfr_loc_map.io.source_settings import config_beside, source_config, truth_config, with_settings
 from sfr_loc_map.localisation.config import LocalisationConfig
 
@@ -94,8 +94,7 @@ def test_files_of_settings_are_relative_to_the_working_directory(data: Path, is_
     assert config.truth.file == Path("gt.csv").resolve()
     assert config.calibration.file == str(Path("cal.yaml").resolve())
     assert changed.sections["limits"] == str(Path("limits.yaml").resolve())
-    of_score = truth_config(data / "e.csv", None, {"truth.source": "gt.csv"}, "")
-    assert of_score is not None
+    of_score = truth_config(data / "e.csv", DEFAULT_SOURCE, {"truth.source": "gt.csv"}, "")
     assert of_score.truth.file == Path("gt.csv").resolve()
 
 
@@ -144,13 +143,13 @@ def test_a_translation_without_a_rotation_is_refused(section: str, translation: 
 @pytest.mark.parametrize("name", ["sigma_m", "sync.stamps", "localisation.max_features", "truht.sigma_m"])
 def test_a_truth_has_only_settings_of_its_section(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match=f"^setting '{name}': only settings of the truth apply"):
-        truth_config(tmp_path / "t.csv", None, {name: 1}, "")
+        truth_config(tmp_path / "t.csv", DEFAULT_SOURCE, {name: 1}, "")
 
 
 @pytest.mark.parametrize("name", ["sigma", "sigma_m.x"])
 def test_an_unknown_setting_of_a_truth_is_named_as_in_its_section(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match=f"^settings, truth: unknown key '{name}' .did you mean 'sigma_m'"):
-        truth_config(tmp_path / "t.csv", None, {f"truth.{name}": 1}, "")
+        truth_config(tmp_path / "t.csv", DEFAULT_SOURCE, {f"truth.{name}": 1}, "")
 
 
 @pytest.mark.parametrize(
