@@ -324,20 +324,26 @@ def test_parameters_are_those_of_the_file_that_configures_the_source(folder: Pat
     np.testing.assert_allclose(moved.positions[0], truth.positions[0] + 3.0)
 
 
-@pytest.mark.parametrize(("given", "refined"), [(None, True), (False, False), (True, True)])
+@pytest.mark.parametrize("configured", [False, True])
+@pytest.mark.parametrize("given", [None, False, True])
 def test_refine_poses_has_priority_over_the_parameters(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, given: bool | None, refined: bool
+    folder: Path, tmp_path: Path, sfr: Sfr, monkeypatch: pytest.MonkeyPatch, given: bool | None, configured: bool
 ) -> None:
     used: list[MappingConfig] = []
 
-    def keep(panorama: Any, how: MappingConfig) -> Any:
+    def keep(panorama: Any, how: MappingConfig, *_: object, **__: object) -> Any:
         used.append(how)
         raise InputError("kept")
 
     monkeypatch.setattr(api, "run_mapper", keep)
+    monkeypatch.setattr("sfr_loc_map.runs.mapper_run.run_mapper", keep)
     with pytest.raises(InputError, match="kept"):
-        suite.map(folder, refine_poses=given, config={"refine_poses": True})
-    assert [how.refine_poses for how in used] == [refined]
+        suite.map(folder, refine_poses=given, config={"refine_poses": configured})
+    config = tmp_path / "my.yaml"
+    config.write_text(f"mapping: {{refine_poses: {str(configured).lower()}}}\n")
+    option = {None: (), False: ("--no-refine-poses",), True: ("--refine-poses",)}[given]
+    assert "kept" in sfr("map", folder, "-o", tmp_path / "cloud.ply", "--config", config, *option).err
+    assert [how.refine_poses for how in used] == 2 * [configured if given is None else given]
 
 
 def test_a_drive_is_scored_with_the_configuration_with_which_its_source_was_opened(
