@@ -13,10 +13,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import msgspec
-from sphinx.application import Sphinx
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 POLICY = Path(__file__).resolve().parents[2] / "config" / "sros2_policy.xml"
 MARK = re.compile(r"<!-- generated: ([a-z_]+) -->")
@@ -76,11 +78,12 @@ def parameters() -> str:
 def configuration() -> str:
     """Return the keys of `sfr.yaml` that say how a source is read, section by section."""
     from sfr_loc_map.config import parameters as declared
+    from sfr_loc_map.config_file import Configuration
     from sfr_loc_map.io.source_config import SourceConfig
 
     parts = []
     for name, config in get_type_hints(SourceConfig).items():
-        if dataclasses.is_dataclass(config):
+        if dataclasses.is_dataclass(config) and config is not Configuration:
             parts.append(f"### `{name}`\n\n{_prose(inspect.cleandoc(config.__doc__ or ''))}\n")
             parts += [_parameter(info) for info in declared(config)]
     return "\n".join(parts)

@@ -1,6 +1,10 @@
 """The pages of the documentation name only existing files, links and targets."""
 
+import importlib.util
 import re
+from types import ModuleType
+
+import pytest
 
 from helpers import ROOT
 from sfr_loc_map.issues import Cause
@@ -8,6 +12,25 @@ from sfr_loc_map.issues import Cause
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 MODULE = re.compile(r"(?<![\w/.*}])((?:[a-z_]+/)*[a-z_]+\.py)\b")
 LINK = re.compile(r"\]\(([^)#:]+)(?:#[\w-]*)?\)")
+
+
+def _reference_pages() -> ModuleType:
+    """Return the extension of the documentation that makes pages from the code."""
+    spec = importlib.util.spec_from_file_location("reference_pages", ROOT / "docs" / "_ext" / "reference_pages.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+REFERENCE_PAGES = _reference_pages()
+MARKS = sorted({name for page in PAGES for name in REFERENCE_PAGES.MARK.findall(page.read_text(encoding="utf-8"))})
+
+
+@pytest.mark.parametrize("mark", MARKS)
+def test_each_generated_page_is_made_from_the_code(mark: str) -> None:
+    assert len(REFERENCE_PAGES.PAGES[mark]().splitlines()) > 5
 
 
 def test_modules_and_links_are_there() -> None:
