@@ -353,8 +353,9 @@ def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *
     from sfr_loc_map.metrics.diagnosis.disagreement import MIN_POSES
     from sfr_loc_map.report.diagnosis_table import diagnosis_table
     from sfr_loc_map.scoring.conversion import diagnose_run
+    from sfr_loc_map.scoring.load import load_run
 
-    diagnosis = diagnose_run(inputs, config)
+    diagnosis = diagnose_run(load_run(inputs), config)
     show(diagnosis, json_path, [diagnosis_table(diagnosis)])
     if diagnosis.found is not None:
         if json_path != STANDARD_OUTPUT:

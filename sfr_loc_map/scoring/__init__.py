@@ -6,7 +6,8 @@ The way from an estimate and a ground truth to a verdict:
     Run ── score_run: one function of score_parts for trajectory, map and calls ──► ScoreParts
     ScoreParts ── assembly.score_of_parts: figures, then verdicts by metrics.judging ──► Score
 
-Each step takes values and returns values. The modules in the order of their use:
+`load` reads the files, and `provenance` hashes them. All other steps take values and return values. The modules in the
+order of their use:
 
 - inputs: `inputs` defines what is given (`ScoreInputs`, `InMemory`) and the run to be scored (`Run`). `settings` has
   the settings by name. `judgement` finds the limits and conditions. `load` builds a run from files or from data in

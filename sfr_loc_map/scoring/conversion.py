@@ -12,8 +12,7 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.diagnosis.convention_diagnosis import Diagnosis, diagnose
 from sfr_loc_map.metrics.table.records import ConventionRecord
-from sfr_loc_map.scoring.inputs import Correction, DriveToScore, Run, ScoreInputs
-from sfr_loc_map.scoring.load import load_run
+from sfr_loc_map.scoring.inputs import Correction, DriveToScore, Run
 
 
 def converted_run(run: Run, config: ScoreConfig, correction: Correction) -> Run:
@@ -73,12 +72,14 @@ def fitted_unit(convention: ConventionRecord | None) -> ConventionFinding | None
     return ConventionFinding(text, prevents_verdict=True)
 
 
-def diagnose_run(inputs: ScoreInputs, config: ScoreConfig) -> Diagnosis:
-    """Return the diagnosis of the convention mismatch between the trajectories of two files."""
-    drive = load_run(inputs).drive
+def diagnose_run(run: Run, config: ScoreConfig) -> Diagnosis:
+    """Return the diagnosis of the convention mismatch between estimate and truth.
+
+    MetricsError if the run has no trajectories, or if the truth has only positions.
+    """
+    drive = run.drive
     if drive is None:
-        raise MetricsError(f"'{inputs.truth}' and the estimate are not trajectories: a diagnosis requires poses")
+        raise MetricsError("a diagnosis requires an estimated and a true trajectory: give files with poses")
     if not drive.truth.has_attitude:
-        text = "has only positions: omit '--diagnose', or give a truth with orientations"
-        raise MetricsError(f"the truth '{inputs.truth}' {text}")
+        raise MetricsError("the truth has only positions: omit '--diagnose', or give a truth with orientations")
     return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig)
