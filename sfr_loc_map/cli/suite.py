@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -88,6 +88,12 @@ def run(
     if dry_run:
         _list_jobs(specification, store, workers, retry_failed=retry_failed)
         return propose("sfr", "suite", "run", suite, "--out", out, why="run them")
+    told: list[str] = []
+
+    def tell(text: str) -> None:
+        told.append(text)
+        _tell(text)
+
     with _progress() as progress:
         summary = run_suite(
             specification,
@@ -95,10 +101,10 @@ def run(
             workers=workers,
             scheduler=scheduler,
             retry_failed=retry_failed,
-            say=_tell,
+            say=tell,
             progress=progress,
         )
-    _present(summary, store, json_path, junit, mlflow, lenient=lenient)
+    _present(summary, store, json_path, junit, mlflow, told, lenient=lenient)
 
 
 def _list_jobs(specification: SuiteSpecification, store: Store, workers: int | None, *, retry_failed: bool) -> None:
@@ -210,8 +216,6 @@ def report(
     store, unchecked = _open_store(folder)
     summary = summarise(store, unchecked)
     write_summary(summary, store)
-    for refusal in summary.refusals:
-        say(one_line(f"skipped: {refusal.reason}"), err=True)
     _present(summary, store, json_path, junit, mlflow, lenient=lenient)
 
 
@@ -312,9 +316,19 @@ def _open_store(folder: Path) -> tuple[Store, list[str]]:
 
 
 def _present(
-    summary: Summary, store: Store, json_path: str | None, junit: Path | None, mlflow: str | None, *, lenient: bool
+    summary: Summary,
+    store: Store,
+    json_path: str | None,
+    junit: Path | None,
+    mlflow: str | None,
+    told: Collection[str] = (),
+    *,
+    lenient: bool,
 ) -> None:
-    """Print the tables and the verdict; raise an error if a limit was missed, a job failed or a limit is not judged."""
+    """Print the tables and the verdict; raise an error if a limit was missed, a job failed or a limit is not judged.
+
+    The lines in `told`, which the run has printed, are not repeated.
+    """
     from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit
     from sfr_loc_map.suite.pages.tables import suite_tables
     from sfr_loc_map.suite.statistics.verdict_texts import verdict_texts_of
@@ -327,6 +341,9 @@ def _present(
             say(f"MLflow run {log_to_mlflow(summary, store.folder, mlflow)}", err=True)
     show(summary.to_dict(), json_path, suite_tables(summary))
     say(f"report: {store.folder / 'report.html'}", err=True)
+    for text in (f"skipped: {refusal.reason}" for refusal in summary.refusals):
+        if text not in told:
+            say(one_line(text), err=True)
     for failure in summary.failures:
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)
     if summary.not_run:
