@@ -36,6 +36,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.methods.registry import config_text, find_method
+from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.runs.drive_start import start_pose, unstamped_start_warning
@@ -139,7 +140,8 @@ def localise(
         return (step.estimate for step in steps)
     with naming(opened.path):
         done = run_localiser(drive, how, first)
-    _warn(None if isinstance(how, LocalisationConfig) else unstamped_start_warning(first, drive))
+    if isinstance(how, UnderTest):
+        _warn(unstamped_start_warning(first, drive))
     _warn(tracking_warning(done.records, opened.path), *_findings(method, done.records))
     return api_types.Trajectory.of(done.trajectory, records=tuple(done.records), method=done.method)
 
@@ -258,42 +260,55 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
         convention=_texts("convention", convention),
         apply_diagnosis=apply_diagnosis,
     )
-    run = _run(estimate, truth, [path_of(file, "stats") for file in _items(stats)], fused)
-    _warn(*(() if run.drive is None else run.drive.notes))
-    if request.correction.is_wanted and run.drive is None:
-        raise ConfigError("convention and apply_diagnosis apply only to trajectories: omit them for a cloud")
-    if fused is not None and run.cloud is None:
-        raise ConfigError("fused applies only to clouds: omit it for a trajectory")
+    inputs, in_memory = _inputs(estimate, truth, [path_of(file, "stats") for file in _items(stats)])
+    limits_file = None if limits is None or isinstance(limits, Mapping) else path_of(limits)
+    run = load_run(replace(inputs, limits=limits_file), fused, in_memory)
+    if run.drive is not None:
+        _warn(*run.drive.notes)
+    _check_applies(request, fused, run)
     return api_types.Score.of(request.score(request.converted(run)))
 
 
 # ---- a run to be scored
 
 
-def _run(estimate: Estimate, truth: Truth, stats: Sequence[Path], fused: bool | None) -> Run:
-    """Load the run to be scored. Files are read as by the command, and objects are treated like their files."""
-    true_poses, true_file = (truth, None) if isinstance(truth, Trajectory) else (None, _truth_file(truth))
+def _inputs(estimate: Estimate, truth: Truth, stats: Sequence[Path]) -> tuple[ScoreInputs, InMemory]:
+    """Return the files and the objects of a run. Objects are scored like their files."""
+    true_poses = truth if isinstance(truth, Trajectory) else None
+    true_file = None if isinstance(truth, Trajectory) else _truth_file(truth)
     if isinstance(estimate, PointCloud):
-        inputs = ScoreInputs(map_truth=true_file, stats=tuple(stats))
-        in_memory = InMemory(None, true_poses, _loaded(estimate), _own_calls(estimate))
+        files = ScoreInputs(map_truth=true_file, stats=tuple(stats))
+        in_memory = InMemory(cloud=_loaded(estimate), calls=_own_calls(estimate))
     elif isinstance(estimate, Trajectory):
-        inputs = ScoreInputs(truth=true_file, stats=tuple(stats))
+        files = ScoreInputs(truth=true_file, stats=tuple(stats))
         in_memory = InMemory(estimate, true_poses, calls=_own_calls(estimate))
     else:
         file = path_of(estimate, "estimate", "a path, a Trajectory or a PointCloud")
-        inputs = ScoreInputs.of(file, true_file, stats or None)
+        files = ScoreInputs.of(file, true_file, stats or None)
         in_memory = InMemory(truth=true_poses)
-    is_cloud = inputs.cloud is not None or in_memory.cloud is not None
+    is_cloud = files.cloud is not None or in_memory.cloud is not None
     if is_cloud and true_poses is not None:
         raise ConfigError("the truth is a trajectory: a cloud requires a source with mapping pairs and their truth")
     config = truth.config if isinstance(truth, Source) else None
-    return load_run(replace(inputs, config=config), fused, in_memory)
+    return replace(files, config=config), in_memory
 
 
 def _truth_file(truth: PathLike | Source) -> Path:
     if isinstance(truth, Source):
         return truth.path
     return path_of(truth, "truth", "a path, a Trajectory or an open source")
+
+
+def _check_applies(request: ScoreRequest, fused: bool | None, run: Run) -> None:
+    """Raise ConfigError if an argument differs from its default although it does not apply to the kind of estimate."""
+    is_of_trajectories = request.config.trajectory != TrajectoryScoreConfig() or request.aligned is not None
+    if run.drive is None and (is_of_trajectories or request.correction.is_wanted):
+        raise ConfigError(
+            "conditions, spacing, rebase, partial, frames, associate, max_gap, align, convention and apply_diagnosis "
+            "apply only to trajectories: omit them for a cloud"
+        )
+    if run.cloud is None and (request.config.map != MapScoreConfig() or fused is not None):
+        raise ConfigError("scored_range and fused apply only to clouds: omit them for a trajectory")
 
 
 def _loaded(cloud: PointCloud) -> LoadedCloud:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from html import escape
 from itertools import pairwise
@@ -116,7 +116,10 @@ class Trajectory(Shown, trajectory.Trajectory):
         """Return the poses of estimates, as `sfr.localise(..., live=True)` and `sfr.Localiser` return them.
 
         The calls have the states, reasons and covariances of the estimates. Their time and memory are unknown.
+        ConfigError if an item is no PoseEstimate.
         """
+        if not isinstance(estimates, Iterable):
+            raise wrong_type("estimates", estimates, "a sequence of PoseEstimate")
         found = [*estimates]
         for item in found:
             if not isinstance(item, PoseEstimate):
@@ -150,7 +153,10 @@ class Trajectory(Shown, trajectory.Trajectory):
         save_trajectory(path_of(path), self)
 
     def to_stats(self, path: PathLike) -> None:
-        """Write one row per call (time, memory, state, covariance) as `sfr localise --stats` does."""
+        """Write one row per call (time, memory, state, covariance) as `sfr localise --stats` does.
+
+        ConfigError for a trajectory without calls, OutputError if the file cannot be written.
+        """
         if not self.records:
             raise ConfigError("these poses have no calls: to_stats() requires a trajectory that sfr.localise returned")
         methods = {} if self.method is None else {Task.LOCALISATION: self.method}
@@ -168,7 +174,11 @@ class Trajectory(Shown, trajectory.Trajectory):
         return frame
 
     def plot(self, truth: trajectory.Trajectory | None = None, align: str = "none") -> Figure:
-        """Return the path as a plotly figure, as in `sfr report`; with a ground truth, also the distance to it."""
+        """Return the path as a plotly figure, as in `sfr report`; with a ground truth, also the distance to it.
+
+        `align` is the alignment with the truth: `none`, `origin`, `se3` or `sim3`. ConfigError for another value,
+        MetricsError if the poses have no common stamps or cannot be aligned.
+        """
         from sfr_loc_map.report.path_plot import curves_of, path_plot
         from sfr_loc_map.report.plots import to_figure
 
@@ -220,7 +230,10 @@ class PointCloud(Shown, cloud.PointCloud):
 
     @staticmethod
     def load(path: PathLike) -> PointCloud:
-        """Read a cloud file: .ply, .pcd or .npz, with the pixel and pair of each point, or organised."""
+        """Read a cloud file: .ply, .pcd or .npz, with the pixel and pair of each point, or organised.
+
+        InputError if the file is missing or invalid, or if its points have no pixels.
+        """
         found = load_cloud(path_of(path))
         if found.cloud is None:
             raise InputError(f"'{path}' has points without pixels (u, v, pair): give the path itself to sfr.score")
@@ -232,7 +245,7 @@ class PointCloud(Shown, cloud.PointCloud):
         return replace(LoadedCloud.of(self), grid=self.grid, not_finite=self.not_finite)
 
     def save(self, path: PathLike) -> None:
-        """Write the cloud: .ply, .pcd or .npz."""
+        """Write the cloud: .ply, .pcd or .npz. OutputError for another suffix, or if the file cannot be written."""
         save_cloud(path_of(path), self)
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -306,9 +319,7 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         does not exist, and for a subject, condition or part that the figure does not have in this score. ConfigError,
         too, for a figure without a judged row if `part` is not given.
         """
-        figures = {*KINDS, *(row.figure for row in self.figures)}
-        if figure not in figures:
-            raise ConfigError(f"there is no figure '{figure}'{suggestion(figure, figures)}: give one that exists")
+        _check_name("figure", figure, {*KINDS, *(row.figure for row in self.figures)})
         self._check_keys(figure, {"subject": subject, "condition": condition, "part": part})
         return super().figure(figure, subject=subject, condition=condition, part=part)
 
@@ -341,10 +352,7 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         `mean`, `sigma`, `mean_plus_3sigma`, ... instead. ConfigError as for `figure`, for a statistic that does not
         exist, and for `value` of a figure of many values or another statistic of a figure with one number.
         """
-        known = RowNumbers.__struct_fields__
-        if statistic not in known:
-            hint = suggestion(statistic, known)
-            raise ConfigError(f"there is no statistic '{statistic}'{hint}: give one that exists")
+        _check_name("statistic", statistic, RowNumbers.__struct_fields__)
         row = self.figure(figure, subject=subject, condition=condition, part=part)
         if row is None:
             return None
@@ -359,11 +367,11 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         return to_json(self)
 
     def save(self, path: PathLike) -> None:
-        """Write the JSON."""
+        """Write the JSON; OutputError if the file cannot be written."""
         write_text(self.to_json(), path_of(path))
 
     def report(self, path: PathLike) -> None:
-        """Write the report page that `sfr score --html` writes."""
+        """Write the report page that `sfr score --html` writes; OutputError if the file cannot be written."""
         from sfr_loc_map.report.page import write_page
 
         write_page(self._plain, path_of(path))
@@ -378,7 +386,8 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         """Return a pandas table: `figures` has one row per figure, `sub_trajectories` one row per sub-trajectory.
 
         For a condition with many sub-trajectories only every n-th is kept, and the column `every` is n.
-        `sfr score --pieces` writes all sub-trajectories.
+        `sfr score --pieces` writes all sub-trajectories. ConfigError for another name of a table, MissingExtraError if
+        pandas is not installed.
         """
         if table == "figures":
             return data_frame({name: [row.as_dict()[name] for row in self.figures] for name in COLUMNS})
@@ -388,7 +397,10 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         return data_frame({} if details is None else columns_of(details.sub_trajectories))
 
     def plot(self, name: str | None = None) -> Figure:
-        """Return a plot of the report page as a plotly figure for a notebook; by default the first plot."""
+        """Return a plot of the report page as a plotly figure for a notebook; by default the first plot.
+
+        ConfigError, which lists the plots, for a name that the score does not have.
+        """
         from sfr_loc_map.report.plots import to_figure
         from sfr_loc_map.report.score_plots import score_plots
 
@@ -417,6 +429,14 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
 
         tables = "".join(to_html(table) for table in summary_tables(self._plain))
         return f"<b>{self.verdict or 'no verdict'}</b>{tables}"
+
+
+def _check_name(kind: str, name: object, known: Collection[str]) -> None:
+    """Raise ConfigError if a name of this kind, such as `figure`, is unknown."""
+    if not isinstance(name, str):
+        raise wrong_type(kind, name, "a text")
+    if name not in known:
+        raise ConfigError(f"there is no {kind} '{name}'{suggestion(name, known)}: give one that exists")
 
 
 def data_frame(columns: Mapping[str, Any]) -> pandas.DataFrame:

@@ -69,8 +69,9 @@ def test_a_drive_scored_in_memory_has_the_figures_of_the_command(
     of_files = suite.score(poses, str(folder), conditions, limits, stats=[stats], spacing=1)
     assert figures(scored.to_json()) == figures(of_files.to_json()) == figures(done.out)
     assert scored.verdict == "pass"
-    truths = [json.loads(item.to_json())["provenance"]["inputs"]["truth"] for item in (scored, of_files)]
-    assert truths[0] == truths[1]
+    inputs = [json.loads(text)["provenance"]["inputs"] for text in (scored.to_json(), of_files.to_json(), done.out)]
+    assert inputs[0]["truth"] == inputs[1]["truth"]
+    assert inputs[1] == inputs[2]
 
 
 def test_a_map_scored_in_memory_has_the_figures_of_the_command(
@@ -174,7 +175,11 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.localise(folder, None), "start is None"),  # type: ignore[call-overload]
         (lambda: suite.localise(folder, config=MappingConfig()), "config has the type MappingConfig"),  # type: ignore[call-overload]
         (lambda: suite.score(folder, folder, stats=5), "stats has the type int: a path is required"),  # type: ignore[arg-type]
-        (lambda: suite.score(truth, folder, fused=True), "fused applies only to clouds"),
+        (lambda: suite.score(truth, folder, fused=True), "fused apply only to clouds"),
+        (lambda: suite.score(truth, folder, scored_range=(1.0, 2.0)), "fused apply only to clouds"),
+        (lambda: suite.score(cloud, folder, partial=True), "apply only to trajectories"),
+        (lambda: suite.score(cloud, folder, ["frames=2"]), "apply only to trajectories"),
+        (lambda: suite.score(cloud, folder, align="none"), "apply only to trajectories"),
         (lambda: suite.score(truth, folder, apply_diagnosis="no"), "apply_diagnosis is 'no'"),  # type: ignore[arg-type]
         (lambda: suite.score(cloud, folder, scored_range=5), "scored_range is 5: two distances"),  # type: ignore[arg-type]
         (lambda: suite.map(folder, fuse="no"), "fuse is 'no'"),  # type: ignore[arg-type]
@@ -186,6 +191,9 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.Trajectory.of(3), "value has the type int"),
         (lambda: suite.PointCloud.load(3), "path has the type int"),  # type: ignore[arg-type]
         (lambda: scored.number("positio", "mean"), "no figure 'positio' .did you mean 'position'"),
+        (lambda: scored.number(3), "figure has the type int"),  # type: ignore[arg-type]
+        (lambda: scored.number("position", 3), "statistic has the type int"),  # type: ignore[arg-type]
+        (lambda: suite.Trajectory.from_estimates(3), "estimates has the type int"),  # type: ignore[arg-type]
         (lambda: scored.number("position", "meen"), "no statistic 'meen' .did you mean 'mean'"),
         (lambda: scored.number("longest_gap"), "has no row without a part: give part=, one of distance, time"),
         (lambda: suite.map(folder, method="sgbm", refine_poses=False), "refine_poses applies only"),

@@ -152,7 +152,7 @@ def find_rows(
     if isinstance(condition, Condition):
         condition = condition.setting
     elif condition is not None and condition != ANY:
-        condition = Condition.parse(condition).setting
+        condition = Condition.parse(str(condition)).setting
     for row in figures:
         fits = (
             figure in (ANY, row.figure),
