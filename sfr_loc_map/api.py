@@ -20,7 +20,8 @@ from sfr_loc_map import api_types
 from sfr_loc_map.api_types import PathLike, path_of, wrong_type
 from sfr_loc_map.calls.call_findings import findings_of_records
 from sfr_loc_map.calls.call_record import CallRecord, tracking_warning
-from sfr_loc_map.calls.call_stats import CallStats, stats_of
+from sfr_loc_map.calls.call_rows import stats_of
+from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.config import build
 from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError, naming

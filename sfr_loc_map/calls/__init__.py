@@ -4,7 +4,8 @@ The record of a call has three forms (`CallRecord` lists the fields that only th
 
     CallRecord (`call_record`)        one call; as JSON on the topic `<node>/call` (`encode_call`, `decode_call`)
     stats.csv (`call_files`)          one row for each call (`save_stats`, `load_call_stats`)
-    CallStats (`call_stats`)          the calls of a run as columns, from records or from a file; scores read this form
+    CallStats (`call_stats`)          the calls of a run as columns, from a file or from records (`call_rows`); scores
+                                      read this form
 
 `call_findings` counts the findings on a method that its calls state.
 """

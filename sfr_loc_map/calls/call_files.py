@@ -18,10 +18,11 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -29,7 +30,7 @@ import numpy as np
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.calls.call_findings import findings_of
 from sfr_loc_map.calls.call_record import CallRecord, check_variances
-from sfr_loc_map.calls.call_stats import USAGE_NAMES, CallStats, positions_of
+from sfr_loc_map.calls.call_stats import CallStats, positions_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -37,10 +38,10 @@ from sfr_loc_map.inputs import read_table_text, refusing
 from sfr_loc_map.io.tables.number_text import is_decimal, parse_count
 from sfr_loc_map.io.tables.stamps import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import METHOD
-from sfr_loc_map.metrics.calls.call_score import STATE_KINDS, Calls, stage_of
+from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, STATE_KINDS, STATED_CLOCK, USAGE_NAMES, Calls, stage_of
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.errors.consistency import WITHOUT_NOISE
 from sfr_loc_map.metrics.frames.covariance import DIAGONAL, UPPER
 from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.suite_names import Task
@@ -66,8 +67,8 @@ SIGNED_NAMES = frozenset((*POSITION_NAMES, *COVARIANCE_NAMES, *STEP_NAMES))  #: 
 FINDING_NAMES = (FINDING, FINDING_TASK, FINDING_COUNT)
 RESERVED_NAMES = frozenset((*CALL_NAMES, *COST_NAMES, MEMORY_METHOD, *METHOD_NAMES, *FINDING_NAMES)) | SIGNED_NAMES
 """Names of columns that are not those of statistics. A statistic with such a name has the column `statistics.NAME`."""
+STATISTICS = "statistics."  #: Prefix of the column of a statistic whose name is reserved or begins with this prefix.
 STATES = (*TrackingState, *MappingState)
-MAX_NUMBER = 1e18  #: Limit of times, sizes and covariances in a file; its square is finite.
 NOT_FINITE = ("nan", "inf", "-inf")  #: Texts of numbers that are not finite.
 
 
@@ -88,48 +89,98 @@ def save_stats(
     With an estimate, each call has the estimated position at its stamp.
     """
     positions = {} if estimate is None else positions_of(estimate)
-    statistics = sorted({name for record in records for name in record.statistics})
+    groups = _column_groups(records, methods, positions)
+    rows_of_findings = [
+        _method_cells(methods.get(task)) | _finding_cells(task, finding)
+        for task, items in findings.items()
+        for finding in items
+    ]
+    used = set[str]().union(*rows_of_findings)
     columns = [*CALL_NAMES, MEMORY_METHOD]
-    columns += METHOD_NAMES if methods else ()
-    columns += (FINDING,) if methods or any(findings.values()) or any(record.finding for record in records) else ()
-    columns += (FINDING_TASK, FINDING_COUNT) if any(findings.values()) else ()
-    columns += POSITION_NAMES if positions else ()
-    columns += map(_column_of_statistic, statistics)
-    columns += COVARIANCE_NAMES if any(record.covariance is not None for record in records) else ()
-    columns += STEP_NAMES if any(record.step is not None for record in records) else ()
+    for group in groups:
+        if not used.isdisjoint(group.names) or any(group.values_of(record) is not None for record in records):
+            columns += group.names
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, columns, lineterminator="\n")
         writer.writeheader()
         for record in records:
-            row = _call_cells(record) | {_column_of_statistic(k): repr(float(v)) for k, v in record.statistics.items()}
-            row |= _method_cells(methods.get(record.task))
-            if record.finding:
-                row[FINDING] = record.finding
-            if (position := positions.get(record.stamp_ns)) is not None:
-                row |= zip(POSITION_NAMES, map(repr, position), strict=True)
-            writer.writerow(row | _pose_cells(record))
-        for task, items in findings.items():
-            for finding in items:
-                writer.writerow(_method_cells(methods.get(task)) | _finding_cells(task, finding))
+            row = _call_cells(record, methods.get(record.task))
+            for group in groups:
+                if (values := group.values_of(record)) is not None:
+                    row |= zip(group.names, map(_cell, values), strict=True)
+            writer.writerow(row)
+        writer.writerows(rows_of_findings)
+
+
+class _ColumnGroup(NamedTuple):
+    """Columns that a file has if a row has values for them."""
+
+    names: Sequence[str]
+    values_of: Callable[[CallRecord], Sequence[object] | None]  #: Values of a call in the order of the names, or None.
+
+
+def _column_groups(
+    records: Sequence[CallRecord], methods: Mapping[Task, MethodRecord], positions: Mapping[int, Sequence[float]]
+) -> list[_ColumnGroup]:
+    """Return the optional columns of calls in the order of the file; `positions` are the estimated ones by stamp."""
+    statistics = sorted({name for record in records for name in record.statistics})
+
+    def method_of(record: CallRecord) -> Sequence[object] | None:
+        return list(_method_cells(methods[record.task]).values()) if record.task in methods else None
+
+    def finding_of(record: CallRecord) -> Sequence[object] | None:
+        return [record.finding] if record.finding or record.task in methods else None
+
+    def position_of(record: CallRecord) -> Sequence[object] | None:
+        return positions.get(record.stamp_ns, [None] * 3) if positions else None
+
+    def statistics_of(record: CallRecord) -> Sequence[object] | None:
+        return [record.statistics.get(name) for name in statistics]
+
+    def covariance_of(record: CallRecord) -> Sequence[object] | None:
+        return None if record.covariance is None else record.covariance[UPPER].tolist()
+
+    def step_of(record: CallRecord) -> Sequence[object] | None:
+        return None if record.step is None else record.step.tolist()
+
+    return [
+        _ColumnGroup(METHOD_NAMES, method_of),
+        _ColumnGroup((FINDING,), finding_of),
+        _ColumnGroup((FINDING_TASK, FINDING_COUNT), lambda record: None),
+        _ColumnGroup(POSITION_NAMES, position_of),
+        _ColumnGroup([*map(_column_of_statistic, statistics)], statistics_of),
+        _ColumnGroup(COVARIANCE_NAMES, covariance_of),
+        _ColumnGroup(STEP_NAMES, step_of),
+    ]
 
 
 def _column_of_statistic(name: str) -> str:
-    return f"statistics.{name}" if name in RESERVED_NAMES else name
+    """Return the column of a statistic; different statistics have different columns."""
+    is_taken = not name or name in RESERVED_NAMES or name.startswith(STATISTICS)
+    return f"{STATISTICS}{name}" if is_taken else name
 
 
-def _call_cells(record: CallRecord) -> dict[str, object]:
-    """Return the cells of a call: stamp, time, state and memory."""
+def _cell(value: object) -> object:
+    """Return the cell of a value: numbers in the shortest exact form, and texts without control characters."""
+    if isinstance(value, float):  # numbers of NumPy, too
+        return repr(float(value))
+    return printable(value) if isinstance(value, str) else value
+
+
+def _call_cells(record: CallRecord, method: MethodRecord | None) -> dict[str, object]:
+    """Return the cells of a call: stamp, time, state and memory. An external node states the memory of its calls."""
     memory = record.peak_rss_bytes, record.above_idle_bytes
-    values = (record.stamp_ns, repr(record.processing_time_s), record.state, record.reason, *memory)
-    cells: dict[str, object] = dict(zip(CALL_NAMES, values, strict=True))
-    return cells | {MEMORY_METHOD: None if record.peak_rss_bytes is None else METHOD}
+    values = (record.stamp_ns, record.processing_time_s, record.state, record.reason, *memory)
+    cells: dict[str, object] = dict(zip(CALL_NAMES, map(_cell, values), strict=True))
+    measured_by = STATED_CLOCK if method is not None and method.kind is MethodKind.EXTERNAL else METHOD
+    return cells | {MEMORY_METHOD: None if record.peak_rss_bytes is None else measured_by}
 
 
 def _finding_cells(task: Task, finding: FindingRecord) -> dict[str, object]:
     """Return the cells of a finding."""
     text = str(CallFinding(finding.kind, finding.text))
     values = (finding.first_stamp_ns, text, task.value, finding.count)
-    return dict(zip(("stamp_ns", *FINDING_NAMES), values, strict=True))
+    return dict(zip(("stamp_ns", *FINDING_NAMES), map(_cell, values), strict=True))
 
 
 def _method_cells(method: MethodRecord | None) -> dict[str, object]:
@@ -139,40 +190,36 @@ def _method_cells(method: MethodRecord | None) -> dict[str, object]:
     return {"method": method.name, **{column: getattr(method, name) for column, name in OF_METHOD.items()}}
 
 
-def _pose_cells(record: CallRecord) -> dict[str, object]:
-    """Return the cells of the covariance and of the step of a pose."""
-    cells: dict[str, object] = {}
-    if record.covariance is not None:
-        cells |= zip(COVARIANCE_NAMES, map(repr, record.covariance[UPPER].tolist()), strict=True)
-    if record.step is not None:
-        cells |= zip(STEP_NAMES, map(repr, record.step.tolist()), strict=True)
-    return cells
-
-
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     """Read a file with the needed column and a figure of calls. Without `stamp_ns` the calls are numbered."""
     table = _Table.read(path, needed)
     methods, findings = table.methods(), table.findings()
     table = table.of_calls()
-    has_stamps = table.has(["stamp_ns"])
+    has_stamps = "stamp_ns" in table.columns
     stamps_ns = table.stamps_ns() if has_stamps else np.arange(len(table.rows), dtype=np.int64)
-    states = table.states()
     times, peak, above_idle, heap, stack = map(table.numbers, COST_NAMES)
-    stages = {stage: table.numbers(name) for name in table.columns if (stage := stage_of(name))}
-    memory_method = next(filter(None, table.texts(MEMORY_METHOD)), None)
-    calls = Calls(stamps_ns, times, states, peak, above_idle, stages, heap, stack, memory_method)
-    steps = table.matrix(STEP_NAMES) if table.has(MOTION_NAMES) else None
-    if steps is not None and not table.has(NOISE_NAMES):  # written by a version without pose noise
-        steps[:, WITHOUT_NOISE:] = 0.0
+    measured_by = (text for text in table.texts(MEMORY_METHOD) if text and text != STATED_CLOCK)
+    calls = Calls(
+        stamps_ns=stamps_ns,
+        seconds=times,
+        states=table.states(),
+        peak_bytes=peak,
+        above_idle_bytes=above_idle,
+        stage_s={stage: table.numbers(name) for name in table.columns if (stage := stage_of(name))},
+        heap_bytes=heap,
+        stack_bytes=stack,
+        memory_method=next(measured_by, None),
+    )
     return CallStats.of_columns(
         calls,
-        table.covariance() if table.has(COVARIANCE_NAMES) else None,
-        steps,
-        (*findings, *findings_of(table.texts(FINDING), stamps_ns.tolist())),
-        [*map(table.numbers, USAGE_NAMES)],
+        covariance=table.covariance(),
+        steps=table.steps(),
+        findings=(*findings, *findings_of(table.texts(FINDING), stamps_ns.tolist())),
+        usage_columns=[*map(table.numbers, USAGE_NAMES)],
         methods=methods,
-        positions=table.matrix(POSITION_NAMES) if table.has(POSITION_NAMES) else None,
+        positions=table.matrix(POSITION_NAMES),
         has_stamps=has_stamps,
+        stated_tasks=[task for task, method in methods.items() if method.kind is MethodKind.EXTERNAL],
     )
 
 
@@ -206,10 +253,6 @@ class _Table:
                 raise InputError(f"statistics '{path}' line {line}: {text}; write numbers with a decimal point")
         rows = [dict(zip(columns, cells, strict=True)) for _, cells in numbered[1:]]
         return cls(path, tuple(columns), rows, [line for line, _ in numbered[1:]])
-
-    def has(self, names: Sequence[str]) -> bool:
-        """Return whether all columns exist."""
-        return set(names).issubset(self.columns)
 
     def texts(self, name: str) -> list[str]:
         """Return the cells of a column; empty texts if it is missing."""
@@ -286,16 +329,29 @@ class _Table:
                 "statistics of one run, unchanged"
             )
 
-    def covariance(self) -> FloatArray:
-        """Return the covariances `(N, 21)` of the poses; InputError if a variance is negative."""
+    def covariance(self) -> FloatArray | None:
+        """Return the covariances `(N, 21)` of the poses, None if missing; InputError if a variance is negative."""
         covariance = self.matrix(COVARIANCE_NAMES)
+        if covariance is None:
+            return None
         for line, variances in zip(self.lines, covariance[:, DIAGONAL], strict=True):
             with refusing(f"statistics '{self.path}' line {line}"):
                 check_variances(variances)
         return covariance
 
-    def matrix(self, names: Sequence[str]) -> FloatArray:
-        """Return columns `(N, names)` of numbers, NaN where a cell is empty."""
+    def steps(self) -> FloatArray | None:
+        """Return the steps `(N, 48)` between the poses; None if missing."""
+        motion, noise = self.matrix(MOTION_NAMES), self.matrix(NOISE_NAMES)
+        if motion is None:
+            return None
+        if noise is None:  # written by a version without pose noise
+            noise = np.zeros((len(motion), len(NOISE_NAMES)))
+        return np.hstack((motion, noise))
+
+    def matrix(self, names: Sequence[str]) -> FloatArray | None:
+        """Return columns `(N, names)` of numbers, NaN where a cell is empty; None if a column is missing."""
+        if not set(names).issubset(self.columns):
+            return None
         return np.column_stack([self.numbers(name) for name in names])
 
     def numbers(self, name: str) -> FloatArray:

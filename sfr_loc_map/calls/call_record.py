@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,10 +16,14 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, refusing
+from sfr_loc_map.io.tables.stamps import STAMP_LIMIT
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
+from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, is_statistic, statistic_range
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
+from sfr_loc_map.metrics.frames.covariance import DIAGONAL
 from sfr_loc_map.suite_names import Task
 
 if TYPE_CHECKING:
@@ -30,42 +34,47 @@ DEFAULT_STATE = {Task.LOCALISATION: "", Task.MAPPING: MappingState.MAPPED.value}
 """State of a call, by task, if an external node reports none; the state of a localiser is then unknown."""
 MAX_CALL_S = 1e6
 MANY = 0.05  #: Minimum fraction of lost or degraded pairs for a warning.
-Bytes = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+MAX_STATISTICS = 500  #: Maximum number of statistics of a received call; each has a column in the file of the calls.
+Stamp = Annotated[int, Meta(ge=0, lt=STAMP_LIMIT)]
+Bytes = Annotated[int, Meta(ge=0, le=int(MAX_NUMBER))]
+Name = Annotated[str, Meta(max_length=100)]
+Text = Annotated[str, Meta(max_length=2000)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CallRecord:
     """One call of localiser or mapper; `encode_call` and `decode_call` convert it for `<node>/call`.
 
-    The file of the calls of a run (`call_files`) and its columns (`call_stats`) have all fields but `pair_stamps_ns`,
-    `fused`, `times`, `counts`, `version` and `task`. The task of a row follows from its state.
+    The file of the calls of a run (`call_files`) has all fields but `pair_stamps_ns`, `fused`, `times`, `counts`,
+    `version` and `task`. The columns in memory (`call_stats`) also have no `reason`. Of the statistics they have the
+    times of stages and the usage, and findings are counted by their kind. The task of a row follows from its state.
     """
 
-    stamp_ns: Annotated[int, Meta(ge=0, le=2**63 - 1)]  #: Stamp of the pair; for a fused cloud, of its last pair.
+    stamp_ns: Stamp  #: Stamp of the pair; for a fused cloud, of its last pair.
     processing_time_s: Annotated[float, Meta(ge=0.0, le=MAX_CALL_S)]  #: Wall-clock time; 0 or NaN: unknown.
-    state: str = ""  #: State after the call: initialising, tracking, degraded, lost; mapped, fused, mapped_set.
+    state: Text = ""  #: State after the call: initialising, tracking, degraded, lost; mapped, fused, mapped_set.
+    _: KW_ONLY
     #: Peak resident memory of the process during the call; None if it cannot be measured.
     peak_rss_bytes: Bytes | None = None
     above_idle_bytes: Bytes | None = None  #: Peak above the memory of the idle process.
-    statistics: Mapping[str, float] = field(default_factory=dict)  #: Statistics of the call by name.
+    statistics: Mapping[Name, float] = field(default_factory=dict)  #: Statistics of the call by name.
     covariance: FloatArray | None = None  #: `(6, 6)` of the pose (ROS order), None for mapping.
-    reason: str = ""  #: Why the pose is degraded or lost, in one word.
+    reason: Text = ""  #: Why the pose is degraded or lost, in one word.
     #: `(48,)`: upper triangle of the covariance of the motion since the previous pose, in RB at that pose (21); one
     #: standard deviation of the error that all motions share (6); upper triangle of the pose noise (21). None: unknown.
     step: FloatArray | None = None
-    finding: str = ""  #: Errors of the method in this call (`CallFinding`).
-    pair_stamps_ns: tuple[int, ...] = ()  #: Stamps of the pairs of a fused cloud, in the order of the points' `pair`.
+    finding: Text = ""  #: Errors of the method in this call (`CallFinding`).
+    pair_stamps_ns: tuple[Stamp, ...] = ()  #: Stamps of the pairs of a fused cloud, in the order of the points' `pair`.
     fused: bool | None = None  #: Whether the cloud contains each surface once; None if the mapper does not report it.
     #: Times around the call, s: decoding, latencies. `times` and `counts` are shown live but not written to files.
     times: Mapping[str, float] = field(default_factory=dict)
     counts: Mapping[str, int] = field(default_factory=dict)  #: Messages dropped since the configuration, by cause.
-    version: str = ""  #: Version of the method, if a node reports it.
-    task: Task = field(default=Task.LOCALISATION, kw_only=True)  #: Task of the node that made the call.
+    version: Text = ""  #: Version of the method, if a node reports it.
+    task: Task = Task.LOCALISATION  #: Task of the node that made the call.
 
     def __post_init__(self) -> None:
-        """Reject a state of the other task."""
-        (other,) = set(Task) - {self.task}
-        if self.state in STATES_OF[other]:
+        """Reject a state that calls of the task do not have."""
+        if self.state and self.state not in STATES_OF[self.task]:
             raise ValueError(f"state is '{self.state}': one of {', '.join(STATES_OF[self.task])} is required")
 
     @property
@@ -105,8 +114,8 @@ def call_of_estimate(
         estimate.stamp_ns,
         usage.processing_time_s,
         estimate.state.value,
-        usage.peak_rss_bytes,
-        usage.above_idle_bytes,
+        peak_rss_bytes=usage.peak_rss_bytes,
+        above_idle_bytes=usage.above_idle_bytes,
         statistics=estimate.figures | dict(more),
         covariance=estimate.covariance,
         reason=estimate.reason_text,
@@ -126,8 +135,8 @@ def mapping_call(
         stamp_ns,
         usage.processing_time_s,
         state.value,
-        usage.peak_rss_bytes,
-        usage.above_idle_bytes,
+        peak_rss_bytes=usage.peak_rss_bytes,
+        above_idle_bytes=usage.above_idle_bytes,
         statistics=statistics,
         finding=finding,
         task=Task.MAPPING,
@@ -141,21 +150,33 @@ def call_of_fusion(fused: FusedMap, stamps_ns: Sequence[int], usage: CallUsage, 
 
 
 def is_covariance_reported(covariance: FloatArray) -> NDArray[np.bool_]:
-    """Return which covariances `(N, 21)` are reported. Zeros, the default of ROS messages, and NaN are not reports."""
-    return np.asarray((np.nan_to_num(covariance) != 0.0).any(axis=1))
+    """Return which covariances `(N, 21)` are reported.
+
+    Zeros, the default of ROS messages, and NaN are not reports, nor are negative variances, by which some publishers
+    mark an unknown covariance.
+    """
+    has_number = (np.nan_to_num(covariance) != 0.0).any(axis=1)
+    is_negative = (covariance[:, DIAGONAL] < 0.0).any(axis=1)
+    return np.asarray(has_number & ~is_negative)
+
+
+def bounded(covariance: FloatArray) -> FloatArray:
+    """Return covariances with larger numbers replaced by `MAX_NUMBER`. Poses that they mark as lost remain lost."""
+    return np.clip(covariance, -MAX_NUMBER, MAX_NUMBER)
 
 
 def first_reported(published: FloatArray | None, of_calls: FloatArray | None) -> FloatArray | None:
     """Return the reported covariances `(N, 21)` of poses: if published, that of the pose, otherwise that of the call.
 
-    Rows in which neither is reported are NaN. None if no covariance is reported.
+    Larger numbers are replaced by `MAX_NUMBER`. Rows in which neither is reported are NaN. None if no covariance is
+    reported.
     """
     found: FloatArray | None = None
     for covariance in (of_calls, published):  # a published covariance replaces that of the call
         if covariance is None or not (is_reported := is_covariance_reported(covariance)).any():
             continue
         otherwise = np.full_like(covariance, np.nan) if found is None else found
-        found = np.where(is_reported[:, None], covariance, otherwise)
+        found = np.where(is_reported[:, None], bounded(covariance), otherwise)
     return found
 
 
@@ -215,19 +236,36 @@ def decode_call(text: str, task: Task) -> CallRecord:
         record = msgspec.convert(content, CallRecord, dec_hook=_from_plain)
         if record.task is not task:
             raise ValueError(f"task is '{record.task}': '{task}' is required on this topic")
-        if record.state not in ("", *STATES_OF[task]):
-            raise ValueError(f"state is '{record.state}': one of {', '.join(STATES_OF[task])} is required")
         if len(set(record.pair_stamps_ns)) < len(record.pair_stamps_ns):
             raise ValueError("'pair_stamps_ns' contains a stamp twice: each pair is required once")
-        for name, value, shape in (("step", record.step, (STEP_SIZE,)), ("covariance", record.covariance, (6, 6))):
-            if value is not None and value.shape != shape:
-                raise ValueError(f"'{name}' has the shape {value.shape}: {shape} is required")
-            if value is not None and not np.isfinite(value).all():
-                raise ValueError(f"'{name}' contains a number that is not finite")
+        _check_statistics(record.statistics)
+        if record.step is not None:
+            _check_array("step", record.step, (STEP_SIZE,))
         if record.covariance is not None:
+            _check_array("covariance", record.covariance, (6, 6))
             check_variances(np.diag(record.covariance))
     time_s = record.processing_time_s or math.nan  # 0 is unknown, because JSON has no NaN
     return replace(record, processing_time_s=time_s, state=record.state or DEFAULT_STATE[task])
+
+
+def _check_statistics(statistics: Mapping[str, float]) -> None:
+    """Raise ValueError if there are too many statistics, or if a name is not printable or a number out of range."""
+    if len(statistics) > MAX_STATISTICS:
+        raise ValueError(f"{len(statistics)} statistics: at most {MAX_STATISTICS} are allowed")
+    for name, value in statistics.items():
+        if not is_statistic(name, value):
+            low, high = statistic_range(name)
+            required = f"a printable name and {low:g} to {high:g} are required"
+            raise ValueError(f"statistic '{printable(name)}' is {value:g}: {required}")
+
+
+def _check_array(name: str, values: FloatArray, shape: tuple[int, ...]) -> None:
+    """Raise ValueError if an array has another shape or a number beyond `MAX_NUMBER`."""
+    if values.shape != shape:
+        raise ValueError(f"'{name}' has the shape {values.shape}: {shape} is required")
+    largest = np.abs(values).max()
+    if not largest <= MAX_NUMBER:
+        raise ValueError(f"'{name}' contains the number {largest:g}: at most {MAX_NUMBER:g} is allowed")
 
 
 def check_variances(variances: FloatArray) -> None:

@@ -1,8 +1,11 @@
-"""The calls of a run as columns, and the states, covariances and steps that they give the poses of the run."""
+"""The calls of a run as columns, and the states, covariances and steps that they give the poses of the run.
+
+`call_rows` makes the columns from records, and `call_files` from a file.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -10,23 +13,18 @@ import numpy as np
 from msgspec.structs import replace as struct_replace
 from numpy.typing import NDArray
 
-from sfr_loc_map.calls.call_findings import findings_of_records
-from sfr_loc_map.calls.call_record import CallRecord, first_reported
+from sfr_loc_map.calls.call_record import first_reported
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.calls.call_meter import METHOD
-from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, Calls, concatenated, stacked, stage_of
-from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
+from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, Calls, concatenated, stacked
 from sfr_loc_map.metrics.frames.association import Estimates, nearness_ns
-from sfr_loc_map.metrics.frames.covariance import UPPER, lost_by_covariance
+from sfr_loc_map.metrics.frames.covariance import lost_by_covariance
 from sfr_loc_map.metrics.table.records import FindingRecord, MethodKind, MethodRecord, ProcessUsage
 from sfr_loc_map.stamp_pairing import nearest_stamps
 from sfr_loc_map.suite_names import Task
 
 SEVERITIES = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}  #: Severity of states; 0 for others.
-USAGE_NAMES = ("cpu_s", "cpu_between_s", "threads", "processes")
-"""Statistics of a call that state the usage of a method, measured from outside its processes."""
 USAGE_METHOD = "of the method's processes and all that they started, at each call, from outside (psutil)"
 ADAPTER_S = 0.015  #: Processor time of a method's adapter per call, s, with the resolution of 0.01 s.
 
@@ -43,21 +41,22 @@ class CallStats:
     processes: ProcessUsage | None = None  #: Usage of the method's processes; None if not measured.
     positions: FloatArray | None = None  #: `(N, 3)` estimated positions of the calls, m, NaN without estimate.
     has_stamps: bool = True  #: Whether the calls have stamps; otherwise they are numbered.
-    is_stated: bool = False  #: Whether a node stated times and memory in messages; otherwise they were measured.
+    #: Tasks of whose calls nodes state time and memory in messages. Those of other calls were measured.
+    stated_tasks: frozenset[Task] = frozenset()
 
     @classmethod
     def of_columns(
         cls,
         calls: Calls,
+        *,
         covariance: FloatArray | None,
         steps: FloatArray | None,
         findings: tuple[FindingRecord, ...],
         usage_columns: Sequence[FloatArray] | None,
-        *,
         methods: Mapping[Task, MethodRecord] = MappingProxyType({}),
         positions: FloatArray | None = None,
         has_stamps: bool = True,
-        is_stated: bool = False,
+        stated_tasks: Collection[Task] = (),
     ) -> CallStats:
         """Return the calls of records, of a file or of messages.
 
@@ -66,20 +65,21 @@ class CallStats:
         """
         calls = replace(calls, seconds=known_times(calls.seconds))
         processes = None if usage_columns is None else processes_of(usage_columns, calls)
-        if is_stated:
-            is_measured = np.isfinite(calls.peak_bytes).any()
-            calls = replace(calls, memory_method=STATED_CLOCK if is_measured else None)
-            processes = None if processes is None else struct_replace(processes, method=STATED_CLOCK)
+        if stated_tasks:
+            is_stated = is_of_tasks(calls, stated_tasks)
+            calls = replace(calls, memory_method=_memory_method(calls, is_stated))
+            if usage_columns is not None and processes is not None and is_stated[np.isfinite(usage_columns[0])].all():
+                processes = struct_replace(processes, method=STATED_CLOCK)
         return cls(
             calls,
             known_or_none(covariance),
             known_or_none(steps),
-            methods,
-            findings,
-            processes,
-            positions,
+            methods=methods,
+            findings=findings,
+            processes=processes,
+            positions=positions,
             has_stamps=has_stamps,
-            is_stated=is_stated,
+            stated_tasks=frozenset(stated_tasks),
         )
 
     @property
@@ -94,8 +94,7 @@ class CallStats:
 
     def has_task(self, task: Task) -> bool:
         """Return whether there is a call of a task."""
-        is_localisation = self.calls.is_localisation
-        return bool((is_localisation if task is Task.LOCALISATION else ~is_localisation).any())
+        return bool(is_of_tasks(self.calls, (task,)).any())
 
     def localised_rows(self, stamps_ns: IntArray) -> NDArray[np.intp]:
         """Return the row of the call of a localiser for each stamp, -1 where there is no call.
@@ -110,6 +109,20 @@ class CallStats:
         last = np.searchsorted(called_ns, stamps_ns, "right")
         is_called = np.isin(stamps_ns, called_ns)
         return rows[np.where(is_called, last, 0)]
+
+
+def is_of_tasks(calls: Calls, tasks: Collection[Task]) -> Mask:
+    """Return which calls `(N,)` belong to one of the tasks."""
+    return np.where(calls.is_localisation, Task.LOCALISATION in tasks, Task.MAPPING in tasks)
+
+
+def _memory_method(calls: Calls, is_stated: Mask) -> str | None:
+    """Return how memory was measured, by calls `(N,)` whose memory a node states and by others; None if in no call."""
+    has_memory = np.isfinite(calls.peak_bytes)
+    methods = [] if calls.memory_method is None or not (has_memory & ~is_stated).any() else [calls.memory_method]
+    if (has_memory & is_stated).any():
+        methods.append(STATED_CLOCK)
+    return "; ".join(methods) or None
 
 
 def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: FloatArray | None = None) -> Estimates:
@@ -187,56 +200,6 @@ def _steps_between(stamps_ns: IntArray, stats: CallStats, rows: NDArray[np.intp]
 def _values_at(values: FloatArray | None, rows: NDArray[np.intp]) -> FloatArray | None:
     """Return rows of an array `(N, K)`; the row -1 is NaN."""
     return None if values is None else np.vstack((values, np.full(values.shape[1], np.nan)))[rows]
-
-
-def stats_of(
-    records: Sequence[CallRecord],
-    method: MethodRecord | None = None,
-    estimate: Trajectory | None = None,
-    *,
-    is_stated: bool = False,
-) -> CallStats:
-    """Return one or more calls as columns, with the positions that the estimate of the same run has at their stamps.
-
-    `is_stated` declares that a node stated the times and memory in messages.
-    """
-
-    def numbers(values: Iterable[float | None]) -> FloatArray:
-        return np.array([np.nan if value is None else value for value in values], np.float64)
-
-    def rows(values: list[FloatArray | None], width: int) -> FloatArray:
-        return np.array([np.full(width, np.nan) if value is None else value for value in values])
-
-    names = sorted({name for record in records for name in record.statistics})
-    stages = {stage: numbers(r.statistics.get(name) for r in records) for name in names if (stage := stage_of(name))}
-    peak_bytes = numbers(record.peak_rss_bytes for record in records)
-    calls = Calls(
-        np.array([record.stamp_ns for record in records], np.int64),
-        numbers(record.processing_time_s for record in records),
-        [record.state for record in records],
-        peak_bytes,
-        numbers(record.above_idle_bytes for record in records),
-        stages,
-        memory_method=METHOD if np.isfinite(peak_bytes).any() else None,
-    )
-    covariances = [None if record.covariance is None else record.covariance[UPPER] for record in records]
-    steps = [record.step for record in records]
-    findings = findings_of_records(records)
-    usage_columns = [numbers(record.statistics.get(name) for record in records) for name in USAGE_NAMES]
-    positions = None
-    if estimate is not None and len(estimate):
-        given = positions_of(estimate)
-        positions = np.array([given.get(record.stamp_ns, [np.nan] * 3) for record in records])
-    return CallStats.of_columns(
-        calls,
-        rows(covariances, len(UPPER[0])),
-        rows(steps, STEP_SIZE),
-        findings,
-        usage_columns,
-        methods={} if method is None else {record.task: method for record in records},
-        positions=positions,
-        is_stated=is_stated,
-    )
 
 
 def method_under_test(methods: Iterable[MethodRecord]) -> MethodRecord | None:

@@ -28,6 +28,7 @@ from sfr_loc_map.methods.child.supervisor import Rules, Started
 from sfr_loc_map.methods.isolation import environment_of, isolation_of, rules_of
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.registry import ADAPTERS, CHILD, Method, MethodLimits
+from sfr_loc_map.metrics.calls.call_score import is_statistic
 from sfr_loc_map.metrics.table.records import FindingKind
 from sfr_loc_map.process_tree import ProcessTree, bytes_of_files
 from sfr_loc_map.suite_names import Task
@@ -201,7 +202,9 @@ class MethodProcess:
         if "seconds" not in reply:
             return MethodCall()
         stated_s = reply["seconds"]
-        statistics = {**reply.get("result", {}).get("statistics", {}), "stated_s": stated_s, **measured.figures}
+        stated = reply.get("result", {}).get("statistics", {})
+        usable = {name: value for name, value in stated.items() if is_statistic(name, value)}
+        statistics = {**usable, "stated_s": stated_s, **measured.figures}
         return MethodCall(measured.usage, self._findings.add(measured, stated_s), statistics=statistics)
 
     def _file(self, suffix: str) -> Path:

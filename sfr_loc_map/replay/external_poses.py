@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sfr_loc_map.calls.call_record import CallRecord
-from sfr_loc_map.calls.call_stats import estimates_of, stats_of
+from sfr_loc_map.calls.call_record import CallRecord, bounded
+from sfr_loc_map.calls.call_rows import stats_of
+from sfr_loc_map.calls.call_stats import estimates_of
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.io.sequence import LocSequence, Source
 from sfr_loc_map.localisation.estimate import TrackingState
@@ -76,7 +77,7 @@ def _converted_call(call: CallRecord, estimates: Estimates, row: int | None, off
 
 
 def _full_covariance(estimates: Estimates, row: int) -> FloatArray | None:
-    """Return the covariance `(6, 6)` of a pose; None if unknown."""
+    """Return the covariance `(6, 6)` of a pose; None if unknown. The conversion can enlarge numbers."""
     if estimates.covariance is None or not np.isfinite(estimates.covariance[row]).all():
         return None
-    return symmetric(estimates.covariance[row])
+    return symmetric(bounded(estimates.covariance[row]))

@@ -9,7 +9,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from sfr_loc_map.calls.call_stats import CallStats, stats_of
+from sfr_loc_map.calls.call_rows import stats_of
+from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.hashes import hash_arrays
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source
@@ -82,7 +83,9 @@ def score_replay(
 
 def _run_of(source: Source, result: ReplayResult) -> Run:
     """Return the data of a replay that are scored, without origin and method."""
-    stats = [stats_of(result.records, estimate=result.estimate)] if result.records else []
+    node = result.external
+    stated_tasks = () if node is None else (node.task,)
+    stats = [stats_of(result.records, estimate=result.estimate, stated_tasks=stated_tasks)] if result.records else []
     images_ns = None if source.loc is None else source.expected_loc_ns()
     pairs_ns = None if source.nav is None else source.expected_nav_ns()
     run = Run(
@@ -93,7 +96,6 @@ def _run_of(source: Source, result: ReplayResult) -> Run:
         nav_stamps_ns=pairs_ns,
         unmapped_pairs=0 if pairs_ns is None else len(np.setdiff1d(pairs_ns, result.map.pair_stamps_ns)),
     )
-    node = result.external
     if node is None:
         return run
     return replace(run, external=node.score, findings=node.findings, convention=node.convention)

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map.calls.call_record import CallRecord, decode_call
-from sfr_loc_map.calls.call_stats import CallStats, stats_of
+from sfr_loc_map.calls.call_rows import stats_of
+from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -45,7 +46,8 @@ def read_bag_estimate(path: Path) -> BagEstimate:
         )
     trajectory, covariances = read_odometry(bag, topic)
     calls = _calls_of(bag, topic)
-    return BagEstimate(trajectory, covariances, stats_of(calls, is_stated=True) if calls else None)
+    stats = stats_of(calls, stated_tasks=(Task.LOCALISATION,)) if calls else None
+    return BagEstimate(trajectory, covariances, stats)
 
 
 def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:

@@ -223,8 +223,8 @@ def clocks_of(stats: Sequence[CallStats]) -> dict[CallKind, str]:
     """
     clocks = dict(HOST_CLOCKS)
     for item in stats:
-        if item.is_stated:
-            clocks |= dict.fromkeys(item.calls.kinds.tolist(), STATED_CLOCK)
+        for task in item.stated_tasks:
+            clocks |= dict.fromkeys(KINDS_OF[task], STATED_CLOCK)
     return clocks
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tempfile
 from dataclasses import fields
@@ -15,14 +16,20 @@ from msgspec.structs import replace
 
 from sfr_loc_map.calls.call_files import COVARIANCE_NAMES, load_call_stats, save_stats
 from sfr_loc_map.calls.call_record import CallRecord, decode_call, encode_call
-from sfr_loc_map.calls.call_stats import USAGE_NAMES, CallStats, stats_of
+from sfr_loc_map.calls.call_rows import CallRows, stats_of
+from sfr_loc_map.calls.call_stats import CallStats, estimates_of
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, score_calls
-from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.io.tables.stamps import STAMP_LIMIT
+from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD
+from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, STATED_CLOCK, USAGE_NAMES, score_calls
+from sfr_loc_map.metrics.config import CallKind, ScoreConfig
+from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
+from sfr_loc_map.replay.received import ReceivedDrive
+from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
-from sfr_loc_map.scoring.live.received_rows import CallRows
+from sfr_loc_map.scoring.score_parts import host_result
 from sfr_loc_map.suite_names import Task
 
 
@@ -32,18 +39,18 @@ def test_a_call_comes_back_to_the_last_bit() -> None:
         1_700_000_000_123_456_789,
         0.1 + 0.2,
         "fused",
-        123456789,
-        1000,
-        {"inliers": np.float64(1 / 3), "unknown": np.nan},
-        (half := rng.normal(size=(6, 6)) / 3.0) @ half.T,
-        "few_landmarks",
-        rng.normal(size=48) / 3.0,
-        "late: 3 s",
-        (1, 2, 3),
-        True,
-        {"conversion_s": 1 / 7},
-        {"dropped_stale": 4},
-        "1.0",
+        peak_rss_bytes=123456789,
+        above_idle_bytes=1000,
+        statistics={"inliers": np.float64(1 / 3), "unknown": np.nan},
+        covariance=(half := rng.normal(size=(6, 6)) / 3.0) @ half.T,
+        reason="few_landmarks",
+        step=rng.normal(size=48) / 3.0,
+        finding="late: 3 s",
+        pair_stamps_ns=(1, 2, 3),
+        fused=True,
+        times={"conversion_s": 1 / 7},
+        counts={"dropped_stale": 4},
+        version="1.0",
         task=Task.MAPPING,
     )
     found = decode_call(encode_call(record), Task.MAPPING)
@@ -55,7 +62,9 @@ def test_a_call_comes_back_to_the_last_bit() -> None:
 
 def test_what_is_unknown_in_a_call_is_unknown_when_read_back() -> None:
     unknown = np.full((6, 6), np.nan)
-    record = CallRecord(5, math.nan, "tracking", None, None, {"a": math.inf}, unknown, times={"b": math.nan, "c": 1.0})
+    record = CallRecord(
+        5, math.nan, "tracking", statistics={"a": math.inf}, covariance=unknown, times={"b": math.nan, "c": 1.0}
+    )
     found = decode_call(encode_call(record), Task.LOCALISATION)
     assert math.isnan(found.processing_time_s)
     assert (found.statistics, found.times, found.covariance) == ({}, {"c": 1.0}, None)
@@ -69,23 +78,24 @@ def arrays_of(*shape: int) -> st.SearchStrategy[object]:
     return st.integers(0, 99).map(lambda seed: np.random.default_rng(seed).normal(size=shape) / 3.0)
 
 
+STAGES = [f"stage_{number}_s" for number in range(20)]
 RECORDS = st.builds(
     CallRecord,
     st.integers(0, 2**62 - 1),
-    st.floats(0.0, 1e6) | st.just(math.nan),
+    st.floats(0.0, 1e6) | st.just(math.nan) | st.floats(0.0, 9.0).map(np.float64),
     st.sampled_from(["tracking", "lost", "degraded", ""]),
-    optional(st.integers(0, 2**53)),
-    optional(st.integers(0, 2**53)),
-    st.dictionaries(
-        st.sampled_from(["inliers", *(f"stage_{number}_s" for number in range(20)), *USAGE_NAMES, "state"]),
-        st.floats(0.0, 9.0),
+    peak_rss_bytes=optional(st.integers(0, 2**53)),
+    above_idle_bytes=optional(st.integers(0, 2**53)),
+    statistics=st.dictionaries(
+        st.sampled_from(["inliers", *STAGES, *USAGE_NAMES, "state", "statistics.state", "statistics.", ""]),
+        st.floats(0.0, 9.0) | st.floats(0.0, 9.0).map(np.float64),
     ),
-    optional(arrays_of(6, 6).map(lambda half: half @ half.T)),
-    st.sampled_from(["", "few_landmarks"]),
-    optional(arrays_of(48)),
-    st.sampled_from(["", "crashed: ended, with code 3", "missing answer: none"]),
+    covariance=optional(arrays_of(6, 6).map(lambda half: half @ half.T)),
+    reason=st.sampled_from(["", "few_landmarks", "line\rof\nlines", "zero\0"]),
+    step=optional(arrays_of(48)),
+    finding=st.sampled_from(["", "crashed: ended, with code 3", "missing answer: none"]),
 )
-METHOD = MethodRecord(name="x", version="1", kind=MethodKind.EXTERNAL)
+METHODS = [None, *(MethodRecord(name="x", version="1", kind=kind) for kind in (MethodKind.EXTERNAL, MethodKind.PYTHON))]
 
 
 def assert_same_calls(found: CallStats, made: CallStats, *, is_stated: bool = False) -> None:
@@ -100,23 +110,84 @@ def assert_same_calls(found: CallStats, made: CallStats, *, is_stated: bool = Fa
         np.testing.assert_array_equal(times, made.calls.stage_s[name], name)
 
 
-@given(st.lists(RECORDS, min_size=1, max_size=4), st.sampled_from([None, METHOD]))
+@given(st.lists(RECORDS, min_size=1, max_size=4), st.sampled_from(METHODS))
 def test_the_file_of_the_calls_and_their_messages_have_what_the_records_have(
     records: list[CallRecord], method: MethodRecord | None
 ) -> None:
     with tempfile.TemporaryDirectory() as folder:
         save_stats(Path(folder) / "s.csv", records, {} if method is None else {Task.LOCALISATION: method})
-        read, made = load_call_stats(Path(folder) / "s.csv"), stats_of(records, method)
-    assert_same_calls(read, made)
-    assert read.calls.memory_method == made.calls.memory_method
+        read = load_call_stats(Path(folder) / "s.csv")
+    is_external = method is not None and method.kind is MethodKind.EXTERNAL
+    assert_same_calls(read, stats_of(records, method), is_stated=is_external)
+    has_memory = any(record.peak_rss_bytes is not None for record in records)
+    assert read.stated_tasks == (frozenset({Task.LOCALISATION}) if is_external else frozenset())
+    assert read.calls.memory_method == ((STATED_CLOCK if is_external else METHOD) if has_memory else None)
     received = CallRows()
     for record in records:
-        received.add_call(record)
-    live = received.stats()
+        received.add(record)
+    live = received.stats(stated_tasks=tuple(Task))
     assert live is not None
     assert_same_calls(live, stats_of(records), is_stated=True)
-    is_measured = any(record.peak_rss_bytes is not None for record in records)
-    assert live.calls.memory_method == (STATED_CLOCK if is_measured else None)
+    assert live.calls.memory_method == (STATED_CLOCK if has_memory else None)
+
+
+def test_the_memory_of_an_external_mapper_is_stated_and_that_of_our_localiser_measured(tmp_path: Path) -> None:
+    records = [
+        CallRecord(1, 0.1, "tracking", peak_rss_bytes=5),
+        CallRecord(1, 0.2, "mapped", peak_rss_bytes=6, task=Task.MAPPING),
+    ]
+    theirs = MethodRecord(name="x", version="1", kind=MethodKind.EXTERNAL)
+    save_stats(tmp_path / "s.csv", records[::-1], {Task.MAPPING: theirs})
+    read, made = load_call_stats(tmp_path / "s.csv"), stats_of(records, stated_tasks=(Task.MAPPING,))
+    assert read.calls.memory_method == made.calls.memory_method == f"{METHOD}; {STATED_CLOCK}"
+    calls = host_result(Run(stats=[read]), {}, details=False)
+    assert calls.records is not None
+    assert calls.records.clocks == {CallKind.LOCALISATION: HOST_CLOCK, CallKind.MAPPING: STATED_CLOCK}
+
+
+LARGEST = int(MAX_NUMBER)
+
+
+@pytest.mark.parametrize(
+    ("key", "accepted", "refused"),
+    [
+        ("stamp_ns", [0, STAMP_LIMIT - 1], [-1, STAMP_LIMIT, 1.5]),
+        ("processing_time_s", [0.0, 1e6], [-1e-9, 1e7]),
+        ("peak_rss_bytes", [0, LARGEST], [-1, LARGEST + 1]),
+        ("above_idle_bytes", [0, LARGEST], [-1, LARGEST + 1]),
+        ("statistics", [{"stage_x_s": 0.0}, {"threads": 1e18}, {"x": -1e18}, {"statistics.state": 1, "state": 2}], []),
+        ("statistics", [], [{"stage_x_s": -1.0}, {"cpu_s": -1.0}, {"x": 1e19}, {"x": -1e19}, {"x\0": 1.0}]),
+        ("statistics", [{f"x{k}": 1 for k in range(500)}], [{f"x{k}": 1 for k in range(501)}, {"x" * 101: 1.0}]),
+        ("covariance", [(1e18 * np.eye(6)).tolist()], [(1e30 * np.eye(6)).tolist(), (-np.eye(6)).tolist()]),
+        ("step", [[-1e18] * 48], [[1e30] * 48, [-1e30] * 48]),
+        ("reason", ["a\rb", "a\0b", "\x1b[31m", "x" * 2000], ["x" * 2001]),
+        ("finding", ["crashed: a\rb"], ["x" * 2001]),
+        ("pair_stamps_ns", [[0, 1]], [[-1], [STAMP_LIMIT], [1, 1]]),
+    ],
+)
+def test_a_call_is_refused_exactly_if_its_file_could_not_be_read(
+    tmp_path: Path, key: str, accepted: list[object], refused: list[object]
+) -> None:
+    for value in accepted:
+        text = json.dumps({"stamp_ns": 5, "processing_time_s": 1.0, key: value})
+        save_stats(tmp_path / "s.csv", [decode_call(text, Task.LOCALISATION)])
+        assert len(load_call_stats(tmp_path / "s.csv").calls.stamps_ns) == 1
+    for value in refused:
+        with pytest.raises(InputError, match=r"^call of localisation: [^\n]*$"):
+            decode_call(json.dumps({"stamp_ns": 5, "processing_time_s": 1.0, key: value}), Task.LOCALISATION)
+
+
+@pytest.mark.parametrize("variance", [1e30, math.inf, -1.0, math.nan, 0.0])
+def test_a_published_covariance_that_no_file_may_have_is_bounded_or_unknown(tmp_path: Path, variance: float) -> None:
+    """A pose that is lost by its covariance remains lost; a negative variance is unknown."""
+    drive = ReceivedDrive(is_external=True)
+    drive.add_pose((1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.full((6, 6), variance))
+    save_stats(tmp_path / "s.csv", drive.records)
+    read = load_call_stats(tmp_path / "s.csv")
+    published = drive.covariances[1][UPPER][None]
+    for found in (estimates_of(drive.trajectory, read), estimates_of(drive.trajectory, None, published)):
+        assert found.lost.tolist() == [variance >= 1e30]
+        assert found.is_lost_known.tolist() == [variance >= 1e30]
 
 
 def test_a_crash_that_a_call_states_fails_a_live_score() -> None:

@@ -56,7 +56,7 @@ def measured(pairs: int, hz: float, steps: int) -> Iterator[Step]:
     rng = np.random.default_rng(1)
     score = MonitorScore(ScoreConfig(), parse_limits(LIMITS, "campaign"))
     period_ns = round(1e9 / hz)
-    covariance, step = np.diag([1e-4] * 6), tuple(np.full(48, 1e-8).tolist())
+    covariance, step = np.diag([1e-4] * 6), np.full(48, 1e-8)
     lengths = np.unique(np.linspace(0, pairs, steps + 1).astype(int)[1:])
     drift, first = np.zeros(3), 0
     for length in lengths.tolist():
@@ -70,7 +70,15 @@ def measured(pairs: int, hz: float, steps: int) -> Iterator[Step]:
             score.add_truth(stamp_ns, true.tolist(), quat)
             score.add_estimate(stamp_ns, (true + drift).tolist(), quat, covariance)
             score.add_call(
-                CallRecord(stamp_ns, 0.05, "tracking", 200_000_000, 100_000_000, {"stage_align_s": 0.02}, step)
+                CallRecord(
+                    stamp_ns,
+                    0.05,
+                    "tracking",
+                    peak_rss_bytes=200_000_000,
+                    above_idle_bytes=100_000_000,
+                    statistics={"stage_align_s": 0.02},
+                    step=step,
+                )
             )
         received_s = time.process_time()
         result = score.result(LiveRun(details=False))

@@ -84,7 +84,16 @@ def scored(count: int, config: ScoreConfig | None = None) -> Score:
             score.add_truth(pose.stamp_ns, pose.position, pose.quat_xyzw)
         else:
             score.add_estimate(pose.stamp_ns, pose.position, pose.quat_xyzw, pose.covariance)
-            score.add_call(CallRecord(pose.stamp_ns, 0.035, "tracking", 412_000_000, 90_000_000, TIMES))
+            score.add_call(
+                CallRecord(
+                    pose.stamp_ns,
+                    0.035,
+                    "tracking",
+                    peak_rss_bytes=412_000_000,
+                    above_idle_bytes=90_000_000,
+                    statistics=TIMES,
+                )
+            )
     return score.result(LiveRun(details=False))
 
 
@@ -95,7 +104,7 @@ def report(count: int, received_s: float) -> PublishedScore:
 
 def call(number: int, received_s: float, state: str = "tracking", reason: str = "") -> Call:
     times = {"latency_transport_s": 0.004, "latency_receive_to_publish_s": 0.041}
-    record = CallRecord((number + 1) * STEP_NS, 0.0351, state, 412_000_000, reason=reason, times=times)
+    record = CallRecord((number + 1) * STEP_NS, 0.0351, state, peak_rss_bytes=412_000_000, reason=reason, times=times)
     return Call("localisation_node", record, received_s)
 
 

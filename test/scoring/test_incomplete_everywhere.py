@@ -14,7 +14,7 @@ import pytest
 from helpers.made_scene import LOC_RIG, NAV_RIG, nav_pair, true_cloud
 from helpers.made_suites import JOB
 from sfr_loc_map.calls.call_record import CallRecord
-from sfr_loc_map.calls.call_stats import stats_of
+from sfr_loc_map.calls.call_rows import stats_of
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
@@ -71,7 +71,9 @@ def points_of(number: int, every: int = 1) -> PointCloud:
 
 def calls(stamps: Any = STAMPS, state: str = "tracking") -> list[CallRecord]:
     task = Task.MAPPING if state in set(MappingState) else Task.LOCALISATION
-    return [CallRecord(int(stamp), 0.05, state, 10**8, 10**7, task=task) for stamp in stamps]
+    return [
+        CallRecord(int(stamp), 0.05, state, peak_rss_bytes=10**8, above_idle_bytes=10**7, task=task) for stamp in stamps
+    ]
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from helpers.message_bags import write_messages
 from helpers.scored_drives import PERIOD_NS, straight
 from sfr_loc_map.calls.call_files import load_call_stats, save_stats
 from sfr_loc_map.calls.call_record import CallRecord, encode_call
-from sfr_loc_map.calls.call_stats import estimates_of, stats_of
+from sfr_loc_map.calls.call_rows import stats_of
+from sfr_loc_map.calls.call_stats import estimates_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
@@ -270,12 +271,11 @@ def test_the_calls_of_a_bag_are_those_of_the_run(tmp_path: Path) -> None:
 def test_only_the_calls_of_a_node_have_a_stated_clock(is_localiser_stated: bool | None, is_mapper_stated: bool) -> None:
     """Calls of a bag were stated by the node. Calls of a file were measured."""
     mapped = [CallRecord(k, 0.1, state, task=Task.MAPPING) for k, state in enumerate(("mapped", "fused"))]
-    stats, is_stated = (
-        [stats_of(mapped, is_stated=is_mapper_stated)],
-        dict.fromkeys(("mapping", "fusion"), is_mapper_stated),
-    )
+    stats = [stats_of(mapped, stated_tasks=(Task.MAPPING,) if is_mapper_stated else ())]
+    is_stated = dict.fromkeys(("mapping", "fusion"), is_mapper_stated)
     if is_localiser_stated is not None:
-        stats.append(stats_of([CallRecord(1, 0.1, "tracking")], is_stated=is_localiser_stated))
+        stated_tasks = (Task.LOCALISATION,) if is_localiser_stated else ()
+        stats.append(stats_of([CallRecord(1, 0.1, "tracking")], stated_tasks=stated_tasks))
         is_stated["localisation"] = is_localiser_stated
     score = score_run(Run(stats=stats), ScoreConfig())
     assert score.calls is not None
@@ -291,7 +291,7 @@ def test_a_method_does_not_tell_its_own_cost(tmp_path: Path) -> None:
         "cov_00": 1.0,
         "own": 7.0,
     }
-    save_stats(tmp_path / "s.csv", [CallRecord(5, 0.4, "tracking", 2 * 10**8, None, told)])
+    save_stats(tmp_path / "s.csv", [CallRecord(5, 0.4, "tracking", peak_rss_bytes=2 * 10**8, statistics=told)])
     calls = load_call_stats(tmp_path / "s.csv").calls
     assert (calls.seconds.tolist(), calls.peak_bytes.tolist(), list(calls.states)) == ([0.4], [2e8], ["tracking"])
     header = (tmp_path / "s.csv").read_text().splitlines()[0].split(",")
@@ -300,7 +300,7 @@ def test_a_method_does_not_tell_its_own_cost(tmp_path: Path) -> None:
 
 
 def test_steps_from_poses_that_are_left_out_are_not_known(tmp_path: Path) -> None:
-    records = [CallRecord(stamp, 0.1, "tracking", None, None, step=np.ones(48)) for stamp in range(10, 16)]
+    records = [CallRecord(stamp, 0.1, "tracking", step=np.ones(48)) for stamp in range(10, 16)]
     save_stats(tmp_path / "s.csv", [replace(record, covariance=np.eye(6)) for record in records])
     rows = [0, 1, 3, 4]
     poses = Trajectory(np.arange(10, 16)[rows], np.zeros((4, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (4, 1)))

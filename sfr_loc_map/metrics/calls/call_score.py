@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE
 from sfr_loc_map.metrics.completeness.expected_items import calls_completeness
@@ -43,6 +44,10 @@ KINDS_OF = {Task.LOCALISATION: (CallKind.LOCALISATION,), Task.MAPPING: tuple(STA
 """Kinds of calls by their task."""
 HOST_CLOCKS: Mapping[CallKind, str] = MappingProxyType(dict.fromkeys(CallKind, HOST_CLOCK))
 """Clock of each kind of call if all calls were measured on this host."""
+USAGE_NAMES = ("cpu_s", "cpu_between_s", "threads", "processes")
+"""Statistics of a call that state the usage of a method, measured from outside its processes."""
+MAX_NUMBER = 1e18
+"""Maximum magnitude of times, sizes, covariances and statistics of calls. Its square is finite."""
 HISTOGRAM_BINS = 40
 SERIES_ROWS = 2000  #: Maximum number of calls of each kind in plots.
 
@@ -276,6 +281,18 @@ def at_place(row: Figure, place: Place) -> Figure:
     """
     part = RowPart.of(row.part).at(place).text
     return replace_row(row, part=part, clause=clause_of(row.figure, part))
+
+
+def statistic_range(name: str) -> tuple[float, float]:
+    """Return the lowest and highest valid number of a statistic of a call. Times of stages and usage are at least 0."""
+    is_unsigned = stage_of(name) is not None or name in USAGE_NAMES
+    return 0.0 if is_unsigned else -MAX_NUMBER, MAX_NUMBER
+
+
+def is_statistic(name: str, value: float) -> bool:
+    """Return whether a number is valid for a statistic of a call; the name must be printable."""
+    low, high = statistic_range(name)
+    return low <= value <= high and printable(name) == name
 
 
 def stage_of(figure: str) -> str | None:

@@ -61,7 +61,7 @@ ENDED = LiveRun()  #: A run that has ended without losses, of which all data of 
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Received:
+class LiveData:
     """The received data of a run in progress, with the results that are not computed again for each score."""
 
     run: Run
@@ -70,7 +70,7 @@ class Received:
     convention_finding: ConventionFinding | None  #: Result of the last diagnosis, which takes 0.1 s or more.
 
 
-def score_so_far(received: Received, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:
+def score_so_far(received: LiveData, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:
     """Return the score of a run in progress."""
     config = with_conditions(config, limits)
     run = received.run

@@ -21,8 +21,9 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch
 from sfr_loc_map.scoring.inputs import DriveToScore, Run
 from sfr_loc_map.scoring.live.live_maps import LiveMaps, MapInputs
-from sfr_loc_map.scoring.live.live_score import ENDED, LiveRun, Received, score_so_far
+from sfr_loc_map.scoring.live.live_score import ENDED, LiveData, LiveRun, score_so_far
 from sfr_loc_map.scoring.live.received_rows import ReceivedRows
+from sfr_loc_map.suite_names import Task
 
 DIAGNOSED_GROWTH = 1.2  #: Growth of the number of poses after which a diagnosis is repeated.
 
@@ -95,7 +96,7 @@ class MonitorScore:
         """
         self.score_maps()
         is_under_way = live.in_flight_s > 0.0
-        stats = self.rows.calls.stats()
+        stats = self.rows.calls.stats(stated_tasks=tuple(Task))
         drive = self._drive(stats, is_under_way=is_under_way)
         unmapped = 0 if is_under_way else self.map_inputs.unmapped_pairs
         surface = self.maps.result
@@ -109,7 +110,7 @@ class MonitorScore:
             unmapped_pairs=unmapped if surface is None else 0,
         )
         finding = self._convention_finding(drive)
-        received = Received(run=run, messages=self.rows.messages, map=surface, convention_finding=finding)
+        received = LiveData(run=run, messages=self.rows.messages, map=surface, convention_finding=finding)
         return score_so_far(received, live, self._config, self._limits)
 
     def _convention_finding(self, drive: DriveToScore | None) -> ConventionFinding | None:

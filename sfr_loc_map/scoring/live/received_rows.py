@@ -6,22 +6,19 @@ import logging
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
 
-from sfr_loc_map.calls.call_findings import FindingCounts
 from sfr_loc_map.calls.call_record import CallRecord, is_covariance_reported
-from sfr_loc_map.calls.call_stats import USAGE_NAMES, CallStats, estimates_of
+from sfr_loc_map.calls.call_rows import CallRows
+from sfr_loc_map.calls.call_stats import CallStats, estimates_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.growing_rows import GrowingRows
 from sfr_loc_map.io.truth.config import TrackedBodyConfig
 from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.recorded import RecordedTruth
-from sfr_loc_map.metrics.calls.call_score import Calls, stage_of
-from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, UPPER
 
@@ -30,107 +27,7 @@ MAX_STAGES = 64  #: Maximum number of stages. Bounded because the names come fro
 POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
 TRUE_POSE = [*POSE, ("variances", np.float64, 6)]
 ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE)]
-STEP = [("row", np.int64), ("step", np.float64, STEP_SIZE)]
-CALL = [
-    ("stamp_ns", np.int64),
-    ("seconds", np.float64),
-    ("state", "U16"),
-    ("peak", np.float64),
-    ("above_idle", np.float64),
-]
-STAGE = [("row", np.int64), ("stage", np.int64), ("seconds", np.float64)]
-USAGE = [("row", np.int64), ("usage", np.float64, len(USAGE_NAMES))]
-COVARIANCE = [("row", np.int64), ("covariance", np.float64, COVARIANCE_SIZE)]
 UNKNOWN_COVARIANCE = np.full(COVARIANCE_SIZE, np.nan)
-
-
-class _Rows:
-    """Rows that are added one by one. Memory of unused rows is not resident."""
-
-    def __init__(self, kind: DTypeLike) -> None:
-        self._array: NDArray[Any] = np.empty(1024, np.dtype(kind, align=True))
-        self._count = 0
-
-    def __len__(self) -> int:
-        return self._count
-
-    def add(self, *row: object) -> None:
-        if self._count == len(self._array):
-            longer = np.empty(2 * self._count, self._array.dtype)
-            longer[: self._count] = self._array
-            self._array = longer
-        self._array[self._count] = row
-        self._count += 1
-
-    def all(self) -> NDArray[Any]:
-        """Return a view that is valid until the next row is added."""
-        return self._array[: self._count]
-
-
-class CallRows(_Rows):
-    """The calls of a run."""
-
-    def __init__(self) -> None:
-        super().__init__(CALL)
-        self._findings = FindingCounts()
-        self._stage_numbers = dict[str, int]()
-        # Times of the stages of calls, with the row of the call and the number of the stage
-        self._stages = _Rows(STAGE)
-        self._steps = _Rows(STEP)  # steps of the calls that report one, with the row of the call
-        self._covariances = _Rows(COVARIANCE)  # likewise
-        self._usages = _Rows(USAGE)  # likewise
-
-    def add_call(self, record: CallRecord) -> None:
-        """Add a call."""
-        row, numbers = len(self), self._stage_numbers
-        for figure, seconds in record.statistics.items():
-            if (name := stage_of(figure)) and (name in numbers or len(numbers) < MAX_STAGES):
-                self._stages.add(row, numbers.setdefault(name, len(numbers)), seconds)
-        if not record.statistics.keys().isdisjoint(USAGE_NAMES):
-            self._usages.add(row, [record.statistics.get(name, np.nan) for name in USAGE_NAMES])
-        if record.step is not None:
-            self._steps.add(row, record.step)
-        if record.covariance is not None:
-            self._covariances.add(row, record.covariance[UPPER])
-        if record.finding:
-            self._findings.add_of_call(record.stamp_ns, record.finding)
-        sizes = record.peak_rss_bytes, record.above_idle_bytes
-        peaks = (np.nan if value is None else value for value in sizes)
-        self.add(record.stamp_ns, record.processing_time_s, record.state, *peaks)
-
-    def stats(self) -> CallStats | None:
-        """Return the calls as columns; None if there are no calls."""
-        if not len(self):
-            return None
-        covariance = self._column(self._covariances.all(), "covariance", COVARIANCE_SIZE)
-        steps = self._column(self._steps.all(), "step", STEP_SIZE)
-        usage = self._column(self._usages.all(), "usage", len(USAGE_NAMES))
-        usage_columns = None if usage is None else [*usage.T]
-        findings = self._findings.records
-        return CallStats.of_columns(self._calls(), covariance, steps, findings, usage_columns, is_stated=True)
-
-    def _column(self, reported: NDArray[Any], name: str, width: int) -> FloatArray | None:
-        """Return the values `(N, width)` that calls report, NaN for other calls; None if no call reports a value."""
-        if not len(reported):
-            return None
-        values = np.full((len(self), width), np.nan)
-        values[reported["row"]] = reported[name]
-        return values
-
-    def _calls(self) -> Calls:
-        rows = self.all()
-        stage_s = {name: self._times_of_stage(number) for name, number in self._stage_numbers.items()}
-        return Calls(
-            rows["stamp_ns"], rows["seconds"], rows["state"].tolist(), rows["peak"], rows["above_idle"], stage_s
-        )
-
-    def _times_of_stage(self, number: int) -> FloatArray:
-        """Return the time `(N,)` of a stage in each call, NaN for a call without the stage."""
-        every = self._stages.all()
-        mine = every[every["stage"] == number]
-        seconds = np.full(len(self), np.nan)
-        seconds[mine["row"]] = mine["seconds"]
-        return seconds
 
 
 class ReceivedRows:
@@ -142,10 +39,10 @@ class ReceivedRows:
 
     def __init__(self, body: TrackedBodyConfig) -> None:
         """Start a run without rows. `body` is the tracked body of the true poses."""
-        self.calls = CallRows()
+        self.calls = CallRows(MAX_STAGES)
         self._body = body
-        self._estimates = _Rows(ESTIMATE)
-        self._truth = _Rows(TRUE_POSE)
+        self._estimates = GrowingRows(ESTIMATE)
+        self._truth = GrowingRows(TRUE_POSE)
         self._covariance_ns = -1  # stamp of the last estimate with a published covariance
         self._warned = set[str]()  # logged warnings about the truth, with the numbers in them removed
 
@@ -177,7 +74,7 @@ class ReceivedRows:
         # The covariance of the pose message is used, so that of the call record is dropped
         if record.stamp_ns == self._covariance_ns:
             record = replace(record, covariance=None)
-        self.calls.add_call(record)
+        self.calls.add(record)
 
     @property
     def has_estimates(self) -> bool:

@@ -26,7 +26,9 @@ def test_a_call_is_reported_in_readable_values(ros: None) -> None:
     reporter.publisher = SimpleNamespace(publish=taken.append)
     about = {"reason": "few_landmarks", "step": np.ones(48), "times": {"conversion_s": 0.5}, "counts": {"dropped_x": 4}}
     reporter.report_call(
-        CallRecord(5, 0.25, "lost", 123456789, statistics={"inliers": 1 / 3}, **about), Level.ERROR, METHOD
+        CallRecord(5, 0.25, "lost", peak_rss_bytes=123456789, statistics={"inliers": 1 / 3}, **about),
+        Level.ERROR,
+        METHOD,
     )
     node.destroy_node()
     status = sent(taken[0]).status[0]

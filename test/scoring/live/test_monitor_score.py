@@ -16,7 +16,8 @@ from helpers.made_scene import NAV_RIG, nav_pair, true_cloud
 from helpers.message_bags import write_messages
 from helpers.random_drives import as_score
 from sfr_loc_map.calls.call_record import CallRecord, decode_call, encode_call
-from sfr_loc_map.calls.call_stats import estimates_of, stats_of
+from sfr_loc_map.calls.call_rows import stats_of
+from sfr_loc_map.calls.call_stats import estimates_of
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -92,7 +93,7 @@ def messages_of(drive: Drive) -> list[tuple[str, tuple[Any, ...]]]:
         messages.append(("add_estimate", (stamp, poses.positions[k], poses.quats_xyzw[k], full[k])))
         state = "degraded" if estimates.degraded[k] else "lost" if estimates.lost[k] else "tracking"
         step = estimates.steps[k] if np.isfinite(estimates.steps[k]).all() else None
-        messages.append(("add_call", (CallRecord(stamp, 0.1, state, None, None, step=step),)))
+        messages.append(("add_call", (CallRecord(stamp, 0.1, state, step=step),)))
     for k, stamp in enumerate(truth.stamps_ns.tolist()):
         messages.append(("add_truth", (stamp, truth.positions[k], truth.quats_xyzw[k])))
     return messages
@@ -261,7 +262,7 @@ def test_results_of_the_last_seconds_count() -> None:
     for stamp, position, quat in zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True):
         monitor.add_truth(stamp, position, quat)
         monitor.add_estimate(stamp, position, quat, None)
-        monitor.add_call(CallRecord(stamp, 0.035, "tracking", None, None, {}))
+        monitor.add_call(CallRecord(stamp, 0.035, "tracking"))
     score = monitor.result(LiveRun(in_flight_s=1e3))
     judged = {row.part: row for row in score.figures if row.figure == "judged"}
     assert judged["drive"].n == judged["calls localisation"].n == len(poses)
@@ -277,7 +278,7 @@ def test_calls_of_a_live_run_are_stated_and_resets_are_a_deviation() -> None:
     for stamp, position, quat in zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True):
         monitor.add_truth(stamp, position, quat)
         monitor.add_estimate(stamp, position, quat, None)
-        monitor.add_call(CallRecord(stamp, 0.001, "tracking", 1_000_000, None, {}))
+        monitor.add_call(CallRecord(stamp, 0.001, "tracking", peak_rss_bytes=1_000_000))
     for discarded in ((), (DiscardedInterval(3, 7, "~/reset"),)):
         score = monitor.result(LiveRun(discards=len(discarded), discarded=discarded))
         assert score.calls is not None
