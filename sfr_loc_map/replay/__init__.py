@@ -17,5 +17,5 @@
 - `waiting` waits for the results of each pair in lock step, and for the missing results at the end.
 
 `options` has what is replayed and how. Of an external node, `answer_converters` reads the messages, `answer_book`
-counts the answers, and `process_watch` measures the process.
+counts the answers, `process_watch` measures the process, and `publisher_check` detects another publisher.
 """

@@ -13,7 +13,7 @@ from sfr_loc_map.metrics.formulas import Statistics, statistics
 from sfr_loc_map.metrics.table.records import AnswerCounts, FindingKind, FindingRecord
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
 
-MAX_EARLY = 64  #: Maximum number of stamps whose answers wait for their pair; the oldest are dropped.
+MAX_EARLY = 64  #: Maximum number of answers that wait for their pair; the oldest are dropped.
 MAX_IN_A_ROW = 10
 """Number of consecutive pairs without an answer after which the replay stops waiting until the node answers."""
 EARLY_S = 2.0 * STAMP_TOLERANCE_S
@@ -24,52 +24,57 @@ images of a pair may be published `STAMP_TOLERANCE_S` apart, and a node that use
 Content = TypeVar("Content")
 
 
-class EarlyAnswer(NamedTuple, Generic[Content]):
-    """The answers to a stamp of which no pair is published yet."""
+class Answer(NamedTuple, Generic[Content]):
+    """A usable answer of the node."""
 
-    content: Content  #: Content of the first answer.
-    received_s: list[float]  #: Time of each answer, monotonic clock.
+    frames: str  #: Frame ids: `parent -> child` of a pose, `parent` of a cloud.
+    received_s: float  #: Time of the monotonic clock when the answer was received.
+    content: Content
 
 
 class EarlyAnswers(Generic[Content]):
-    """Keeps the answers to stamps of which no pair is published yet; the oldest stamps are dropped."""
+    """Keeps the answers to stamps of which no pair is published yet; the oldest answers are dropped."""
 
     def __init__(self) -> None:
         """Start without answers."""
-        self._by_stamp: dict[int, EarlyAnswer[Content]] = {}  # the oldest stamp first
+        self._kept: list[tuple[int, Answer[Content]]] = []  # stamp and answer, the oldest first
         self._dropped = 0  # number of dropped answers
         self._first_dropped_ns: int | None = None
 
-    def add(self, stamp_ns: int, received_s: float, content: Content) -> None:
-        """Add an answer that was received at a time of the monotonic clock."""
-        self._by_stamp.setdefault(stamp_ns, EarlyAnswer(content, [])).received_s.append(received_s)
-        if len(self._by_stamp) > MAX_EARLY:
-            oldest_ns = next(iter(self._by_stamp))
-            self._dropped += len(self._by_stamp.pop(oldest_ns).received_s)
+    def add(self, stamp_ns: int, answer: Answer[Content]) -> None:
+        """Add an answer."""
+        self._kept.append((stamp_ns, answer))
+        if len(self._kept) > MAX_EARLY:
+            oldest_ns, _ = self._kept.pop(0)
+            self._dropped += 1
             if self._first_dropped_ns is None:
                 self._first_dropped_ns = oldest_ns
 
-    def take(self, stamp_ns: int) -> EarlyAnswer[Content] | None:
-        """Remove and return the answers to a stamp; None without an answer."""
-        return self._by_stamp.pop(stamp_ns, None)
+    def take(self, stamp_ns: int) -> list[Answer[Content]]:
+        """Remove and return the answers to a stamp, the oldest first."""
+        taken = [answer for of_ns, answer in self._kept if of_ns == stamp_ns]
+        self._kept = [(of_ns, answer) for of_ns, answer in self._kept if of_ns != stamp_ns]
+        return taken
 
     @property
     def count(self) -> int:
         """Number of answers that were not taken."""
-        return self._dropped + sum(len(answer.received_s) for answer in self._by_stamp.values())
+        return self._dropped + len(self._kept)
 
     @property
     def first_stamp_ns(self) -> int | None:
         """Stamp of the first answer that was not taken; None if all were taken."""
-        return next(iter(self._by_stamp), None) if self._first_dropped_ns is None else self._first_dropped_ns
+        if self._first_dropped_ns is not None:
+            return self._first_dropped_ns
+        return self._kept[0][0] if self._kept else None
 
 
 class AnswerBook(Generic[Content]):
     """Assigns the answers of a run to its pairs, and counts pairs, answers and faults."""
 
-    def __init__(self, timeout_s: float, frames: str) -> None:
-        """Start without pairs. Without `frames`, all answers must name the frames of the first answer."""
-        self.frames = frames
+    def __init__(self, timeout_s: float, frames: str | None) -> None:
+        """Start without pairs. If `frames` is None, all answers must name the frames of the first answer to a pair."""
+        self.frames = frames  #: Required frame ids; None if they are not given and no pair is answered.
         self.ended = ""  #: How the node's process ended during the run; empty while the process runs.
         self._timeout_s = timeout_s
         self._sent_s: dict[int, float] = {}  # by stamp: time of the last image of a pair
@@ -85,33 +90,27 @@ class AnswerBook(Generic[Content]):
         Return the content of the early answer if it is used; None otherwise.
         """
         self._sent_s[stamp_ns] = sent_s
-        early = self._early.take(stamp_ns)
-        if early is None:
-            return None
-        is_used = [self._answered(stamp_ns, received_s) for received_s in early.received_s]
-        return early.content if is_used[0] else None
+        used = [early.content for early in self._early.take(stamp_ns) if self._is_used(stamp_ns, early)]
+        return used[0] if used else None
 
     def note_answer(self, stamp_ns: int, frames: str, problem: str, content: Content) -> Content | None:
         """Note an answer; return its content if it is used, None otherwise. Only the first answer to a pair is used.
 
         An answer whose stamp is not that of a published pair is kept. `note_sent` returns its content once a pair with
-        this stamp is published. The oldest such answers are dropped.
+        this stamp is published. The oldest such answers are dropped. Only an answer to a published pair determines the
+        frames that are required of all answers.
 
         `frames` are `parent -> child` of a pose, `parent` of a cloud. `problem` is why the answer is unusable; empty if
         the answer is usable.
         """
-        now_s = time.monotonic()
+        answer = Answer(frames, time.monotonic(), content)
         if problem:
             self._faults.add(FindingKind.NOT_FINITE, stamp_ns, problem)
             return None
-        self.frames = self.frames or frames
-        if frames != self.frames:
-            self._faults.add(FindingKind.OTHER_FRAME, stamp_ns, f"frames {frames} instead of {self.frames}")
-            return None
         if stamp_ns in self._sent_s:
-            return content if self._answered(stamp_ns, now_s) else None
+            return content if self._is_used(stamp_ns, answer) else None
         # the stamp of no pair, or of a pair whose last image is not published yet
-        self._early.add(stamp_ns, now_s, content)
+        self._early.add(stamp_ns, answer)
         return None
 
     def note_restart(self, how: str) -> None:
@@ -191,13 +190,19 @@ class AnswerBook(Generic[Content]):
         last_ns = max(self._sent_s, default=None)
         return FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=last_ns, text=how)
 
-    def _answered(self, stamp_ns: int, received_s: float) -> bool:
-        """Record the answer to a published pair; return whether the answer is used."""
+    def _is_used(self, stamp_ns: int, answer: Answer[Content]) -> bool:
+        """Record an answer to a published pair; return whether the answer is used."""
+        if self.frames is None:
+            self.frames = answer.frames
+        if answer.frames != self.frames:
+            text = f"frames '{answer.frames}' instead of '{self.frames}'"
+            self._faults.add(FindingKind.OTHER_FRAME, stamp_ns, text)
+            return False
         if stamp_ns in self._latency_s:
             self._faults.add(FindingKind.DOUBLED, stamp_ns, "the pair was answered already")
             return False
         self._unanswered_in_a_row = 0
-        latency_s = received_s - self._sent_s[stamp_ns]
+        latency_s = answer.received_s - self._sent_s[stamp_ns]
         self._latency_s[stamp_ns] = latency_s
         if latency_s < -EARLY_S:
             self._faults.add(FindingKind.EARLY, stamp_ns, f"{-latency_s:.3g} s before the pair was published")

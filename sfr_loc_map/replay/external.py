@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Any
@@ -21,6 +20,7 @@ from sfr_loc_map.replay.answer_book import AnswerBook
 from sfr_loc_map.replay.answer_converters import DEPTH, AnswerConverter
 from sfr_loc_map.replay.options import ExternalOptions
 from sfr_loc_map.replay.process_watch import ProcessWatch, processes_watched
+from sfr_loc_map.replay.publisher_check import PublisherCheck
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.result import ExternalResult
 from sfr_loc_map.ros.processes import ChildProcess
@@ -30,7 +30,6 @@ from sfr_loc_map.topics import RECTIFIED
 
 PUBLISHER_GRACE_S = 2.0
 """Maximum wait for the publisher of a subscribed node. Some nodes create their publisher with the first result."""
-CHECK_PERIOD_S = 0.2  #: Period of the checks of the node's publishers.
 SETTLED_MARGIN_S = 60.0  #: Margin, beyond the timeout of an answer, after which a pair that is not settled is an error.
 
 
@@ -58,9 +57,7 @@ class ExternalNode:
         self._name = name
         self._watch = watch
         self._answers = AnswerBook[tuple[Any, Any]](options.timeout_s, options.frames)
-        self._first_publishers: set[tuple[int, ...]] | None = None  # global ids of the publishers at the first answer
-        self._is_measured = watch is None or watch.has_publishers(self._publishers())
-        self._checked_s = 0.0
+        self._publishers = PublisherCheck(peer, options.topic, watch)
 
     @property
     def task(self) -> Task:
@@ -74,10 +71,7 @@ class ExternalNode:
 
     def receive(self, message: Any) -> None:  # noqa: ANN401 - of the converter's `kind`
         """Count an answer, and accept it if it is used. An answer before its pair is accepted once the pair is sent."""
-        if self._first_publishers is None:
-            self._first_publishers = self._publishers()
-            # A node may create its publisher with the first result
-            self._is_measured = self._watch is None or self._watch.has_publishers(self._first_publishers)
+        self._publishers.note_answer()
         content, problem = None, ""
         try:
             content = self._converter.read(message)
@@ -111,21 +105,17 @@ class ExternalNode:
     def check_process(self) -> None:
         """Note whether the process of the node has ended, even if a script has restarted it.
 
-        A restarted process has another publisher, with another global id.
+        ConfigError if the process to watch is not that of the answers' publisher.
         """
         if self._command is not None and self._command.ending:
             self._answers.note_end(_ended(self._command))
             return
-        if self._options.watch and not self._is_measured:
+        if self._options.watch and not self._publishers.is_measured:
             raise ConfigError(
                 f"'--watch {self._options.watch}': the publisher of {self._options.topic} belongs to another process; "
                 "give the process of the node under test"
             )
-        now_s = time.monotonic()
-        if self._first_publishers is None or now_s - self._checked_s < CHECK_PERIOD_S:
-            return
-        self._checked_s = now_s
-        if self._publishers() != self._first_publishers:
+        if self._publishers.have_changed():
             topic = self._options.topic
             self._answers.note_restart(
                 f"the publisher of its first answer on {topic} has disappeared, or another has appeared"
@@ -145,10 +135,10 @@ class ExternalNode:
         score = ExternalScore(
             task=options.task.value,
             topic=options.topic,
-            frames=answers.frames,
+            frames=answers.frames or "",
             answers=answers.counts,
             latency_s=answers.latency_s,
-            process=None if self._watch is None or not self._is_measured else self._watch.usage,
+            process=self._watch.usage if self._watch is not None and self._publishers.is_measured else None,
             ended=answers.ended,
         )
         convention = None  # poses are converted later
@@ -161,11 +151,6 @@ class ExternalNode:
             log="" if self._command is None else self._command.text,
             convention=convention,
         )
-
-    def _publishers(self) -> set[tuple[int, ...]]:
-        """Return the global ids of the publishers of the answers."""
-        found = self._peer.ros_node.get_publishers_info_by_topic(self._options.topic)
-        return {tuple(item.endpoint_gid) for item in found}
 
 
 def connected_node(

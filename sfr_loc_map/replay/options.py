@@ -36,8 +36,8 @@ class ExternalOptions:
     command: str = ""  #: Command that starts the node; empty: the user starts it.
     #: Process whose CPU and memory are measured in addition to that of `command`: process id or part of a command line.
     watch: str = ""
-    #: Required frame ids of answers: `parent -> child` of a pose, `parent` of a cloud. Empty: as in the first answer.
-    frames: str = ""
+    #: Required frame ids of answers: `parent -> child` of a pose, `parent` of a cloud. None: as in the first answer.
+    frames: str | None = None
     timeout_s: float = 5.0  #: Timeout of the answer to a pair, also the wait in lock step; later answers are late.
     start_timeout_s: float = 60.0  #: Timeout of the node's subscription to images.
     #: Convention of its poses relative to RB in DS; for a cloud, of its points relative to LM.
@@ -105,9 +105,10 @@ def task_under_test(source: Source, external: str | None, method: str) -> Task |
 def node_under_test(
     task: Task | None, *, answers: str, command: str, watch: str, frames: str, timeout_s: float, correction: Correction
 ) -> ExternalOptions | None:
-    """Return the options of an external node, None without one; raise a ConfigError if a map is to be diagnosed.
+    """Return the options of an external node, None without one.
 
     `answers`, `command`, `watch` and `frames` are the values of the options of the command; empty if not given.
+    ConfigError if a map is to be diagnosed, or if no answer can have the frames.
     """
     if task is None:
         return None
@@ -118,7 +119,19 @@ def node_under_test(
         topic=answers or RESULTS[task],
         command=command,
         watch=watch,
-        frames=" -> ".join(frames.split(",")),
+        frames=_required_frames(task, frames) if frames else None,
         timeout_s=timeout_s,
         convention=correction.declared,
     )
+
+
+def _required_frames(task: Task, text: str) -> str:
+    """Return the frame ids in `PARENT,CHILD` of poses or `PARENT` of clouds as answers state them.
+
+    ConfigError if the number of frames is another, or if one is empty.
+    """
+    form = "PARENT,CHILD" if task is Task.LOCALISATION else "PARENT"
+    frames = [name.strip() for name in text.split(",")]
+    if len(frames) != len(form.split(",")) or not all(frames):
+        raise ConfigError(f"'--frames {text}': {form} is required with --external {task}")
+    return " -> ".join(frames)

@@ -63,6 +63,11 @@ class ReceivedDrive:
         return Trajectory(np.array(stamps, np.int64), np.array(positions), np.array(quats))
 
     @property
+    def version(self) -> str | None:
+        """Version that the calls of the localiser report; None without one."""
+        return _last_version(self.calls.values())
+
+    @property
     def records(self) -> list[CallRecord]:
         """All calls with the covariances of their poses.
 
@@ -119,6 +124,11 @@ class ReceivedMaps:
     def count(self) -> int:
         """Number of received messages."""
         return len(self.clouds) + len(self.calls)
+
+    @property
+    def version(self) -> str | None:
+        """Version that the calls of the mapper report; None without one."""
+        return _last_version(self.calls.values())
 
     @property
     def records(self) -> list[CallRecord]:
@@ -207,7 +217,7 @@ class Received:
             maps.map,
             [*drive.records, *maps.records],
             external,
-            loc_pairs=PairCounts(len(drive.sent_ns), len(drive.poses)),
+            loc_pairs=PairCounts(len(drive.sent_ns), len(drive.sent_ns & drive.covariances.keys())),
             nav_pairs=PairCounts(len(maps.sent_ns), len(maps.mapped_ns)),
             clouds=len(maps.clouds),
         )
@@ -218,8 +228,8 @@ def _as_pair(cloud: PointCloud, number: int) -> PointCloud:
     return replace(cloud, pair=np.full(len(cloud), number, np.uint8))
 
 
-def last_version(calls: Iterable[CallRecord]) -> str | None:
-    """Return the version that the calls of a node report; None without one."""
+def _last_version(calls: Iterable[CallRecord]) -> str | None:
+    """Return the last version that calls of a node report; None without one."""
     versions = [call.version for call in calls if call.version]
     return versions[-1] if versions else None
 

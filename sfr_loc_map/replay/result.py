@@ -48,12 +48,12 @@ class PairCounts(NamedTuple):
     """Numbers of pairs of a rig in a replay."""
 
     sent: int = 0  #: Pairs that were published to the nodes.
-    answered: int = 0  #: Results that a node published for them.
+    answered: int = 0  #: Pairs among them for which a node published a result.
 
     @property
     def missing(self) -> int:
         """Number of pairs without a result."""
-        return max(self.sent - self.answered, 0)
+        return self.sent - self.answered
 
 
 NO_PAIRS = PairCounts()

@@ -90,17 +90,16 @@ def _converted_or_saved(
     Raise the error that ended the replay or that prevents the conversion, after what was received is saved. The poses
     of an external node are then saved as published.
     """
-    error = replayed.error
-    if error is None:
-        try:
-            request = options.request
-            return with_converted_poses(replayed.result, source, request.config, request.correction)
-        except SfrError as reason:
-            error = reason
-    if files is None or replayed.result.is_empty:
-        raise error
-    _save(replayed.result, files, options)
-    raise type(error)(f"{error}; the received results are in '{files.folder}'") from error
+    request = options.request
+    try:
+        if replayed.error is not None:
+            raise replayed.error
+        return with_converted_poses(replayed.result, source, request.config, request.correction)
+    except SfrError as error:
+        if files is None or replayed.result.is_empty:
+            raise
+        _save(replayed.result, files, options)
+        raise type(error)(f"{error}; the received results are in '{files.folder}'") from error
 
 
 def _save(result: ReplayResult, files: ReplayFiles, options: ReplayOptions) -> None:

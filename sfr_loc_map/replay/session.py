@@ -22,7 +22,7 @@ from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.external import ExternalNode, connected_node
 from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.player import Player, connected_player
-from sfr_loc_map.replay.received import Received, last_version
+from sfr_loc_map.replay.received import Received
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.replay.waiting import ResultWaits
@@ -58,7 +58,7 @@ class Participants(NamedTuple):
         """Return what was received; called while an external node runs, because its process is measured until then."""
         if self.external is None:
             return self.received.result(None)
-        version = last_version(self.received.of(self.external.task).calls.values())
+        version = self.received.of(self.external.task).version
         return self.received.result(self.external.result(version))
 
 

@@ -89,3 +89,33 @@ def test_answers_to_no_pair_do_not_prolong_the_replay(book: AnswerBook[int], rep
         book.note_waited(stamp_ns)
     book.note_sent(-PAIR_NS, 10.0)
     assert book.is_settled(-PAIR_NS)
+
+
+@pytest.mark.parametrize("frames", ["odom -> base_link", "odom", ""])
+def test_only_an_answer_to_a_pair_determines_the_frames(monkeypatch: pytest.MonkeyPatch, frames: str) -> None:
+    """The frames of an answer to no pair, or of an unusable answer, are not required of others; "" is a frame, too."""
+    monkeypatch.setattr(time, "monotonic", lambda: 10.0)
+    book = AnswerBook[int](TIMEOUT_S, None)
+    book.note_sent(PAIR_NS, 10.0)
+    book.note_answer(99, "wrong", "", 0)
+    book.note_answer(PAIR_NS, "wrong", "not finite", 0)
+    assert book.note_answer(PAIR_NS, frames, "", 1) == 1
+    book.note_sent(2 * PAIR_NS, 10.0)
+    assert book.note_answer(2 * PAIR_NS, "map", "", 2) is None
+    assert (book.frames, book.counts.other_frame, book.counts.other_stamp) == (frames, 1, 1)
+    assert book.note_answer(2 * PAIR_NS, frames, "", 3) == 3
+
+
+@pytest.mark.parametrize("required", ["odom", None])
+def test_the_frames_of_an_early_answer_are_checked_once_its_pair_is_published(
+    monkeypatch: pytest.MonkeyPatch, required: str | None
+) -> None:
+    monkeypatch.setattr(time, "monotonic", lambda: 10.0)
+    book = AnswerBook[int](TIMEOUT_S, required)
+    for content, frames in enumerate(["odom", "wrong", "odom"]):
+        assert book.note_answer(PAIR_NS, frames, "", content) is None
+    assert book.note_sent(PAIR_NS, 10.0) == 0
+    book.note_answer(2 * PAIR_NS, "wrong", "", 4)
+    book.note_answer(2 * PAIR_NS, "odom", "", 5)
+    assert book.note_sent(2 * PAIR_NS, 10.0) == 5
+    assert (book.counts.other_frame, book.counts.doubled, book.counts.answered) == (2, 1, 2)

@@ -5,7 +5,7 @@ import pytest
 
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.replay.received import ReceivedDrive, ReceivedMaps
+from sfr_loc_map.replay.received import Received, ReceivedDrive, ReceivedMaps
 from sfr_loc_map.suite_names import Task
 
 
@@ -67,3 +67,14 @@ def test_a_node_under_test_cannot_state_later_that_a_pose_was_not_lost(is_extern
     for state in ("lost", "tracking"):
         found.add_call(CallRecord(10, 0.1, state))
     assert [call.state for call in found.records] == ["lost" if is_external else "tracking"]
+
+
+@pytest.mark.parametrize(
+    ("poses_ns", "missing"), [([1, 1], 1), ([1, 2], 0), ([1, 2, 2], 0), ([1, 3], 1), ([3, 4], 2), ([], 2)]
+)
+def test_pairs_without_a_pose_are_missing_however_often_others_are_answered(poses_ns: list[int], missing: int) -> None:
+    found = Received()
+    found.drive.sent_ns.update((1, 2))
+    for stamp_ns in poses_ns:
+        found.drive.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.eye(6))
+    assert found.result(None).loc_pairs.missing == missing
