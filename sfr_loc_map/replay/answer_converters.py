@@ -31,7 +31,7 @@ from sfr_loc_map.metrics.conventions.pose_convention import (
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import UPPER, symmetric
 from sfr_loc_map.replay.options import ExternalOptions
-from sfr_loc_map.replay.received import Received, ReceivedDrive, ReceivedMaps
+from sfr_loc_map.replay.received import Received, ReceivedCloud, ReceivedDrive, ReceivedMaps
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.ros import messages
 from sfr_loc_map.ros.qos import LATCHED
@@ -144,11 +144,11 @@ class CloudConverter:
         try:
             cloud = messages.cloud_from_msg(message)
         except InputError:  # points without pixels are scored against the nearest true point
-            self._received.add_external_cloud(stamp_ns, points[kept], None)
+            self._received.add_cloud(ReceivedCloud(stamp_ns, points[kept], None))
             return
         sigma = (cloud.sigma * self._unit).astype(np.float32)
         cloud = replace(cloud, xyz=points.astype(np.float32), sigma=sigma)
-        self._received.add_external_cloud(stamp_ns, points[kept], cloud.select(kept))
+        self._received.add_cloud(ReceivedCloud(stamp_ns, points[kept], cloud.select(kept)))
         self._publisher.publish(messages.cloud_msg(cloud.select(finite), stamp_ns, MAP))
 
 

@@ -14,7 +14,7 @@ from sfr_loc_map.calls.call_record import decode_call
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import StatusKind
-from sfr_loc_map.replay.received import Received
+from sfr_loc_map.replay.received import Received, ReceivedCloud
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.ros.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.suite_names import Task
@@ -38,9 +38,9 @@ class ResultCollector:
         self._input_error: InputError | None = None  # last unusable input that a node of the suite reports
         subscribe = peer.ros_node.create_subscription
         deep = QoSProfile(depth=QUEUE_DEPTH)
-        if not received.drive.is_external:
+        if received.external_task is not Task.LOCALISATION:
             subscribe(Odometry, ESTIMATE, self._on_odometry, deep)
-        if not received.maps.is_external:
+        if received.external_task is not Task.MAPPING:
             subscribe(PointCloud2, CLOUD, self._on_cloud, QoSProfile(depth=10))
         for task in Task:
             subscribe(String, call_topic(task), partial(self._on_call, task), deep)
@@ -61,15 +61,17 @@ class ResultCollector:
         self._received.drive.add_pose(odometry_row(message), covariance_of(message))
 
     def _on_cloud(self, message: PointCloud2) -> None:
-        self._received.maps.add_cloud(stamp_of(message), cloud_from_msg(message))
+        cloud = cloud_from_msg(message)
+        self._received.maps.add_cloud(ReceivedCloud(stamp_of(message), cloud.xyz, cloud))
 
     def _on_call(self, task: Task, message: String) -> None:
-        of_task = self._received.of(task)
         try:
-            of_task.add_call(decode_call(message.data, task))
+            call = decode_call(message.data, task)
         except InputError:
-            if not of_task.is_external:  # an external node need not report its calls
-                raise
+            if task is self._received.external_task:
+                return  # an external node need not report its calls
+            raise
+        self._received.of(task).add_call(call)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         """Note an unusable input or an internal fault that a node of the suite reports."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -25,11 +26,9 @@ StampedPose = tuple[int, tuple[float, ...], tuple[float, ...]]
 class ReceivedDrive:
     """The published pairs of a drive, and the poses and calls that its localiser has published.
 
-    A later call of our localiser replaces an earlier one of the same stamp. Of an external localiser the first call
-    counts, as its first answer does.
+    A later call of our localiser replaces an earlier one of the same stamp.
     """
 
-    is_external: bool = False  #: Whether the localiser is an external node.
     sent_ns: set[int] = field(default_factory=set)  #: Stamps of the published pairs.
     poses: list[StampedPose] = field(default_factory=list)  #: Poses as received, those of an external node unconverted.
     covariances: dict[int, FloatArray] = field(default_factory=dict)  #: Covariance `(6, 6)` of each pose by stamp.
@@ -42,8 +41,7 @@ class ReceivedDrive:
 
     def add_call(self, call: CallRecord) -> None:
         """Add a call."""
-        if not self.is_external or call.stamp_ns not in self.calls:
-            self.calls[call.stamp_ns] = call
+        self.calls[call.stamp_ns] = call
 
     def has_pair(self, stamp_ns: int) -> bool:
         """Return whether the pose and the call of a pair were received."""
@@ -53,6 +51,11 @@ class ReceivedDrive:
     def count(self) -> int:
         """Number of received messages."""
         return len(self.poses) + len(self.calls)
+
+    @property
+    def posed_ns(self) -> set[int]:
+        """Stamps of the published pairs whose poses were received."""
+        return self.sent_ns & self.covariances.keys()
 
     @property
     def trajectory(self) -> Trajectory:
@@ -69,17 +72,23 @@ class ReceivedDrive:
 
     @property
     def records(self) -> list[CallRecord]:
-        """All calls with the covariances of their poses.
+        """All calls with the covariances of their poses."""
+        return [_with_covariance(call, self.covariances.get(stamp_ns)) for stamp_ns, call in self.calls.items()]
 
-        An external localiser has one call for each pose, even if it reports no calls.
-        """
-        calls = self.calls
-        if self.is_external:
-            calls = {stamp_ns: CallRecord(stamp_ns, float("nan")) for stamp_ns in self.covariances} | calls
-        return [
-            replace(call, covariance=_reported_covariance(self.covariances.get(stamp_ns), call.covariance))
-            for stamp_ns, call in calls.items()
-        ]
+
+@dataclass(slots=True)
+class ExternalDrive(ReceivedDrive):
+    """A drive whose localiser is an external node. The first call of a stamp counts, as its first answer does."""
+
+    def add_call(self, call: CallRecord) -> None:
+        """Add a call unless there is one of its stamp."""
+        self.calls.setdefault(call.stamp_ns, call)
+
+    @property
+    def records(self) -> list[CallRecord]:
+        """All calls with the covariances of their poses. Each pose has a call, even if the node reports none."""
+        calls = {stamp_ns: CallRecord(stamp_ns, math.nan) for stamp_ns in self.covariances} | self.calls
+        return [_with_covariance(call, self.covariances.get(stamp_ns)) for stamp_ns, call in calls.items()]
 
 
 class ReceivedCloud(NamedTuple):
@@ -94,27 +103,20 @@ class ReceivedCloud(NamedTuple):
 class ReceivedMaps:
     """The published pairs of maps, and the clouds and calls that their mapper has published.
 
-    Calls of one state and stamp count as in `ReceivedDrive`.
+    A later call of our mapper replaces an earlier one of the same state and stamp.
     """
 
-    is_external: bool = False  #: Whether the mapper is an external node.
     sent_ns: set[int] = field(default_factory=set)  #: Stamps of the published pairs.
     clouds: list[ReceivedCloud] = field(default_factory=list)  #: Clouds as received, those of an external node in LM.
     calls: dict[tuple[str, int], CallRecord] = field(default_factory=dict)  #: Calls by state and stamp.
 
-    def add_cloud(self, stamp_ns: int, cloud: PointCloud) -> None:
-        """Add a cloud with all fields."""
-        self.clouds.append(ReceivedCloud(stamp_ns, cloud.xyz, cloud))
-
-    def add_external_cloud(self, stamp_ns: int, points: FloatArray, cloud: PointCloud | None) -> None:
-        """Add the points `(N, 3)` in LM of a cloud of an external node, with all fields if it has pixels."""
-        self.clouds.append(ReceivedCloud(stamp_ns, points, cloud))
+    def add_cloud(self, cloud: ReceivedCloud) -> None:
+        """Add a cloud."""
+        self.clouds.append(cloud)
 
     def add_call(self, call: CallRecord) -> None:
         """Add a call."""
-        key = call.state, call.stamp_ns
-        if not self.is_external or key not in self.calls:
-            self.calls[key] = call
+        self.calls[call.state, call.stamp_ns] = call
 
     def has_pair(self, stamp_ns: int) -> bool:
         """Return whether the call of a pair was received."""
@@ -147,42 +149,47 @@ class ReceivedMaps:
 
     @property
     def map(self) -> ReplayedMap:
-        """The last complete map of our mapper, or the map of an external node."""
-        return self._external_map() if self.is_external else self._last_map()
-
-    def _last_map(self) -> ReplayedMap:
-        """Return the last cloud of our mapper whose call was received. The call names the pairs of the cloud."""
+        """The last cloud whose call was received, with the pairs that the call names."""
         for item in reversed(self.clouds):
             call = self.calls.get((MappingState.FUSED, item.stamp_ns))
             if call is not None and item.cloud is not None:
-                whole = replace(item.cloud, fused=call.is_fused, pair_stamps_ns=call.pair_stamps_ns)
-                return ReplayedMap(whole, None, call.pair_stamps_ns)
+                cloud = replace(item.cloud, fused=call.is_fused, pair_stamps_ns=call.pair_stamps_ns)
+                return ReplayedMap(cloud, None, call.pair_stamps_ns)
         return ReplayedMap()
 
-    def _external_map(self) -> ReplayedMap:
-        """Return the map of an external node from all its clouds, which have the stamps of their pairs.
 
-        The map is a cloud if the pixel of each point is known, and points otherwise. A single cloud with the stamp of
-        the last of several pairs is the map of all pairs. Otherwise each cloud belongs to the pair with its stamp, and
-        the clouds are concatenated.
+@dataclass(slots=True)
+class ExternalMaps(ReceivedMaps):
+    """Maps whose mapper is an external node. The first call of a state and stamp counts, as its first answer does."""
+
+    def add_call(self, call: CallRecord) -> None:
+        """Add a call unless there is one of its state and stamp."""
+        self.calls.setdefault((call.state, call.stamp_ns), call)
+
+    @property
+    def map(self) -> ReplayedMap:
+        """The map from all clouds, which have the stamps of their pairs.
+
+        A single cloud with the stamp of the last of several pairs is the map of all pairs. Otherwise each cloud belongs
+        to the pair with its stamp. The map has only points if a cloud has no pixels.
         """
         pairs_ns = tuple(sorted(self.sent_ns))
-        by_stamp = {item.stamp_ns: item for item in self.clouds if item.stamp_ns in self.sent_ns}
-        mapped = [by_stamp[stamp_ns] for stamp_ns in sorted(by_stamp)]
-        clouds = [item.cloud for item in mapped if item.cloud is not None]
+        by_stamp = {item.stamp_ns: item for item in self.clouds}
+        mapped = [by_stamp[stamp_ns] for stamp_ns in pairs_ns if stamp_ns in by_stamp]
         if not mapped:
             return ReplayedMap()
-        if len(clouds) < len(mapped):
-            return ReplayedMap(None, np.concatenate([item.points for item in mapped], dtype=np.float64), pairs_ns)
-        is_of_all_pairs = len(pairs_ns) > 1 and [*by_stamp] == [pairs_ns[-1]]
+        with_pixels = [(item.stamp_ns, item.cloud) for item in mapped if item.cloud is not None]
+        if len(with_pixels) < len(mapped):
+            points = np.concatenate([item.points for item in mapped], dtype=np.float64)
+            return ReplayedMap(None, points, pairs_ns)
+        is_of_all_pairs = len(pairs_ns) > 1 and [item.stamp_ns for item in mapped] == [pairs_ns[-1]]
         if is_of_all_pairs:
-            (whole,) = clouds
+            _, cloud = with_pixels[0]
         else:
-            numbers = [pairs_ns.index(item.stamp_ns) for item in mapped]
-            whole = PointCloud.concatenate(
-                [_as_pair(cloud, number) for cloud, number in zip(clouds, numbers, strict=True)]
-            )
-        return ReplayedMap(replace(whole, fused=is_of_all_pairs, pair_stamps_ns=pairs_ns), None, pairs_ns)
+            parts = [_of_pair(cloud, pairs_ns.index(stamp_ns)) for stamp_ns, cloud in with_pixels]
+            cloud = PointCloud.concatenate(parts)
+        cloud = replace(cloud, fused=is_of_all_pairs, pair_stamps_ns=pairs_ns)
+        return ReplayedMap(cloud, None, pairs_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,10 +202,16 @@ class Received:
     @classmethod
     def without_messages(cls, external_task: Task | None) -> Received:
         """Return the start of a replay in which an external node has a task; None without one."""
-        return cls(
-            ReceivedDrive(is_external=external_task is Task.LOCALISATION),
-            ReceivedMaps(is_external=external_task is Task.MAPPING),
-        )
+        drive = ExternalDrive() if external_task is Task.LOCALISATION else ReceivedDrive()
+        maps = ExternalMaps() if external_task is Task.MAPPING else ReceivedMaps()
+        return cls(drive, maps)
+
+    @property
+    def external_task(self) -> Task | None:
+        """Task of the external node; None without one."""
+        if isinstance(self.drive, ExternalDrive):
+            return Task.LOCALISATION
+        return Task.MAPPING if isinstance(self.maps, ExternalMaps) else None
 
     def of(self, task: Task) -> ReceivedDrive | ReceivedMaps:
         """Return the pairs and results of a task."""
@@ -217,13 +230,13 @@ class Received:
             maps.map,
             [*drive.records, *maps.records],
             external,
-            loc_pairs=PairCounts(len(drive.sent_ns), len(drive.sent_ns & drive.covariances.keys())),
+            loc_pairs=PairCounts(len(drive.sent_ns), len(drive.posed_ns)),
             nav_pairs=PairCounts(len(maps.sent_ns), len(maps.mapped_ns)),
             clouds=len(maps.clouds),
         )
 
 
-def _as_pair(cloud: PointCloud, number: int) -> PointCloud:
+def _of_pair(cloud: PointCloud, number: int) -> PointCloud:
     """Return a cloud whose points are all of the pair with a number."""
     return replace(cloud, pair=np.full(len(cloud), number, np.uint8))
 
@@ -234,7 +247,8 @@ def _last_version(calls: Iterable[CallRecord]) -> str | None:
     return versions[-1] if versions else None
 
 
-def _reported_covariance(published: FloatArray | None, of_call: FloatArray | None) -> FloatArray | None:
-    """Return the covariance `(6, 6)` of a pose that `first_reported` chooses; None if neither is reported."""
-    found = first_reported(*(None if matrix is None else matrix[None, *UPPER] for matrix in (published, of_call)))
-    return None if found is None else symmetric(found[0])
+def _with_covariance(call: CallRecord, published: FloatArray | None) -> CallRecord:
+    """Return a call with the covariance `(6, 6)` that `first_reported` chooses from that of its pose and its own."""
+    candidates = (None if matrix is None else matrix[None, *UPPER] for matrix in (published, call.covariance))
+    found = first_reported(*candidates)
+    return replace(call, covariance=None if found is None else symmetric(found[0]))

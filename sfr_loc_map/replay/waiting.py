@@ -51,8 +51,7 @@ class ResultWaits:
         """
         timeout_s = 0.0 if self.external is None else self.external.timeout_s
         self._wait_while_results_arrive(self._has_all_results, max(QUIET_S, timeout_s))
-        maps = self.received.maps
-        if not maps.is_external and maps.sent_ns:
+        if self.received.external_task is not Task.MAPPING and self.received.maps.sent_ns:
             self._finish_map()
         if self.external is not None:
             self.external.check_process()
@@ -81,7 +80,7 @@ class ResultWaits:
 
     def _external_of(self, task: Task) -> ExternalNode | None:
         """Return the external node if it has the task; None if a node of the suite does."""
-        return self.external if self.received.of(task).is_external else None
+        return self.external if task is self.received.external_task else None
 
     def _has_all_results(self) -> bool:
         """Return whether the results of all pairs are complete or no longer awaited."""

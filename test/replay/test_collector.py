@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.lifecycle.diagnostics import status_msg
 from sfr_loc_map.replay import waiting
 from sfr_loc_map.replay.collector import ResultCollector
-from sfr_loc_map.replay.received import Received
+from sfr_loc_map.replay.received import Received, ReceivedCloud
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.waiting import ResultWaits
 from sfr_loc_map.suite_names import Task
@@ -32,7 +32,8 @@ def add_call(received: Received, state: MappingState) -> None:
 def add_map(received: Received) -> None:
     """Add a complete map: its call and its cloud."""
     add_call(received, MappingState.MAPPED_SET)
-    received.maps.add_cloud(1, PointCloud.from_structured(np.zeros(2, PointCloud.dtype())))
+    cloud = PointCloud.from_structured(np.zeros(2, PointCloud.dtype()))
+    received.maps.add_cloud(ReceivedCloud(1, cloud.xyz, cloud))
 
 
 def waits_of(peer: ReplayPeer, received: Received, *, pairs_per_map: int = 3, is_lock_step: bool) -> ResultWaits:

@@ -18,7 +18,7 @@ from sfr_loc_map.metrics.table.records import FindingKind
 from sfr_loc_map.replay.answer_converters import CloudConverter
 from sfr_loc_map.replay.external import ExternalNode
 from sfr_loc_map.replay.options import ExternalOptions
-from sfr_loc_map.replay.received import ReceivedMaps
+from sfr_loc_map.replay.received import ExternalMaps
 from sfr_loc_map.ros.messages import cloud_from_msg, cloud_msg, header_msg
 from sfr_loc_map.suite_names import Task
 
@@ -67,7 +67,7 @@ def test_a_cloud_is_converted_to_metres_and_published_without_points_that_are_no
     publisher = SimpleNamespace(publish=published.append)
     peer = cast("Any", SimpleNamespace(ros_node=SimpleNamespace(create_publisher=lambda *_: publisher)))
     options = ExternalOptions(Task.MAPPING, "points", convention=PoseConvention(metres_per_unit=0.001))
-    received, nav = ReceivedMaps(is_external=True), cast("Any", SimpleNamespace(rig=NAV_RIG, pairs=list))
+    received, nav = ExternalMaps(), cast("Any", SimpleNamespace(rig=NAV_RIG, pairs=list))
     converter = CloudConverter(peer, options, received, nav)
     records = np.zeros(4, PointCloud.dtype())
     records["x"] = 1000.0, np.nan, 2000.0, 3000.0
@@ -91,7 +91,7 @@ def test_a_cloud_with_the_stamp_of_no_pair_has_a_wrong_stamp() -> None:
     peer = cast("Any", SimpleNamespace(ros_node=graph))
     options = ExternalOptions(Task.MAPPING, "points", convention=PoseConvention(frame="left_optical"))
     nav = cast("Any", SimpleNamespace(rig=NAV_RIG, pairs=list))
-    converter = CloudConverter(peer, options, ReceivedMaps(is_external=True), nav)
+    converter = CloudConverter(peer, options, ExternalMaps(), nav)
     node = ExternalNode(peer, options, None, converter, name="n", watch=None)
     node.receive(cloud_msg(PointCloud.from_structured(np.zeros(4, PointCloud.dtype())), 1, "lm"))
     ((kind, count),) = [(finding.kind, finding.count) for finding in node.result(None).findings]

@@ -5,7 +5,14 @@ import pytest
 
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.replay.received import Received, ReceivedDrive, ReceivedMaps
+from sfr_loc_map.replay.received import (
+    ExternalDrive,
+    ExternalMaps,
+    Received,
+    ReceivedCloud,
+    ReceivedDrive,
+    ReceivedMaps,
+)
 from sfr_loc_map.suite_names import Task
 
 
@@ -15,10 +22,10 @@ def cloud(count: int) -> PointCloud:
     return PointCloud.from_structured(records)
 
 
-def results(*stamps_ns: int) -> ReceivedMaps:
-    found = ReceivedMaps(is_external=True, sent_ns={10, 20, 30})
+def results(*stamps_ns: int) -> ExternalMaps:
+    found = ExternalMaps(sent_ns={10, 20, 30})
     for stamp_ns in stamps_ns:
-        found.add_external_cloud(stamp_ns, cloud(stamp_ns).xyz.astype(np.float64), cloud(stamp_ns))
+        found.add_cloud(ReceivedCloud(stamp_ns, cloud(stamp_ns).xyz.astype(np.float64), cloud(stamp_ns)))
     return found
 
 
@@ -45,14 +52,14 @@ def test_points_without_pixels_stay_points() -> None:
     found.clouds[-1] = found.clouds[-1]._replace(cloud=None)
     whole, points, stamps = found.map
     assert (whole, points.shape, stamps) == (None, (60, 3), (10, 20, 30))
-    assert ReceivedMaps(is_external=True).map == (None, None, ())
+    assert ExternalMaps().map == (None, None, ())
 
 
 def test_a_cloud_is_of_the_pairs_that_its_call_names() -> None:
     """Whatever the order of clouds and calls; a cloud whose call is missing is not complete."""
     found = ReceivedMaps()
     for stamp_ns, points in ((20, 5), (30, 7), (40, 9)):
-        found.add_cloud(stamp_ns, cloud(points))
+        found.add_cloud(ReceivedCloud(stamp_ns, cloud(points).xyz, cloud(points)))
     assert found.map == (None, None, ())
     for state, stamp_ns, pairs in (("fused", 30, (10, 30)), ("fused", 20, (20,)), ("mapped_set", 20, (20,))):
         found.add_call(CallRecord(stamp_ns, 0.1, state, pair_stamps_ns=pairs, task=Task.MAPPING))
@@ -63,7 +70,7 @@ def test_a_cloud_is_of_the_pairs_that_its_call_names() -> None:
 
 @pytest.mark.parametrize("is_external", [False, True])
 def test_a_node_under_test_cannot_state_later_that_a_pose_was_not_lost(is_external: bool) -> None:
-    found = ReceivedDrive(is_external=is_external)
+    found = ExternalDrive() if is_external else ReceivedDrive()
     for state in ("lost", "tracking"):
         found.add_call(CallRecord(10, 0.1, state))
     assert [call.state for call in found.records] == ["lost" if is_external else "tracking"]

@@ -43,7 +43,7 @@ from sfr_loc_map.metrics.table.details import Details
 from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.metrics.table.results import TrajectoryResult
 from sfr_loc_map.nodes.score_file import ScoreFile
-from sfr_loc_map.replay.received import ReceivedDrive
+from sfr_loc_map.replay.received import ExternalDrive, ReceivedDrive
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.scoring.live.live_maps import LiveMaps
 from sfr_loc_map.scoring.live.live_score import DiscardedInterval, LiveRun
@@ -160,7 +160,7 @@ def in_bag(path: Path, rows: Sequence[OdometryRow], calls: Sequence[CallRecord])
 
 
 def in_replay(rows: Sequence[OdometryRow], calls: Sequence[CallRecord], *, is_external: bool) -> Estimates:
-    results = ReceivedDrive(is_external=is_external)
+    results = ExternalDrive() if is_external else ReceivedDrive()
     for stamp_ns, position, quat, covariance in rows:
         results.add_pose((stamp_ns, tuple(position), tuple(quat)), covariance)
     results.calls = {call.stamp_ns: call for call in calls}
