@@ -342,8 +342,8 @@ MUTATIONS = (
     # answers of an external node: before the question, after the timeout, after a hidden restart
     Mutation(
         ANSWERS,
-        "latency_s = received_s - self._sent_s[stamp_ns]",
-        "latency_s = max(received_s - self._sent_s[stamp_ns], 0.0)",
+        "latency_s = answer.received_s - self._sent_s[stamp_ns]",
+        "latency_s = max(answer.received_s - self._sent_s[stamp_ns], 0.0)",
     ),
     Mutation(ANSWERS, "latency_s < -EARLY_S", "latency_s < -5.0 * EARLY_S"),
     Mutation(ANSWERS, "return not is_late", "return True"),
