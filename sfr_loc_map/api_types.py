@@ -269,13 +269,10 @@ class Source(Shown, sequence.Source):
     """An opened data set folder, bag or sequence. A field is None if the source does not contain it."""
 
     @property
-    def truth(self) -> Trajectory | None:
+    def truth(self) -> Truth | None:
         """True poses of RB in DS; None without truth."""
         found = super().truth
-        if found is None:
-            return None
-        kind = Truth if isinstance(found, trajectory.Truth) else Trajectory
-        return kind.of(found)
+        return None if found is None else Truth.of(found)
 
     def _facts(self) -> dict[str, str]:
         holds = [str(self.format)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import IntEnum
+from pathlib import Path
 from typing import ClassVar
 
 
@@ -99,14 +100,18 @@ def split_advice(message: str) -> tuple[str, str]:
 
 
 @contextmanager
-def naming(source: object) -> Iterator[None]:
-    """Add the name of a source to the errors that it causes."""
+def naming(source: Path | str) -> Iterator[None]:
+    """Add the name of a source to the errors that it causes, unless they contain the name.
+
+    A path is quoted, and a text, such as `image of stamp 3`, begins the message as it is.
+    """
     try:
         yield
     except (InputError, GeometryError, LocalisationError, MappingError) as error:
         if str(source) in str(error):
             raise
-        raise type(error)(f"'{source}': {error}") from error
+        where = f"'{source}'" if isinstance(source, Path) else source
+        raise type(error)(f"{where}: {error}") from error
 
 
 @contextmanager

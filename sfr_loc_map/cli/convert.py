@@ -206,12 +206,12 @@ def _write_true_trajectory(
     source: Path, destination: Path, remap: list[str] | None, config: Path | None, *, overwrite: bool
 ) -> None:
     """Write the true trajectory of a source as a file of poses."""
-    from sfr_loc_map.io.registry import true_trajectory
+    from sfr_loc_map.io.registry import read_truth
     from sfr_loc_map.io.tables.trajectory_file import files_written
 
     how = announced_config(source, config, remap)
     check_outputs(*files_written(destination), inputs=(source, how.given.path), overwrite=overwrite)
-    _write_poses(true_trajectory(source, how), source, destination, overwrite=overwrite)
+    _write_poses(read_truth(source, how), source, destination, overwrite=overwrite)
 
 
 def _write_poses(poses: Trajectory, source: Path, destination: Path, *, overwrite: bool) -> None:

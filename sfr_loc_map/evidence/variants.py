@@ -15,7 +15,7 @@ from sfr_loc_map.calls.call_rows import stats_of
 from sfr_loc_map.calls.call_stats import estimates_of
 from sfr_loc_map.geometry.arrays import GreyImage, IntArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose, TrackingStatistics
@@ -42,7 +42,7 @@ class PairsInMemory:
 
     rig: StereoRig
     kept: Sequence[StereoPair]
-    ground_truth: Trajectory | None = None
+    ground_truth: Truth | None = None
 
     @property
     def stamps_ns(self) -> Sequence[int]:

@@ -12,7 +12,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import Fault
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 
 S = TypeVar("S", LocSequence, NavSequence)
@@ -51,7 +51,7 @@ class FaultyLoc(_Faulty[LocSequence]):
     """A `LocSequence` with injected faults and the ground truth of the original drive."""
 
     @property
-    def ground_truth(self) -> Trajectory | None:
+    def ground_truth(self) -> Truth | None:
         """Ground truth of the drive."""
         return self._inner.ground_truth
 

@@ -7,9 +7,9 @@ poses are the truth, and `source_config` how a source is read. `source_settings`
 `convert` writes it as a bag or as files, and `message_stream` yields its messages.
 
 Functions that take a path raise `InputError`, `OutputError` or `ConfigError` for invalid user input, with a message of
-one line that names the file, and `MissingExtraError` if a package is missing. Parsers of bytes and text raise
-`ValueError`, which `inputs.refusing` converts, or `InputError`, to which `errors.naming` or the caller adds the
-name. Whether numbers are a pose is decided in `geometry.plausibility`.
+one line that names the file, and `MissingExtraError` if a package is missing. Parsers of bytes and text do not know the
+name: they raise `ValueError`, which `inputs.refusing` converts to a named `InputError`, or an `InputError` with its own
+advice, to which `errors.naming` adds the name. Whether numbers are a pose is decided in `geometry.plausibility`.
 """
 
 import lazy_loader

@@ -77,10 +77,11 @@ def convert(
 def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
     """Write a trajectory as csv, TUM, KITTI, EuRoC, bag or folder, by the ending, and return the number of poses.
 
-    In a bag the topic is `ground_truth/odometry`.
+    In a bag the topic is `ground_truth/odometry`. A warning reports the properties of a `Truth` that are not written.
     """
     destination = Path(destination)
-    _warn_of_lost_properties(trajectory)
+    if isinstance(trajectory, Truth):
+        _warn_of_lost_properties(trajectory)
     if format_of_name(destination) is not None:
         save_trajectory(destination, trajectory)
     elif suffix_of(destination) in STORAGE_BY_SUFFIX:
@@ -131,16 +132,15 @@ def _streams(source: Source, writer: SourceWriter) -> list[Iterator[Event]]:
     return streams
 
 
-def _warn_of_lost_properties(truth: Trajectory) -> None:
+def _warn_of_lost_properties(truth: Truth) -> None:
     """Warn of a tracked body, accuracies and unknown components of a truth, because no format has them."""
-    if not isinstance(truth, Truth):
-        return
     if any(truth.lever_arm_m):
         _log.warning(
             f"the true positions are those of a body at {list(truth.lever_arm_m)} m in the frame of the rover (RB), "
             "and are written without this lever arm: read the output with the same truth.lever_arm_m"
         )
-    lost = {f"truth.{name}": getattr(truth, name) for name in ("sigma_m", "sigma_deg") if getattr(truth, name)}
+    accuracies = {"truth.sigma_m": truth.sigma_m, "truth.sigma_deg": truth.sigma_deg}
+    lost: dict[str, float | str] = {name: sigma for name, sigma in accuracies.items() if sigma}
     if not (truth.has_height and truth.has_tilt):
         both = "planar" if not (truth.has_height or truth.has_tilt) else ""
         lost["truth.unknown"] = both or ("tilt" if truth.has_height else "height")

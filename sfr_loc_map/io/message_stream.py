@@ -15,7 +15,7 @@ from operator import itemgetter
 from typing import Any
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.encoding import TYPESTORE
@@ -115,7 +115,7 @@ def messages_of(source: Source) -> Iterator[Message]:
             yield Message(*raw)
         return
     if (loc := source.loc) is not None:
-        truth = loc.ground_truth or Trajectory.empty()
+        truth = loc.ground_truth or Truth.empty()
         rows = zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True)
         poses = ((row[0], [_message(TRUE_POSES, row[0], bag_messages.odometry(*row))]) for row in rows)
         pairs = ((pair.stamp_ns, _pair_messages("loc", loc.rig, pair)) for pair in loc.pairs())
@@ -183,5 +183,6 @@ def begin_of(source: Source, part: LocSequence | NavSequence) -> int:
     if source.recorded is not None:  # the first message of a recording is a camera_info
         rig = "loc" if part is source.loc else "nav"
         return next(message.stamp_ns for message in messages_of(source) if message.rig == rig)
-    truth, first = getattr(part, "ground_truth", None), int(part.stamps_ns[0])
-    return first if truth is None or not len(truth) else min(first, int(truth.stamps_ns[0]))
+    first_ns = int(part.stamps_ns[0])
+    truth = source.truth if part is source.loc else None
+    return first_ns if truth is None else min(first_ns, int(truth.stamps_ns[0]))

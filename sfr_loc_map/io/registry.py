@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map.config import changed
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import check_exists, check_regular, refusing
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.layouts.euroc import is_euroc, open_euroc
@@ -18,10 +18,10 @@ from sfr_loc_map.io.layouts.folder import is_folder, open_folder
 from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_folder
 from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source, SourceFormat, without_truth
-from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
 from sfr_loc_map.io.source_settings import source_config
-from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
-from sfr_loc_map.io.truth.read import truth_of_path
+from sfr_loc_map.io.truth.config import TruthConfig
+from sfr_loc_map.io.truth.read import truth_of_bag, truth_of_file
 
 _log = logging.getLogger(__name__)
 
@@ -116,28 +116,22 @@ def format_of(path: Path) -> SourceFormat:
     )
 
 
-def true_trajectory(path: Path, config: SourceConfig) -> Trajectory:
-    """Return the true trajectory of a source, also of a bag that contains only poses. InputError if there is none."""
-    if is_bag(path):
-        return read_truth(path, config.truth, config.remap)
-    drive = open_source(path, config).loc
-    if drive is None or drive.ground_truth is None:
-        raise without_truth(path)
-    return drive.ground_truth
-
-
-def read_truth(path: Path, config: TruthConfig | None = None, remap: Mapping[str, str] | None = None) -> Truth:
+def read_truth(path: Path, config: SourceConfig | None = None) -> Truth:
     """Read the ground truth of a bag, a data set folder or a file of poses; InputError if there is none.
 
-    If `config.source` names another origin, the ground truth is read from there. The `sfr.yaml` beside a folder states
-    how the folder is read, and its section `truth` applies if `config` is None. The `sfr.yaml` beside a bag or a file
-    of poses is not used.
+    Stereo pairs are not required, except in a folder whose truth is its own.
+    If `config` is None, a folder is read with the `sfr.yaml` beside it, and a bag or a file without a configuration.
     """
-    if path.is_file() or is_bag(path) or (config is not None and config.source):
-        return truth_of_path(path, config or DEFAULT_TRUTH, remap)
-    beside = source_config(path)
-    found = open_source(path, beside if config is None else replace(beside, truth=config)).truth
+    check_source_exists(path)
+    if config is None:
+        config = DEFAULT_SOURCE if path.is_file() or is_bag(path) else source_config(path)
+    if is_bag(path):
+        from sfr_loc_map.io.bag.bag import Bag  # rosbags is imported only for bags
+
+        return truth_of_bag(Bag(path, config.remap), config.truth)
+    if path.is_file() or config.truth.source:
+        return truth_of_file(path, config.truth)
+    found = open_source(path, config).truth
     if found is None:
         raise without_truth(path)
-    assert isinstance(found, Truth)  # `open_source` converts every truth
     return found

@@ -13,7 +13,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
 from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import IMAGE_ENDINGS
@@ -31,7 +31,7 @@ class LocSequence(Protocol):
         """Rig of the localisation cameras, with `T_rb_sb` if the source has it."""
 
     @property
-    def ground_truth(self) -> Trajectory | None:
+    def ground_truth(self) -> Truth | None:
         """True poses of RB in DS, or None."""
 
     def __len__(self) -> int:
@@ -125,7 +125,7 @@ class Source:
         return tuple(path.resolve() for path in (self.path, *links, *self.truth_files))
 
     @property
-    def truth(self) -> Trajectory | None:
+    def truth(self) -> Truth | None:
         """True poses of RB in DS; None without truth."""
         found = None if self.loc is None else self.loc.ground_truth
         return found if found is not None and len(found) else None

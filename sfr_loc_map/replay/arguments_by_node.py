@@ -7,7 +7,6 @@ from typing import Any
 
 from sfr_loc_map.config import changed
 from sfr_loc_map.config_nodes import node_parameters
-from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.truth.config import TrackedBodyConfig
 from sfr_loc_map.mapping.config import MAX_PAIRS
@@ -62,7 +61,7 @@ def pairs_per_map(source: Source) -> int:
 def _tracked_body(source: Source) -> dict[str, Any]:
     """Return the settings of the ground truth, which has poses of RB or positions of a point on RB."""
     truth = None if source.loc is None else source.loc.ground_truth
-    if not isinstance(truth, Truth):
+    if truth is None:
         return {}
     unknown = {(True, True): "none", (False, True): "height", (True, False): "tilt", (False, False): "planar"}
     x, y, z = truth.lever_arm_m

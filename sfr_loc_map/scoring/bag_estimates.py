@@ -54,5 +54,5 @@ def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:
     topic = Topic(CALLS, odometry.bag_name.removesuffix(odometry.name) + CALLS, STRING)
     if bag.topics.get(topic.bag_name) != STRING:
         return []
-    with naming(topic.bag_name):
+    with naming(f"'{topic.bag_name}'"):
         return [decode_call(message.data, Task.LOCALISATION) for _, _, message in bag.messages([topic])]

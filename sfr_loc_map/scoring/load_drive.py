@@ -19,7 +19,6 @@ from sfr_loc_map.io.sequence import Source, without_truth
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
 from sfr_loc_map.io.tables.trajectory_file import ESTIMATE_OPTION, TRUTH_OPTION, LoadedTrajectory, read_trajectory_file
 from sfr_loc_map.io.truth.conversion import truth_of_rb
-from sfr_loc_map.io.truth.read import truth_of_path
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.scoring.bag_estimates import BagEstimate, read_bag_estimate
@@ -61,7 +60,7 @@ def _read_truth(
         assert truth is not None  # by the caller
         return LoadedTrajectory(Path(f"the truth {IN_MEMORY}"), truth), None
     if is_bag(place) or how.truth.source:
-        true, opened = LoadedTrajectory(place, truth_of_path(place, how.truth, how.remap)), None
+        true, opened = LoadedTrajectory(place, io.read_truth(place, how)), None
         if is_bag(place) or not place.is_file():
             with suppress(SfrError):  # without images only the true poses are used
                 opened = io.open_source(place, how)

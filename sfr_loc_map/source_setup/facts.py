@@ -11,7 +11,7 @@ import numpy as np
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.bag.bag import TOPICS_READ, Bag
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.registry import open_source
@@ -111,13 +111,13 @@ def _facts_of_stamps(stamps_ns: IntArray) -> dict[str, Any]:
     }
 
 
-def _truth(truth: Trajectory | None) -> str:
+def _truth(truth: Truth | None) -> str:
     if truth is None or not len(truth):
         return "none"
     length_m = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum()
     kind = "poses" if truth.has_attitude else "positions"
-    origin = getattr(truth, "read_from", "")
-    return f"{len(truth)} {kind}, {length_m:.3f} m long{f', {origin}' if origin else ''}"
+    origin = f", {truth.read_from}" if truth.read_from else ""
+    return f"{len(truth)} {kind}, {length_m:.3f} m long{origin}"
 
 
 def _camera(rig: StereoRig) -> str:

@@ -14,7 +14,7 @@ from sfr_loc_map.config_file import NOTHING_GIVEN, Configuration, Key
 from sfr_loc_map.config_yaml import yaml_text
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_frame_tree
 from sfr_loc_map.io.calibration.calibration_file import CalibrationError
@@ -161,9 +161,10 @@ def _with_topics_and_stamps(proposal: Proposal, recorded: Bag) -> Proposal:
     return proposal.adding(_sync(bag, proposal.config.sync))
 
 
-def _with_truth(proposal: Proposal, truth: Trajectory, stamps_ns: Sequence[int]) -> Proposal:
+def _with_truth(proposal: Proposal, truth: Truth, stamps_ns: Sequence[int]) -> Proposal:
     """Return a proposal with the components of a ground truth, and a condition for the pairs with these stamps."""
-    proposal = proposal.adding(Findings(truth=_components(truth)))
+    components = TruthComponents(truth.has_attitude, truth.has_height, truth.has_tilt)
+    proposal = proposal.adding(Findings(truth=components))
     if "lever_arm_m" not in proposal.given.section("truth"):
         proposal = proposal.adding(_lever_arm(truth, proposal.config))
     if "conditions" not in proposal.sections:
@@ -316,12 +317,7 @@ def _extrinsics(loc: LocSequence, given: SourceConfig) -> Findings:
     return Findings(values, remarks=(remark,) if mount.other_bases else ())
 
 
-def _components(truth: Trajectory) -> TruthComponents:
-    """Return the components of the poses of a ground truth."""
-    return TruthComponents(truth.has_attitude, getattr(truth, "has_height", True), getattr(truth, "has_tilt", True))
-
-
-def _lever_arm(truth: Trajectory, config: SourceConfig) -> Findings:
+def _lever_arm(truth: Truth, config: SourceConfig) -> Findings:
     """Remark that the lever arm is assumed to be 0, if the truth is probably that of another body than RB."""
     file = config.truth.file
     name = (file.name if file is not None else config.truth.source) or config.truth.frame or "of the source"
@@ -331,7 +327,7 @@ def _lever_arm(truth: Trajectory, config: SourceConfig) -> Findings:
     return Findings(remarks=(text,))
 
 
-def _condition(stamps_ns: Sequence[int], truth: Trajectory) -> Findings:
+def _condition(stamps_ns: Sequence[int], truth: Truth) -> Findings:
     """Propose a condition with at least two sub-trajectories in the drive."""
     along_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)))
     left_m = along_m[-1] - np.interp(stamps_ns, truth.stamps_ns, along_m)[::SPACING_FRAMES]

@@ -17,10 +17,11 @@ from helpers.message_bags import write_messages
 from helpers.score_rows import number
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_normalised, quat_rotate
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.registry import read_truth
+from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.io.truth.messages import enu_m
@@ -30,6 +31,10 @@ T = TYPESTORE.types
 COUNT = 40
 STAMPS = 1_700_000_000 * NS_PER_S + np.arange(COUNT) * 100_000_001
 LEVER, TURN = np.array([0.3, -0.2, 1.1]), quat_normalised([0.1, -0.2, 0.3, 0.9])
+
+
+def truth_as(place: Path, config: TruthConfig) -> Truth:
+    return read_truth(place, SourceConfig(truth=config))
 
 
 @pytest.fixture
@@ -83,7 +88,7 @@ def test_a_lever_arm_and_a_clock_are_undone_in_every_kind_of_topic(
     place = write_messages(tmp_path / "x", messages(kind, marker, 0.0004))
     frame = "world:marker" if kind == "tf" else ""
     lever = {"lever_arm_m": tuple(LEVER), "lever_quat_xyzw": tuple(TURN), "clock_offset_s": 0.25}
-    truth = read_truth(place, TruthConfig(source=TOPICS[kind], frame=frame, **lever))
+    truth = truth_as(place, TruthConfig(source=TOPICS[kind], frame=frame, **lever))
     assert truth.stamps_ns.tolist() == poses.stamps_ns.tolist()
     np.testing.assert_allclose(truth.positions, poses.positions, atol=1e-12)
     turned = quat_multiply(quat_conjugate(poses.quats_xyzw), truth.quats_xyzw)
@@ -98,7 +103,7 @@ def test_a_lever_arm_is_not_scaled_by_rounded_quaternions(tmp_path: Path, poses:
     marker = poses.positions + quat_rotate(poses.quats_xyzw, 10 * LEVER)
     rounded = Trajectory(poses.stamps_ns, marker, 1.004 * quat_multiply(poses.quats_xyzw, TURN))
     place = write_messages(tmp_path / "x", messages("odometry", rounded))
-    truth = read_truth(place, TruthConfig(lever_arm_m=tuple(10 * LEVER), lever_quat_xyzw=tuple(1.004 * TURN)))
+    truth = truth_as(place, TruthConfig(lever_arm_m=tuple(10 * LEVER), lever_quat_xyzw=tuple(1.004 * TURN)))
     np.testing.assert_allclose(truth.positions, poses.positions, atol=1e-9)
 
 
@@ -111,9 +116,9 @@ def test_times_of_recording_replace_the_stamps_or_are_refused(tmp_path: Path, po
     config = TruthConfig(source=TOPICS[kind], frame=frame, stamps="record")
     if kind in ("path", "tf"):
         with pytest.raises(InputError, match=r"truth\.stamps=record does not apply to .*: omit"):
-            read_truth(place, config)
+            truth_as(place, config)
     else:
-        assert read_truth(place, config).stamps_ns.tolist() == [stamp for _, stamp, _ in entries]
+        assert truth_as(place, config).stamps_ns.tolist() == [stamp for _, stamp, _ in entries]
 
 
 @pytest.mark.parametrize("kind", ["pose", "transform", "path", "tf"])
@@ -124,7 +129,7 @@ def test_an_invalid_pose_is_skipped_and_reported(
     quats[5] = 0.0
     recorded: Any = SimpleNamespace(stamps_ns=poses.stamps_ns, positions=poses.positions, quats_xyzw=quats)
     place = write_messages(tmp_path / "x", messages(kind, recorded))
-    truth = read_truth(place, TruthConfig(source=TOPICS[kind], frame="marker" if kind == "tf" else ""))
+    truth = truth_as(place, TruthConfig(source=TOPICS[kind], frame="marker" if kind == "tf" else ""))
     assert truth.stamps_ns.tolist() == np.delete(STAMPS, 5).tolist()
     assert f"1 of {COUNT} poses skipped" in caplog.text
 
@@ -133,7 +138,7 @@ def test_a_topic_named_as_truth_has_priority_over_a_frame(
     tmp_path: Path, poses: Trajectory, caplog: pytest.LogCaptureFixture
 ) -> None:
     place = write_messages(tmp_path / "x", messages("pose", poses))
-    truth = read_truth(place, TruthConfig(source=TOPICS["pose"], frame="marker"))
+    truth = truth_as(place, TruthConfig(source=TOPICS["pose"], frame="marker"))
     assert "/vrpn/pose" in truth.read_from
     assert "truth.frame=marker ignored" in caplog.text
 
@@ -142,7 +147,7 @@ def test_a_frame_on_both_topics_of_transforms_is_moving(tmp_path: Path, poses: T
     entries = list(messages("tf", poses))
     _, _, static = entries[-1]
     place = write_messages(tmp_path / "x", [("/tf_static", int(STAMPS[0]), static), *entries])
-    truth = read_truth(place, TruthConfig(frame="marker"))
+    truth = truth_as(place, TruthConfig(frame="marker"))
     assert truth.stamps_ns.tolist() == STAMPS.tolist()
 
 
@@ -160,10 +165,10 @@ def test_an_empty_last_path_is_ignored_and_a_window_of_poses_is_reported(
     topic, stamp, last = paths[-1]
     read = TruthConfig(source=TOPICS["path"])
     empty = write_messages(tmp_path / "empty", [*paths, (topic, stamp + NS_PER_S, replace(last, poses=[]))])
-    assert len(read_truth(empty, read)) == COUNT
+    assert len(truth_as(empty, read)) == COUNT
     assert not caplog.text
     windows = [(topic, stamp, replace(path, poses=path.poses[-5:])) for topic, stamp, path in paths]
-    assert len(read_truth(write_messages(tmp_path / "window", windows), read)) == 5
+    assert len(truth_as(write_messages(tmp_path / "window", windows), read)) == 5
     assert f"{COUNT - 1} of {COUNT} paths begin up to" in caplog.text
 
 
@@ -172,12 +177,12 @@ def test_poses_are_not_interpolated_over_a_gap_of_a_transform(tmp_path: Path, ca
     step = NS_PER_S // 10
     entries = [("/tf", k * step, tf(k * step, "world", "odom", float(k))) for k in range(53)]
     entries += [("/tf", k * step, tf(k * step, "odom", "base", 0.0)) for k in (0, 1, 2, 50, 51, 52)]
-    found = read_truth(write_messages(tmp_path / "x", entries), TruthConfig(frame="base"))
+    found = truth_as(write_messages(tmp_path / "x", entries), TruthConfig(frame="base"))
     assert (found.stamps_ns // step).tolist() == [0, 1, 2, 50, 51, 52]
     assert "47 of 53 poses" in caplog.text
     apart = write_messages(tmp_path / "y", [*entries[:20], ("/tf", 60 * step, tf(60 * step, "odom", "base", 0.0))])
     with pytest.raises(InputError, match="record all transforms together"):
-        read_truth(apart, TruthConfig(frame="base"))
+        truth_as(apart, TruthConfig(frame="base"))
 
 
 def test_transforms_of_a_tree_are_joined_and_interpolated(tmp_path: Path) -> None:
@@ -186,10 +191,10 @@ def test_transforms_of_a_tree_are_joined_and_interpolated(tmp_path: Path) -> Non
     entries += [("/tf", k * NS_PER_S, tf(k * NS_PER_S, "world", "odom", float(k))) for k in range(3)]
     entries += [("/tf", k * NS_PER_S // 2, tf(k * NS_PER_S // 2, "odom", "base", 10.0)) for k in range(7)]
     place = write_messages(tmp_path / "x", entries)
-    found = read_truth(place, TruthConfig(frame="marker"))
+    found = truth_as(place, TruthConfig(frame="marker"))
     np.testing.assert_allclose(found.positions[:, 0], 10.5 + np.arange(5) / 2)
     with pytest.raises(InputError, match="no moving transform 'map:marker' on /tf: it has odom:base"):
-        read_truth(place, TruthConfig(frame="map:marker"))
+        truth_as(place, TruthConfig(frame="map:marker"))
 
 
 def test_fixes_become_metres_east_north_and_up_with_their_sigma(tmp_path: Path) -> None:
@@ -200,7 +205,7 @@ def test_fixes_become_metres_east_north_and_up_with_their_sigma(tmp_path: Path) 
         ("/fix", k * NS_PER_S, fix(bag_messages.header(k * NS_PER_S, "gps"), status(code, 1), *place, covariance, 2))
         for k, (code, *place) in enumerate(places)
     ]
-    found = read_truth(write_messages(tmp_path / "x", entries), TruthConfig(source="/fix", lever_arm_m=tuple(LEVER)))
+    found = truth_as(write_messages(tmp_path / "x", entries), TruthConfig(source="/fix", lever_arm_m=tuple(LEVER)))
     assert found.stamps_ns.tolist() == [0, NS_PER_S, 3 * NS_PER_S]
     # lengths of a degree at this latitude (series of Snyder 1987, page 25): 111 200.1 m north, 74 625.2 m east
     np.testing.assert_allclose(found.positions[1], [0.0, 11.1209, 0.0], atol=2e-3)
@@ -235,16 +240,16 @@ def test_no_unit_is_guessed_and_columns_can_be_named(tmp_path: Path, poses: Traj
     with pytest.raises(InputError, match=r"line 1 is 'Frame,TX,.*t not found.*--columns"):
         read_truth(place)
     columns = "t=Frame[ms],x=TX[mm],y=TY[mm],z=TZ[mm],qx=qx,qy=qy,qz=qz,qw=qw"
-    found = read_truth(place, TruthConfig(columns=columns))
+    found = truth_as(place, TruthConfig(columns=columns))
     assert found.has_attitude
     assert found.stamps_ns[-1] == (COUNT - 1) * 1_000_000
     np.testing.assert_allclose(found.positions, poses.positions, atol=1e-12)
-    assert not read_truth(place, TruthConfig(columns=columns, attitude="no")).has_attitude
+    assert not truth_as(place, TruthConfig(columns=columns, attitude="no")).has_attitude
     place.write_text("\n".join(["Frame[ms],TX[mm],TY[mm],TZ [mm],qx,qy,qz,qw", *lines]))  # named as they stand there
-    found = read_truth(place, TruthConfig(columns="t=Frame[ms],x=TX[mm],y=TY[mm],z=TZ [mm]"))
+    found = truth_as(place, TruthConfig(columns="t=Frame[ms],x=TX[mm],y=TY[mm],z=TZ [mm]"))
     np.testing.assert_allclose(found.positions, poses.positions, atol=1e-12)
     with pytest.raises(InputError, match="no column for 'w=q'"):
-        read_truth(place, TruthConfig(columns="w=q"))
+        truth_as(place, TruthConfig(columns="w=q"))
 
 
 def test_eight_columns_without_a_header_are_ambiguous(tmp_path: Path, poses: Trajectory) -> None:
@@ -261,9 +266,9 @@ def test_an_absolute_name_of_the_truth_matches_exactly(tmp_path: Path, poses: Tr
     entries = [(f"/rover2{topic}", *rest) for topic, *rest in messages("odometry", poses)]
     bag = write_messages(tmp_path / "bag", entries)
     for found in ("/rover2/ground_truth/odometry", "ground_truth/odometry"):
-        assert len(read_truth(bag, TruthConfig(source=found))) == COUNT
+        assert len(truth_as(bag, TruthConfig(source=found))) == COUNT
     with pytest.raises(InputError, match="neither a file nor a topic"):
-        read_truth(bag, TruthConfig(source=source))
+        truth_as(bag, TruthConfig(source=source))
 
 
 def test_a_truth_on_another_topic_states_the_selection(tmp_path: Path, poses: Trajectory) -> None:
@@ -271,7 +276,7 @@ def test_a_truth_on_another_topic_states_the_selection(tmp_path: Path, poses: Tr
     own = [("/ground_truth/odometry", *rest) for _, *rest in messages("odometry", poses)]
     bag = write_messages(tmp_path / "bag", [*own, *messages("pose", poses)])
     assert read_truth(bag).declared == ()
-    assert read_truth(bag, TruthConfig(source="/vrpn/pose")).declared[0] == "truth.source=/vrpn/pose"
+    assert truth_as(bag, TruthConfig(source="/vrpn/pose")).declared[0] == "truth.source=/vrpn/pose"
 
 
 def test_truth_that_is_not_there_names_what_could_be(tmp_path: Path, poses: Trajectory) -> None:
@@ -279,10 +284,10 @@ def test_truth_that_is_not_there_names_what_could_be(tmp_path: Path, poses: Traj
     with pytest.raises(InputError, match=r"name their topic .*: /vrpn/pose"):
         read_truth(place)
     with pytest.raises(InputError, match="neither a file nor a topic"):
-        read_truth(place, TruthConfig(source="/none"))
+        truth_as(place, TruthConfig(source="/none"))
     (tmp_path / "y.csv").write_text(TABLES["total station"])
     with pytest.raises(InputError, match="has no attitudes"):
-        read_truth(place, TruthConfig(source=str(tmp_path / "y.csv"), attitude="yes"))
+        truth_as(place, TruthConfig(source=str(tmp_path / "y.csv"), attitude="yes"))
 
 
 # ---- to a score, by the command line

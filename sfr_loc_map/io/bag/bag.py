@@ -15,7 +15,7 @@ from typing import Any
 from rosbags.rosbag1.reader import ReaderError as Ros1Error
 from rosbags.rosbag2.errors import ReaderError
 
-from sfr_loc_map.errors import ConfigError, InputError, SfrError
+from sfr_loc_map.errors import ConfigError, InputError, SfrError, naming
 from sfr_loc_map.io.bag.encoding import TYPESTORE, readable
 from sfr_loc_map.io.bag.files import ZSTD_MAGIC, bag_files, is_unfinished
 from sfr_loc_map.io.bag.readers import BagReader, message_count, messages_of_readers, opened_readers
@@ -226,19 +226,17 @@ class Bag:
     @contextmanager
     def _reading(self) -> Iterator[list[BagReader]]:
         """Open the files; any exception that corrupt data causes (KeyError, sqlite3.Error, ...) becomes InputError."""
-        try:
-            with opened_readers(self._files) as readers:
-                yield readers
-        except InputError as error:
-            if str(self.path) in str(error):
+        with naming(self.path):
+            try:
+                with opened_readers(self._files) as readers:
+                    yield readers
+            except SfrError:
                 raise
-            raise InputError(f"bag '{self.path}': {error}") from error
-        except SfrError:
-            raise
-        except Exception as error:
-            raise InputError(
-                f"bag '{self.path}' cannot be read: {_line(error)}; it is corrupt or truncated: record or copy it again"
-            ) from error
+            except Exception as error:
+                raise InputError(
+                    f"bag '{self.path}' cannot be read: {_line(error)}; it is corrupt or truncated: record or copy it "
+                    "again"
+                ) from error
 
 
 def restamped(raw: bytes, stamp_ns: int) -> bytes:

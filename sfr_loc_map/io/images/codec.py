@@ -15,7 +15,7 @@ import numpy as np
 import simplejpeg
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.errors import GeometryError, InputError, naming
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.inputs import MAX_IMAGE_BYTES, read_bytes, refusing
@@ -152,10 +152,8 @@ def read_samples(path: Path) -> Samples:
     """Read an image file."""
     with refusing(f"cannot read image '{path}'", "check the list of pairs"):
         data = read_bytes(path, MAX_IMAGE_BYTES)
-    try:
+    with naming(path):
         return decoded(data)
-    except InputError as error:
-        raise InputError(f"image '{path}': {error}") from error
 
 
 def decoded(raw: bytes) -> Samples:
@@ -258,7 +256,7 @@ def _samples_of_compressed(message: Any) -> Samples:  # noqa: ANN401 - a sensor_
     form = str(getattr(message, "format", "")).lower()
     mosaic = _MOSAIC.fullmatch(form)
     data = bytes(message.data)
-    try:
+    with naming(f"image of stamp {stamp_of(message)}"):
         if claimed_size(data) is None:
             raise InputError(f"{unread_codec(message)}: publish raw images, PNG or JPEG")
         image = decoded(data)
@@ -272,8 +270,6 @@ def _samples_of_compressed(message: Any) -> Samples:  # noqa: ANN401 - a sensor_
                 f"its format '{form[:40]}' is a Bayer mosaic of unknown order: name the order, such as bayer_rggb8"
             )
         return image
-    except InputError as error:
-        raise InputError(f"image of stamp {stamp_of(message)}: {error}") from error
 
 
 def unread_codec(message: Any) -> str:  # noqa: ANN401 - a sensor_msgs/CompressedImage

@@ -10,7 +10,7 @@ from pathlib import Path
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.images.codec import SampleDepth, read_samples
 from sfr_loc_map.io.tables.stamps import check_order
@@ -103,7 +103,7 @@ class ImageFiles:
 class ImageFileSequence(ImageFiles):
     """A drive of image files (`sequence.LocSequence`)."""
 
-    ground_truth: Trajectory | None = None  #: True poses of RB in DS, or None.
+    ground_truth: Truth | None = None  #: True poses of RB in DS, or None.
     #: Rectifies the left and right image; None if the files are rectified.
     rectify: Rectify | None = None
 

@@ -70,10 +70,8 @@ class BagImages:
 
     def decoded(self, topic: Topic, message: Any) -> Samples:  # noqa: ANN401 - types of rosbags
         """Return the image in a message; errors name bag and topic."""
-        try:
+        with naming(f"bag '{self.bag.path}', '{topic.bag_name}'"):
             return samples_of(message)
-        except InputError as error:
-            raise InputError(f"bag '{self.bag.path}', '{topic.bag_name}': {error}") from error
 
     def left_and_right(self, images: Sequence[GreyImage]) -> tuple[GreyImage, GreyImage]:
         """Return the left and right image of the images of all topics; a joint image is halved."""

@@ -14,7 +14,7 @@ from sfr_loc_map.config import changed
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.geometry.extrinsics import RigInBody
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import Bag, restamped
@@ -37,7 +37,7 @@ from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncCo
 from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.tables.text_table import MAX_BROKEN
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH
-from sfr_loc_map.io.truth.read import truth_of_recording
+from sfr_loc_map.io.truth.read import truth_of_bag
 from sfr_loc_map.message_types import POINTS, POSE
 from sfr_loc_map.stamp_pairing import match_stamps
 from sfr_loc_map.suite_names import Task
@@ -180,13 +180,13 @@ class BagLocSequence(_BagPairs):
     task = Task.LOCALISATION
 
     @cached_property
-    def ground_truth(self) -> Trajectory | None:
+    def ground_truth(self) -> Truth | None:
         """True poses, from the configured origin or from `ground_truth/odometry`; None without either."""
         config = self._config.truth
         has_own = any(self._bag.counts[topic] for topic in self._bag.matches(TRUE_POSES))
         if config == DEFAULT_TRUTH and not has_own:
             return None
-        return truth_of_recording(self._bag, config)
+        return truth_of_bag(self._bag, config)
 
     def pairs(self) -> Iterator[StereoPair]:
         """Yield the pairs in the order of stamps."""

@@ -5,12 +5,14 @@ Of several origins, the first in this list has priority:
 1. the topic of the bag that `truth.source` names,
 2. the file, or another bag, that `truth.source` names,
 3. the source itself: `truth.frame` or `ground_truth/odometry` of a bag, the poses in a file, or those of a data set.
+
+Each kind of source has a function that applies this list: `truth_of_bag`, `truth_of_data_set` and `truth_of_file`. The
+layouts call the function of their kind, and `registry.read_truth` finds the truth of any path.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 
-def truth_of_recording(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> Truth:
+def truth_of_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> Truth:
     """Return the truth of an opened bag; InputError if there is no truth."""
     from sfr_loc_map.io.truth.of_bag import recorded_in_bag  # rosbags is imported only for bags
 
@@ -48,15 +50,11 @@ def truth_of_data_set(path: Path, own: RecordedTruth | None, config: TruthConfig
     return None if own is None else truth_of_rb(own, config)
 
 
-def truth_of_path(path: Path, config: TruthConfig = DEFAULT_TRUTH, remap: Mapping[str, str] | None = None) -> Truth:
-    """Return the truth of a bag or a file of poses; InputError if there is no truth.
+def truth_of_file(path: Path, config: TruthConfig = DEFAULT_TRUTH) -> Truth:
+    """Return the truth of a file of poses; InputError if there is no truth.
 
     If the configuration names a file or a bag, `path` need not contain poses.
     """
-    if is_bag(path):
-        from sfr_loc_map.io.bag.bag import Bag  # rosbags is imported only for bags
-
-        return truth_of_recording(Bag(path, remap), config)
     if config.source:
         return _configured_truth(path, config)
     return _poses_of_file(path, config, TRUTH_OPTION)
@@ -69,7 +67,9 @@ def _configured_truth(path: Path, config: TruthConfig) -> Truth:
         topic = f"a topic of '{path}'" if is_bag(path) else f"a topic, because '{path}' is not a bag"
         raise InputError(f"truth '{config.source}' is neither a file nor {topic}: give a file, or a topic of a bag")
     if is_bag(file):
-        return truth_of_path(file, replace(config, source=""))
+        from sfr_loc_map.io.bag.bag import Bag  # rosbags is imported only for bags
+
+        return truth_of_bag(Bag(file), replace(config, source=""))
     return _poses_of_file(file, config, CONFIGURED_OPTION)
 
 

@@ -15,19 +15,24 @@ from helpers.cli_result import Sfr
 from helpers.message_bags import write_messages
 from helpers.pose_tables import COUNT, drive
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.files import bag_files
 from sfr_loc_map.io.images.codec import samples_of
 from sfr_loc_map.io.registry import read_truth
+from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.metrics.stored.score_json import from_json
 
 T = TYPESTORE.types
 STATUS = T["sensor_msgs/msg/NavSatStatus"](0, 1)
+
+
+def truth_as(place: Path, config: TruthConfig) -> Truth:
+    return read_truth(place, SourceConfig(truth=config))
 
 
 def pose(stamp: int, xyz: Any, quat: Any) -> Any:
@@ -51,7 +56,7 @@ def test_single_fixes_that_are_none_are_left_out(tmp_path: Path, wrong: str, cou
         if 3 <= k < 3 + count:
             place = values.get(wrong, (*place[:2], np.nan))
         entries.append(("/fix", stamp, fix(stamp, *place)))
-    found = read_truth(write_messages(tmp_path / "x", entries), TruthConfig(source="/fix"))
+    found = truth_as(write_messages(tmp_path / "x", entries), TruthConfig(source="/fix"))
     assert len(found) == COUNT - count
     assert np.abs(found.positions - found.positions[0]).max() < 15.0
 
@@ -64,7 +69,7 @@ def test_fixes_without_any_altitude_give_horizontal_errors_alone(tmp_path: Path,
         for stamp, place in zip(poses.stamps_ns.tolist(), places.tolist(), strict=True)
     ]
     place = write_messages(tmp_path / "x", entries)
-    found = read_truth(place, TruthConfig(source="/fix"))
+    found = truth_as(place, TruthConfig(source="/fix"))
     assert (len(found), found.has_height, found.has_attitude) == (COUNT, False, False)
     save_trajectory(tmp_path / "e.csv", poses)
     words = ("score", tmp_path / "e.csv", place, "--set", "truth.source=/fix", "--condition", "distance=2")
@@ -84,7 +89,7 @@ def test_points_of_a_prism_are_positions(tmp_path: Path) -> None:
         ))
         for stamp, xyz in zip(poses.stamps_ns.tolist(), poses.positions.tolist(), strict=True)
     ]  # fmt: skip
-    found = read_truth(write_messages(tmp_path / "x", entries), TruthConfig(source="/leica/position"))
+    found = truth_as(write_messages(tmp_path / "x", entries), TruthConfig(source="/leica/position"))
     assert not found.has_attitude
     np.testing.assert_array_equal(found.positions, poses.positions)
     assert found.stamps_ns.tolist() == poses.stamps_ns.tolist()
@@ -122,10 +127,10 @@ def test_a_frame_in_two_parents_is_followed_in_one(tmp_path: Path, first: str) -
             entries.append(("/tf", stamp + late, T["tf2_msgs/msg/TFMessage"]([item])))
     place = write_messages(tmp_path / "x", entries)
     for parent in parents:
-        found = read_truth(place, TruthConfig(frame=f"{parent}:base_link"))
+        found = truth_as(place, TruthConfig(frame=f"{parent}:base_link"))
         np.testing.assert_allclose(found.positions, poses.positions + shift[parent], atol=1e-12)
     with pytest.raises(InputError, match=r"parents odom and world.*PARENT:CHILD"):
-        read_truth(place, TruthConfig(frame="base_link"))
+        truth_as(place, TruthConfig(frame="base_link"))
 
 
 def mcap(path: Path, profile: bytes, encoding: str, poses: Trajectory) -> Path:
@@ -267,7 +272,7 @@ def write_compressed(path: Path, mode: CompressionMode) -> None:
 @pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
 def test_a_compressed_bag_is_read(tmp_path: Path, mode: CompressionMode) -> None:
     write_compressed(tmp_path / "x", mode)
-    found = read_truth(tmp_path / "x", TruthConfig(source="/gt"))
+    found = truth_as(tmp_path / "x", TruthConfig(source="/gt"))
     np.testing.assert_array_equal(found.positions, drive().positions)
 
 
@@ -289,7 +294,7 @@ def test_metadata_that_contradict_the_files_are_one_line(tmp_path: Path, old: st
     assert old in text
     metadata.write_text(text.replace(old, new))
     with pytest.raises(InputError, match=f"^[^\n]*{tmp_path}[^\n]*{words}[^\n]*$"):
-        read_truth(metadata.parent, TruthConfig(source="/gt"))
+        truth_as(metadata.parent, TruthConfig(source="/gt"))
 
 
 def test_files_of_a_split_recording_are_read_in_the_order_of_time(tmp_path: Path) -> None:
@@ -332,7 +337,7 @@ def test_a_truth_that_cannot_be_read_is_one_line_with_the_reason(tmp_path: Path,
     write, config, words = UNREADABLE[what]
     path = write(tmp_path / "x")
     with pytest.raises(InputError, match=f"^[^\n]*{tmp_path}[^\n]*{words}[^\n]*$"):
-        read_truth(path, config)
+        truth_as(path, config)
 
 
 @pytest.mark.parametrize("number", [0, 9, COUNT - 1])
@@ -340,6 +345,6 @@ def test_a_stray_stamp_of_a_truth_is_ignored_and_counted(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, number: int
 ) -> None:
     entries = [("/gt", row[0], pose(0 if k == number else row[0], *row[1:])) for k, row in enumerate(rows_of_drive())]
-    found = read_truth(write_messages(tmp_path / "x", entries), TruthConfig(source="/gt"))
+    found = truth_as(write_messages(tmp_path / "x", entries), TruthConfig(source="/gt"))
     assert found.stamps_ns.tolist() == np.delete(drive().stamps_ns, number).tolist()
     assert f"1 of {COUNT} poses have stamps that are 0" in caplog.text

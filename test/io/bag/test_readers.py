@@ -95,7 +95,7 @@ def test_a_definition_that_differs_from_noetic_is_not_called_corrupt(tmp_path: P
     with pytest.raises(InputError, match="definition") as refused:
         list(bag.messages([Topic("odom", "/odom", ODOMETRY)]))
     assert str(refused.value) == (
-        f"bag '{path}': the definition of {ODOMETRY} on '/odom' differs from ROS Noetic: "
+        f"'{path}': the definition of {ODOMETRY} on '/odom' differs from ROS Noetic: "
         "record the topic with the definition of Noetic"
     )
 

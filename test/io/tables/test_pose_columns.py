@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
 from sfr_loc_map.io.truth.config import TruthConfig
-from sfr_loc_map.io.truth.read import truth_of_path
+from sfr_loc_map.io.truth.read import truth_of_file
 from sfr_loc_map.message_stamps import NS_PER_S
 
 
@@ -427,7 +427,7 @@ def test_a_truth_and_a_conversion_require_poses_with_stamps(tmp_path: Path, sfr:
     assert done.code == 2
     assert "poses.txt' has no stamps" in done.err
     with pytest.raises(InputError, match=r"poses\.txt' has no stamps .*poses\.times\.txt"):
-        truth_of_path(tmp_path, TruthConfig(source=str(tmp_path / "poses.txt")))
+        truth_of_file(tmp_path, TruthConfig(source=str(tmp_path / "poses.txt")))
 
 
 @pytest.mark.parametrize("item", ["t=Zeit[s]", "t=Zeit", "t=zeit [s]"])

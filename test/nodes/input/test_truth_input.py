@@ -13,6 +13,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.registry import read_truth
+from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.nodes.input.truth_input import TruthFrame
 from sfr_loc_map.run_order import RunOrder
@@ -65,7 +66,9 @@ def test_poses_are_those_of_a_bag(tmp_path: Path, slow_ms: int) -> None:
     reader, rows = TruthFrame("map:marker"), []
     for topic, _, message in entries(slow_ms):
         rows += reader.rows(message, is_static=topic == "/tf_static")
-    bag = read_truth(write_messages(tmp_path / "x", entries(slow_ms)), TruthConfig(frame="map:marker"))
+    bag = read_truth(
+        write_messages(tmp_path / "x", entries(slow_ms)), SourceConfig(truth=TruthConfig(frame="map:marker"))
+    )
     assert len(rows) > 80
     assert [row[0] for row in rows] == bag.stamps_ns.tolist()
     np.testing.assert_array_equal([row[1][:3] for row in rows], bag.positions)
