@@ -12,8 +12,17 @@ from typer import Argument, Context, Option
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption, refuse_given, refuse_others
-from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, secondary_output, show, warn
-from sfr_loc_map.cli.verdict import conclude_all, write_junit
+from sfr_loc_map.cli.output import (
+    HTML_SUFFIXES,
+    STANDARD_OUTPUT,
+    check_outputs,
+    check_suffix,
+    say,
+    secondary_output,
+    show,
+    warn,
+)
+from sfr_loc_map.cli.verdict import conclude_all, say_deviations, write_junit
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.message_text import counted
@@ -137,6 +146,7 @@ def report(
                 _write_score(next(iter(scores.values())), output, json_path)
             else:
                 _compare_scores(results, list(scores.values()), output, json_path)
+            say_deviations(list(scores.values()), err=json_path == STANDARD_OUTPUT)
             conclude_all(scores, requires_common_verdict=is_signed, lenient=lenient)
         case ResultKind.SUITES:
             _compare_suites(results, output, json_path)

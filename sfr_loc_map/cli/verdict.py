@@ -31,7 +31,9 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
     if not tables and json_path != STANDARD_OUTPUT:
         raise ConfigError("nothing was scored: give an estimate and its truth")
     show(to_dict(score), json_path, tables)
-    if json_path != STANDARD_OUTPUT:
+    if json_path == STANDARD_OUTPUT:
+        say_deviations([score], err=True)
+    else:
         _say_verdict(score)
     if html is not None:
         with secondary_output():
@@ -55,8 +57,17 @@ def _say_verdict(score: Score) -> None:
         say(f"judged: {judged}{by}")
         banner = banner_of(score)
         say(f"verdict: {banner.state}. {banner.text}")
+    say_deviations([score])
     for item in look_first(score)[:1]:
         say(f"look at this first: {item.what}. {item.why}")
+
+
+def say_deviations(scores: Sequence[Score], *, err: bool = False) -> None:
+    """Print the deviations of judged scores that are not warnings, each once."""
+    from sfr_loc_map.report.deviations import deviations_beside_warnings
+
+    for text in dict.fromkeys(text for score in scores for text in deviations_beside_warnings(score)):
+        say(f"deviation: {text}", err=err)
 
 
 def write_junit(scores: Sequence[Score], path: Path) -> None:

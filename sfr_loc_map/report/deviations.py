@@ -61,6 +61,14 @@ def deviations_of(score: Score) -> Iterator[str]:
         yield from sentences_of(score)
 
 
+def deviations_beside_warnings(score: Score) -> tuple[str, ...]:
+    """Return the deviations of a judged score that are neither warnings nor stated beside its verdict."""
+    if not score.is_judged:
+        return ()
+    stated = {*_caveats(score), *_incomplete(score)}
+    return tuple(text for text in deviations_of(score) if text not in stated)
+
+
 # ---- settings and measurements that differ from the requirements of the specification
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 
 NO_CLAUSE = "no_clause"  #: Class of a test case whose figure the specification does not define.
@@ -21,11 +22,16 @@ ELEMENTS = {
 that is not judged is an error, so that a pipeline fails if the command ends with exit code 3."""
 
 
-def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None) -> str:
-    """Return the verdicts as JUnit XML with a test case per limit.
+def junit(
+    scores: Mapping[str, Score],
+    without: Mapping[str, str] | None = None,
+    deviations: Mapping[str, Sequence[str]] | None = None,
+) -> str:
+    """Return the verdicts as JUnit XML with a test case per limit, and the deviations of each score as properties.
 
     `without` maps the name of each job without a score to the reason. Each such job has one test case with an error.
-    Each score that has no verdicts, and is incomplete or contradictory, has such a test case, too.
+    Each score that has no verdicts, and is incomplete or contradictory, has such a test case, too. `deviations` has the
+    deviations of scores over several results, from which they do not follow, by name.
     """
     unjudged = dict(without or {})
     for name, score in scores.items():
@@ -37,7 +43,7 @@ def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None)
         _add_unjudged(root, name, reason)
     for name, score in scores.items():
         if name not in unjudged:
-            _add_score(root, name, score)
+            _add_score(root, name, score, (deviations or {}).get(name) or [*deviations_of(score)])
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
@@ -48,13 +54,16 @@ def _add_unjudged(root: ET.Element, name: str, reason: str) -> None:
     ET.SubElement(case, "error", message=printable(reason))
 
 
-def _add_score(root: ET.Element, name: str, score: Score) -> None:
+def _add_score(root: ET.Element, name: str, score: Score, deviations: Sequence[str]) -> None:
     states = [item.state for item in score.verdicts]
     suite = ET.SubElement(root, "testsuite", name=printable(name), tests=str(len(states)), skipped="0")
     for counted in ("failures", "errors"):
         suite.set(counted, str(sum(ELEMENTS.get(state, ("", ""))[1] == counted for state in states)))
     if score.provenance is not None and score.provenance.time:
         suite.set("timestamp", score.provenance.time[:19])
+    properties = ET.SubElement(suite, "properties")
+    for text in deviations:
+        ET.SubElement(properties, "property", name="deviation", value=printable(text))
     for view in verdict_views(score):
         _add_verdict(suite, view, score)
 

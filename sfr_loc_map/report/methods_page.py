@@ -8,14 +8,17 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.formulas import Statistics
+from sfr_loc_map.metrics.judging.incomplete import strictly_missing
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import KINDS, OF_CALLS, TOTAL, FigureKind, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.table.row_part import ANY
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report import plots
 from sfr_loc_map.report.comparison import optional_cell
+from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.drive_plots import growth
 from sfr_loc_map.report.plotted_data import errors_by_range, path_errors, path_of
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text
@@ -62,7 +65,7 @@ class MethodColumn(NamedTuple):
 def methods_tables(scores: Sequence[Score], names: Sequence[str]) -> list[Table]:
     """Return the tables of several methods: a row per method, and the provenance of each score."""
     named = list(zip(names, scores, strict=True))
-    return [_methods(named), _provenance(named)]
+    return [_methods(named), _deviations(named), _provenance(named)]
 
 
 def _cells_of(shown: MethodColumn, scores: Sequence[Score]) -> list[Cell]:
@@ -113,6 +116,17 @@ def _methods(named: Named) -> Table:
     return Table("methods", "Methods", heads, rows, note)
 
 
+def _deviations(named: Named) -> Table:
+    """Return a table with a row per deviation of judged scores, and the methods that have this deviation."""
+    names: dict[str, list[str]] = {}
+    for name, score in named:
+        for text in deviations_of(score) if score.is_judged else ():
+            names.setdefault(text, []).append(name)
+    rows = tuple((Cell.head(printable(text)), Cell(", ".join(of))) for text, of in names.items())
+    columns = (Column("deviation", words=True), Column("methods", words=True))
+    return Table("deviations", "Deviations of the judged scores", columns, rows)
+
+
 def _error_columns(scores: Sequence[Score], condition: str) -> Iterator[MethodColumn]:
     """Yield the compared statistics of the figures whose mean + 3 sigma is compared, each in one unit."""
     firsts = {row.figure: row for score in scores for row in compared_rows(score, condition)}
@@ -155,7 +169,8 @@ def _memory_columns(scores: Sequence[Score]) -> Iterator[MethodColumn]:
 
 
 def _verdict(score: Score) -> Cell:
-    return Cell.verdict(banner_of(score).state)
+    state = banner_of(score).state
+    return Cell.verdict(f"{state}, partial" if score.is_judged and score.active_rules.partial else state)
 
 
 def _kind(score: Score) -> Cell:
@@ -197,7 +212,7 @@ def compared_row(score: Score, kind: FigureKind, condition: str) -> Figure | Non
 
 def is_ranked(score: Score) -> bool:
     """Return whether a method has results of its complete task, so that its figures can be marked as the best."""
-    return score.incomplete is None and score.contradiction is None and not score.fatal_findings
+    return strictly_missing(score) is None and score.contradiction is None and not score.fatal_findings
 
 
 def rank_of(score: Score, condition: str) -> tuple[bool, bool, float]:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.config import CallKind, Reading, label_of
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score.score import Score
@@ -20,6 +21,7 @@ from sfr_loc_map.metrics.table.catalogue import ALIGNED, KINDS, Subject, statist
 from sfr_loc_map.metrics.table.row_part import AFTER_FIRST, DIRECTIONS, FIRST, Place
 from sfr_loc_map.metrics.table.rows import NUMBERS, Figure
 from sfr_loc_map.report import notes
+from sfr_loc_map.report.deviations import deviations_beside_warnings
 from sfr_loc_map.report.glossary import glossary
 from sfr_loc_map.report.verdict_view import VerdictView, unit_of_numbers, verdict_views
 from sfr_loc_map.tables.formats import to_markdown
@@ -154,7 +156,7 @@ VIEWS = (
     View("target-memory", "Peak memory on the target", on_target(Subject.MEMORY), notes.target_note),
 )
 """The tables of figures, in the order of a page. Other rows are in a final table."""
-FIRST_TABLES = ("verdicts", HEADLINE.name, COVERED.name, READINGS.name)
+FIRST_TABLES = ("verdicts", "deviations", HEADLINE.name, COVERED.name, READINGS.name)
 """Tables above the plots of a page."""
 ALL_COVERED = "all-covered"  #: Name of the complete table of completeness below the plots.
 SUMMARY = (
@@ -177,6 +179,7 @@ def score_tables(score: Score) -> list[Table]:
     others = [(index, row) for index, row in enumerate(score.figures) if index not in shown]
     tables = [
         verdict_table(score),
+        deviation_table(score),
         *(view_table(view, score) for view in VIEWS),
         figure_table("others", "Other figures", others),
         external_table(score),
@@ -184,6 +187,12 @@ def score_tables(score: Score) -> list[Table]:
         association_table(score),
     ]
     return [table for table in tables if table.rows]
+
+
+def deviation_table(score: Score) -> Table:
+    """Return the deviations of a judged score that are not warnings, a row each."""
+    rows = tuple((Cell.head(printable(text)),) for text in deviations_beside_warnings(score))
+    return Table("deviations", "Deviations", (Column("deviation", words=True),), rows)
 
 
 def summary_tables(score: Score) -> list[Table]:

@@ -73,6 +73,8 @@ def _banner_text(score: Score) -> str:
         sentences.append(f"Incomplete: {score.incomplete}.")
     if score.on_limits and score.contradiction is None:  # otherwise no limit is judged
         sentences.append(f"{counts_of(score.on_limits).text}.")
+    if score.active_rules.partial and score.is_judged:
+        sentences.append("An incomplete result is judged as if it were complete (--partial).")
     certain = [item.certain for item in score.on_limits if item.certain is not None]
     if certain and score.contradiction is None:
         sentences.append(

@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace as replace_struct
 
+from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, NAV_RIG, nav_pair, true_cloud
 from helpers.made_suites import JOB
 from sfr_loc_map.calls.call_record import CallRecord
@@ -19,19 +21,24 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source, SourceFormat
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PublishedScore
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.cloud_error import truths_of
 from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.comparison import compare_scores
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 from sfr_loc_map.replay.result import ReplayedMap, ReplayResult
 from sfr_loc_map.replay.score import score_replay
+from sfr_loc_map.report.control_document import control_csv
 from sfr_loc_map.report.junit import junit
+from sfr_loc_map.report.methods_page import methods_tables
 from sfr_loc_map.report.page import render_page
+from sfr_loc_map.report.score_tables import score_markdown
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
@@ -55,6 +62,7 @@ LIMITS = parse_limits(
     },
     "test",
 )
+MISSING = parse_limits({"completeness": {"missing_max_share": 0.6}}, "test")
 
 
 def drive(noise_m: float = 0.0003, rows: Any = slice(None)) -> Trajectory:
@@ -242,6 +250,59 @@ def test_no_view_makes_a_verdict_of_a_part(way: str, view: str) -> None:
 @pytest.mark.parametrize("view", VIEWS)
 def test_every_view_passes_the_complete_run(view: str) -> None:
     assert VIEWS[view](Made()) == "pass"
+
+
+# ---- partial judging
+
+
+SHOWN: dict[str, Callable[[Score], str]] = {
+    "page": lambda score: render_page(score, plots=False),
+    "Markdown": score_markdown,
+    "test report": lambda score: render_test_report([score]),
+    "control document": lambda score: control_csv({"score": score}),
+    "junit": lambda score: junit({"score": score}),
+    "live page": lambda score: str(banner_of(score)),
+}
+"""The views of one score, as their text."""
+
+
+@pytest.mark.parametrize("view", SHOWN)
+def test_every_view_states_that_judging_was_partial(view: str) -> None:
+    for partial in (False, True):
+        score = from_json(to_json(judged_by(scored(Made()), LIMITS, partial=partial)))
+        assert ("--partial" in SHOWN[view](score)) == partial
+
+
+@pytest.mark.parametrize("allowance", ["partial", "limit"])
+def test_a_comparison_judges_completeness_without_partial_judging_and_limits_on_it(allowance: str) -> None:
+    """A method that left out its difficult frames is neither better nor the best of a column."""
+    allowed = replace_struct(LIMITS, limits=(*LIMITS.limits, *MISSING.limits)) if allowance == "limit" else LIMITS
+    part = judged_by(scored(WAYS["every second estimate"]()), allowed, partial=allowance == "partial")
+    scores, names = [scored(Made()), part], ["complete", "part"]
+    assert part.verdict == "pass"
+    result = compare_scores(scores, names)
+    assert {pair.outcome.value for pair in result.pairs} == {"incomplete"}
+    assert "50" in (result.incomplete[1] or "")
+    (methods,) = [table for table in methods_tables(scores, names) if table.name == "methods"]
+    (row,) = [row for row in methods.rows if row[0].text == "part"]
+    assert not any(cell.mark for cell in row)
+    assert row[1].text == ("pass, partial" if allowance == "partial" else "pass")
+
+
+@pytest.mark.parametrize("is_partial", [False, True])
+def test_the_commands_state_partial_judging(tmp_path: Path, sfr: Sfr, is_partial: bool) -> None:
+    """Of an estimate without its last frames, both in the terminal and in the JUnit file of its stored score."""
+    save_trajectory(tmp_path / "e.csv", drive(rows=slice(0, COUNT - 40)))
+    save_trajectory(tmp_path / "t.csv", drive(0.0))
+    score, xml, limits = (tmp_path / name for name in ("s.json", "s.xml", "limits.yaml"))
+    limits.write_text("trajectory: [{condition: distance=5, position_mean_plus_3sigma_m: 100}]\n")
+    options = ["--partial"] if is_partial else []
+    made = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", limits, "--json", score, *options)
+    read = sfr("report", score, "--junit", xml)
+    properties = [item.get("value") or "" for item in ET.parse(xml).getroot().iter("property")]
+    for done, text in ((made, made.out), (read, read.out), (read, " ".join(properties))):
+        assert done.code == (0 if is_partial else 3), done.err
+        assert ("(--partial)" in text) == is_partial
 
 
 def test_what_a_live_run_dropped_and_every_restart_are_incomplete() -> None:

@@ -134,6 +134,17 @@ def is_lifted_by_partial(score: Score) -> bool:
     return not incompleteness(struct_replace(score, rules=struct_replace(score.active_rules, partial=True)))
 
 
+def strictly_missing(score: Score) -> str | None:
+    """Return what makes a score incomplete without partial judging and limits that allow missing data.
+
+    Scores are compared by what they contain, not by what the rules of each accept.
+    """
+    rules = score.active_rules
+    limits = tuple(limit for limit in rules.limits if limit.section is not LimitSection.COMPLETENESS)
+    strict = struct_replace(rules, limits=limits, partial=False)
+    return text_of(incompleteness(struct_replace(score, rules=strict))) or score.incomplete
+
+
 # ---- unknown items and states
 
 

@@ -25,6 +25,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.metrics.errors.trajectory_errors import overlap_of
 from sfr_loc_map.metrics.formulas import statistics
+from sfr_loc_map.metrics.judging.incomplete import strictly_missing
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import Interval, holm, scatter_of_difference
 from sfr_loc_map.metrics.stored.score_json import to_plain
@@ -87,7 +88,9 @@ class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
 
     names: tuple[str, ...]
     methods: tuple[MethodRecord | None, ...] = ()
-    incomplete: tuple[str | None, ...] = ()  #: Expected data that each score cannot judge; null for a complete score.
+    incomplete: tuple[
+        str | None, ...
+    ] = ()  #: Expected data that each score cannot judge; also if its rules accept this. Null if none.
     pairs: tuple[PairedDifference, ...]
     side_by_side: tuple[SideBySide, ...]
 
@@ -107,15 +110,15 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     side_by_side = tuple(_side_by_side(scores))
     if not any(pair.count or pair.every > 1 for pair in pairs) and not side_by_side:  # samples may have none in common
         raise MetricsError("the scores have no condition and no figure in common: score the same data and conditions")
+    missing = [strictly_missing(score) for score in scores]
     is_incomplete = {
-        name: first.incomplete is not None or score.incomplete is not None
-        for score, name in zip(others, names[1:], strict=True)
+        name: missing[0] is not None or text is not None for name, text in zip(names[1:], missing[1:], strict=True)
     }
     corrected = holm([pair.p for pair in pairs])
     return Comparison(
         names=tuple(names),
         methods=tuple(score.method for score in scores),
-        incomplete=tuple(score.incomplete for score in scores),
+        incomplete=tuple(missing),
         pairs=tuple(
             _concluded(pair, p, is_incomplete=is_incomplete[pair.name])
             for pair, p in zip(pairs, corrected, strict=True)

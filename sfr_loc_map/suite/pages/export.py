@@ -10,7 +10,7 @@ from pathlib import Path
 from sfr_loc_map import __version__
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import MissingExtraError, OutputError
-from sfr_loc_map.message_text import one_line
+from sfr_loc_map.message_text import counted, one_line
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.rows import COLUMNS
@@ -34,7 +34,8 @@ def suite_junit(summary: Summary) -> str:
     judged = {f"all drives, {group.key.text}": summary.score_of(group) for group in summary.groups}
     waiting = {"jobs": f"{summary.waiting} of {summary.jobs} have no result yet"} if summary.waiting else {}
     scores = {unique_name(result.job.label, result.job.key): result.score for result in summary.results}
-    return junit(judged | scores, failed | refused | waiting)
+    of_all = [f"{item.text} ({counted(item.results, 'result')})" for item in summary.deviations]
+    return junit(judged | scores, failed | refused | waiting, dict.fromkeys(judged, of_all))
 
 
 def write_parquet(summary: Summary, path: Path) -> None:
