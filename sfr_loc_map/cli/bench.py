@@ -81,7 +81,8 @@ def localise(
     how = announced_config(source, config, remap)
     check_outputs(json_path, inputs=(source, how.given.path, vocabulary), overwrite=overwrite)
     opened = open_source(source, how)
-    parameters, sequence = how.given.build(LocalisationConfig, "localisation"), drive_of(opened)
+    parameters = how.given.build(LocalisationConfig, "localisation")
+    sequence = drive_of(opened)
     check_conditions(sequence.ground_truth, scoring.conditions, lenient=lenient)
     methods, missing = methods_to_compare(Task.LOCALISATION, parameters, peer_python, vocabulary, method or ())
     trial = LocaliserTrial(
@@ -118,7 +119,8 @@ def map_(
     how = announced_config(source, config, remap)
     check_outputs(json_path, inputs=(source, how.given.path), overwrite=overwrite)
     opened = open_source(source, how)
-    parameters, sequence = how.given.build(MappingConfig, "mapping"), panorama_of(opened)
+    parameters = how.given.build(MappingConfig, "mapping")
+    sequence = panorama_of(opened)
     methods, missing = methods_to_compare(Task.MAPPING, parameters, peer_python, added=method or ())
     trial = MapperTrial.of(sequence, parameters, opened.truth_paths())
     with progress_bar("calls") as bar:
@@ -161,7 +163,8 @@ def faults(
     check_outputs(json_path, inputs=(source, how.given.path), overwrite=overwrite)
     wanted = tuple(fault or FAULTS)
     opened = open_source(source, how)
-    localiser, drive = how.given.build(LocalisationConfig, "localisation"), drive_of(opened)
+    localiser = how.given.build(LocalisationConfig, "localisation")
+    drive = drive_of(opened)
     if drive.ground_truth is None:
         raise without_truth(source)
     if not drive.ground_truth.has_attitude:

@@ -19,7 +19,7 @@ from sfr_loc_map.cli.options import (
     columns_of,
     refuse_others,
 )
-from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, progress_bar, say, warn
+from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, pairs_progress, say, warn
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.suffixes import suffix_of
 
@@ -147,9 +147,8 @@ def _convert_source(
             warn(f"the mapping pairs of '{source}' are ignored: the layout of {options.layout} has none")
         parts = [] if opened.loc is None else [opened.loc]
     room = output_folder(destination, overwrite=overwrite, inputs=(source,))
-    with room as place, naming(source), progress_bar("pairs") as bar:
-        task = bar.add_task("converting", total=sum(map(len, parts)))
-        count = run(opened, place, options, lambda done: bar.update(task, completed=done))
+    with room as place, naming(source), pairs_progress("converting", sum(map(len, parts))) as progress:
+        count = run(opened, place, options, progress)
     say(f"{count} pairs: {destination}", err=True)
     propose("sfr", "info", destination, why="is it complete")
 
@@ -178,10 +177,9 @@ def _convert_pairs(
     check_outputs(destination, inputs=(source, how.given.path), overwrite=overwrite)
     opened = open_source(source, how)
     start = None if opened.loc is None else true_start(opened.loc).T_ds_rb
-    with naming(source), progress_bar("pairs") as bar:
-        total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
-        task = bar.add_task("converting", total=total)
-        count = write_pairs(destination, opened, start, lambda done: bar.update(task, completed=done))
+    total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
+    with naming(source), pairs_progress("converting", total) as progress:
+        count = write_pairs(destination, opened, start, progress)
     say(f"{count} pairs: {destination}", err=True)
     why = "on the target (docs/howto/target.md), then sfr score results SRC"
     propose("./harness", destination, "results", why=why)

@@ -22,7 +22,7 @@ from sfr_loc_map.cli.options import (
     given_words,
     method_under_test,
 )
-from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, secondary_output, warn
+from sfr_loc_map.cli.output import check_outputs, check_suffix, pairs_progress, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.errors import InterruptedRunError, naming
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -79,7 +79,8 @@ def localise(
     check_outputs(*files_written(output), stats, video, inputs=inputs, overwrite=overwrite)
     opened = open_source(source, how)
     theirs = method_under_test(context, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
-    parameters, sequence = how.given.build(LocalisationConfig, "localisation"), drive_of(opened)
+    parameters = how.given.build(LocalisationConfig, "localisation")
+    sequence = drive_of(opened)
     with ExitStack() as film, naming(source):
         first_pose = start_pose(sequence, start)
         if theirs is not None and (text := unstamped_start_warning(first_pose, sequence)) is not None:
@@ -109,11 +110,8 @@ def _localised(
     """Return the run over a drive while a progress bar counts the pairs; after an interruption, the finished pairs."""
     from sfr_loc_map.runs.localiser_run import run_localiser
 
-    with progress_bar("pairs") as bar:
-        task = bar.add_task("localising", total=len(sequence))
+    with pairs_progress("localising", len(sequence)) as progress:
         try:
-            return run_localiser(
-                sequence, how, start, watch, lambda done: bar.update(task, completed=done), keeps_finished=True
-            )
+            return run_localiser(sequence, how, start, watch, progress, keeps_finished=True)
         finally:
             hold()

@@ -21,7 +21,7 @@ from sfr_loc_map.cli.options import (
     given_words,
     method_under_test,
 )
-from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, secondary_output, warn
+from sfr_loc_map.cli.output import check_outputs, check_suffix, pairs_progress, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.errors import InterruptedRunError, naming
 from sfr_loc_map.mapping.config import CalibrationPrior, MappingConfig
@@ -91,11 +91,8 @@ def map_cloud(
     opened = open_source(source, how)
     theirs = method_under_test(context, Task.MAPPING, opened, config, call_timeout, memory_limit)
     sequence = panorama_of(opened)
-    with naming(source), progress_bar("pairs") as bar:
-        task = bar.add_task("mapping", total=len(sequence))
-        run = run_mapper(
-            sequence, theirs or parameters, lambda done: bar.update(task, completed=done), keeps_finished=True
-        )
+    with naming(source), pairs_progress("mapping", len(sequence)) as progress:
+        run = run_mapper(sequence, theirs or parameters, progress, keeps_finished=True)
         hold()
     cloud = save_map(run, sequence.rig.fx, outputs, secondary_output)
     with secondary_output():

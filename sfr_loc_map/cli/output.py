@@ -148,6 +148,14 @@ def progress_bar(unit: str) -> Progress:
     return Progress(TextColumn("{task.description}"), *columns, console=console, disable=not console.is_terminal)
 
 
+@contextmanager
+def pairs_progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show a bar of pairs while the block runs; yield a function that sets the number of finished pairs."""
+    with progress_bar("pairs") as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
 def counting(bar: Progress, what: str, total: int) -> Callable[[], None]:
     """Return a function that counts a step on the bar; without a terminal, it prints a line after each tenth."""
     shown = bar.add_task(what, total=total)

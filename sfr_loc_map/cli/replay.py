@@ -176,7 +176,8 @@ def replay(
         from sfr_loc_map.scoring.request import ScoreRequest
 
         how = announced_config(source, config, remap)
-        opened, file = open_source(source, how), how.given.path
+        opened = open_source(source, how)
+        file = how.given.path
         if opened.loc is None:
             of_drives = ("start", *of_panels(context, TRAJECTORIES))
             refuse_given(context, of_drives, f"applies to a drive, but '{source}' has only mapping pairs: omit it")

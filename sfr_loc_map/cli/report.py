@@ -11,7 +11,15 @@ from typer import Argument, Context, Option
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption, refuse_given, refuse_others
+from sfr_loc_map.cli.options import (
+    Align,
+    JsonOption,
+    LenientOption,
+    OverwriteOption,
+    of_panels,
+    refuse_given,
+    refuse_others,
+)
 from sfr_loc_map.cli.output import (
     HTML_SUFFIXES,
     STANDARD_OUTPUT,
@@ -46,15 +54,8 @@ class ResultKind(StrEnum):
 
 
 OF_PAGE = ("results", "output", "json_path", "overwrite")
-OF_TEST = ("test_report", "junit", "control")  #: Outputs of scores in place of a page.
 OF_TEST_REPORT = ("title", "evidence")
 OF_HEADING = ("number", "issue")  #: In the test report and in the control document.
-OF_KIND: dict[ResultKind, tuple[str, ...]] = {
-    ResultKind.SCORES: (*OF_PAGE, *OF_TEST, *OF_TEST_REPORT, *OF_HEADING, "lenient"),
-    ResultKind.SUITES: OF_PAGE,
-    ResultKind.TRAJECTORIES: ("results", "output", "overwrite", "truth", "align", "max_difference"),
-}
-"""Arguments and options that apply to each kind of results."""
 
 
 @app.command(
@@ -130,7 +131,7 @@ def report(
     check_suffix(test_report, HTML_SUFFIXES)
     check_suffix(control, (".csv",))
     kind = _kind_of(results)
-    refuse_others(context, OF_KIND[kind], f"does not apply to {kind}: omit it")
+    refuse_others(context, _options_of(context, kind), f"does not apply to {kind}: omit it")
     is_signed = any(path is not None for path in (test_report, junit, control))
     _check_partners(context, is_signed=is_signed)
     if kind is ResultKind.SCORES and len(results) == 1 and output is None and not is_signed:
@@ -173,6 +174,17 @@ def _kind_of(results: Sequence[Path]) -> ResultKind:
                 "suites"
             )
     return ResultKind.SUITES
+
+
+def _options_of(context: Context, kind: ResultKind) -> tuple[str, ...]:
+    """Return the arguments and options that apply to a kind of results."""
+    match kind:
+        case ResultKind.SCORES:
+            return (*OF_PAGE, *of_panels(context, SIGNED), "lenient")
+        case ResultKind.SUITES:
+            return OF_PAGE
+        case ResultKind.TRAJECTORIES:
+            return ("results", "output", "overwrite", *of_panels(context, DRAWN))
 
 
 def _check_partners(context: Context, *, is_signed: bool) -> None:

@@ -229,14 +229,7 @@ def score(
     for table in (points, pieces):
         check_suffix(table, TABLE_SUFFIXES)
     check_outputs(json_path, html, junit, points, pieces, inputs=read, overwrite=overwrite)
-    if found.estimate is None:
-        of_trajectories = of_panels(context, TRAJECTORIES, ASSOCIATION, TABLES, CONVENTION)
-        refuse_given(context, of_trajectories, "applies only to trajectories: omit it for a cloud")
-    if found.cloud is None:
-        refuse_given(context, of_panels(context, CLOUDS), "applies only to clouds: omit it for a trajectory")
-    if diagnose:
-        of_diagnosis = (*OF_DIAGNOSIS, *of_panels(context, ASSOCIATION, TABLES))
-        refuse_others(context, of_diagnosis, "has no effect with --diagnose, which makes no score: omit it")
+    _check_options(context, found)
     request = ScoreRequest.of(
         by.conditions,
         by.limits,
@@ -277,6 +270,18 @@ def score(
     conclude(result, by.asked, lenient=lenient)
     if junit is not None and not result.is_judged:
         not_judged([NO_LIMITS], lenient=lenient)
+
+
+def _check_options(context: Context, given: ScoreInputs) -> None:
+    """Raise ConfigError if an option does not apply to the kind of the estimate, or to a diagnosis."""
+    if given.estimate is None:
+        of_trajectories = of_panels(context, TRAJECTORIES, ASSOCIATION, TABLES, CONVENTION)
+        refuse_given(context, of_trajectories, "applies only to trajectories: omit it for a cloud")
+    if given.cloud is None:
+        refuse_given(context, of_panels(context, CLOUDS), "applies only to clouds: omit it for a trajectory")
+    if context.params["diagnose"]:
+        of_diagnosis = (*OF_DIAGNOSIS, *of_panels(context, ASSOCIATION, TABLES))
+        refuse_others(context, of_diagnosis, "has no effect with --diagnose, which makes no score: omit it")
 
 
 def _measured_on(inputs: ScoreInputs, target: str | None, timing: Path | None, run: str | None) -> ScoreInputs:

@@ -17,7 +17,7 @@ from sfr_loc_map.cli.options import (
     parse_settings,
     refuse_given,
 )
-from sfr_loc_map.cli.output import output_folder, progress_bar, say
+from sfr_loc_map.cli.output import output_folder, pairs_progress, progress_bar, say
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
@@ -119,10 +119,8 @@ def _inject(
     opened = open_source(source, announced_config(source, config, remap))
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
     room = output_folder(destination, overwrite=overwrite, inputs=(source,))
-    with room as place, naming(source), progress_bar("pairs") as bar:
-        task = bar.add_task("injecting faults", total=total)
-        changed = faulty(opened, faults, seed)
-        count = convert(changed, place, EXACT, lambda done: bar.update(task, completed=done))
+    with room as place, naming(source), pairs_progress("injecting faults", total) as progress:
+        count = convert(faulty(opened, faults, seed), place, EXACT, progress)
     say(f"{count} of {total} pairs: {destination}", err=True)
     name = destination.stem  # not estimate.csv, which often exists for the source without the fault
     words = ("localise", destination, "-o", f"{name}.csv", "--stats", f"{name}.stats.csv")
