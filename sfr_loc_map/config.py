@@ -171,6 +171,16 @@ def _converted(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parame
     return value
 
 
+def check_parameters(config: Any) -> None:  # noqa: ANN401 - any configuration dataclass
+    """Check types, ranges and choices of the parameters of a configuration, without its groups; ConfigError if invalid.
+
+    A configuration class that is also constructed without `build` calls this function after its construction.
+    """
+    for info in parameters(type(config)):
+        if "." not in info.name:
+            _converted(info, getattr(config, info.name))
+
+
 def _without_numpy(value: Any) -> Any:  # noqa: ANN401 - any parameter type
     """Return a value with numpy scalars and arrays, also in a list or tuple, as numbers and lists of Python."""
     if isinstance(value, list | tuple):

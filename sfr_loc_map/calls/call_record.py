@@ -22,8 +22,7 @@ from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, is_statistic, statistic_range
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
-from sfr_loc_map.metrics.frames.covariance import DIAGONAL
+from sfr_loc_map.metrics.frames.covariance import DIAGONAL, STEP_SIZE
 from sfr_loc_map.suite_names import Task
 
 if TYPE_CHECKING:

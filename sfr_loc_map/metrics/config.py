@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from sfr_loc_map.config import build, param
+from sfr_loc_map.config import build, check_parameters, param
 from sfr_loc_map.errors import ConfigError, MetricsError
 
 MAX_VALUE = 1e9  #: Maximum metres, seconds or frames of a condition; this many seconds fit 64 bits of nanoseconds.
@@ -135,23 +135,34 @@ class Condition:
     others: tuple[Condition, ...] = ()  #: Other parts of a combined condition, which have no parts themselves.
 
     def __post_init__(self) -> None:
-        """Check the value of the condition; MetricsError if it is invalid."""
+        """Check the condition, and sort its parts by kind, so that conditions with the same parts are equal.
+
+        MetricsError if the value is invalid, or if two parts have the same kind or a part has parts.
+        """
         largest = 180.0 if self.kind is ConditionKind.TURN else MAX_VALUE
         is_countable = self.kind is not ConditionKind.FRAMES or self.value % 1.0 == 0.0
         if not 0.0 < self.value <= largest or not is_countable:
             raise MetricsError(f"'{self.kind}={self.value:g}' is not a condition: {VALUES_OF_CONDITIONS}")
+        if not self.others:
+            return
+        if any(part.others for part in self.others):
+            raise MetricsError(f"'{self.setting}' has a part with parts: give each part as a condition of one kind")
+        if len({part.kind for part in self.parts}) < len(self.parts):
+            raise MetricsError(f"'{self.setting}' has the same kind of condition twice: give each kind once")
+        first, *others = sorted(self.parts, key=lambda part: list(ConditionKind).index(part.kind))
+        for name, value in (("kind", first.kind), ("value", first.value), ("others", tuple(others))):
+            object.__setattr__(self, name, value)
 
     @property
     def parts(self) -> tuple[Condition, ...]:
-        """All parts of the condition as separate conditions."""
+        """All parts of the condition as separate conditions, in the order of `ConditionKind`."""
         return (Condition(self.kind, self.value), *self.others)
 
     @classmethod
     def parse(cls, text: str) -> Condition:
         """Return the condition of a text such as `distance=5`, `time=60`, `frames=100` or `distance=5,time=10`.
 
-        A unit after the number is accepted (`distance=5 m`). The parts are sorted by kind, so that conditions with the
-        same parts are equal. MetricsError if the text is not a valid condition.
+        A unit after the number is accepted (`distance=5 m`). MetricsError if the text is not a valid condition.
         """
         parts = []
         for word in text.split(","):
@@ -161,9 +172,7 @@ class Condition:
                 parts.append(cls(kind, float(number.strip().removesuffix(kind.unit))))
             except (ValueError, MetricsError) as error:
                 raise MetricsError(f"'{text}' is not a condition: {VALUES_OF_CONDITIONS}") from error
-        if len({part.kind for part in parts}) < len(parts):
-            raise MetricsError(f"'{text}' has the same kind of condition twice: give each kind once")
-        first, *others = sorted(parts, key=lambda part: list(ConditionKind).index(part.kind))
+        first, *others = parts
         return cls(first.kind, first.value, tuple(others))
 
     @property
@@ -230,6 +239,10 @@ class AssociationConfig:
     )
     max_gap_s: float = param(1.0, unit="s", doc="Longest gap of the truth that is interpolated.", low=0.0, high=3600.0)
 
+    def __post_init__(self) -> None:
+        """Check the settings; ConfigError if a value is invalid."""
+        check_parameters(self)
+
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryScoreConfig:
@@ -253,6 +266,10 @@ class TrajectoryScoreConfig:
     )
     association: AssociationConfig = field(default_factory=AssociationConfig)
 
+    def __post_init__(self) -> None:
+        """Check the settings; ConfigError if a value is invalid."""
+        check_parameters(self)
+
 
 @dataclass(frozen=True, slots=True)
 class AlignedErrorConfig:
@@ -268,6 +285,10 @@ class AlignedErrorConfig:
     )
     rpe_delta: str = param("frames=1", doc="Length of a relative error: frames=NUMBER or distance=METRES.")
 
+    def __post_init__(self) -> None:
+        """Check the settings; ConfigError if a value is invalid."""
+        check_parameters(self)
+
 
 @dataclass(frozen=True, slots=True)
 class MapScoreConfig:
@@ -280,7 +301,8 @@ class MapScoreConfig:
     )
 
     def __post_init__(self) -> None:
-        """Check that the scored range is not empty and that the edges ascend; ConfigError if not."""
+        """Check the settings, that the scored range is not empty and that the edges ascend; ConfigError if not."""
+        check_parameters(self)
         if self.scored_from_m >= self.scored_to_m:
             given = f"{self.scored_from_m:g} to {self.scored_to_m:g} m"
             raise ConfigError(f"the scored range {given} is empty: give the minimum, then the maximum")

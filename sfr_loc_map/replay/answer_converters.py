@@ -68,6 +68,7 @@ class PoseConverter:
         self._truth = loc.ground_truth
         self._in_own_world = replace(options.convention, world="ds")
         self._T_rb_child = options.convention.T_rb_child(loc.rig)
+        self._first: messages.OdometryRow | None = None  # pose with the earliest stamp, at which motions begin
         self._T_ds_world: Transform | None = None  # of the first pose, if the convention aligns the world with it
         self._publisher = peer.ros_node.create_publisher(Odometry, options.converted_topic, QoSProfile(depth=DEPTH))
 
@@ -95,10 +96,21 @@ class PoseConverter:
         self._publisher.publish(out)
 
     def _converted(self, row: messages.OdometryRow, covariance: FloatArray) -> Estimates:
-        """Return a pose with its covariance `(6, 6)` as a pose of RB in DS."""
-        poses = Trajectory(np.array([row[0]], np.int64), np.array([row[1]]), np.array([row[2]]))
-        published = Estimates.of(poses, covariance=covariance[None, *UPPER])
-        estimates = converted_estimates(published, self._in_own_world, self._T_rb_child, None)
+        """Return a pose with its covariance `(6, 6)` as a pose of RB in DS.
+
+        The pose is converted together with the first pose, because a convention may state motions since this pose.
+        """
+        if self._first is None or row[0] < self._first[0]:
+            self._first = row
+        rows = (self._first, row)
+        poses = Trajectory(
+            np.array([stamp_ns for stamp_ns, _, _ in rows], np.int64),
+            np.array([position for _, position, _ in rows]),
+            np.array([quat for _, _, quat in rows]),
+        )
+        published = Estimates.of(poses, covariance=np.array([covariance[UPPER]] * 2))
+        both = converted_estimates(published, self._in_own_world, self._T_rb_child, None)
+        estimates = both.at_rows(np.array([1]))
         if self._convention.world != FIRST_POSE:
             return estimates
         if self._T_ds_world is None:

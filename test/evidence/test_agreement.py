@@ -21,9 +21,8 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingStatistics
 from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
 from sfr_loc_map.metrics.frames.association import Estimates
-from sfr_loc_map.metrics.frames.covariance import UPPER
+from sfr_loc_map.metrics.frames.covariance import STEP_SIZE, UPPER
 
 STAMPS = 1_000_000_000 + np.arange(400) * 100_000_000
 SIGMA_M, SIGMA_RAD = 1e-3, 2e-4

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,3 +83,12 @@ def test_nothing_in_common_and_wrong_lengths() -> None:
     far = aligned_errors(TENTHS, TENTHS, AlignedErrorConfig(rpe_delta="distance=1000"))
     row = Score(figures=far.figures).figure("rpe", part="translation")
     assert (row.n, row.rmse) == (0, None)
+
+
+@pytest.mark.parametrize("align", ALIGNMENTS)
+@pytest.mark.parametrize("has_true_attitude", [True, False])
+def test_an_estimate_without_attitudes_has_no_pose_errors(align: str, has_true_attitude: bool) -> None:
+    positions = replace(TENTHS, quats_xyzw=np.zeros_like(TENTHS.quats_xyzw))
+    truth = TENTHS if has_true_attitude else positions
+    with pytest.raises(MetricsError, match="only positions"):
+        aligned_errors(positions, truth, AlignedErrorConfig(align=align))

@@ -138,7 +138,31 @@ def test_estimates_between_the_images_are_no_frames(stamps_ns: list[int], expect
     assert rows.tolist() == expected
 
 
-@pytest.mark.parametrize("given", [{"lost": np.zeros(2, np.bool_)}, {"covariance": np.zeros((4, 21))}])
-def test_estimates_with_columns_of_another_length_are_refused(given: dict[str, Any]) -> None:
-    with pytest.raises(MetricsError, match="one for each of 3 poses"):
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"lost": np.zeros(2, np.bool_)}, r"'lost' .* has the shape \(2,\): \(3,\) is required for 3 poses"),
+        ({"lost": ["no", "no", "yes"]}, "'lost' .* has the type <U3: true or false"),
+        ({"degraded": [0, 1, 0]}, "'degraded' .* true or false"),
+        ({"covariance": np.zeros((4, 21))}, "'covariance'"),
+        ({"covariance": np.zeros((3, 36))}, r"\(3, 21\) is required"),
+        ({"covariance": np.zeros((3, 6, 6))}, r"\(3, 21\) is required"),
+        ({"steps": np.zeros((3, 21))}, r"\(3, 48\) is required"),
+    ],
+)
+def test_columns_of_another_shape_or_type_are_refused(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(MetricsError, match=words):
         Estimates.of(poses([0, 10, 20]), **given)
+
+
+def test_rows_of_estimates_keep_their_columns() -> None:
+    lost = np.array([True, False, False])
+    covariance = np.arange(63.0).reshape(3, 21)
+    chosen = Estimates.of(poses([0, 10, 20]), lost, covariance=covariance).at_rows(np.array([2, 0]))
+    assert chosen.trajectory.stamps_ns.tolist() == [20, 0]
+    assert chosen.lost.tolist() == [False, True]
+    assert chosen.is_lost_known.all()
+    assert not chosen.is_degraded_known.any()
+    assert chosen.covariance is not None
+    assert chosen.covariance.tolist() == covariance[[2, 0]].tolist()
+    assert chosen.steps is None

@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.metrics.conventions.pose_convention import FRAMES, PoseConvention, aligned, converted
+from sfr_loc_map.metrics.conventions.pose_convention import (
+    FRAMES,
+    PoseConvention,
+    aligned,
+    converted,
+    converted_estimates,
+)
+from sfr_loc_map.metrics.frames.association import Estimates
 
 RIG = StereoRig(
     160, 120, 100.0, 100.0, 80.0, 60.0, 0.12,
@@ -105,3 +112,41 @@ def test_no_poses_are_no_poses_in_any_convention() -> None:
     empty = Trajectory(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 4)))
     for setting in ("inverse_motion=true", "inverse=true", "quaternion=wxyz", "mirrored=true"):
         assert len(converted(empty, PoseConvention.parse([setting]), Transform.identity())) == 0
+
+
+def converted_in_order(estimates: Estimates, rows: np.ndarray, setting: str, truth: Trajectory | None) -> Trajectory:
+    """The poses after the conversion of estimates in the order of `rows`, in the original order again."""
+    convention = PoseConvention.parse([setting])
+    found = converted_estimates(estimates.at_rows(rows), convention, Transform.identity(), truth)
+    return found.at_rows(np.argsort(rows)).trajectory
+
+
+@pytest.mark.parametrize("setting", ["inverse_motion=true", "world=first_pose", "inverse=true"])
+@pytest.mark.parametrize("has_truth", [True, False])
+def test_a_conversion_does_not_depend_on_the_order_of_the_poses(setting: str, has_truth: bool) -> None:
+    poses = drive()
+    truth = replace(poses, positions=poses.positions + 3.0) if has_truth else None
+    lost = np.arange(len(poses)) < 3
+    wanted = converted_in_order(Estimates.of(poses, lost), np.arange(len(poses)), setting, truth)
+    for rows in (np.arange(len(poses))[::-1], np.roll(np.arange(len(poses)), 1)):
+        found = converted_in_order(Estimates.of(poses, lost), rows, setting, truth)
+        np.testing.assert_array_equal(found.positions, wanted.positions)
+        np.testing.assert_array_equal(found.quats_xyzw, wanted.quats_xyzw)
+
+
+def test_the_world_is_aligned_at_the_first_pose_that_is_not_lost() -> None:
+    poses = drive()
+    lost = np.arange(len(poses)) < 3
+    convention = PoseConvention.parse(["world=first_pose"])
+    found = converted_estimates(Estimates.of(poses, lost), convention, Transform.identity(), None).trajectory
+    np.testing.assert_allclose(found.positions[3], 0.0, atol=1e-12)
+    assert np.linalg.norm(found.positions[0]) > 1.0
+    with pytest.raises(MetricsError, match="no pose that is not lost"):
+        converted_estimates(Estimates.of(poses, np.ones(len(poses), np.bool_)), convention, Transform.identity(), None)
+
+
+@pytest.mark.parametrize("setting", ["inverse=true", "world=first_pose", "frame=rb_optical", "mirrored=true"])
+def test_an_estimate_without_attitudes_is_not_converted(setting: str) -> None:
+    positions = replace(drive(), quats_xyzw=np.zeros((40, 4)))
+    with pytest.raises(MetricsError, match="the estimate has only positions"):
+        converted_estimates(Estimates.of(positions), PoseConvention.parse([setting]), Transform.identity(), None)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from sfr_loc_map.config import build, changed, param, parameters
+from sfr_loc_map.config import build, changed, check_parameters, param, parameters
 from sfr_loc_map.errors import ConfigError, GeometryError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_from_matrix, quat_multiply, quat_normalised, quat_rotate
@@ -23,7 +23,7 @@ from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.frames.association import Estimates, associate
+from sfr_loc_map.metrics.frames.association import Estimates, associate, check_attitudes, unique_rows
 from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, UPPER, carried, symmetric
 
 RB = "rb"  #: Frame of the rover [3.2.1].
@@ -75,7 +75,8 @@ class PoseConvention:
     )
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if settings exclude each other, or if the extrinsics are not seven numbers of a pose."""
+        """Check the settings; ConfigError if a value is invalid, or if settings exclude each other."""
+        check_parameters(self)
         if self.extrinsics and (self.frame != RB or len(self.extrinsics) != 7):
             raise ConfigError(
                 f"extrinsics require seven numbers x,y,z,qx,qy,qz,qw and no frame=NAME: found "
@@ -144,18 +145,25 @@ class PoseConvention:
 
 
 def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Transform) -> Trajectory:
-    """Return poses of RB in the world frame of the estimate, from poses of a child frame of RB in a convention."""
+    """Return poses of RB in the world frame of the estimate, from poses of a child frame of RB in a convention.
+
+    The poses may be in any order. Inverted motions begin at the pose with the earliest stamp.
+    """
     stamps = trajectory.stamps_ns
     if convention.time_offset_ns:
         stamps = stamps + np.int64(convention.time_offset_ns)
-    positions, quats = poses_of_rb(trajectory.positions, trajectory.quats_xyzw, convention, T_rb_child)
+    first = int(unique_rows(stamps)[0]) if len(stamps) else 0
+    positions, quats = poses_of_rb(trajectory.positions, trajectory.quats_xyzw, convention, T_rb_child, first)
     return Trajectory(stamps, positions, quats)
 
 
 def poses_of_rb(
-    positions: FloatArray, quats: FloatArray, convention: PoseConvention, T_rb_child: Transform
+    positions: FloatArray, quats: FloatArray, convention: PoseConvention, T_rb_child: Transform, first_row: int = 0
 ) -> tuple[FloatArray, FloatArray]:
-    """Return positions `(N, 3)` and quaternions `(N, 4)` of RB, from those of a child frame of RB in a convention."""
+    """Return positions `(N, 3)` and quaternions `(N, 4)` of RB, from those of a child frame of RB in a convention.
+
+    `first_row` is the row of the earliest pose, at which inverted motions begin.
+    """
     order = convention.quaternion
     if order == "wxyz_ds_to_rb":  # the reader has conjugated the columns att_q_DsToRb as if they were scalar last
         quats = quat_conjugate(quats)
@@ -170,7 +178,7 @@ def poses_of_rb(
         quats = quats * MIRROR_QUAT
     if convention.inverse or convention.inverse_motion:
         has_first = convention.inverse_motion and len(positions) > 0
-        first = Transform.from_quat(positions[0], quats[0]) if has_first else Transform.identity()
+        first = Transform.from_quat(positions[first_row], quats[first_row]) if has_first else Transform.identity()
         quats = quat_normalised(quat_conjugate(quats))
         positions = first.apply(quat_rotate(quats, first.translation - positions))
         quats = quat_multiply(quat_multiply(first.quat_xyzw, quats), first.quat_xyzw)
@@ -191,11 +199,12 @@ def converted_estimates(
 ) -> Estimates:
     """Convert estimates from poses of a child frame of RB, in a convention, to poses of RB in DS.
 
-    With `world=first_pose` the first pose is aligned with the truth, or with the identity if there is no truth.
-    Covariances are propagated, but removed if poses are inverted or mirrored. Steps (`step_cov`) are motions of RB and
-    are kept only if the conventions differ in nothing but the world frame or the stamps. MetricsError if no pose has a
-    true pose.
+    With `world=first_pose` the first pose that is not lost is aligned with its true pose, or with the identity if there
+    is no truth. Covariances are propagated, but removed if poses are inverted or mirrored. Steps (`step_cov`) are
+    motions of RB and are kept only if the conventions differ in nothing but the world frame or the stamps. MetricsError
+    if the estimate has only positions, or if the world frame cannot be aligned (`world_at_first_pose`).
     """
+    check_attitudes(estimates.trajectory)
     poses = converted(estimates.trajectory, convention, T_rb_child)
     is_turned = convention.inverse or convention.inverse_motion or convention.mirrored
     covariance = None if is_turned else estimates.covariance
@@ -220,14 +229,20 @@ def aligned_estimates(estimates: Estimates, T_ds_world: Transform) -> Estimates:
 
 
 def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Transform:
-    """Return `T_ds_world`, which aligns the first pose that is not lost with its true pose.
+    """Return `T_ds_world`, which aligns the first pose that is not lost with its true pose, or without truth with DS.
 
-    Without a truth, `T_ds_world` aligns the first pose with the identity.
+    The poses may be in any order; the first pose is that with the earliest stamp. MetricsError if every pose is lost,
+    or if no pose has a true pose at its stamp.
     """
     if truth is None:
-        if not len(estimates.trajectory):
-            raise MetricsError("the estimate has no pose to align the world frame with: give an estimate with poses")
-        return estimates.trajectory.pose(0).inverse()
+        rows = unique_rows(estimates.trajectory.stamps_ns)
+        tracked = rows[~estimates.lost[rows]]
+        if not len(tracked):
+            raise MetricsError(
+                "the estimate has no pose that is not lost, so the world frame cannot be aligned: give such a pose, or "
+                "set world=ds"
+            )
+        return estimates.trajectory.pose(int(tracked[0])).inverse()
     frames = associate(estimates.trajectory, truth, AssociationConfig())[0]
     known = np.flatnonzero(~estimates.lost[frames.estimate_rows])
     if not len(known):

@@ -33,8 +33,6 @@ from sfr_loc_map.metrics.table.rows import Figure, figure_row, nees_row
 
 PARTS = {"pose": slice(0, 6), "position": slice(0, 3), "attitude": slice(3, 6)}
 """Components of a pose's error, in ROS order."""
-STEP_SIZE: Final = 48
-"""Numbers of a step: upper triangle of its covariance, systematic errors, upper triangle of the noise of its pose."""
 WITHOUT_NOISE: Final = 27  #: Numbers of a step without the noise of its pose.
 SYSTEMATIC: Final = slice(21, 27)
 Span = tuple[int, int]  #: First and last frame of a sub-trajectory.

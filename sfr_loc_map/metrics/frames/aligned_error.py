@@ -26,7 +26,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth, at_poin
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionKind
 from sfr_loc_map.metrics.formulas import statistics
-from sfr_loc_map.metrics.frames.association import unique_rows
+from sfr_loc_map.metrics.frames.association import check_attitudes, unique_rows
 from sfr_loc_map.metrics.table.records import Alignment
 from sfr_loc_map.metrics.table.row_part import ROTATION, TRANSLATION
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
@@ -67,7 +67,9 @@ class AlignedErrors(NamedTuple):
 def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedErrors:
     """Return the absolute and relative pose error of an estimate, whose poses may be in any order.
 
-    MetricsError if no stamps are within `max_difference`, or if the alignment is undetermined.
+    Without true attitudes, rotation errors are unknown, and relative errors are those of displacements in DS.
+    MetricsError if the estimate has no attitudes, if the truth has no heights, if no stamps are within
+    `max_difference`, if the alignment is undetermined, or if `rpe_delta` is neither frames nor a distance.
     """
     known = as_truth(truth)
     if not known.has_height:
@@ -104,9 +106,10 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
 def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedPoses:
     """Return paired poses after the alignment.
 
-    A truth without attitudes gets the attitudes of the aligned estimate. MetricsError if no stamps are within
-    `max_difference`, or if the alignment is undetermined.
+    A truth without attitudes gets the attitudes of the aligned estimate. MetricsError if the estimate has no attitudes,
+    if no stamps are within `max_difference`, or if the alignment is undetermined.
     """
+    check_attitudes(estimate)
     if config.align == "origin" and not truth.has_attitude:
         raise MetricsError(
             "align=origin requires true attitudes, but the truth has only positions: use align=se3 or none"

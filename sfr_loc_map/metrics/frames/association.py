@@ -18,6 +18,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
+from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, STEP_SIZE
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
 Rows = NDArray[np.intp]
@@ -25,6 +26,7 @@ Number = TypeVar("Number", bound=np.generic)
 AUTO_STAMPS = 16  #: Number of estimates and of true poses in the common span that `auto` examines.
 IMAGE_PERIOD_SHARE = 0.4  #: Maximum difference to the stamp of the image, in median periods; files round stamps.
 MATCHES_PER_STAMP = 4  #: `auto` selects `match` if at least one in four stamps coincides.
+STATES = ("lost", "degraded", "is_lost_known", "is_degraded_known")  #: Columns of `Estimates` with Booleans.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +40,7 @@ class Estimates:
     is_degraded_known: Mask  #: `(N,)` bool: whether the source of the estimate reports if the pose is degraded.
     #: `(N, 21)` float64, upper triangles in ROS order (m^2, rad^2), NaN if unknown; None if all are unknown.
     covariance: FloatArray | None
-    #: `(N, 48)` float64, step to each pose (see `metrics.errors.consistency`), NaN if unknown; None without steps.
+    #: `(N, 48)` float64, step to each pose (`frames.covariance.STEP_SIZE`), NaN if unknown; None without steps.
     steps: FloatArray | None = None
 
     @property
@@ -47,13 +49,16 @@ class Estimates:
         return self.lost | self.degraded
 
     def __post_init__(self) -> None:
-        """Check that there is one value for each pose; MetricsError if not."""
-        columns = ("lost", "degraded", "is_lost_known", "is_degraded_known", "covariance", "steps")
-        for name in columns:
+        """Check the shapes of the columns, and that the states are Booleans; MetricsError if not."""
+        count = len(self.trajectory)
+        shapes = dict.fromkeys(STATES, (count,)) | {"covariance": (count, COVARIANCE_SIZE), "steps": (count, STEP_SIZE)}
+        for name, shape in shapes.items():
             values = getattr(self, name)
-            if values is not None and len(values) != len(self.trajectory):
-                poses = counted(len(self.trajectory), "pose")
-                raise MetricsError(f"'{name}' of an estimate has the length {len(values)}: one for each of {poses}")
+            if values is not None and np.shape(values) != shape:
+                needed = f"{shape} is required for {counted(count, 'pose')}"
+                raise MetricsError(f"'{name}' of an estimate has the shape {np.shape(values)}: {needed}")
+            if name in STATES and values.dtype != np.bool_:
+                raise MetricsError(f"'{name}' of an estimate has the type {values.dtype}: true or false is required")
 
     @classmethod
     def of(
@@ -67,8 +72,20 @@ class Estimates:
         """Return estimates; states, covariances and steps that are not given are unknown for all poses."""
         is_lost_known, is_degraded_known = (np.full(len(trajectory), flags is not None) for flags in (lost, degraded))
         nowhere = np.zeros(len(trajectory), np.bool_)
-        lost, degraded = (nowhere if flags is None else np.asarray(flags, np.bool_) for flags in (lost, degraded))
+        lost, degraded = (nowhere if flags is None else np.asarray(flags) for flags in (lost, degraded))
         return cls(trajectory, lost, degraded, is_lost_known, is_degraded_known, covariance, steps)
+
+    def at_rows(self, rows: Rows) -> Estimates:
+        """Return the estimates in `rows`."""
+        return Estimates(
+            trajectory=self.trajectory.at_rows(rows),
+            lost=self.lost[rows],
+            degraded=self.degraded[rows],
+            is_lost_known=self.is_lost_known[rows],
+            is_degraded_known=self.is_degraded_known[rows],
+            covariance=None if self.covariance is None else self.covariance[rows],
+            steps=None if self.steps is None else self.steps[rows],
+        )
 
     def state_counts(self, rows: Rows) -> StateCounts:
         """Return how many of the poses are lost and degraded."""
@@ -152,8 +169,7 @@ def associate(
     If the stamps of the images are given, only the nearest estimate to each image can be a frame. MetricsError for an
     estimate without attitudes.
     """
-    if not estimate.has_attitude:
-        raise MetricsError("the estimate has only positions: give an estimate with attitudes (unit quaternions)")
+    check_attitudes(estimate)
     estimate_rows, true_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
     estimate_duplicates = len(estimate.stamps_ns) - len(estimate_rows)
     tolerance_ns = round(config.tolerance_s * NS_PER_S)
@@ -190,6 +206,12 @@ def associate(
         largest_gap_ns=int(gaps.max(initial=0)),
     )
     return frames, matching
+
+
+def check_attitudes(estimate: Trajectory) -> None:
+    """Check that an estimate has attitudes; MetricsError if not."""
+    if not estimate.has_attitude:
+        raise MetricsError("the estimate has only positions: give an estimate with attitudes (unit quaternions)")
 
 
 def mode_of_stamps(estimate_stamps: IntArray, true_stamps: IntArray, tolerance_ns: int) -> AssociationMode:

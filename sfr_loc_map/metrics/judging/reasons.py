@@ -10,6 +10,7 @@ import numpy as np
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import Condition, ConditionKind, VerdictState, label_of
+from sfr_loc_map.metrics.frames.association import unique_rows
 from sfr_loc_map.metrics.judging.incomplete import incompleteness
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.score.score import Score
@@ -99,10 +100,11 @@ def unknown_of_truth(figure: str, score: Score) -> str | None:
 
 def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> tuple[str, ...]:
     """Return why a drive with this truth never meets some conditions, for a warning before the drive is processed."""
+    path = truth.at_rows(unique_rows(truth.stamps_ns))
     drive = DriveExtent(
-        frames=len(truth),
-        length_m=float(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum()),
-        duration_s=float(truth.stamps_ns[-1] - truth.stamps_ns[0]) / NS_PER_S if len(truth) else 0.0,
+        frames=len(path),
+        length_m=float(np.linalg.norm(np.diff(path.positions, axis=0), axis=1).sum()),
+        duration_s=float(path.stamps_ns[-1] - path.stamps_ns[0]) / NS_PER_S if len(path) else 0.0,
     )
     return tuple(why_unmet(item, drive) for item in conditions if drive.shortages(item))
 

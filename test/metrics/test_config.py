@@ -1,0 +1,58 @@
+"""Settings and conditions that are constructed without a file are checked as those of a file."""
+
+from collections.abc import Callable
+
+import pytest
+
+from sfr_loc_map.errors import ConfigError, MetricsError
+from sfr_loc_map.metrics.config import (
+    AlignedErrorConfig,
+    AssociationConfig,
+    Condition,
+    ConditionKind,
+    MapScoreConfig,
+    TrajectoryScoreConfig,
+)
+from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
+
+DISTANCE, TIME = ConditionKind.DISTANCE, ConditionKind.TIME
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: TrajectoryScoreConfig(spacing=-1), "'spacing' is -1"),
+        (lambda: TrajectoryScoreConfig(spacing=0), "'spacing' is 0"),
+        (lambda: TrajectoryScoreConfig(rebase="yaw_aligned"), "'rebase' is 'yaw_aligned': one of pose"),
+        (lambda: AssociationConfig(truth="nearest"), "'truth' is 'nearest'"),
+        (lambda: AssociationConfig(tolerance_s=-1.0), "'tolerance_s' is -1"),
+        (lambda: AlignedErrorConfig(align="yaw"), "'align' is 'yaw'"),
+        (lambda: AlignedErrorConfig(max_difference=float("nan")), "'max_difference' is nan"),
+        (lambda: MapScoreConfig(scored_to_m=-1.0), "'scored_to_m' is -1"),
+        (lambda: MapScoreConfig(range_edges_m=(0.0, -4.0)), "'range_edges_m' is -4"),
+        (lambda: PoseConvention(frame="camera"), "'frame' is 'camera'"),
+        (lambda: PoseConvention(metres_per_unit=0.0), "'metres_per_unit' is 0"),
+    ],
+)
+def test_a_setting_out_of_range_is_refused(make: Callable[[], object], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("others", "words"),
+    [
+        ((Condition(DISTANCE, 10.0),), "the same kind of condition twice"),
+        ((Condition(TIME, 10.0), Condition(TIME, 20.0)), "the same kind of condition twice"),
+        ((Condition(TIME, 10.0, (Condition(ConditionKind.FRAMES, 3.0),)),), "a part with parts"),
+    ],
+)
+def test_parts_that_are_nested_or_repeated_are_refused(others: tuple[Condition, ...], words: str) -> None:
+    with pytest.raises(MetricsError, match=words):
+        Condition(DISTANCE, 5.0, others)
+
+
+def test_conditions_with_the_same_parts_are_equal() -> None:
+    made = Condition(TIME, 10.0, (Condition(DISTANCE, 5.0),))
+    assert made == Condition(DISTANCE, 5.0, (Condition(TIME, 10.0),)) == Condition.parse("time=10,distance=5")
+    assert made.setting == "distance=5,time=10"
