@@ -5,13 +5,18 @@ Frames, positions and quaternions are as in `metrics.formulas`, which has the fo
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import quat_angle, quat_conjugate, quat_multiply
-from sfr_loc_map.metrics.formulas import DISTANCE_TOLERANCE_M, Poses, displacement
+from sfr_loc_map.metrics.formulas import DISTANCE_TOLERANCE_M, Poses, displacement, path_length_m
 
 ANGLE_TOLERANCE = 1e-9  #: Relative rounding error by which a rotation may be smaller than the angle of a condition.
+ROUNDING = 1e-6  #: Bound of the rounding errors of sums of steps, as a fraction of the threshold of a condition.
 MIN_DIRECTION_M = 1e-6  #: Shortest horizontal displacement that has a direction; below, the true heading is used.
 
 
@@ -29,20 +34,61 @@ def ends_apart(
     """Return the first frame N+x, from `earliest` on, at the straight-line distance and the rotation angle from N.
 
     The result is F if there is no such frame. An angle of 0 deg requires no attitudes, which may be unknown (NaN).
+
+    The search skips frames that cannot satisfy the condition: between two frames, neither the distance from N nor the
+    angle from N changes by more than the lengths of the steps between them.
     """
-    ends = earliest.copy()
-    least_turn = np.radians(turn_deg) * (1.0 - ANGLE_TOLERANCE)
-    searching = np.flatnonzero(ends < len(true_position))
+    count = len(true_position)
+    ends = np.minimum(earliest, count)
+    searching = np.flatnonzero(ends < count)
+    by_distance = distance_measure(true_position, metres)
+    measures = [by_distance] if turn_deg <= 0.0 else [by_distance, turn_measure(true_attitude, turn_deg)]
     while len(searching):
-        first, last = starts[searching], ends[searching]
-        distance_m = np.linalg.norm(true_position[last] - true_position[first], axis=1)
-        turn = quat_angle(quat_multiply(quat_conjugate(true_attitude[first]), true_attitude[last]))
-        is_turned = (turn >= least_turn) | (turn_deg <= 0.0)
-        is_apart = (distance_m >= metres - DISTANCE_TOLERANCE_M) & is_turned
-        searching = searching[~is_apart]
-        ends[searching] += 1
-        searching = searching[ends[searching] < len(true_position)]
+        first = starts[searching]
+        last = ends[searching]
+        next_frames = [measure.next_frames(first, last) for measure in measures]
+        ends[searching] = np.max(next_frames, axis=0)
+        searching = searching[(ends[searching] > last) & (ends[searching] < count)]
     return ends
+
+
+class Measure(NamedTuple):
+    """A quantity between two frames, which a condition requires to reach a threshold."""
+
+    between: Callable[[IntArray, IntArray], FloatArray]  #: Returns the quantity from frames to frames.
+    threshold: float
+    travelled: NDArray[np.longdouble]  #: Sum `(F,)` of the quantity over the steps up to each frame.
+
+    def next_frames(self, starts: IntArray, ends: IntArray) -> IntArray:
+        """Return the ends that reach the threshold, and in place of the others the earliest frames that can reach it.
+
+        By the triangle inequality, the quantity grows from one end to another at most by the sum over their steps.
+        """
+        reached = self.between(starts, ends)
+        missing = (1.0 - ROUNDING) * self.threshold - reached
+        earliest = np.searchsorted(self.travelled, self.travelled[ends] + missing, side="left")
+        return np.where(reached >= self.threshold, ends, np.maximum(earliest, ends + 1))
+
+
+def distance_measure(true_position: FloatArray, metres: float) -> Measure:
+    """Return the straight-line distance between frames, m."""
+
+    def between(starts: IntArray, ends: IntArray) -> FloatArray:
+        return np.asarray(np.linalg.norm(displacement(true_position, starts, ends), axis=1))
+
+    return Measure(between, metres - DISTANCE_TOLERANCE_M, path_length_m(true_position))
+
+
+def turn_measure(true_attitude: FloatArray, turn_deg: float) -> Measure:
+    """Return the angle of the shortest rotation between frames, rad."""
+
+    def between(starts: IntArray, ends: IntArray) -> FloatArray:
+        return quat_angle(quat_multiply(quat_conjugate(true_attitude[starts]), true_attitude[ends]))
+
+    steps = between(np.arange(len(true_attitude) - 1), np.arange(1, len(true_attitude)))
+    travelled = np.zeros(len(true_attitude), np.longdouble)
+    np.cumsum(steps, out=travelled[1:], dtype=np.longdouble)
+    return Measure(between, np.radians(turn_deg) * (1.0 - ANGLE_TOLERANCE), travelled)
 
 
 # ---- robust figures of maps (Höhle and Höhle 2009; NATO STANAG 2215)

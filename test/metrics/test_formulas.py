@@ -118,6 +118,27 @@ def test_ends_apart_are_those_of_a_loop(seed: int, metres: float, turn_deg: floa
     assert of_positions.tolist() == (found.tolist() if turn_deg == 0.0 else [40] * len(starts))
 
 
+@pytest.mark.parametrize("metres", [0.05, 1.0, 3.0, 7.0])
+@pytest.mark.parametrize("turn_deg", [0.0, 30.0, 170.0])
+def test_frames_that_the_search_skips_do_not_meet_the_condition(metres: float, turn_deg: float) -> None:
+    """Paths on which an end is reached exactly, late, or never: a line far from the origin, a circle, a stop."""
+    steps = np.concatenate((np.full(60, 0.1), np.zeros(20), np.full(60, -0.1), np.full(60, 0.25)))
+    line = np.cumsum(steps)[:, None] * [0.6, 0.0, 0.8] + [4e5, 5e6, 300.0]
+    angle = np.linspace(0.0, 4.0 * np.pi, len(steps))
+    circle = 3.5 * np.column_stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)))
+    quats = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]).as_quat()
+    starts = np.arange(0, len(steps), 7)
+    for positions in (line, circle, line[::-1]):
+        found = formulas_beside.ends_apart(starts, starts + 1, positions, quats, metres, turn_deg)
+        for start, end in zip(starts.tolist(), found.tolist(), strict=True):
+            later = np.arange(start + 1, len(steps))
+            distance = np.linalg.norm(positions[later] - positions[start], axis=1)
+            motions = Rotation.from_quat(quats[start]).inv() * Rotation.from_quat(quats[later])
+            turned = np.degrees(motions.magnitude())
+            is_met = (distance >= metres - 1e-9) & (turned >= turn_deg * (1.0 - 1e-9))
+            assert end == (later[is_met][0] if is_met.any() else len(steps))
+
+
 @pytest.mark.parametrize("turn_deg", [1e-7, 1e-4, 0.1, 5.0, 179.0])
 def test_small_turns_are_resolved_and_a_stationary_rover_does_not_turn(turn_deg: float) -> None:
     starts = np.zeros(1, np.int64)
