@@ -163,6 +163,18 @@ def test_what_a_limit_says_of_itself_counts_before_what_its_block_says() -> None
 
 
 @pytest.mark.parametrize(
+    "blocks",
+    [
+        [{"coverage_min": 0.8, "id": "A"}, {"coverage_min": 0.9, "id": "B"}],
+        [{"coverage_min": 0.8}, {"coverage_min": 0.8}],
+        [{"coverage_min": 0.8}, {"point_error_p95_m": 0.8}],
+    ],
+)
+def test_several_requirements_may_limit_one_number(blocks: list[dict[str, Any]]) -> None:
+    assert len(parse_limits({"map": blocks}, "limits").limits) == 2
+
+
+@pytest.mark.parametrize(
     ("content", "words"),
     [
         ({"trajectry": []}, "did you mean 'trajectory'"),
@@ -179,6 +191,22 @@ def test_what_a_limit_says_of_itself_counts_before_what_its_block_says() -> None
             "'position_bound_m': 'certain' is not accepted",
         ),
         ({"minimum_count": 1, "map": {"coverage_min": 0.8}}, "minimum_count"),
+        (
+            {"map": [{"coverage_min": 0.8}, {"coverage_min": 0.9}]},
+            "'coverage_min' has two different limits, 0.8 and 0.9",
+        ),
+        (
+            {"map": {"points_repeated_max_share": 0.1}, "completeness": {"points_repeated_max_share": 0}},
+            "two different",
+        ),
+        (
+            {
+                "trajectory": [
+                    {"condition": text, "position_mean_m": n} for n, text in enumerate(("time=5", "time=5 s"))
+                ]
+            },
+            "'position_mean_m' over time=5 has two different limits, 0 and 1",
+        ),
         ({}, "no limit"),
     ],
 )

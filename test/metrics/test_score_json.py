@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Callable
 from enum import StrEnum
 from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -14,7 +15,7 @@ from msgspec.structs import replace
 
 import sfr_loc_map
 from helpers.random_drives import drive, score_of
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limit, LimitSection, Population
@@ -155,6 +156,21 @@ def test_rows_are_found_by_what_they_are() -> None:
     assert found.conditions == ("frames=7",)
 
 
+@pytest.mark.parametrize(
+    ("look_up", "words"),
+    [
+        (lambda found: found.figure("positon"), "unknown figure 'positon' .did you mean 'position'"),
+        (lambda found: found.rows("peek"), "unknown figure 'peek'"),
+        (lambda found: found.rows(subject="trajectry"), "unknown subject 'trajectry' .did you mean 'trajectory'"),
+        (lambda found: found.number("position", "mean3"), "unknown statistic 'mean3'"),
+        (lambda found: found.number("position", "unit"), "unknown statistic 'unit'"),
+    ],
+)
+def test_names_that_no_score_has_are_refused(look_up: Callable[[Score], object], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        look_up(score())
+
+
 def test_the_table_of_figures_is_a_table_of_pandas() -> None:
     pytest.importorskip("pandas", reason="pandas is not installed")
     found = score()
@@ -240,6 +256,27 @@ def test_a_row_with_a_key_that_its_figure_cannot_have_is_refused(key: str, value
         InputError, match=f"^file.json contradicts itself: .*{value if key == 'figure' else 'position'}"
     ):
         from_dict(content, "file.json")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ({"p50": 99.0}, "p50 of position .* is 99, but p95 is"),
+        ({"p95": 99.0}, "p95 of position .* is 99, but p99 is"),
+        ({"p99": 99.0}, "p99 of position .* is 99, but max is"),
+        ({"rmse": -1.0}, "rmse of position .* is -1: a number >= 0"),
+        ({"rmse": 99.0}, "rmse of position .* is 99, but max is"),
+        ({"sigma": -1.0}, "sigma of position .* is -1: a number >= 0"),
+        ({"mean": -99.0}, "mean of position .* is -99, but rmse is"),
+        ({"low95": 9.0, "high95": 1.0}, "low95 of position .* is 9, but high95 is 1"),
+        ({"mean_plus_3sigma": None}, "has a sigma, but mean_plus_3sigma is absent"),
+    ],
+)
+def test_statistics_that_no_values_can_have_are_refused(numbers: dict[str, float | None], words: str) -> None:
+    row = score().figures[0]
+    assert from_dict(to_dict(Score(figures=(row,)))).figures == (row,)
+    with pytest.raises(InputError, match=words):
+        from_dict(to_dict(Score(figures=(replace(row, **numbers),))))
 
 
 @pytest.mark.parametrize("table", ["path", "sub_trajectories"])

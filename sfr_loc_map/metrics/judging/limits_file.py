@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +75,21 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
                 limits += _limits_of(section, block, f"{origin}: '{section}'", None)
     if not limits:
         raise ConfigError(f"{origin}: the file has no limit: give at least one under {', '.join(LimitSection)}")
+    _check_unique(limits, origin)
     return Limits(limits=tuple(limits), minimum_count=minimum, minimum_independent=float(independent))
+
+
+def _check_unique(limits: Sequence[Limit], origin: str) -> None:
+    """Check that the limits of a requirement do not contradict each other; ConfigError if they do."""
+    known: dict[tuple[str | None, ...], Limit] = {}
+    for item in limits:
+        first = known.setdefault((item.section, item.name, item.condition, item.id), item)
+        if first != item:
+            over = "" if item.condition is None else f" over {item.condition}"
+            raise ConfigError(
+                f"{origin}: '{item.name}'{over} has two different limits, {first.limit:g} and {item.limit:g}: give "
+                "one, or give each an 'id'"
+            )
 
 
 def _limits_of(section: LimitSection, block: object, origin: str, condition: str | None) -> list[Limit]:

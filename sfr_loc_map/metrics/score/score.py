@@ -4,8 +4,9 @@ A row of figures is defined in `metrics.table.rows`, a verdict in `metrics.score
 `metrics.table.records`, and the data of the plots in `metrics.table.details`.
 
 `Score.figure` finds a row of the table: `score.figure("position", condition="distance=5")`. msgspec writes and reads
-the JSON (`sfr-score/2`, `metrics.stored.score_json`). Every field has the same name in the JSON. Fields that do not
-apply are null or omitted. The comments of the fields are the reference of the JSON (docs/reference/score.md). Numbers
+the JSON (`sfr-score/2`, `metrics.stored.score_json`). A field has the same name in the JSON, unless its declaration
+states another name (`Verdict.state` is `verdict`, `Limit.section` is `part`). Fields that do not apply are null or
+omitted. The comments of the fields are the reference of the JSON (docs/reference/score.md). Numbers
 in brackets are clauses of the specification. N is the start of a sub-trajectory, N+x its end.
 """
 
@@ -89,7 +90,10 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         condition: str | Condition | None = ANY,
         part: str | RowPart | None = ANY,
     ) -> list[Figure]:
-        """Return the rows of the table of figures that have these keys, in the order of the table."""
+        """Return the rows of the table of figures that have these keys, in the order of the table.
+
+        ConfigError if the catalogue has no such figure or subject, and MetricsError if the condition is invalid.
+        """
         return list(find_rows(self.figures, figure, subject=subject, condition=condition, part=part))
 
     def figure(
@@ -102,8 +106,9 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     ) -> Figure | None:
         """Return the row of a figure and a part, or without `part` the judged row; None if there is no such row.
 
-        Without `condition` the first condition is used. ConfigError, which names the available parts, if `part` is not
-        given and no row of the figure is judged.
+        Without `condition` the first condition is used. ConfigError if the catalogue has no such figure or subject, or,
+        naming the available parts, if `part` is not given and no row of the figure is judged. MetricsError if the
+        condition is invalid.
         """
         if part != JUDGED_ROW:
             return next(find_rows(self.figures, figure, subject=subject, condition=condition, part=part), None)
@@ -135,7 +140,10 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         condition: str | Condition | None = ANY,
         part: str | RowPart | None = JUDGED_ROW,
     ) -> float | None:
-        """Return one statistic of a figure, None if it is undefined or there is no such row."""
+        """Return one statistic of a figure, None if it is undefined or there is no such row.
+
+        ConfigError if there is no such statistic. The errors of `figure` are raised as well.
+        """
         row = self.figure(figure, subject=subject, condition=condition, part=part)
         return None if row is None else row.statistic(statistic)
 

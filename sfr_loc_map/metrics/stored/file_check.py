@@ -1,19 +1,21 @@
 """Check that a stored score does not contradict itself.
 
-Rows must have the keys and the unit of a figure of the catalogue, and no two rows may have the same keys. Mean + 3
-sigma must follow from mean and sigma, the figures from the raw values (`raw_values`) and related rows (`related_rows`),
-and tolerance bounds and verdicts from figures and rules. `score_json` also compares the hash of the values of a file.
+Rows must have statistics that values can have, and the keys and the unit of a figure of the catalogue. No two rows may
+have the same keys. Mean + 3 sigma must follow from mean and sigma, the figures from the raw values (`raw_values`) and
+related rows (`related_rows`), and tolerance bounds and verdicts from figures and rules. `score_json` also compares the
+hash of the values of a file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
-from msgspec.structs import asdict, replace
+from msgspec.structs import asdict, fields, replace
 
 from sfr_loc_map.metrics.config import is_written_condition
-from sfr_loc_map.metrics.formulas import mean_plus_3sigma
+from sfr_loc_map.metrics.formulas import QUANTILES, mean_plus_3sigma
 from sfr_loc_map.metrics.judging.judge import with_verdicts
 from sfr_loc_map.metrics.score.limits import BOUND
 from sfr_loc_map.metrics.score.score import Score
@@ -22,9 +24,11 @@ from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
 from sfr_loc_map.metrics.stored.related_rows import fault_of_related_rows
 from sfr_loc_map.metrics.table.catalogue import KINDS, clause_of, unit_of_row
 from sfr_loc_map.metrics.table.details import Details
-from sfr_loc_map.metrics.table.rows import Figure
+from sfr_loc_map.metrics.table.rows import Figure, number_text
 
 ROUNDING = 1e-9  #: Relative tolerance between a stored and a derived number.
+ASCENDING = ((*sorted(QUANTILES, key=QUANTILES.__getitem__), "max"), ("mean", "rmse", "max"), ("low95", "high95"))
+"""Statistics of a row that ascend if they are given; of the mean its absolute value."""
 
 
 class ContradictionError(ValueError):
@@ -63,6 +67,28 @@ def fault_of_rows(score: Score) -> str | None:
     return None
 
 
+def fault_of_order(score: Score) -> str | None:
+    """Return the first statistics of a row that no values can have; None if there are none.
+
+    Quantiles and the maximum ascend, sigma and root mean square are not negative, and |mean| <= rmse <= max. Sigma is
+    given with mean + 3 sigma. The bounds of an interval are in order.
+    """
+    for row in score.figures:
+        for name in ("sigma", "rmse"):
+            if (row.statistic(name) or 0.0) < 0.0:
+                return f"{name} of {row.label} is {number_text(row.statistic(name))}: a number >= 0 is required"
+        if row.sigma is not None and row.mean_plus_3sigma is None:
+            return f"{row.label} has a sigma, but mean_plus_3sigma is absent"
+        for names in ASCENDING:
+            known = [(name, value) for name in names if (value := row.statistic(name)) is not None]
+            for (name, value), (next_name, next_value) in pairwise(known):
+                size = abs(value) if name == "mean" else value
+                if size > next_value + ROUNDING * abs(next_value):
+                    found = f"{name} of {row.label} is {number_text(value)}"
+                    return f"{found}, but {next_name} is {number_text(next_value)}"
+    return None
+
+
 def fault_of_counts(score: Score) -> str | None:
     """Return the first number of values that is negative, or block size below 1; None if there is none."""
     for row in score.figures:
@@ -96,10 +122,10 @@ def fault_of_verdicts(score: Score, derived: Score) -> str | None:
     if len(derived.verdicts) != len(score.verdicts):
         return f"it has {len(score.verdicts)} verdicts, but its figures and limits give {len(derived.verdicts)}"
     for mine, theirs in zip(score.verdicts, derived.verdicts, strict=True):
-        for field in Verdict.__struct_fields__:
-            stored, expected = getattr(mine, field), getattr(theirs, field)
+        for field in fields(Verdict):
+            stored, expected = getattr(mine, field.name), getattr(theirs, field.name)
             if stored != expected and not _is_near(stored, expected):
-                what = f"{json_name(field)} of the verdict on {mine.name}"
+                what = f"{field.encode_name} of the verdict on {mine.name}"
                 return f"{what} is {_text(stored)}, but the figures give {_text(expected)}"
     if score.verdict != derived.verdict:
         return f"verdict is {_text(score.verdict)}, but the figures give {_text(derived.verdict)}"
@@ -121,11 +147,6 @@ def fault_of_keys(row: Figure) -> str | None:
         return f"unit of {row.label} is '{row.unit}', but the figure is in '{unit}'"
     is_condition = row.condition is None or is_written_condition(row.condition)
     return None if is_condition else f"condition of {row.label} is '{row.condition}', but distance=5 is the form"
-
-
-def json_name(field: str) -> str:
-    """Return the JSON name of a field of a verdict."""
-    return "verdict" if field == "state" else field
 
 
 def _are_near(mine: Sequence[Figure], theirs: Sequence[Figure]) -> bool:
@@ -152,5 +173,5 @@ def _text(value: object) -> str:
     return "null" if value is None else f"'{value}'" if isinstance(value, str) else f"{value}"
 
 
-CHECKS = (fault_of_rows, fault_of_counts, fault_of_raw_values, fault_of_related_rows)
+CHECKS = (fault_of_order, fault_of_rows, fault_of_counts, fault_of_raw_values, fault_of_related_rows)
 """The checks of the figures, in the order in which their faults are reported."""

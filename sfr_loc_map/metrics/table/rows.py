@@ -8,6 +8,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from sfr_loc_map.config import suggestion
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import STATISTICS, Statistics
@@ -80,8 +82,10 @@ class Figure(RowNumbers, frozen=True):
         return " ".join(filter(None, (self.figure, self.condition, self.part)))
 
     def statistic(self, name: str) -> float | None:
-        """Return the number of a column."""
-        found: float | None = self.as_dict()[name]
+        """Return the number of a column; ConfigError if no column with numbers has this name."""
+        if name not in RowNumbers.__struct_fields__:
+            raise ConfigError(f"unknown statistic '{name}'{suggestion(name, RowNumbers.__struct_fields__)}")
+        found: float | None = getattr(self, name)
         return found
 
     def as_dict(self) -> dict[str, Any]:
@@ -146,7 +150,14 @@ def find_rows(
     condition: str | Condition | None = ANY,
     part: str | RowPart | None = ANY,
 ) -> Iterator[Figure]:
-    """Yield the rows that have these keys, in the order of the table."""
+    """Yield the rows that have these keys, in the order of the table.
+
+    ConfigError if the catalogue has no such figure or subject, and MetricsError if the condition is invalid.
+    """
+    if figure != ANY and figure not in KINDS:
+        raise ConfigError(f"unknown figure '{figure}'{suggestion(figure, KINDS)}")
+    if subject not in (ANY, *Subject):
+        raise ConfigError(f"unknown subject '{subject}'{suggestion(subject, [*Subject])}")
     if isinstance(part, RowPart):
         part = part.text
     if isinstance(condition, Condition):
