@@ -239,10 +239,10 @@ def shortfalls() -> str:
         f"| all | `{JUDGED}` | expected items | any known fraction | any | `--partial` |",
     ]
     for kind in SHORTFALLS:
-        own = () if kind.limit_name is None else (kind.limit_name,)
-        accepting = [f"`{name}`" for name in (*own, *kind.accepted_by.limits)]
-        accepting += [f"`{name}` if the images are unknown" for name in kind.accepted_by.limits_without_images]
-        accepting += ["`--partial`"] if kind.accepted_by.partial and kind.most is not None else []
+        accepting = [] if kind.limit_name is None else [f"`{kind.limit_name}`"]
+        for each in kind.accepted_by:
+            accepting.append(f"`{each.limit}`" + (" if the images are unknown" if each.only_without_images else ""))
+        accepting += ["`--partial`"] if kind.partial and kind.most is not None else []
         bounds = ["any" if most is None else f"{most:g}" for most in (kind.most, kind.most_without_limits)]
         cells = (f"`{kind.scope}`", f"`{kind.figure}`", kind.expected, *bounds, ", ".join(accepting) or "-")
         lines.append(f"| {' | '.join(cells)} |")

@@ -107,7 +107,7 @@ def _partial_warnings(score: Score) -> Iterator[str]:
     if not score.active_rules.partial:
         return
     complete_only = struct_replace(score, rules=struct_replace(score.active_rules, partial=False))
-    accepted = [item for item in incompleteness(complete_only) if item.kind.accepted_by.partial]
+    accepted = [item for item in incompleteness(complete_only) if item.kind.partial]
     if (text := text_of(accepted)) is not None:
         yield f"judged although data is missing (--partial): {text}"
 

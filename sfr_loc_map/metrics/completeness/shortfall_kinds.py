@@ -2,8 +2,10 @@
 
 `SHORTFALLS` states for each kind the figure, the largest value of the figure with which the result is complete, with
 and without limits, the text, and what accepts the shortfall. `judging.incomplete` compares the row of the figure with
-this value (`above_most`); the kinds in its table `FINDERS` depend on more than the row. Limits on completeness, the
-deviations of a test report and the table of docs/metrics.md follow from this table.
+this value (`above_most`); the kinds in its table `FINDERS` depend on more than the row, or have a text that depends on
+more. Limits on completeness, the deviations of a test report and the table of docs/metrics.md follow from this table.
+
+A shortfall is accepted by the limit on its figure, by the limits in `accepted_by`, and by `--partial` if `partial`.
 
 To add a shortfall, add its line to `SHORTFALLS` and its figure to `catalogue`, and compute the row of the figure in
 `expected_items`, or for a drive in `drive`, `copies`, `errors.other_frames` or `errors.standing`.
@@ -15,6 +17,7 @@ To add a scope, add it to `row_part.Scope`, compute its row `judged` in `expecte
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind
@@ -32,19 +35,32 @@ from sfr_loc_map.metrics.table.catalogue import (
 from sfr_loc_map.metrics.table.row_part import Scope
 
 
-class Acceptance(NamedTuple):
-    """What accepts a shortfall besides its own limit."""
-
-    limits: tuple[str, ...] = ()
-    """Limits on related figures. The fraction that such a limit allows is also complete for the figure."""
-    limits_without_images: tuple[str, ...] = ()
-    """Limits that judge the same items for a drive whose images are unknown."""
-    of_other_items: bool = False
-    """Whether a related limit that allows any fraction accepts each value, because the figure counts other items."""
-    partial: bool = True  #: Whether `--partial` accepts the shortfall: missing data, but not wrong data.
+def same_fraction(bound: float) -> float:
+    """Return the bound of a limit: the limit allows the same fraction for the figure of the shortfall."""
+    return bound
 
 
-NOT_WRONG = Acceptance(partial=False)  #: Wrong data are accepted only by a limit on their figure.
+def rest(bound: float) -> float:
+    """Return 1 minus the bound of a limit, which requires at least the other part of the items."""
+    return 1.0 - bound
+
+
+def any_value(_: float) -> float:
+    """Return infinity for every bound, because the limit itself judges the items of the shortfall."""
+    return math.inf
+
+
+def any_value_if_some(bound: float) -> float:
+    """Return infinity for a bound above 0, because the limit counts other items than the shortfall; 0 for 0."""
+    return math.inf if bound > 0.0 else 0.0
+
+
+class AcceptedBy(NamedTuple):
+    """A limit on another figure that accepts a shortfall."""
+
+    limit: str  #: Name of the limit.
+    allowed: Callable[[float], float]  #: Returns the largest complete value of the figure for a bound of the limit.
+    only_without_images: bool = False  #: Whether the limit accepts the shortfall only if the images are unknown.
 
 
 class ShortfallKind(NamedTuple):
@@ -55,11 +71,12 @@ class ShortfallKind(NamedTuple):
     expected: str  #: What the figure is a fraction of.
     #: Largest value of the figure for which the scope is complete, if the score has limits; None for any value.
     most: float | None
-    #: Why the scope is incomplete. `percent`, `value`, `part` (the calls) and `covered` (the covered fraction and the
-    #: longest gap of a drive) are inserted. Empty if the finder of the kind composes the text.
+    #: Why the scope is incomplete. `percent`, `value` and `part` (the calls) are inserted. Empty if the finder of the
+    #: kind composes the text.
     text: str = ""
     most_without_limits: float | None = None  #: The largest complete value if the score has no limits.
-    accepted_by: Acceptance = Acceptance()
+    accepted_by: tuple[AcceptedBy, ...] = ()  #: Limits that accept the shortfall, besides the limit on its figure.
+    partial: bool = True  #: Whether `--partial` accepts the shortfall: missing data, but not wrong data.
     is_limited: bool = True  #: Whether a limits file can have a limit on the figure.
     is_of_expected: bool = False  #: Whether the figure is a fraction of the expected items, as the row `judged`.
     of_node: CallKind | None = None  #: Calls of the external node whose answers the figure counts; None for others.
@@ -77,22 +94,27 @@ class ShortfallKind(NamedTuple):
         """Whether the scope is complete if the figure is a fraction of 0 items."""
         return not self.text_of_nothing
 
-    def allowed_fraction(self, limit_name: str, limit: float, *, has_images: bool) -> float:
-        """Return the fraction that a limit allows for the figure, 0 for a limit on another figure."""
-        own = (self.limit_name,) if has_images else (self.limit_name, *self.accepted_by.limits_without_images)
-        if limit_name in own:  # the limit judges the items of the figure
+    def allowed_fraction(self, limit_name: str, bound: float, *, has_images: bool) -> float:
+        """Return the largest complete value of the figure by a limit, infinity for any value.
+
+        `has_images` states whether the images of the drive are known. 0 for a limit that does not accept the shortfall.
+        """
+        if limit_name == self.limit_name:
             return math.inf
-        if limit_name not in self.accepted_by.limits:
-            return 0.0
-        fraction = 1.0 - limit if limit_name.endswith("_min") else limit
-        return math.inf if self.accepted_by.of_other_items and fraction > 0.0 else fraction
+        accepting = [
+            each.allowed(bound)
+            for each in self.accepted_by
+            if each.limit == limit_name and not (has_images and each.only_without_images)
+        ]
+        return max(accepting, default=0.0)
 
 
+BEYOND = 3.0
+"""Multiple of the largest usual judged error, or of the limit on a quantile, above which an error is far larger."""
 BEYOND_MOST = 0.02  #: Largest fraction of frames whose errors far exceed the judged errors, as in a short loss.
 STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories that a stationary rover adds.
 IMAGES = "images, or true poses if the images are unknown"
-MISSING = ("missing_max_share",)
-COVERED = "{covered}"
+MISSING = "missing_max_share"  #: Limit that also accepts shortfalls whose cause is missing estimates.
 OF_TRUTH = "equal those of the ground truth more closely than any measurement: give the estimate of the item under test"
 UNKNOWN_FIGURE = "the fraction of {title} is unknown"
 """Why a scope is incomplete by a figure that is unknown although there are items."""
@@ -111,7 +133,8 @@ def answered_twice(scope: Scope, node: CallKind) -> ShortfallKind:
         "answers",
         0.0,
         "{percent} % of the answers belong to pairs that were answered before",
-        accepted_by=Acceptance(("calls_doubled_max_share",), partial=False),
+        accepted_by=(AcceptedBy("calls_doubled_max_share", same_fraction),),
+        partial=False,
         is_limited=False,
         of_node=node,
     )
@@ -119,15 +142,14 @@ def answered_twice(scope: Scope, node: CallKind) -> ShortfallKind:
 
 SHORTFALLS = (
     # ---- drives
-    ShortfallKind("missing", Scope.DRIVE, IMAGES, 0.0, COVERED, is_of_expected=True),
+    ShortfallKind("missing", Scope.DRIVE, IMAGES, 0.0, is_of_expected=True),
     ShortfallKind(  # not 0 without limits, because the last images of a recording are often not processed
         IN_GAPS,
         Scope.DRIVE,
         "images, or true path",
         0.01,
-        COVERED,
         most_without_limits=0.01,
-        accepted_by=Acceptance(MISSING),
+        accepted_by=(AcceptedBy(MISSING, same_fraction),),
         is_limited=False,
     ),
     ShortfallKind(
@@ -135,9 +157,8 @@ SHORTFALLS = (
         Scope.DRIVE,
         "conditions",
         0.0,
-        COVERED,
         most_without_limits=0.0,
-        accepted_by=Acceptance(MISSING, of_other_items=True),
+        accepted_by=(AcceptedBy(MISSING, any_value_if_some),),
         is_limited=False,
     ),
     ShortfallKind(
@@ -147,7 +168,7 @@ SHORTFALLS = (
         0.0,
         "{percent} % of the pairs have no answer",
         most_without_limits=0.0,
-        accepted_by=Acceptance(MISSING),
+        accepted_by=(AcceptedBy(MISSING, same_fraction),),
         is_limited=False,
         of_node=CallKind.LOCALISATION,
     ),
@@ -159,11 +180,11 @@ SHORTFALLS = (
         "{percent} % of the images (of the poses, if the images are unknown) cannot be judged, because there is no "
         "true pose at their stamp (option frames=images interpolates the truth)",
         # if the images are unknown, this figure counts estimates without truth, which this limit also judges
-        accepted_by=Acceptance(limits_without_images=("unmatched_max_share",)),
+        accepted_by=(AcceptedBy("unmatched_max_share", any_value, only_without_images=True),),
         is_of_expected=True,
     ),
-    ShortfallKind("lost", Scope.DRIVE, "frames", None, accepted_by=NOT_WRONG),
-    ShortfallKind("degraded", Scope.DRIVE, "frames", None, accepted_by=NOT_WRONG),
+    ShortfallKind("lost", Scope.DRIVE, "frames", None, partial=False),
+    ShortfallKind("degraded", Scope.DRIVE, "frames", None, partial=False),
     ShortfallKind("unmatched", Scope.DRIVE, "estimates", None),
     ShortfallKind("path_without_images", Scope.DRIVE, "path of the ground truth", None),
     ShortfallKind(
@@ -172,7 +193,7 @@ SHORTFALLS = (
         "estimates",
         0.0,
         "{percent} % of the estimates have the stamp of another estimate",
-        accepted_by=NOT_WRONG,
+        partial=False,
     ),
     ShortfallKind(
         "poses_repeated",
@@ -188,7 +209,7 @@ SHORTFALLS = (
         "poses of the moving rover that can be compared",
         0.1,
         f"{{percent}} % of the steps {OF_TRUTH}",
-        accepted_by=NOT_WRONG,
+        partial=False,
     ),
     ShortfallKind(
         "errors_of_truth",
@@ -196,10 +217,11 @@ SHORTFALLS = (
         "long judged motions",
         0.1,
         f"{{percent}} % of the judged motions from a start to an end {OF_TRUTH}",
-        accepted_by=Acceptance(("poses_of_truth_max_share",), partial=False),
+        accepted_by=(AcceptedBy("poses_of_truth_max_share", same_fraction),),
+        partial=False,
     ),
-    ShortfallKind(ERRORS_BEYOND, Scope.DRIVE, "frames", BEYOND_MOST, accepted_by=NOT_WRONG),
-    ShortfallKind(STANDING, Scope.DRIVE, "sub-trajectories", STANDING_MOST, accepted_by=NOT_WRONG),
+    ShortfallKind(ERRORS_BEYOND, Scope.DRIVE, "frames", BEYOND_MOST, partial=False),
+    ShortfallKind(STANDING, Scope.DRIVE, "sub-trajectories", STANDING_MOST, partial=False),
     answered_twice(Scope.DRIVE, CallKind.LOCALISATION),
     # ---- maps
     ShortfallKind(
@@ -228,7 +250,7 @@ SHORTFALLS = (
         "true pixels, worst pair",
         0.5,
         "a mapping pair has no map point at {percent} % of its pixels with ground truth in the scored range",
-        accepted_by=Acceptance(("coverage_min",)),
+        accepted_by=(AcceptedBy("coverage_min", rest),),
         text_of_nothing="no mapping pair has a pixel with ground truth in the scored range, so no point was required",
     ),
     answered_twice(Scope.MAP, CallKind.MAPPING),
@@ -247,7 +269,7 @@ SHORTFALLS = (
         "calls",
         0.0,
         "{percent} % of the {part} calls have stamps that the source does not have",
-        accepted_by=NOT_WRONG,
+        partial=False,
     ),
     ShortfallKind(
         "calls_doubled",
@@ -255,7 +277,7 @@ SHORTFALLS = (
         "calls",
         0.0,
         "{percent} % of the {part} calls belong to the pair of another call",
-        accepted_by=NOT_WRONG,
+        partial=False,
     ),
     ShortfallKind(
         UNMEASURED,
@@ -263,7 +285,7 @@ SHORTFALLS = (
         "pairs",
         0.0,
         "the memory of {percent} % of the {part} calls was not measured",
-        accepted_by=Acceptance(("calls_missing_max_share",)),
+        accepted_by=(AcceptedBy("calls_missing_max_share", same_fraction),),
         is_limited=False,
         is_of_expected=True,
     ),

@@ -8,7 +8,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.metrics.completeness.expected_items import share_of
-from sfr_loc_map.metrics.completeness.shortfall_kinds import BEYOND_MOST
+from sfr_loc_map.metrics.completeness.shortfall_kinds import BEYOND, BEYOND_MOST
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.errors.trajectory_errors import error_figures, error_row, errors_of
 from sfr_loc_map.metrics.frames.placement import PlacedFrames
@@ -17,8 +17,6 @@ from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, FigureKind
 from sfr_loc_map.metrics.table.row_part import OTHER_FRAMES
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
-BEYOND = 3.0
-"""Multiple of the largest usual judged error (`largest_usual`) that the error at another frame must not exceed."""
 NAMED_FRAMES = 5  #: Maximum number of ranges of frames that a message names.
 
 

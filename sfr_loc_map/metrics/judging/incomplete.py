@@ -3,7 +3,7 @@
 For each scope of the score, `shortfalls_of` states whether the expected items are unknown (`unknown_items`) and goes
 through the table `SHORTFALLS` (`metrics.completeness.shortfall_kinds`). `largest_complete` returns the largest value of
 a figure with which the scope is complete by the rules of the score. The finder of the kind compares the figure with
-this value: for most kinds `above_most`, for two kinds that of `FINDERS`.
+this value: `above_most`, or for some kinds the finder in `FINDERS`.
 """
 
 from __future__ import annotations
@@ -15,14 +15,13 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.completeness.gaps import LongestGap, covered_text
 from sfr_loc_map.metrics.completeness.shortfall_kinds import (
-    COVERED,
+    BEYOND,
     SHORTFALLS,
     UNKNOWN_FIGURE,
     UNKNOWN_ITEMS,
     ShortfallKind,
 )
 from sfr_loc_map.metrics.config import Condition, VerdictState, label_of
-from sfr_loc_map.metrics.errors.other_frames import BEYOND
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.limit_scope import judged_parts, tasks_of
 from sfr_loc_map.metrics.score.limits import Limit, LimitSection, meets
@@ -30,6 +29,8 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import (
     ERRORS_BEYOND,
+    HIDDEN_CONDITIONS,
+    IN_GAPS,
     JUDGED,
     KINDS,
     STANDING,
@@ -116,7 +117,7 @@ def largest_complete(kind: ShortfallKind, score: Score) -> float | None:
     """Return the largest value of a figure with which the scope is complete by the rules of a score; None for any."""
     rules = score.active_rules
     most = kind.most if rules.limits else kind.most_without_limits
-    if most is None or (rules.partial and kind.accepted_by.partial):
+    if most is None or (rules.partial and kind.partial):
         return None
     has_images = score.association is None or score.association.images is not None
     for limit in rules.limits:
@@ -183,7 +184,14 @@ def above_most(kind: ShortfallKind, part: RowPart, score: Score, most: float) ->
     elif row.value is None and kind.text_of_nothing:
         yield Shortfall(kind, part, most, None, kind.text_of_nothing, index)
     elif row.value is not None and row.value > most:
-        yield Shortfall(kind, part, most, row.value, filled_text(kind, row.value, calls, score), index)
+        text = kind.text.format(percent=f"{100.0 * row.value:.4g}", value=f"{row.value:g}", part=calls)
+        yield Shortfall(kind, part, most, row.value, text, index)
+
+
+def above_most_in_gaps(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
+    """Yield a shortfall as `above_most`. Its text states the covered fraction of the drive and the longest gap."""
+    for item in above_most(kind, part, score, most):
+        yield item if item.value is None else item._replace(text=missing_text(score))
 
 
 def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
@@ -239,18 +247,18 @@ def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: floa
 
 
 Finder = Callable[[ShortfallKind, RowPart, Score, float], Iterator[Shortfall]]
-FINDERS: dict[str, Finder] = {ERRORS_BEYOND: beyond_the_judged, STANDING: met_by_standing}
-"""Finders of the kinds of shortfalls that depend on more than the row of their figure, by figure. They depend on the
-limits of the score, each of which can have a shortfall. All other kinds have the finder `above_most`."""
+FINDERS: dict[str, Finder] = {
+    "missing": above_most_in_gaps,
+    IN_GAPS: above_most_in_gaps,
+    HIDDEN_CONDITIONS: above_most_in_gaps,
+    ERRORS_BEYOND: beyond_the_judged,
+    STANDING: met_by_standing,
+}
+"""Finders of the kinds of shortfalls that depend on more than the row of their figure, by figure. The last two depend
+on the limits of the score, each of which can have a shortfall. All other kinds have the finder `above_most`."""
 
 
 # ---- texts
-
-
-def filled_text(kind: ShortfallKind, value: float, calls: str | None, score: Score) -> str:
-    """Return the text of a kind of shortfall with the value of its figure and the kind of calls."""
-    covered = missing_text(score) if kind.text == COVERED else ""
-    return kind.text.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=calls, covered=covered)
 
 
 def standing_text(limit: Limit, share: Figure, moving: Figure, value: float | None) -> str:
