@@ -84,6 +84,7 @@ class Mutation(NamedTuple):
 ANSWERS, STORE = "replay/answer_book.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
 OTHER_FRAMES = "metrics/errors/other_frames.py"
+COVERAGE = "metrics/errors/coverage.py"
 INCOMPLETE, FORMULAS_BESIDE = "metrics/judging/incomplete.py", "metrics/formulas_beside.py"
 FORMULAS, SCORE = "metrics/formulas.py", "metrics/errors/trajectory_errors.py"
 SHORTFALLS = "metrics/completeness/shortfall_kinds.py"
@@ -103,11 +104,8 @@ MUTATIONS = (
     Mutation(FORMULAS, 'since_first[starts] + time_ns, side="left")', 'since_first[starts] + time_ns, side="right")'),
     Mutation(FORMULAS, "return starts + frames", "return starts + frames - 1"),
     Mutation(FORMULAS_BESIDE, "np.radians(turn_deg)", "np.radians(0.5 * turn_deg)"),
-    Mutation(
-        FORMULAS_BESIDE,
-        "(distance_m >= metres - DISTANCE_TOLERANCE_M) & is_turned",
-        "(distance_m >= metres - DISTANCE_TOLERANCE_M) | is_turned",
-    ),
+    Mutation(FORMULAS_BESIDE, "np.max(next_frames, axis=0)", "np.min(next_frames, axis=0)"),
+    Mutation(FORMULAS_BESIDE, "self.travelled[ends] + missing", "self.travelled[ends] + 1.5 * missing"),
     Mutation(SCORE, "ends = np.maximum(ends, formulas.ends_by_time", "ends = np.minimum(ends, formulas.ends_by_time"),
     Mutation(SCORE, "is_met = ends < count", "is_met = ends < count - 1"),
     Mutation(SCORE, "formulas.start_frames(count, spacing)", "formulas.start_frames(count, 10)"),
@@ -191,31 +189,25 @@ MUTATIONS = (
         "np.asarray(np.abs(actual - estimated).max(axis=1))",
     ),
     Mutation(
-        "metrics/errors/cloud_error.py",
+        "metrics/errors/point_errors.py",
         "true = truth.points[cloud.v[index], cloud.u[index]]",
         "true = truth.points[cloud.v[index], np.maximum(cloud.u[index], 1) - 1]",
     ),
     Mutation(
-        "metrics/errors/cloud_error.py",
+        "metrics/errors/map_score.py",
         "error_rows(None, errors, np.full(len(errors.index), True))",
         "error_rows(None, errors, errors.range_m < 40.0)",
     ),
     Mutation(
-        "metrics/errors/cloud_error.py",
+        "metrics/errors/map_score.py",
         "(errors.range_m >= low) & (errors.range_m < high)",
         "(errors.range_m > low) & (errors.range_m <= high)",
     ),
+    Mutation(COVERAGE, "& (self.range_m < high_m)", "& (self.range_m <= high_m)"),
+    Mutation(COVERAGE, "FOOTPRINTS = 2.0", "FOOTPRINTS = 3.0"),
+    Mutation(COVERAGE, "truth.depths_m(truth.points) / truth.rig.fx", "truth.ranges_m() / truth.rig.fx"),
     Mutation(
-        "metrics/errors/cloud_error.py",
-        "inside = [(distance >= low) & (distance < high)",
-        "inside = [(distance >= low) & (distance <= high)",
-    ),
-    Mutation("metrics/errors/cloud_error.py", "FOOTPRINTS = 2.0", "FOOTPRINTS = 3.0"),
-    Mutation("metrics/errors/cloud_error.py", "truth.depths_m(truth.points) / truth.rig.fx", "distance / truth.rig.fx"),
-    Mutation(
-        "metrics/errors/cloud_error.py",
-        "without_truth=len(cloud) - len(errors.index)",
-        "without_truth=len(errors.index)",
+        "metrics/errors/map_score.py", "without_truth=len(cloud) - len(errors.index)", "without_truth=len(errors.index)"
     ),
     # association, completeness, consistency, limits
     Mutation(
@@ -322,7 +314,7 @@ MUTATIONS = (
         '"calls_doubled",\n        Scope.CALLS,\n        "calls",\n        0.0',
         '"calls_doubled",\n        Scope.CALLS,\n        "calls",\n        0.1',
     ),
-    Mutation(INCOMPLETE, "(rules.partial and kind.accepted_by.partial)", "rules.partial"),
+    Mutation(INCOMPLETE, "(rules.partial and kind.partial)", "rules.partial"),
     Mutation(INCOMPLETE, "not row.n or row.value is not None", "not row.n or row.value != 0.0"),
     Mutation(
         "metrics/judging/limit_scope.py",
@@ -415,7 +407,7 @@ MUTATIONS = (
         "is_moving = lengths_m >= 0.0",
     ),
     # frames that are in no judged error
-    Mutation(OTHER_FRAMES, "BEYOND = 3.0", "BEYOND = 0.1"),
+    Mutation(SHORTFALLS, "BEYOND = 3.0", "BEYOND = 0.1"),
     Mutation(OTHER_FRAMES, "np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)", "known"),
     Mutation(SHORTFALLS, "BEYOND_MOST = 0.02", "BEYOND_MOST = 0.2"),
     Mutation(INCOMPLETE, "is_far and not meets(limit, value)", "is_far"),
@@ -442,9 +434,10 @@ MUTATIONS = (
     # the table against the raw values of a file
     Mutation(
         "metrics/stored/file_check.py",
-        "CHECKS = (fault_of_rows, fault_of_counts, fault_of_raw_values, fault",
-        "CHECKS = (fault_of_rows, fault_of_counts, fault",
+        "CHECKS = (fault_of_order, fault_of_rows, fault_of_counts, fault_of_raw_values, fault",
+        "CHECKS = (fault_of_order, fault_of_rows, fault_of_counts, fault",
     ),
+    Mutation("metrics/stored/file_check.py", "CHECKS = (fault_of_order, ", "CHECKS = ("),
     Mutation(
         "metrics/stored/raw_values.py", "DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5", "DIGITS_M, POINT_DIGITS_M = 1e-2, 5e-2"
     ),
@@ -484,9 +477,9 @@ MUTATIONS = (
         "metrics/calls/call_score.py", "if row.call in kinds else row for", "if row.figure in kinds[:1] else row for"
     ),
     Mutation("metrics/table/catalogue.py", " or of_row.place is Place.STATED:", ":"),
-    Mutation("metrics/errors/cloud_error.py", "len(xyz) - len(np.unique(xyz, axis=0)),", "0,"),
-    Mutation("metrics/errors/cloud_error.py", "len(xyz) - pixels, crowded)", "0, crowded)"),
-    Mutation("metrics/errors/cloud_error.py", "len(xyz) - pixels, crowded)", "len(xyz) - pixels, 0)"),
+    Mutation("metrics/errors/map_score.py", "len(xyz) - len(np.unique(xyz, axis=0)),", "0,"),
+    Mutation("metrics/errors/map_score.py", "len(xyz) - pixels, crowded)", "0, crowded)"),
+    Mutation("metrics/errors/map_score.py", "len(xyz) - pixels, crowded)", "len(xyz) - pixels, 0)"),
     Mutation("scoring/score_parts.py", "UNEVEN_PERIODS * periods_ns < typical_ns", "periods_ns < 0"),
     Mutation("metrics/judging/several_scores.py", "if len(items) > 1:", "if len(items) > 2:"),
     Mutation(
@@ -550,8 +543,9 @@ MUTATIONS = (
         "lost = states == TrackingState.LOST  # (",
     ),
     Mutation("calls/call_files.py", "if len(named) > 1:", "if len(named) > 2:"),
-    Mutation(SHORTFALLS, "if self.accepted_by.of_other_items and fraction > 0.0 else fraction", ""),
-    Mutation(SHORTFALLS, 'fraction = 1.0 - limit if limit_name.endswith("_min") else limit', "fraction = limit"),
+    Mutation(SHORTFALLS, "return math.inf if bound > 0.0 else 0.0", "return bound"),
+    Mutation(SHORTFALLS, "return 1.0 - bound", "return bound"),
+    Mutation(SHORTFALLS, "not (has_images and each.only_without_images)", "True"),
     Mutation("io/truth/of_bag.py", 'else (f"truth.source={topic.bag_name}",)', "else ()"),
     # geometry
     Mutation("geometry/rotation.py", "aw * bx + ax * bw + ay * bz - az * by", "aw * bx + ax * bw - ay * bz + az * by"),

@@ -279,7 +279,7 @@ CLAUSES = (
         "4.3.4",
         "Error in the output point cloud",
         "For each point, the error is the norm of the difference of its estimated and its actual position, m.",
-        ("metrics/errors/cloud_error.py",),
+        ("metrics/errors/point_errors.py", "metrics/errors/map_score.py"),
         "row map: point error; error over the images, over range and in space",
         'The text requires an error "for each point". The nearest true point is therefore not used, because the '
         "distance to it is smaller than the error. The actual position is the truth of the pixel that the point names. "

@@ -27,7 +27,8 @@ from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.cloud_error import PairTruth, score_map
+from sfr_loc_map.metrics.errors.map_score import score_map
+from sfr_loc_map.metrics.errors.pair_truth import PairTruth
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score

@@ -303,7 +303,7 @@ def _write_secondary(
 ) -> None:
     """Write the verdicts as JUnit XML and the tables of points and sub-trajectories, if requested."""
     from sfr_loc_map.io.tables.table_file import save_table
-    from sfr_loc_map.metrics.errors.cloud_error import points_table
+    from sfr_loc_map.metrics.errors.point_errors import points_table
     from sfr_loc_map.metrics.errors.trajectory_score import sub_trajectory_table
 
     if junit is not None:

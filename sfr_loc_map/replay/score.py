@@ -16,7 +16,7 @@ from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.errors.cloud_error import truths_of
+from sfr_loc_map.metrics.errors.pair_truth import truths_of
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import MethodRecord

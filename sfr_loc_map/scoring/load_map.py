@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.sequence import NavSequence
-from sfr_loc_map.metrics.errors.cloud_error import truths_of
+from sfr_loc_map.metrics.errors.pair_truth import truths_of
 from sfr_loc_map.scoring.inputs import CloudToScore, ScoreInputs
 
 

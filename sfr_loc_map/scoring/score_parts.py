@@ -37,7 +37,9 @@ from sfr_loc_map.metrics.config import (
     MapScoreConfig,
     TrajectoryScoreConfig,
 )
-from sfr_loc_map.metrics.errors.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
+from sfr_loc_map.metrics.errors.map_score import score_map, score_nearest
+from sfr_loc_map.metrics.errors.pair_truth import PairTruth
+from sfr_loc_map.metrics.errors.point_errors import typical_pixel_offset
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.aligned_error import aligned_errors
 from sfr_loc_map.metrics.score.caveats import truth_caveats

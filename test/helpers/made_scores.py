@@ -13,7 +13,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.calls.call_score import Calls, score_calls
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.cloud_error import PairTruth, score_map
+from sfr_loc_map.metrics.errors.map_score import score_map
+from sfr_loc_map.metrics.errors.pair_truth import PairTruth
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.judge import judged_by, with_verdicts

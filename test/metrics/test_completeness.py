@@ -394,7 +394,7 @@ def test_rows_of_a_map_by_hand() -> None:
             without_truth=9,
             point_pairs=np.array([0, 0, 1]),
             expected_pairs=3,
-            bare=[0.2, 0.7, 0.1],
+            uncovered=[0.2, 0.7, 0.1],
         )
     )
     assert rows == {

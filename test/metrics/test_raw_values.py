@@ -12,7 +12,7 @@ from helpers.made_scores import calls, cloud, drive
 from sfr_loc_map.metrics.calls.call_score import score_calls, with_external
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.cloud_error import score_map
+from sfr_loc_map.metrics.errors.map_score import score_map
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.judging.judge import judged_by

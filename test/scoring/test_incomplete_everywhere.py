@@ -25,7 +25,7 @@ from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PublishedScore
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.cloud_error import truths_of
+from sfr_loc_map.metrics.errors.pair_truth import truths_of
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits

@@ -83,13 +83,14 @@ def map_completeness(
     without_truth: int,
     point_pairs: NDArray[np.integer],
     expected_pairs: int,
-    bare: Sequence[float | None],
+    uncovered: Sequence[float | None],
     repeated: int = 0,
 ) -> Iterator[Figure]:
     """Yield the rows of completeness of a cloud.
 
-    `points` is the number of finite points of the cloud. `point_pairs` contains the pairs of the points. `bare` is the
-    fraction of the true pixels of each pair in the scored range that have no point, None if the pair has no such pixel.
+    `points` is the number of finite points of the cloud. `point_pairs` contains the pairs of the points. `uncovered` is
+    the fraction of the true pixels of each pair in the scored range that have no point, None if the pair has no such
+    pixel.
     `repeated` is the number of points whose pixel or position is that of an earlier point.
     """
     mapped = len(np.unique(point_pairs))
@@ -99,15 +100,15 @@ def map_completeness(
     yield from share_rows("points_without_truth", without_truth, points)
     yield from share_rows("points_not_finite", not_finite, points + not_finite)
     yield from share_rows("points_repeated", repeated, points)
-    known = [share for share in bare if share is not None]
+    known = [share for share in uncovered if share is not None]
     yield figure_row("pixels_without_point", n=len(known), value=max(known, default=None))
 
 
 def with_unmapped_pairs(rows: Sequence[Figure], unmapped: int) -> tuple[Figure, ...]:
     """Return the rows of the score of a cloud after further expected pairs that have no cloud."""
-    (bare,) = (row for row in rows if (row.figure, row.part) == ("pairs_without_cloud", COUNT))
-    expected = (bare.n or 0) + unmapped
-    without = int(bare.value or 0) + unmapped
+    (before,) = (row for row in rows if (row.figure, row.part) == ("pairs_without_cloud", COUNT))
+    expected = (before.n or 0) + unmapped
+    without = int(before.value or 0) + unmapped
     changed = [expected_row(RowPart(Scope.MAP), expected - without, expected)]
     changed += share_rows("pairs_without_cloud", without, expected)
     by_place = {(row.figure, row.part): row for row in changed}

@@ -110,7 +110,7 @@ class ShortfallKind(NamedTuple):
 
 
 BEYOND = 3.0
-"""Multiple of the largest usual judged error, or of the limit on a quantile, above which an error is far larger."""
+"""Multiple of the largest usual judged error, or of a limit, above which an error is far larger."""
 BEYOND_MOST = 0.02  #: Largest fraction of frames whose errors far exceed the judged errors, as in a short loss.
 STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories that a stationary rover adds.
 IMAGES = "images, or true poses if the images are unknown"

@@ -3,5 +3,5 @@
 `trajectory_score` makes the score of the trajectory: `trajectory_errors` selects the sub-trajectories and makes their
 rows. `other_frames` and `standing` make the rows of errors that the figures do not contain. `consistency` makes the
 rows of the covariance (NEES), and `three_sigma` makes the rows of the confidence. `plot_columns` makes the data of the
-plots, and `cloud_error` makes the score of a cloud.
+plots. `map_score` makes the score of a cloud from the `point_errors` and the `coverage` of its pairs (`pair_truth`).
 """

@@ -1,6 +1,6 @@
 """The results of the three parts of a score: the trajectory, the map and the calls.
 
-`errors.trajectory_score`, `errors.cloud_error` and `calls.call_score` compute them, `scoring.score_parts` adds
+`errors.trajectory_score`, `errors.map_score` and `calls.call_score` compute them, `scoring.score_parts` adds
 warnings, and `scoring.assembly` combines them to a score. A result has no figures if the run does not have this part.
 """
 

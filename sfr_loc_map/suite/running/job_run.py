@@ -29,7 +29,7 @@ from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.errors.cloud_error import truths_of
+from sfr_loc_map.metrics.errors.pair_truth import truths_of
 from sfr_loc_map.metrics.score.limits import BOUND, Population
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_json, to_plain

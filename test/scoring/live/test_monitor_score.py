@@ -31,7 +31,8 @@ from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_types import STRING
 from sfr_loc_map.metrics.config import AssociationConfig, MapScoreConfig, ScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.cloud_error import score_map, truths_of
+from sfr_loc_map.metrics.errors.map_score import score_map
+from sfr_loc_map.metrics.errors.pair_truth import truths_of
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import UPPER, symmetric

@@ -12,7 +12,8 @@ from helpers.map_scenes import RIG, cloud_of, points_of, wall
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.config import MapScoreConfig
-from sfr_loc_map.metrics.errors.cloud_error import PairTruth, score_map, score_nearest
+from sfr_loc_map.metrics.errors.map_score import score_map, score_nearest
+from sfr_loc_map.metrics.errors.pair_truth import PairTruth
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.row_part import POINTS
@@ -216,3 +217,22 @@ def test_a_map_without_truth_or_with_unknown_coordinates_is_refused() -> None:
     cloud.xyz[3] = np.nan
     with pytest.raises(MetricsError, match="not finite"):
         score_nearest(cloud.xyz, [wall()], MapScoreConfig())
+
+
+@pytest.mark.parametrize("stamps_ns", [(), (10,)])
+def test_a_cloud_with_fewer_stamps_than_pairs_is_refused(stamps_ns: tuple[int, ...]) -> None:
+    truths = [wall(), wall()]
+    cloud = replace(cloud_of(truths), fused=False, pair_stamps_ns=stamps_ns)
+    with pytest.raises(MetricsError, match=f"points of pair 1 .* the stamps of only {len(stamps_ns)} pair"):
+        score_map(cloud, truths, CONFIG)
+
+
+def test_a_true_point_at_the_optical_centre_has_an_error_but_no_ray() -> None:
+    truth = wall()
+    truth.points[20, 20] = 0.0
+    cloud = replace(cloud_of([truth]), fused=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        score = Score(figures=score_map(cloud, [truth], CONFIG).figures)
+    assert np.isfinite(score.number("nees", "mean", part=POINTS))
+    assert score.figure("point_error", part=None).n == len(cloud)
