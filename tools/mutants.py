@@ -164,7 +164,7 @@ MUTATIONS = (
     Mutation(FORMULAS, "error - 360.0 * np.ceil((error - 180.0) / 360.0)", "error"),
     # directions, quantiles
     Mutation(FORMULAS_BESIDE, "error[:, 1] * east - error[:, 0] * north", "error[:, 0] * north - error[:, 1] * east"),
-    Mutation(FORMULAS, "{name: float(f", "{name: 0.5 * float(f"),
+    Mutation(FORMULAS, '"p95": 95.0', '"p95": 94.0'),
     Mutation(FORMULAS, "np.abs(given)", "given"),
     Mutation(
         FORMULAS_BESIDE,
@@ -434,10 +434,10 @@ MUTATIONS = (
     # the table against the raw values of a file
     Mutation(
         "metrics/stored/file_check.py",
-        "CHECKS = (fault_of_order, fault_of_rows, fault_of_counts, fault_of_raw_values, fault",
-        "CHECKS = (fault_of_order, fault_of_rows, fault_of_counts, fault",
+        "CHECKS = (fault_of_rows, fault_of_counts, fault_of_raw_values, fault",
+        "CHECKS = (fault_of_rows, fault_of_counts, fault",
     ),
-    Mutation("metrics/stored/file_check.py", "CHECKS = (fault_of_order, ", "CHECKS = ("),
+    Mutation("metrics/stored/file_check.py", "fault_of_related_rows, fault_of_order)", "fault_of_related_rows)"),
     Mutation(
         "metrics/stored/raw_values.py", "DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5", "DIGITS_M, POINT_DIGITS_M = 1e-2, 5e-2"
     ),

@@ -1,10 +1,17 @@
 """The metrics of the specification: errors, time and memory, and the verdicts on them.
 
-    poses ─► conventions ─► frames ─► errors (sub_trajectories) ───┐
-    poses, truth, images, calls, pairs ─► completeness ────────────┤
-    cloud, truth ─► errors (cloud_error) ──────────────────────────┼─► table ─► score ─► judging ─► stored
-    times, memory ─► calls ────────────────────────────────────────┤     limits file ─┘
-    poses, truth ─► diagnosis (convention mismatch) ───────────────┘
+    poses ─► conventions ─► frames ─► errors (trajectory_score) ──┐
+    cloud, truth of pairs ──────────► errors (map_score) ─────────┤
+    times, memory ──────────────────► calls (call_score) ─────────┼─► rows (table) ─► score ─► judging ─► stored
+    poses, truth ───────────────────► diagnosis ──────────────────┘     limits file ──────────────┘
+
+Each of the first four folders returns rows or a finding, and no function of this package goes from all inputs to a
+`Score`. The package `scoring` reads the inputs, calls these functions, and assembles their results
+(`scoring.assembly.score_of_parts`). It also calls `judging` for the verdicts.
+
+The rows of completeness are made with the figures that they belong to: `errors` and `calls` pass what they were given,
+what they expect and what they judged to `completeness`. A shortfall has its row in the table of figures, its rule in
+`completeness.shortfall_kinds`, and its finder in `judging.incomplete`.
 
 `frames` and `errors` also read the truth. `statistics` are used by `errors`, `judging` and `stored`.
 

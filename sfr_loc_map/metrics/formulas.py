@@ -15,7 +15,6 @@ with this module.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
@@ -235,8 +234,8 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, 
 
     The size of an error is its absolute value, or the norm of an error vector. Every score contains each statistic of
     this struct, and each can be limited, except the numbers of values. `FigureKind.shown` selects the statistics in
-    tables and topics of the monitor, `FigureKind.compared` those in comparisons, histories and suites. The name of a
-    quantile states its percentage (`QUANTILES`).
+    tables and topics of the monitor, `FigureKind.compared` those in comparisons, histories and suites. `QUANTILES` has
+    the percentage of each quantile.
     """
 
     n: int | None = None  #: Number of known values.
@@ -253,8 +252,8 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, 
 
 STATISTICS = tuple(name for name in Statistics.__struct_fields__ if name not in ("n", "unknown"))
 """Names of the statistics, in the order of the columns."""
-QUANTILES = {name: float(f"{name[1:3]}.{name[3:] or 0}") for name in STATISTICS if re.fullmatch(r"p\d{2,}", name)}
-"""Statistics that are quantiles of the sizes, with their percentage: 95 for `p95`, 99.7 for `p997`."""
+QUANTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
+"""Statistics that are quantiles of the sizes, with their percentage, in ascending order."""
 
 
 def statistics(errors: NDArray[np.floating]) -> Statistics:

@@ -275,8 +275,11 @@ def test_a_row_with_a_key_that_its_figure_cannot_have_is_refused(key: str, value
 def test_statistics_that_no_values_can_have_are_refused(numbers: dict[str, float | None], words: str) -> None:
     row = score().figures[0]
     assert from_dict(to_dict(Score(figures=(row,)))).figures == (row,)
+    edited = replace(row, **numbers)
+    if edited.mean_plus_3sigma is not None:
+        edited = replace(edited, mean_plus_3sigma=abs(edited.mean) + 3.0 * edited.sigma)
     with pytest.raises(InputError, match=words):
-        from_dict(to_dict(Score(figures=(replace(row, **numbers),))))
+        from_dict(to_dict(Score(figures=(edited,))))
 
 
 @pytest.mark.parametrize("table", ["path", "sub_trajectories"])

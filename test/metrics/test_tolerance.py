@@ -149,7 +149,7 @@ def test_a_limit_with_a_share_passes_fails_or_says_how_many_drives_are_missing()
 
 def test_limits_with_equal_terms_have_one_bound_and_other_terms_another_row() -> None:
     terms = {"limit": 10.0, "prob": 0.95, "confidence": 0.95}
-    bounds = [terms, {**terms, "limit": 20.0}, {**terms, "normal": True}]
+    bounds = [terms, {**terms, "limit": 20.0, "id": "B"}, {**terms, "normal": True}]
     entries = [{"condition": "distance=5", "position_bound_m": bound} for bound in bounds]
     found = judge.judged_by(long_score(), limits_file.parse_limits({"trajectory": entries}, "limits"))
     first, other = found.rows("bound")

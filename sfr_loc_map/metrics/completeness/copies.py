@@ -233,5 +233,6 @@ def spline_positions(truth: Trajectory, frames: Frames) -> FloatArray:
     stamps_ns = truth.stamps_ns[rows]
     if len(stamps_ns) < 4:
         return frames.true_position
-    at_s = (frames.stamps_ns - stamps_ns[0]) * 1e-9
-    return np.asarray(CubicSpline((stamps_ns - stamps_ns[0]) * 1e-9, truth.positions[rows])(at_s))
+    time_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
+    at_s = (frames.stamps_ns - stamps_ns[0]) / NS_PER_S
+    return np.asarray(CubicSpline(time_s, truth.positions[rows])(at_s))

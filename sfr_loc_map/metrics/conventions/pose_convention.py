@@ -24,7 +24,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.frames.association import Estimates, associate, check_attitudes, unique_rows
-from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, UPPER, carried, symmetric
+from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, UPPER, propagated, symmetric
 
 RB = "rb"  #: Frame of the rover [3.2.1].
 RB_OPTICAL = "rb_optical"  #: Frame with the origin of RB and optical axes.
@@ -183,9 +183,14 @@ def poses_of_rb(
         positions = first.apply(quat_rotate(quats, first.translation - positions))
         quats = quat_multiply(quat_multiply(first.quat_xyzw, quats), first.quat_xyzw)
     if convention.of_another_frame:
-        quats = quat_multiply(quat_normalised(quats), quat_from_matrix(T_rb_child.rotation.T))
-        positions = positions - quat_rotate(quats, T_rb_child.translation)
+        return poses_of_parent(positions, quats, T_rb_child)
     return positions, quats
+
+
+def poses_of_parent(positions: FloatArray, quats: FloatArray, T_rb_child: Transform) -> tuple[FloatArray, FloatArray]:
+    """Return positions `(N, 3)` and quaternions `(N, 4)` of RB from those of a frame that is fixed in RB."""
+    quats = quat_multiply(quat_normalised(quats), quat_from_matrix(T_rb_child.rotation.T))
+    return positions - quat_rotate(quats, T_rb_child.translation), quats
 
 
 def aligned(trajectory: Trajectory, T_ds_world: Transform) -> Trajectory:
@@ -211,8 +216,8 @@ def converted_estimates(
     if covariance is not None and (convention.metres_per_unit != 1.0 or convention.of_another_frame):
         unit = np.diag([convention.metres_per_unit] * 3 + [1.0] * 3)
         arms = -quat_rotate(quat_normalised(poses.quats_xyzw), T_rb_child.translation)
-        carry = np.array([propagation(arm) @ unit for arm in arms]).reshape(-1, 6, 6)
-        covariance = _carried(covariance, carry)
+        jacobians = np.array([propagation(arm) @ unit for arm in arms]).reshape(-1, 6, 6)
+        covariance = _propagated_triangles(covariance, jacobians)
     plain = convention == PoseConvention(world=convention.world, time_offset_ns=convention.time_offset_ns)
     result = replace(estimates, trajectory=poses, covariance=covariance, steps=estimates.steps if plain else None)
     if convention.world != FIRST_POSE:
@@ -224,7 +229,7 @@ def aligned_estimates(estimates: Estimates, T_ds_world: Transform) -> Estimates:
     """Return estimates in DS, with their covariances, from estimates in another world frame."""
     covariance = estimates.covariance
     if covariance is not None:
-        covariance = _carried(covariance, np.asarray(np.kron(np.eye(2), T_ds_world.rotation), np.float64))
+        covariance = _propagated_triangles(covariance, np.asarray(np.kron(np.eye(2), T_ds_world.rotation), np.float64))
     return replace(estimates, trajectory=aligned(estimates.trajectory, T_ds_world), covariance=covariance)
 
 
@@ -255,7 +260,7 @@ def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Trans
     return true @ Transform.from_quat(frames.position[first], frames.attitude[first]).inverse()
 
 
-def _carried(covariance: FloatArray, carry: FloatArray) -> FloatArray:
-    """Return the upper triangles `(N, 21)` of propagated covariances, from upper triangles."""
-    moved = carried(carry, symmetric(covariance))
+def _propagated_triangles(covariance: FloatArray, jacobian: FloatArray) -> FloatArray:
+    """Return the upper triangles `(N, 21)` of covariances that are propagated by Jacobians `(N, 6, 6)` or `(6, 6)`."""
+    moved = propagated(jacobian, symmetric(covariance))
     return np.ascontiguousarray(moved[:, UPPER[0], UPPER[1]]).reshape(-1, COVARIANCE_SIZE)

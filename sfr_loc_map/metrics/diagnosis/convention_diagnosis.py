@@ -1,8 +1,8 @@
 """Diagnosis of the single convention mismatch that explains the disagreement of estimate and truth.
 
 A hypothesis is a mismatch of `mismatches`, or an offset of the stamps (`offset_search`). Its evidence is the
-disagreement that its correction leaves in each sub-trajectory (`Tried.left`). One rule decides whether a hypothesis is
-found (`_explains`). Of the hypotheses found, that with the smallest mean disagreement is reported.
+disagreement of each sub-trajectory that remains after its correction (`Tried.remaining`). One rule decides whether a
+hypothesis is found (`_explains`). Of the hypotheses found, that with the smallest mean disagreement is reported.
 
 A hypothesis competes with the explanations that presume less: that the estimate is correct as delivered, that it has
 the scale error of a method, and, if numbers were fitted, each hypothesis without fitted numbers. In nine tenths of the
@@ -76,7 +76,7 @@ class Tried(NamedTuple):
     """A hypothesis and its evidence: the remaining disagreement of each sub-trajectory."""
 
     hypothesis: Hypothesis
-    left: FloatArray
+    remaining: FloatArray
 
 
 NO_DIAGNOSIS = Diagnosis(disagreement=None, hypotheses=(), found=None)
@@ -113,7 +113,7 @@ def diagnose(
 
 def _chosen(tried: Sequence[Tried], without_mismatch: Sequence[FloatArray]) -> Hypothesis | None:
     """Return the first hypothesis that explains the disagreement; None if no hypothesis does."""
-    without_fit = [item.left for item in tried if not item.hypothesis.fitted]
+    without_fit = [item.remaining for item in tried if not item.hypothesis.fitted]
     for item in tried:
         simpler = [*without_mismatch, *without_fit] if item.hypothesis.fitted else without_mismatch
         if _explains(item, simpler):
@@ -128,9 +128,9 @@ def _explains(tried: Tried, simpler: Sequence[FloatArray]) -> bool:
     that outliers of the estimate require no explanation.
     """
     gain = GAIN_FITTED if tried.hypothesis.fitted else GAIN
-    left = float(np.quantile(tried.left, NEARLY_ALL))
+    remaining = float(np.quantile(tried.remaining, NEARLY_ALL))
     others = [float(np.median(each)) for each in simpler]
-    return left <= EXPLAINED and all(other >= NEGLIGIBLE and gain * left <= other for other in others)
+    return remaining <= EXPLAINED and all(other >= NEGLIGIBLE and gain * remaining <= other for other in others)
 
 
 # ---- the evidence of each explanation
@@ -152,19 +152,19 @@ def _by_mismatch(compared: ComparedPoses) -> Iterator[Tried]:
     if not compared.has_enough_frames:
         return
     for mismatch in mismatches_of(compared):
-        left = _left_by(mismatch, compared)
+        remaining = _remaining_after(mismatch, compared)
         whose = "truth" if mismatch.is_of_truth else "estimate"
         hypothesis = Hypothesis(
             mismatch=mismatch.name,
             sentence=f"the {whose} looks wrong: {mismatch.sentence}",
-            disagreement=float(np.mean(left)),
+            disagreement=float(np.mean(remaining)),
             fitted=mismatch.is_fitted,
             setting=mismatch.setting,
         )
-        yield Tried(hypothesis, left)
+        yield Tried(hypothesis, remaining)
 
 
-def _left_by(mismatch: Mismatch, compared: ComparedPoses) -> FloatArray:
+def _remaining_after(mismatch: Mismatch, compared: ComparedPoses) -> FloatArray:
     """Return the disagreement of each sub-trajectory after the correction of a mismatch.
 
     All poses of the estimate are corrected, because inverted motions refer to the first pose, which may have no true
@@ -195,4 +195,4 @@ def _by_offset(compared: ComparedPoses) -> Iterator[Tried]:
         fitted=True,
         setting=f"time_offset_ns={best.offset_ns}",
     )
-    yield Tried(hypothesis, best.left)
+    yield Tried(hypothesis, best.remaining)

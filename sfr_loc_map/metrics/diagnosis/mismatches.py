@@ -35,8 +35,9 @@ from sfr_loc_map.geometry.rotation import (
 )
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, poses_of_rb
+from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, poses_of_parent, poses_of_rb
 from sfr_loc_map.metrics.diagnosis.compared_poses import ComparedPoses
 from sfr_loc_map.metrics.diagnosis.disagreement import PoseArrays, eighths
 
@@ -262,13 +263,12 @@ def _by_extrinsics(name: str, sentence: str, lever_m: FloatArray, turn: FloatArr
     in millimetres.
     """
     numbers = tuple(round(number, 9) for number in (*lever_m.tolist(), *turn.tolist()))
-    convention = PoseConvention(extrinsics=numbers)
-    (setting,) = convention.settings
+    T_rb_point = Transform.from_quat(numbers[:3], numbers[3:])
     try:
-        PoseConvention.parse([setting])
+        (setting,) = PoseConvention(extrinsics=numbers).settings
     except ConfigError:
         setting = ""
-    return Mismatch(name, sentence, _correction(convention), setting)
+    return Mismatch(name, sentence, lambda positions, quats: poses_of_parent(positions, quats, T_rb_point), setting)
 
 
 DEPENDENT: tuple[Callable[[ComparedPoses], Iterator[Mismatch]], ...] = (

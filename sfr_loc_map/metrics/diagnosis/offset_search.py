@@ -35,12 +35,12 @@ class Offset(NamedTuple):
     """An offset that is added to the stamps of the estimate, and the remaining disagreement of each sub-trajectory."""
 
     offset_ns: int
-    left: FloatArray
+    remaining: FloatArray
 
     @property
     def disagreement(self) -> float:
         """The mean of the remaining disagreement."""
-        return float(np.mean(self.left))
+        return float(np.mean(self.remaining))
 
 
 def best_offset(estimate: Trajectory, truth: Trajectory, begin_ns: int) -> Offset | None:
@@ -89,8 +89,8 @@ def _with_offsets(estimate: Trajectory, truth: Trajectory, offsets_ns: IntArray)
     for first, last in np.unique(kept[is_enough], axis=0)[::-1].tolist():  # by ascending offset
         batch_ns = offsets_ns[(kept == (first, last)).all(axis=1)]
         step = max(1, (last - first) // SEARCHED_POSES)
-        left = _disagreements(estimate[first:last:step], truth, batch_ns)
-        yield from (Offset(int(offset_ns), each) for offset_ns, each in zip(batch_ns, left, strict=True))
+        remaining = _disagreements(estimate[first:last:step], truth, batch_ns)
+        yield from (Offset(int(offset_ns), each) for offset_ns, each in zip(batch_ns, remaining, strict=True))
 
 
 def _disagreements(estimate: Trajectory, truth: Trajectory, offsets_ns: IntArray) -> FloatArray:

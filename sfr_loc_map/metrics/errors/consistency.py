@@ -27,7 +27,7 @@ from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import propagated_covariance, propagation
 from sfr_loc_map.metrics.frames.association import Estimates, Frames, StampedPoses, unique_rows
-from sfr_loc_map.metrics.frames.covariance import DIAGONAL, carried, symmetric
+from sfr_loc_map.metrics.frames.covariance import DIAGONAL, propagated, symmetric
 from sfr_loc_map.metrics.frames.truth_error import truth_noise
 from sfr_loc_map.metrics.table.rows import Figure, figure_row, nees_row
 
@@ -61,10 +61,10 @@ def sums_of_steps(estimates: Estimates, steps: FloatArray, wanted: IntArray) -> 
     turns = matrix_from_quat(poses.quats_xyzw[order])
     turns_before = np.concatenate((np.eye(3)[None], turns[:-1]))
     of_step, of_pose = to_origin(turns_before, positions), to_origin(turns, positions)
-    covariance = np.cumsum(carried(of_step, symmetric(counted[:, : SYSTEMATIC.start])), axis=0)
+    covariance = np.cumsum(propagated(of_step, symmetric(counted[:, : SYSTEMATIC.start])), axis=0)
     systematic = np.cumsum(of_step * counted[:, None, SYSTEMATIC], axis=0)
     unknown_steps = np.cumsum(~is_known & ~lost)
-    noise = carried(of_pose, symmetric(counted[:, WITHOUT_NOISE:]))
+    noise = propagated(of_pose, symmetric(counted[:, WITHOUT_NOISE:]))
     indices = np.searchsorted(poses.stamps_ns[order], poses.stamps_ns[wanted])
     return {
         int(row): StepSums(covariance[at], systematic[at], int(unknown_steps[at]), noise[at])

@@ -246,7 +246,8 @@ def sub_trajectory_table(
 
     Each row contains the errors by one reading of the specification (`ERROR_FUNCTIONS`). `start_frame` and `end_frame`
     are indices of frames. The error vector is the estimated displacement, as this reading compares it, minus the true
-    displacement. Errors are raised as by `score_trajectory`.
+    displacement. The columns are empty if no estimate has a ground truth. MetricsError if a condition is invalid, if
+    the truth lacks the attitudes that a condition requires, or if the estimate has no attitudes.
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)

@@ -31,6 +31,6 @@ def lost_by_covariance(covariance: FloatArray) -> Mask:
     return np.asarray((covariance[:, DIAGONAL] >= LOST_VARIANCE).all(axis=1))
 
 
-def carried(carry: FloatArray, covariance: FloatArray) -> FloatArray:
+def propagated(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return `F P F^T` for each pair of F and P."""
-    return np.asarray(carry @ covariance @ np.swapaxes(carry, -1, -2))
+    return np.asarray(jacobian @ covariance @ np.swapaxes(jacobian, -1, -2))

@@ -169,22 +169,30 @@ def fitted_rotation(
 ) -> tuple[FloatArray, float | None]:
     """Return the rotation that aligns centred estimates `(F, 3)` with the truth, and the tilt of z, None for a yaw.
 
-    Without true heights only a yaw is fitted.
+    Three rotations are fitted: a yaw, the yaw with the smallest tilt that aligns the principal directions of the paths,
+    and the complete rotation. The complete rotation is preferred to the second if it reduces the residual by
+    `ROLL_GAIN`, because the roll about a nearly straight path is undetermined. Without true heights only a yaw is
+    fitted.
     """
-    (x, y), (u, v) = estimated.T[:2], true.T[:2]
-    yaw = float(np.arctan2((x * v - y * u).sum(), (x * u + y * v).sum()))
-    upright = matrix_from_rotvec(np.array([0.0, 0.0, yaw]))
+    x, y, _ = estimated.T
+    true_x, true_y, _ = true.T
+    sine = (x * true_y - y * true_x).sum()
+    cosine = (x * true_x + y * true_y).sum()
+    upright = matrix_from_rotvec(np.array([0.0, 0.0, float(np.arctan2(sine, cosine))]))
     if not has_height:
         return upright, None
     true_directions, _, directions = np.linalg.svd(true.T @ estimated @ upright.T)
-    found = [upright, smallest_rotation(directions[0], true_directions[:, 0]) @ upright]
+    along_line = smallest_rotation(directions[0], true_directions[:, 0]) @ upright
+    complete = along_line
     with suppress(MetricsError):  # the rotation about a straight line is undetermined
-        found.append(umeyama(frames.position, frames.true_position, with_scale=False).rotation)
-    left = [float(np.linalg.norm(estimated @ each.T - true)) for each in found]
-    best = 1 if left[1] <= ROLL_GAIN * left[-1] else -1
-    tilt_deg = float(np.degrees(np.arccos(np.clip(found[best][2, 2], -1.0, 1.0))))
-    if tilt_deg >= MIN_TILT_DEG and left[0] > TILT_GAIN * left[best]:
-        return found[best], tilt_deg
+        complete = umeyama(frames.position, frames.true_position, with_scale=False).rotation
+    upright_m, along_line_m, complete_m = (
+        float(np.linalg.norm(estimated @ rotation.T - true)) for rotation in (upright, along_line, complete)
+    )
+    tilted, tilted_m = (along_line, along_line_m) if along_line_m <= ROLL_GAIN * complete_m else (complete, complete_m)
+    tilt_deg = float(np.degrees(np.arccos(np.clip(tilted[2, 2], -1.0, 1.0))))
+    if tilt_deg >= MIN_TILT_DEG and upright_m > TILT_GAIN * tilted_m:
+        return tilted, tilt_deg
     return upright, None
 
 

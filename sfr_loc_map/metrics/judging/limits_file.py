@@ -6,6 +6,8 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace as struct_replace
+
 from sfr_loc_map.config import suggestion
 from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, MetricsError
@@ -80,15 +82,15 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
 
 
 def _check_unique(limits: Sequence[Limit], origin: str) -> None:
-    """Check that the limits of a requirement do not contradict each other; ConfigError if they do."""
-    known: dict[tuple[str | None, ...], Limit] = {}
+    """Check that no two limits of a requirement differ only in their bound; ConfigError if they do."""
+    bounds: dict[Limit, float] = {}
     for item in limits:
-        first = known.setdefault((item.section, item.name, item.condition, item.id), item)
-        if first != item:
+        bound = bounds.setdefault(struct_replace(item, limit=0.0, text=None, certain=False), item.limit)
+        if bound != item.limit:
             over = "" if item.condition is None else f" over {item.condition}"
             raise ConfigError(
-                f"{origin}: '{item.name}'{over} has two different limits, {first.limit:g} and {item.limit:g}: give "
-                "one, or give each an 'id'"
+                f"{origin}: '{item.name}'{over} has two different limits, {bound:g} and {item.limit:g}: give one, or "
+                "give each an 'id'"
             )
 
 

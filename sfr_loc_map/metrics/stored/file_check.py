@@ -27,7 +27,7 @@ from sfr_loc_map.metrics.table.details import Details
 from sfr_loc_map.metrics.table.rows import Figure, number_text
 
 ROUNDING = 1e-9  #: Relative tolerance between a stored and a derived number.
-ASCENDING = ((*sorted(QUANTILES, key=QUANTILES.__getitem__), "max"), ("mean", "rmse", "max"), ("low95", "high95"))
+ASCENDING = ((*QUANTILES, "max"), ("mean", "rmse", "max"), ("low95", "high95"))
 """Statistics of a row that ascend if they are given; of the mean its absolute value."""
 
 
@@ -173,5 +173,5 @@ def _text(value: object) -> str:
     return "null" if value is None else f"'{value}'" if isinstance(value, str) else f"{value}"
 
 
-CHECKS = (fault_of_order, fault_of_rows, fault_of_counts, fault_of_raw_values, fault_of_related_rows)
+CHECKS = (fault_of_rows, fault_of_counts, fault_of_raw_values, fault_of_related_rows, fault_of_order)
 """The checks of the figures, in the order in which their faults are reported."""

@@ -3,10 +3,10 @@
 To add a figure, add its line here, and the text of a new clause in `CLAUSES`. The line of an error of sub-trajectories
 also names the function that computes the errors (`compute_errors`). The rows of any other figure are made where its
 values are computed. To show one more statistic of a figure, add its name to the line. To add a quantile, add its field
-to `metrics.formulas.Statistics`. Any other statistic is computed in `metrics.formulas.statistics`, and `EXPANSION` of
-`metrics.judging.limited_value` states how the error of the truth affects it. Reports, comparisons, suites, searches,
-histories, limits, the topics of the monitor and the check of stored scores then include the figure or statistic.
-Scores that were stored without a new statistic remain readable.
+to `metrics.formulas.Statistics` and its percentage to `metrics.formulas.QUANTILES`. Any other statistic is computed in
+`metrics.formulas.statistics`, and `EXPANSION` of `metrics.judging.limited_value` states how the error of the truth
+affects it. Reports, comparisons, suites, searches, histories, limits, the topics of the monitor and the check of stored
+scores then include the figure or statistic. Scores that were stored without a new statistic remain readable.
 
 Plots of the errors of sub-trajectories draw each statistic that is shown or limited. Three things have to be changed
 separately:
@@ -369,7 +369,7 @@ def title_of(figure: str) -> str:
 
 
 def statistic_title(statistic: str) -> str:
-    """Return the displayed name of a statistic: `mean + 3 sigma` for `mean_plus_3sigma`, `p99.7` for `p997`."""
+    """Return the displayed name of a statistic: `mean + 3 sigma` for `mean_plus_3sigma`."""
     if statistic in QUANTILES:
         return f"p{QUANTILES[statistic]:g}"
     return statistic.replace("_plus_3sigma", " + 3 sigma").replace("_", " ")
