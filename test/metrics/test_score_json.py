@@ -159,11 +159,10 @@ def test_rows_are_found_by_what_they_are() -> None:
 @pytest.mark.parametrize(
     ("look_up", "words"),
     [
-        (lambda found: found.figure("positon"), "unknown figure 'positon' .did you mean 'position'"),
-        (lambda found: found.rows("peek"), "unknown figure 'peek'"),
-        (lambda found: found.rows(subject="trajectry"), "unknown subject 'trajectry' .did you mean 'trajectory'"),
-        (lambda found: found.number("position", "mean3"), "unknown statistic 'mean3'"),
-        (lambda found: found.number("position", "unit"), "unknown statistic 'unit'"),
+        (lambda found: found.figure("positon"), "there is no figure 'positon' .did you mean 'position'"),
+        (lambda found: found.rows("peek"), "there is no figure 'peek'"),
+        (lambda found: found.number("position", "mean3"), "there is no statistic 'mean3'"),
+        (lambda found: found.number("position", "unit"), "there is no statistic 'unit'"),
     ],
 )
 def test_names_that_no_score_has_are_refused(look_up: Callable[[Score], object], words: str) -> None:

@@ -84,7 +84,7 @@ class Figure(RowNumbers, frozen=True):
     def statistic(self, name: str) -> float | None:
         """Return the number of a column; ConfigError if no column with numbers has this name."""
         if name not in RowNumbers.__struct_fields__:
-            raise ConfigError(f"unknown statistic '{name}'{suggestion(name, RowNumbers.__struct_fields__)}")
+            raise ConfigError(f"there is no statistic '{name}'{suggestion(name, RowNumbers.__struct_fields__)}")
         found: float | None = getattr(self, name)
         return found
 
@@ -152,12 +152,10 @@ def find_rows(
 ) -> Iterator[Figure]:
     """Yield the rows that have these keys, in the order of the table.
 
-    ConfigError if the catalogue has no such figure or subject, and MetricsError if the condition is invalid.
+    ConfigError if the catalogue has no such figure, and MetricsError if the condition is invalid.
     """
     if figure != ANY and figure not in KINDS:
-        raise ConfigError(f"unknown figure '{figure}'{suggestion(figure, KINDS)}")
-    if subject not in (ANY, *Subject):
-        raise ConfigError(f"unknown subject '{subject}'{suggestion(subject, [*Subject])}")
+        raise ConfigError(f"there is no figure '{figure}'{suggestion(figure, KINDS)}: give one that exists")
     if isinstance(part, RowPart):
         part = part.text
     if isinstance(condition, Condition):
