@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import F, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
@@ -17,8 +18,12 @@ def point_covariances(cloud: PointCloud, poses_lm_left: Sequence[Transform], foc
 
     The variance along the ray is the point's `sigma^2`. Across the ray a point represents its pixel: a uniform
     distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. The pair index of a point is that of
-    its pose. Raises MappingError if a pose is missing.
+    its pose.
+
+    Raises MappingError if a pose is missing, or if the focal length f, `focal_px`, is not positive.
     """
+    if not focal_px > 0.0:
+        raise MappingError(f"focal_px is {focal_px}: a positive number is required")
     ray = rays_from_cameras(cloud.xyz, cloud.pair, poses_lm_left)
     axes = np.stack([pose.rotation[:, 2] for pose in poses_lm_left])[cloud.pair]
     depth = np.einsum("ij,ij->i", ray, axes)

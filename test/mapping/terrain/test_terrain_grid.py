@@ -142,4 +142,7 @@ def test_a_missing_pose_or_sigma_of_a_point_is_refused() -> None:
         point_covariances(second, CAMERA, 400.0)
     with pytest.raises(MappingError, match="random_sigma has 3 values"):
         terrain_grid(cloud, CONFIG, CAMERA, np.ones(3, np.float32))
+    for focal_px in (0.0, -1.0, float("nan")):
+        with pytest.raises(MappingError, match="focal_px"):
+            point_covariances(cloud, CAMERA, focal_px)
     assert point_covariances(second, CAMERA * 2, 400.0).shape == (len(cloud), 3, 3)
