@@ -28,7 +28,8 @@ from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError, Outpu
 from sfr_loc_map.geometry import cloud, trajectory
 from sfr_loc_map.io import sequence
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud, save_cloud
-from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import printable

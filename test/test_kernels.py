@@ -18,7 +18,7 @@ from helpers import ROOT
 from sfr_loc_map import kernels
 from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.kernels import load_kernels
 
 Part = Callable[[Callable[[], object]], None]

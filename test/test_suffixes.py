@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.tables.table_file import save_table
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 
 
 @pytest.fixture

@@ -114,7 +114,7 @@ def convert(
 def _conversion_of(source: Path, destination: Path, layout: str | None) -> Conversion:
     """Return the conversion by the suffixes of both paths; `layout` is the value of `--to`."""
     from sfr_loc_map.io.clouds.cloud_file import SUFFIXES as CLOUDS
-    from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, format_of_name
+    from sfr_loc_map.io.tables.trajectory_writer import FILE_SUFFIXES, format_of_name
 
     if not source.is_dir() and suffix_of(source) in CLOUDS:
         return Conversion.CLOUD
@@ -187,7 +187,8 @@ def _convert_pairs(
 
 def _convert_trajectory(source: Path, destination: Path, columns: list[str] | None, *, overwrite: bool) -> None:
     """Write a trajectory as a file of poses, a folder or a bag."""
-    from sfr_loc_map.io.tables.trajectory_file import files_written, format_of_name, read_trajectory_file
+    from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+    from sfr_loc_map.io.tables.trajectory_writer import files_written, format_of_name
 
     of_poses, of_truth = columns_of(columns)
     if of_truth:
@@ -205,7 +206,7 @@ def _write_true_trajectory(
 ) -> None:
     """Write the true trajectory of a source as a file of poses."""
     from sfr_loc_map.io.registry import read_truth
-    from sfr_loc_map.io.tables.trajectory_file import files_written
+    from sfr_loc_map.io.tables.trajectory_writer import files_written
 
     how = announced_config(source, config, remap)
     check_outputs(*files_written(destination), inputs=(source, how.given.path), overwrite=overwrite)
@@ -215,7 +216,7 @@ def _write_true_trajectory(
 def _write_poses(poses: Trajectory, source: Path, destination: Path, *, overwrite: bool) -> None:
     """Write poses as a file of poses, a folder or a bag."""
     from sfr_loc_map.io.convert import convert_trajectory
-    from sfr_loc_map.io.tables.trajectory_file import format_of_name
+    from sfr_loc_map.io.tables.trajectory_writer import format_of_name
 
     if format_of_name(destination) is not None:
         count = convert_trajectory(poses, destination)

@@ -68,7 +68,7 @@ def localise(
     from sfr_loc_map.calls.call_record import states_text, tracking_warning
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.sequence import drive_of
-    from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
+    from sfr_loc_map.io.tables.trajectory_writer import FILE_SUFFIXES, files_written, save_trajectory
     from sfr_loc_map.runs.drive_start import start_pose, unstamped_start_warning
     from sfr_loc_map.runs.track_video import track_video
 

@@ -13,4 +13,4 @@ from .sequence import NavSequence as NavSequence
 from .sequence import Source as Source
 from .tables.trajectory_file import LoadedTrajectory as LoadedTrajectory
 from .tables.trajectory_file import read_trajectory_file as read_trajectory_file
-from .tables.trajectory_file import save_trajectory as save_trajectory
+from .tables.trajectory_writer import save_trajectory as save_trajectory

@@ -20,7 +20,7 @@ from sfr_loc_map.io.layouts.euroc import EurocWriter
 from sfr_loc_map.io.layouts.folder import FolderWriter
 from sfr_loc_map.io.layouts.kitti import KittiWriter
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.tables.trajectory_file import format_of_name, save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import format_of_name, save_trajectory
 from sfr_loc_map.suffixes import suffix_of
 
 SourceWriter = BagWriter | FolderWriter | KittiWriter | EurocWriter

@@ -8,7 +8,7 @@ from pathlib import Path
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.calls.call_files import save_stats
 from sfr_loc_map.io.clouds.cloud_file import save_cloud, save_points
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.suite_names import Task

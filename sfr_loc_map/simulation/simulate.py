@@ -34,7 +34,7 @@ from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX
 from sfr_loc_map.io.calibration.rig_file import rig_json
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.layouts.folder import pair_row, pairs_lines
-from sfr_loc_map.io.tables.trajectory_file import trajectory_text
+from sfr_loc_map.io.tables.trajectory_writer import trajectory_text
 from sfr_loc_map.signals import deferred_signals
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan

@@ -21,7 +21,8 @@ from sfr_loc_map.errors import ExitCode
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.images.files import ImageFileSequence
-from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 
 NAMES = [name for names in PANELS.values() for name in names]
 HEAVY = ("numba", "cv2", "scipy", "plotly", "rosbags", "rclpy", "llvmlite", "embreex")

@@ -14,7 +14,8 @@ from helpers.cli_result import Sfr
 from sfr_loc_map import config_file
 from sfr_loc_map.cli.output import output_folder
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 
 MadeOnce = Callable[[Callable[[Path], Path]], Path]
 TUM = "".join(f"{t}.0 {0.5 * t} 0 0 0 0 0 1\n" for t in range(30))

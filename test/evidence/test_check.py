@@ -23,7 +23,7 @@ from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.sequence import Source, SourceFormat
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.frames.association import Estimates

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from helpers.cli_result import Result, Sfr
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 
 POSES = 401
 PERIOD_NS = 100_000_000

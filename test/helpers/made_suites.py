@@ -11,7 +11,7 @@ import yaml
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.suite.running.job import Job, JobSource, JobTask, SourceKind
 

@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 
 PERIOD_NS = 100_000_000
 COUNT = 300

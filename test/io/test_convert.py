@@ -26,7 +26,8 @@ from sfr_loc_map.io.convert import ConvertOptions, Layout, convert, convert_traj
 from sfr_loc_map.io.registry import open_source, read_truth
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, trajectory_text
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_writer import trajectory_text
 
 
 @pytest.fixture

@@ -33,7 +33,7 @@ from sfr_loc_map.io.message_stream import (
 )
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.suite_names import SIDES
 

@@ -22,7 +22,8 @@ from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory, trajectory_text
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.io.truth.messages import enu_m
 from sfr_loc_map.message_stamps import NS_PER_S

@@ -11,7 +11,7 @@ import pytest
 from helpers import ROOT
 from helpers.cli_result import Sfr
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.report.path_plot import curves_of, path_plot
 

@@ -13,7 +13,7 @@ import sfr_loc_map
 from helpers.cli_result import Sfr
 from helpers.score_rows import row
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 
 
 @pytest.fixture

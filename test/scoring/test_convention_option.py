@@ -16,7 +16,7 @@ from helpers.score_rows import number
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.frames.association import Estimates

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from helpers.cli_result import Sfr
 from helpers.scored_drives import COUNT, LOOSE, PERIOD_NS, limits, wandering
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 
 
 def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_moved(tmp_path: Path, sfr: Sfr) -> None:

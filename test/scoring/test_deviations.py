@@ -16,7 +16,7 @@ from helpers.scored_drives import POSITION, limits, straight, write_calls_of
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 
 

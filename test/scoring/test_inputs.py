@@ -12,7 +12,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.replay.result import ReplayedMap, ReplayResult

@@ -18,7 +18,7 @@ from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, SHORT, limits, str
 from sfr_loc_map.calls.call_files import save_stats
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 
 
 @pytest.mark.clause("4.2.2")

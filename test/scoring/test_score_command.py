@@ -21,7 +21,7 @@ from helpers.made_scene import write_folder
 from helpers.scored_drives import POSITION, limits, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.judging.several_scores import difference_of
 from sfr_loc_map.metrics.stored.score_json import load_score
 

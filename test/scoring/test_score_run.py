@@ -26,7 +26,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.messages import odometry
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.message_types import STRING
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK

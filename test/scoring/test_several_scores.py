@@ -18,7 +18,7 @@ from helpers.made_scene import write_folder
 from helpers.made_scores import of_map, whole_score
 from helpers.scored_drives import LOOSE, POSITION, limits, wandering
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.several_scores import difference_of

@@ -13,7 +13,7 @@ from helpers.cli_result import Sfr
 from helpers.honest_drives import honest_drive
 from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, limits, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.completeness.shortfall_kinds import BEYOND_MOST
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory

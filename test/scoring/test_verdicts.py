@@ -15,7 +15,7 @@ from helpers.cli_result import Sfr
 from helpers.judge import FEW_INDEPENDENT, OVER_5_M, POSES, STEP_M, Judge
 from helpers.scored_drives import COUNT, limits, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 
 
 def test_a_pass_that_is_not_certain_is_none_where_certainty_is_needed(judge: Judge) -> None:

@@ -3,7 +3,7 @@
 import pytest
 
 from helpers.made_suites import straight
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.scoring.inputs import ScoreInputs

@@ -23,7 +23,8 @@ from helpers.score_rows import row
 from sfr_loc_map.calls.call_files import save_stats, stats_beside
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
 from sfr_loc_map.suite.running.store import Store

@@ -15,7 +15,8 @@ from helpers.made_suites import made_suite
 from helpers.made_suites import straight as made_drive
 from helpers.scored_drives import POSITION, SHORT, straight, write_files
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_json, from_plain, to_json
 

@@ -34,7 +34,8 @@ from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
 from sfr_loc_map.io.tables.stamps import check_order, parse_stamp_ns
 from sfr_loc_map.io.tables.text_table import read_lines
-from sfr_loc_map.io.tables.trajectory_file import TRUTH_OPTION, read_trajectory_file, save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import TRUTH_OPTION, read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.io.truth.pose_checks import check_clock
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 

@@ -33,9 +33,10 @@ from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.number_text import parse_number
-from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
+from sfr_loc_map.io.tables.pose_columns import CSV_HEADER, TrajectoryFormat
 from sfr_loc_map.io.tables.stamps import parse_stamp_ns
-from sfr_loc_map.io.tables.trajectory_file import CSV_HEADER, read_trajectory_file, save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.io.truth.pose_checks import check_clock
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_text import alternatives, counted

@@ -31,9 +31,9 @@ from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.number_text import parse_number
+from sfr_loc_map.io.tables.numbered_stamps import read_times
 from sfr_loc_map.io.tables.stamps import seconds_text
 from sfr_loc_map.io.tables.text_table import parse_table, read_lines
-from sfr_loc_map.io.tables.trajectory_file import read_times
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.suite_names import SIDES
 

@@ -24,6 +24,11 @@ COVARIANCES = {
 }
 """Covariance columns of OpenVINS: upper triangles in rad^2 and m^2 (docs.openvins.com, "Filesystem format")."""
 COVARIANCE_KEYS = tuple(f"{prefix}{index}" for prefix, (_, indices) in COVARIANCES.items() for index in indices)
+CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
+    f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
+)
+"""Header of the csv of the suite."""
+KITTI_COLUMNS = 12  #: Number of columns of a pose of KITTI: a 3 x 4 matrix.
 
 
 class TrajectoryFormat(StrEnum):

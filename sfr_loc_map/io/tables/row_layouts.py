@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.plausibility import plausible_attitudes, plausible_positions, plausible_rotations
-from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.io.tables.column_names import unknown_header, without_names
 from sfr_loc_map.io.tables.number_text import number_or_nan
 from sfr_loc_map.io.tables.pose_columns import (
@@ -31,6 +30,7 @@ from sfr_loc_map.io.tables.pose_columns import (
     PoseColumns,
 )
 from sfr_loc_map.io.tables.table_head import TableHead
+from sfr_loc_map.io.tables.vehicle_motion import problem_of_scalar_last, unit_of_headings
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import alternatives
 
@@ -69,10 +69,6 @@ LAYOUTS = (
 MAX_FRAME = 1e7  #: Integers below are frame numbers; larger integers are stamps.
 FIT = 0.9  #: Minimum fraction of rows that must fit a layout; the others are invalid rows.
 HALF_FIT = 0.5  #: Minimum fraction if no layout reaches `FIT`, so that error messages can name the invalid rows.
-LEVEL = 0.5  #: Smallest vertical component of the upward axis of a level vehicle: a tilt of 60 deg.
-FORWARD = 0.5  #: Smallest mean component along the path of the forward axis of a vehicle that drives forward.
-CHORDS = 50  #: Number of parts of a path; their chords are longer than the position noise.
-HEADING_FIT = 0.1  #: Largest deviation of headings from the path, as a fraction of the deviation of a straight line.
 _SCALAR_FIRST_TEXT = re.compile(r"\bq?_?w\W+q?_?x\W+q?_?y\W+q?_?z\b|\bwxyz\b", re.IGNORECASE)
 _SCALAR_LAST_TEXT = re.compile(r"\bq?_?x\W+q?_?y\W+q?_?z\W+q?_?w\b|\bxyzw\b", re.IGNORECASE)
 
@@ -203,11 +199,7 @@ def _check_stated_order(head: TableHead, layout: Layout) -> None:
 
 
 def _check_scalar_is_last(head: TableHead, layout: Layout, table: FloatArray) -> None:
-    """Raise InputError if the attitudes are those of a vehicle only with the scalar of the quaternions first.
-
-    A vehicle is level. If it is level in both orders, its forward axis decides, which points along the path. The axes
-    may also be those of a camera, whose y-axis points down and whose z-axis points forward.
-    """
+    """Raise InputError if the attitudes are those of a vehicle only with the scalar of the quaternions first."""
     if layout.keys[-4:] != QUATERNION:
         return
     rows = table[np.isfinite(table[:, : len(layout.keys)]).all(axis=1)]
@@ -215,21 +207,9 @@ def _check_scalar_is_last(head: TableHead, layout: Layout, table: FloatArray) ->
     rows = rows[_fitting_rows(layout.keys, rows) & plausible_positions(rows[:, first : first + 3])]
     rows = rows[np.lexsort((rows[:, first - 1], rows[:, 0]))]  # by seconds and their fractions
     positions, quats = (rows[:, [layout.keys.index(key) for key in keys]] for keys in (POSITION, QUATERNION))
-    if not quats.any():  # positions without attitude
+    problem = problem_of_scalar_last(positions, quats)
+    if not problem:
         return
-    if_first = matrix_from_quat(quats[:, [1, 2, 3, 0]])
-    if np.mean(if_first[:, 2, 2] > LEVEL) < FIT:
-        return
-    problem = "not level"
-    forward = [
-        axis for axis, upward in _forward_and_upward(matrix_from_quat(quats)) if np.mean(upward > LEVEL) >= HALF_FIT
-    ]
-    if forward:
-        is_opposite = all(_along_path(axis, positions) < 0.0 for axis in forward)
-        is_placeholder = not np.ptp(quats, axis=0).any()
-        if is_placeholder or not is_opposite or _along_path(if_first[:, :, 0], positions) < FORWARD:
-            return
-        problem = "opposite to the path"
     scalar_last, scalar_first = (
         head.option.replace("COLUMNS", ",".join(("t[s]", *keys))) for keys in (_POSE, _POSE_SCALAR_FIRST)
     )
@@ -241,51 +221,18 @@ def _check_scalar_is_last(head: TableHead, layout: Layout, table: FloatArray) ->
 
 
 def _check_height_is_no_heading(head: TableHead, layout: Layout, table: FloatArray) -> None:
-    """Raise InputError if the last column of `t x y z` is the heading of a planar pose, in radians or degrees.
-
-    A heading points along the path. A height does not, except for a straight path.
-    """
+    """Raise InputError if the last column of `t x y z` is the heading of a planar pose, in radians or degrees."""
     if layout.keys != (STAMP, *POSITION):
         return
     rows = table[np.isfinite(table[:, : len(layout.keys)]).all(axis=1)]
     rows = rows[plausible_positions(rows[:, 1:4])]
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
-    path, last = rows[:, 1:3], rows[:, 3]
-    curvature = 1.0 - _straightness(path)
-    for unit, heading_rad in (("radians", last), ("degrees", np.radians(last))):
-        axis = np.stack((np.cos(heading_rad), np.sin(heading_rad)), axis=1)
-        if 1.0 - _along_path(axis, path) < HEADING_FIT * curvature:
-            raise InputError(
-                f"{head.name} has four columns and no header, and the last one is the heading of the path in {unit}, "
-                f"not a height: a position with a height is required; add a column of heights, and "
-                f"{head.named_by('t[s],x,y,z')}"
-            )
-
-
-def _straightness(path: FloatArray) -> float:
-    """Return the length of the mean direction of a path `(N, 2)`: 1 for a straight path, 0 for a closed path."""
-    ends = _ends_of_chords(path)
-    chords = np.diff(path[ends], axis=0)
-    length = np.linalg.norm(chords, axis=1).sum()
-    return float(np.linalg.norm(chords.sum(axis=0)) / length) if length > 0.0 else 1.0
-
-
-def _ends_of_chords(positions: FloatArray) -> IntArray:
-    """Return the rows of positions `(N, K)` that divide a path into at most `CHORDS` chords."""
-    return np.unique(np.linspace(0, len(positions) - 1, CHORDS + 1).astype(np.int64))
-
-
-def _forward_and_upward(rotations: FloatArray) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    """Return the forward axis `(N, 3)` and the vertical component of the upward axis `(N,)`, of a body and a camera."""
-    return (rotations[:, :, 0], rotations[:, 2, 2]), (rotations[:, :, 2], -rotations[:, 2, 1])
-
-
-def _along_path(axis: FloatArray, positions: FloatArray) -> float:
-    """Return the mean component of an axis `(N, K)` along a path `(N, K)`: -1 to 1, and 0 for a stationary body."""
-    ends = _ends_of_chords(positions)
-    chords = np.diff(positions[ends], axis=0)
-    length = np.linalg.norm(chords, axis=1).sum()
-    return float(np.sum(axis[ends[:-1]] * chords) / length) if length > 0.0 else 0.0
+    if unit := unit_of_headings(rows[:, 1:3], rows[:, 3]):
+        raise InputError(
+            f"{head.name} has four columns and no header, and the last one is the heading of the path in {unit}, "
+            f"not a height: a position with a height is required; add a column of heights, and "
+            f"{head.named_by('t[s],x,y,z')}"
+        )
 
 
 def _stated_order(comments: Sequence[str]) -> _StatedOrder | None:

@@ -1,4 +1,4 @@
-"""Trajectory files; the format is detected from the content.
+"""Trajectories from files; the format is detected from the content. `trajectory_writer` writes the first four formats.
 
 | format | content |
 |---|---|
@@ -20,51 +20,35 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.atomic import write_text
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_poses, plausible_positions, plausible_rotations
-from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
+from sfr_loc_map.geometry.rotation import quat_from_matrix
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import parent_of, read_table, split_lines
+from sfr_loc_map.inputs import read_table, split_lines
 from sfr_loc_map.io.tables.column_detection import detect_columns
+from sfr_loc_map.io.tables.numbered_stamps import stamps_by_number, times_beside
 from sfr_loc_map.io.tables.pose_columns import (
     COVARIANCES,
+    CSV_HEADER,
     FRAME,
+    KITTI_COLUMNS,
     NANOSECONDS,
     QUATERNION,
     PoseColumns,
     TrajectoryFormat,
 )
-from sfr_loc_map.io.tables.stamps import parse_seconds, parse_stamp_ns, seconds_text
+from sfr_loc_map.io.tables.stamps import parse_stamp_ns, seconds_text
 from sfr_loc_map.io.tables.text_table import BOM, Table, parse_table
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.message_text import counted
-from sfr_loc_map.suffixes import check_suffix, suffix_of
 
-CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
-    f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
-)
-TUM_HEADER = "# t x y z qx qy qz qw"
-EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
-KITTI_COLUMNS = 12
 MAX_NEGATIVE = 1e-6  #: Largest negative eigenvalue of a covariance by rounding, as a fraction of its largest variance.
 CONJUGATED = np.array([-1.0, -1.0, -1.0, 1.0])
 """Signs that conjugate a quaternion: `att_q_DsToRb` to the orientation in ROS messages, and back."""
-EUROC_SUFFIX = ".euroc.csv"
-FORMAT_BY_SUFFIX = {
-    ".csv": TrajectoryFormat.CSV,
-    ".txt": TrajectoryFormat.TUM,
-    ".tum": TrajectoryFormat.TUM,
-    ".kitti": TrajectoryFormat.KITTI,
-}
-"""Formats that are written, by the ending of the file name; `EUROC_SUFFIX` has priority."""
-FILE_SUFFIXES = tuple(FORMAT_BY_SUFFIX)
 ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.COLUMNS, TrajectoryFormat.MATRIX)
 """Formats that commands report when they detect them."""
 COLUMNS_OPTION = "--columns 'COLUMNS'"
@@ -73,7 +57,6 @@ ESTIMATE_OPTION, TRUTH_OPTION = "--columns 'estimate:COLUMNS'", "--columns 'trut
 CONFIGURED_OPTION = "--set 'truth.columns=COLUMNS'"  #: For a truth that `truth.source` names.
 MAX_EQUAL = 2  #: Largest mean number of poses with one stamp; some tools write each pose twice.
 RUN_ROWS = 10  #: Smallest number of rows of a run; rows in random order have shorter runs.
-LONGEST_TIME_STEP_NS = 10 * NS_PER_S  #: Longest step of whole seconds in a file of times; longer steps are of ms or us.
 MOST_NAMED = 8  #: Maximum number of columns that a message lists.
 FORMAT_NAMES = {  # all formats but COLUMNS, whose name is that of the detected columns
     TrajectoryFormat.CSV: "csv of the suite",
@@ -194,14 +177,14 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseC
         _check_whole_seconds(table)
         fractions_ns = _fractions_ns(table, values[NANOSECONDS] * columns.fraction_ns)
         table = replace(table, stamps_ns=table.stamps_ns + fractions_ns)
-    stamps_from, by_index = "", False
+    origin, by_index = "", False
     if columns.stamp_key in (None, FRAME):
-        stamps_ns, stamps_from, by_index = _stamps_by_number(path, table, columns)
+        stamps_ns, origin, by_index = stamps_by_number(path, table, columns)
         table = replace(table, stamps_ns=stamps_ns)
     poses = replace(table, values=np.concatenate((positions, quats), axis=1))
     covariance = _covariance(values) if columns.has_covariance else None
     return _loaded(
-        path, poses, columns.format, columns=columns, stamps=stamps_from, by_index=by_index, covariance=covariance
+        path, poses, columns.format, columns=columns, stamps=origin, by_index=by_index, covariance=covariance
     )
 
 
@@ -228,16 +211,6 @@ def _fractions_ns(table: Table, fractions_ns: FloatArray) -> IntArray:
     return np.rint(fractions_ns).astype(np.int64)
 
 
-def _stamps_by_number(path: Path, table: Table, columns: PoseColumns) -> tuple[IntArray, str, bool]:
-    """Return the stamps of poses that have frame numbers, or only line numbers; see `_stamps_of_frames`."""
-    rows = len(table.lines) + len(table.skipped_lines)
-    if columns.stamp_key is None:
-        return _stamps_of_frames(path, table.row_numbers, "line", rows)
-    numbers = table.stamps_ns // NS_PER_S
-    is_consecutive = len(numbers) > 0 and int(numbers[-1]) + 1 == rows
-    return _stamps_of_frames(path, numbers, "frame", rows if is_consecutive else None)
-
-
 def _of_matrices(rows: FloatArray, *, is_optical: bool) -> tuple[FloatArray, FloatArray]:
     """Return positions and quaternions of 3 x 4 matrices `(N, 12)`; a quaternion is NaN if its matrix is no rotation.
 
@@ -252,27 +225,6 @@ def _of_matrices(rows: FloatArray, *, is_optical: bool) -> tuple[FloatArray, Flo
         positions = positions @ OPTICAL_IN_BODY.T
     quats = quat_from_matrix(rotations)
     return positions, np.where(good[:, None], quats, np.nan)
-
-
-def _stamps_of_frames(path: Path, numbers: IntArray, numbers_of: str, count: int | None) -> tuple[IntArray, str, bool]:
-    """Return the stamps of numbered poses from a file of seconds, or 1 s apart if there is no such file.
-
-    `numbers_of` states what is numbered: "line" or "frame".
-    `count` is the number of times that the file of seconds must have: that of the lines with poses, including skipped
-    lines. It is None if the numbers of the images are not consecutive.
-    """
-    benchmark = parent_of(parent_of(path)) / "sequences" / path.stem / "times.txt"
-    files = (times_beside(path), path.with_name("times.txt"), benchmark)
-    times = next((file for file in files if file.is_file() and file != path), None)
-    if times is None:
-        return numbers.astype(np.int64) * NS_PER_S, f"{numbers_of} numbers, 1 s apart", True
-    stamps_ns = read_times(times, count)
-    if len(numbers) and int(numbers.max()) >= len(stamps_ns):
-        raise InputError(
-            f"'{times}' has {counted(len(stamps_ns), 'time')}, but '{path}' has a pose of image {int(numbers.max())}: "
-            "give the times of all images"
-        )
-    return stamps_ns[numbers], str(times), False
 
 
 def _covariance(values: Mapping[str, FloatArray]) -> FloatArray:
@@ -364,75 +316,3 @@ def _check_one_run(table: Table) -> None:
             f"{table.name} line {line}: the stamps begin again within the time of other rows: one run is required; "
             "give each run a file of its own"
         )
-
-
-def times_beside(path: Path) -> Path:
-    """Return the path of the file with the stamps of KITTI poses."""
-    return path.with_name(f"{path.stem}.times.txt")
-
-
-def read_times(path: Path, count: int | None = None) -> IntArray:
-    """Return the stamps in a file of seconds, `(N,)` ns."""
-    blocks = read_table(path, "give the seconds of each pose")
-    table = parse_table(blocks, f"'{path}'", "seconds", (0,), stamp=parse_seconds)
-    if count not in (None, len(table.lines)):
-        raise InputError(f"'{path}' has {len(table.lines)} times for {count} poses: one time for each pose is required")
-    steps_ns = np.diff(table.stamps_ns)
-    if len(steps_ns) > 1 and np.median(steps_ns) > LONGEST_TIME_STEP_NS and not (table.stamps_ns % NS_PER_S).any():
-        raise InputError(
-            f"'{path}' has whole numbers that are {np.median(steps_ns) / NS_PER_S:g} apart: seconds are required; are "
-            "the times in milliseconds or microseconds?"
-        )
-    return table.stamps_ns
-
-
-def format_to_write(path: Path) -> TrajectoryFormat:
-    """Return the format in which a file is written, by its name; OutputError for another ending."""
-    check_suffix(path, FILE_SUFFIXES)
-    return TrajectoryFormat.EUROC if path.name.lower().endswith(EUROC_SUFFIX) else FORMAT_BY_SUFFIX[suffix_of(path)]
-
-
-def format_of_name(path: Path) -> TrajectoryFormat | None:
-    """Return the format of a trajectory file by its name; None if it is not the name of a trajectory file."""
-    return format_to_write(path) if suffix_of(path) in FORMAT_BY_SUFFIX else None
-
-
-def files_written(path: Path) -> tuple[Path, ...]:
-    """Return the files that `save_trajectory` writes for a name."""
-    return (path, times_beside(path)) if format_of_name(path) is TrajectoryFormat.KITTI else (path,)
-
-
-def save_trajectory(path: Path, trajectory: Trajectory, kind: TrajectoryFormat | None = None) -> None:
-    """Write a trajectory with exact numbers; the stamps of KITTI poses are written to `NAME.times.txt`.
-
-    The default `kind` is that of `format_to_write`. OutputError if the file cannot be written.
-    """
-    path = Path(path)
-    kind = kind or format_to_write(path)
-    if kind is TrajectoryFormat.KITTI and not trajectory.has_attitude:
-        raise OutputError(
-            f"cannot write '{path}': the trajectory has no attitudes, which the KITTI format requires; choose a name "
-            "that ends in .csv or .txt"
-        )
-    write_text(trajectory_text(trajectory, kind), path)
-    if kind is TrajectoryFormat.KITTI:
-        times = "".join(f"{seconds_text(stamp_ns)}\n" for stamp_ns in trajectory.stamps_ns.tolist())
-        write_text(times, times_beside(path))
-
-
-def trajectory_text(trajectory: Trajectory, kind: TrajectoryFormat = TrajectoryFormat.CSV) -> str:
-    """Return a trajectory as the text of a file; the KITTI format has no stamps."""
-    if kind is TrajectoryFormat.KITTI:
-        rotations = OPTICAL_IN_BODY.T @ matrix_from_quat(trajectory.quats_xyzw) @ OPTICAL_IN_BODY
-        matrices = np.concatenate((rotations, (trajectory.positions @ OPTICAL_IN_BODY)[:, :, None]), axis=2)
-        return "".join(f"{' '.join(map(repr, row))}\n" for row in matrices.reshape(-1, KITTI_COLUMNS).tolist())
-    quats, separator, header = {
-        TrajectoryFormat.TUM: (trajectory.quats_xyzw, " ", TUM_HEADER),
-        TrajectoryFormat.EUROC: (trajectory.quats_xyzw[:, [3, 0, 1, 2]], ",", EUROC_HEADER),
-    }.get(kind, (trajectory.att_q_ds_to_rb, ",", CSV_HEADER))
-    stamps: list[Any] = trajectory.stamps_ns.tolist()
-    if kind is TrajectoryFormat.TUM:
-        stamps = list(map(seconds_text, stamps))
-    numbers = np.hstack((trajectory.positions, quats)).tolist()
-    body = [f"{stamp}{separator}{separator.join(map(repr, row))}" for stamp, row in zip(stamps, numbers, strict=True)]
-    return "\n".join([header, *body]) + "\n"

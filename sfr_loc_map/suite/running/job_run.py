@@ -25,7 +25,7 @@ from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
 from sfr_loc_map.io.convert import convert
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig

@@ -20,7 +20,7 @@ from sfr_loc_map.io.bag.writer import BagWriter
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.layouts.euroc import EurocWriter
 from sfr_loc_map.io.layouts.kitti import KittiWriter
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 
 from helpers.made_scene import NAV_RIG, PERIOD_NS, START_NS, fill, loc_pair, true_pose, write_bag, write_folder  # isort: skip
 

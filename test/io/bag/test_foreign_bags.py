@@ -23,7 +23,8 @@ from sfr_loc_map.io.bag.files import bag_files
 from sfr_loc_map.io.images.codec import samples_of
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.metrics.stored.score_json import from_json
 

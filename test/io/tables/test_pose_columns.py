@@ -15,7 +15,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_quat, matrix_from_rotvec, quat_from_matrix, quat_normalised
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory, trajectory_text
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.io.truth.read import truth_of_file
 from sfr_loc_map.message_stamps import NS_PER_S
@@ -41,7 +42,7 @@ def with_nan(poses: Trajectory) -> str:
 
 
 def read_as(name: str) -> object:
-    from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat
+    from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
 
     return TrajectoryFormat(name)
 

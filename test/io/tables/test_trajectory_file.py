@@ -13,13 +13,9 @@ from helpers.made_worlds import assert_same_trajectory
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.trajectory_file import (
-    CSV_HEADER,
-    EUROC_HEADER,
-    TrajectoryFormat,
-    read_trajectory_file,
-    save_trajectory,
-)
+from sfr_loc_map.io.tables.pose_columns import CSV_HEADER, TrajectoryFormat
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_writer import EUROC_HEADER, save_trajectory
 
 finite = st.floats(-1e9, 1e9)
 poses = st.lists(
