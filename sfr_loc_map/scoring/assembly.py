@@ -20,7 +20,6 @@ from sfr_loc_map.metrics.table.details import CallPlots, Details, MapDetails, Tr
 from sfr_loc_map.metrics.table.records import ConventionRecord, MethodRecord, Provenance
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import ScoreParts
-from sfr_loc_map.suite_names import Task
 
 OUTSIDE_SHARE, OUTSIDE_S = 0.5, 0.2
 """Maximum processor time outside the calls of a method without a warning: fraction of the total, and s."""
@@ -69,8 +68,8 @@ def score_of_parts(
         details=_details(trajectory.details, surface.details, calls.plots),
     )
     judged = judged_by(score, limits, partial=config.trajectory.partial)
-    of_run = (*_unbound_calls(run), *_readable_files(judged.method))
-    caveats = (*trajectory.caveats, *surface.caveats, *calls.caveats, *of_run)
+    of_method = _readable_files(judged.method)
+    caveats = (*trajectory.caveats, *surface.caveats, *calls.caveats, *run.caveats, *of_method)
     warnings = _warnings(judged, run, parts, caveats)
     return struct_replace(judged, warnings=tuple(warnings), caveats=caveats)
 
@@ -121,17 +120,6 @@ def _convention_warnings(convention: ConventionRecord | None) -> Iterator[str]:
 def _method_of(run: Run) -> MethodRecord | None:
     """Return the method of a run; a method under test takes precedence over a built-in method."""
     return run.method or method_under_test(item.method for item in run.all_calls if item.method is not None)
-
-
-def _unbound_calls(run: Run) -> Iterator[str]:
-    """Yield a caveat if calls that the user gave as files do not identify the estimate or the cloud that they gave."""
-    unbound = [item for item in run.given_stats if item.positions is None and len(item.localised_ns)]
-    if run.drive is not None and unbound:
-        yield "the calls (--stats) have no positions: it is not verified that they belong to the run of the estimate"
-    if run.drive is not None and run.target is not None and run.target.calls.positions is None:
-        yield "the calls on the target have no positions: it is not verified that they belong to this estimate"
-    if run.cloud is not None and any(item.has_task(Task.MAPPING) for item in run.given_stats):
-        yield "the calls of a mapper (--stats) do not identify a cloud: it is not verified that they made this cloud"
 
 
 def _readable_files(method: MethodRecord | None) -> Iterator[str]:

@@ -161,8 +161,6 @@ class Run:
 
     origin: Origin = field(default_factory=Origin)
     stats: Sequence[CallStats] = ()  #: Calls on this host.
-    #: Those of `stats` that the user gave as files, which may belong to another run.
-    given_stats: Sequence[CallStats] = ()
     target: TargetCalls | None = None  #: Calls on a target.
     drive: DriveToScore | None = None  #: Trajectory.
     cloud: CloudToScore | None = None  #: Map.
@@ -173,6 +171,7 @@ class Run:
     nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source; None if they are unknown.
     unmapped_pairs: int = 0  #: Mapping pairs that are in no cloud, if no cloud can be scored.
     convention: ConventionRecord | None = None  #: Conversion of the poses or of the map; None if nothing was converted.
+    caveats: tuple[str, ...] = ()  #: Warnings that given files may belong to another run.
 
     @property
     def all_calls(self) -> list[CallStats]:

@@ -13,7 +13,7 @@ from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TargetRecord
 from sfr_loc_map.scoring.input_files import ReadFile, configuration_files, read_files
 from sfr_loc_map.scoring.inputs import InMemory, Origin, Run, ScoreInputs
-from sfr_loc_map.scoring.load_calls import read_calls
+from sfr_loc_map.scoring.load_calls import read_calls, unbound_calls
 from sfr_loc_map.scoring.load_drive import read_drive
 from sfr_loc_map.scoring.load_map import read_cloud
 
@@ -41,12 +41,12 @@ def load_run(
     return Run(
         origin,
         stats,
-        given_stats=calls.given,
         target=calls.target,
         drive=None if read is None else read.drive,
         cloud=cloud,
         method=None if about is None else _method_of(about),
         nav_stamps_ns=nav_stamps_ns,
+        caveats=tuple(unbound_calls(calls, has_drive=read is not None, has_cloud=cloud is not None)),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +20,7 @@ from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.table.records import TargetRecord
 from sfr_loc_map.scoring.call_checks import check_one_method
 from sfr_loc_map.scoring.inputs import InMemory, ScoreInputs, TargetCalls
+from sfr_loc_map.suite_names import Task
 
 _log = logging.getLogger(__name__)
 TARGET_SCHEMA = "sfr-target/1"
@@ -56,6 +57,16 @@ def read_calls(inputs: ScoreInputs, given: InMemory) -> RunCalls:
     about = None if inputs.target_about is None else load_target(inputs.target_about)
     name = (inputs.target_name or "target") if about is None else (about.board or "an unnamed board")
     return RunCalls(of_files, here, TargetCalls(on_target, name, about, inputs.target_run))
+
+
+def unbound_calls(calls: RunCalls, *, has_drive: bool, has_cloud: bool) -> Iterator[str]:
+    """Yield a caveat if calls that the user gave as files do not identify the scored estimate or cloud."""
+    if has_drive and any(item.positions is None and len(item.localised_ns) for item in calls.given):
+        yield "the calls (--stats) have no positions: it is not verified that they belong to the run of the estimate"
+    if has_drive and calls.on_target is not None and calls.on_target.positions is None:
+        yield "the calls on the target have no positions: it is not verified that they belong to this estimate"
+    if has_cloud and any(item.has_task(Task.MAPPING) for item in calls.given):
+        yield "the calls of a mapper (--stats) do not identify a cloud: it is not verified that they made this cloud"
 
 
 def load_target(path: Path) -> TargetRecord:

@@ -97,7 +97,7 @@ def _localise(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     run = load_run(ScoreInputs(estimate=estimate, truth=path, stats=(stats,)))
     assert run.drive is not None  # estimate and truth are given
     expected_ns = source.expected_loc_ns()  # excludes images that a fault has dropped
-    return _scored(job, replace(run, given_stats=(), drive=replace(run.drive, image_stamps_ns=expected_ns)))
+    return _scored(job, replace(run, drive=replace(run.drive, image_stamps_ns=expected_ns)))
 
 
 def _map(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
