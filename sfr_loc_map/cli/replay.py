@@ -219,14 +219,14 @@ def replay(
             external=external_node,
         )
         files = None if out is None else ReplayFiles(out)
+        report = None if files is None else str(files.report)
+        html = None if files is None else files.page
         with _room_for(files, (source, by.limits_file, file), overwrite=overwrite):
             outcome = _replayed(opened, options, files)
             if page is not None:
                 page.show_score(to_json(outcome.score))
             try:
-                present(
-                    outcome.score, None if files is None else str(files.report), None if files is None else files.page
-                )
+                present(outcome.score, report, html)
             finally:
                 _report_files(outcome, files)
                 if page is not None and files is not None:
