@@ -66,7 +66,7 @@ def open(
     `sfr.yaml`, by default the one in or beside the source. An open source is returned as it is.
 
     InputError if the source does not exist, has no known format, or is invalid. ConfigError for an invalid `remap` or
-    `config`, and if one of them is given with an open source. GeometryError for an invalid calibration.
+    `config`, and if one of them is given with an open source.
     """
     if isinstance(source, Source):
         if remap is not None or config is not None:

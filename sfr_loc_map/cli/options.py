@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.runs.under_test import UnderTest
 
-MORE = "More"
 TRAJECTORIES = "Trajectories"
 ASSOCIATION = "Association of an estimated trajectory with the truth"
 TABLES = "Text tables of poses"
