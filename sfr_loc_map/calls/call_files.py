@@ -29,7 +29,7 @@ import numpy as np
 
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.calls.call_findings import findings_of
-from sfr_loc_map.calls.call_record import CallRecord, check_variances
+from sfr_loc_map.calls.call_record import CallRecord, bounded, check_variances
 from sfr_loc_map.calls.call_stats import CallStats, positions_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
@@ -135,13 +135,14 @@ def _column_groups(
         return positions.get(record.stamp_ns, [None] * 3) if positions else None
 
     def statistics_of(record: CallRecord) -> Sequence[object] | None:
-        return [record.statistics.get(name) for name in statistics]
+        stated = record.statistics
+        return [float(stated[name]) if name in stated else None for name in statistics]
 
     def covariance_of(record: CallRecord) -> Sequence[object] | None:
-        return None if record.covariance is None else record.covariance[UPPER].tolist()
+        return None if record.covariance is None else bounded(record.covariance[UPPER]).tolist()
 
     def step_of(record: CallRecord) -> Sequence[object] | None:
-        return None if record.step is None else record.step.tolist()
+        return None if record.step is None else bounded(record.step).tolist()
 
     return [
         _ColumnGroup(METHOD_NAMES, method_of),
@@ -187,7 +188,8 @@ def _method_cells(method: MethodRecord | None) -> dict[str, object]:
     """Return the cells about a method; none without a method."""
     if method is None:
         return {}
-    return {"method": method.name, **{column: getattr(method, name) for column, name in OF_METHOD.items()}}
+    about = {column: getattr(method, name) for column, name in OF_METHOD.items()}
+    return {column: _cell(value) for column, value in {"method": method.name, **about}.items()}
 
 
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:

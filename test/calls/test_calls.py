@@ -20,12 +20,13 @@ from sfr_loc_map.calls.call_rows import CallRows, stats_of
 from sfr_loc_map.calls.call_stats import CallStats, estimates_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.tables.stamps import STAMP_LIMIT
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD
 from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, STATED_CLOCK, USAGE_NAMES, score_calls
 from sfr_loc_map.metrics.config import CallKind, ScoreConfig
 from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
+from sfr_loc_map.metrics.table.records import FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.replay.received import ExternalDrive
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
@@ -143,6 +144,20 @@ def test_the_memory_of_an_external_mapper_is_stated_and_that_of_our_localiser_me
     calls = host_result(Run(stats=[read]), {}, details=False)
     assert calls.records is not None
     assert calls.records.clocks == {CallKind.LOCALISATION: HOST_CLOCK, CallKind.MAPPING: STATED_CLOCK}
+
+
+@pytest.mark.parametrize("text", ["1.0\r2", "1.0\n2", "1\0", "\ud800", "a, 'b' \"c\""])
+def test_the_texts_of_a_node_do_not_break_the_rows_of_a_file(tmp_path: Path, text: str) -> None:
+    """Version, reason and findings of an external node come from its messages and from the output of its process."""
+    record = CallRecord(1, 0.1, "lost", reason=text, finding=f"{FindingKind.LATE}: {text}")
+    method = MethodRecord(name="x", version=text, kind=MethodKind.EXTERNAL)
+    crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text=text)
+    save_stats(tmp_path / "s.csv", [record], {Task.LOCALISATION: method}, findings={Task.LOCALISATION: [crash]})
+    read = load_call_stats(tmp_path / "s.csv")
+    assert read.calls.states == ["lost"]
+    assert [finding.kind for finding in read.findings] == [FindingKind.CRASHED, FindingKind.LATE]
+    assert read.method is not None
+    assert read.method.version == printable(text)
 
 
 LARGEST = int(MAX_NUMBER)
