@@ -98,7 +98,7 @@ CLAUSES = (
         "The base of the mast is at x = 0.451 m, y = 0.317 m in RB, with the axes of RB.",
         ("simulation/rover.py",),
         "not shown",
-        "The document does not give the height, which is not required.",
+        "The document does not give the height of the base, which the suite does not require.",
         "as given, with an undefined height",
     ),
     Clause(
@@ -162,8 +162,9 @@ CLAUSES = (
     Clause(
         "4.1.1",
         "Sub-trajectories",
-        "A sub-trajectory starts at frame N and ends when the condition is met. This is repeated from the next start. "
-        "A spacing of 10 frames is recommended. Mean, sigma and mean + 3 sigma are computed over all sub-trajectories.",
+        "A sub-trajectory starts at frame N and ends when the condition is met. Further sub-trajectories start at "
+        "later frames, for which a spacing of 10 frames is recommended. Mean, sigma and mean + 3 sigma are computed "
+        "over all sub-trajectories.",
         ("metrics/formulas.py", "metrics/config.py", "metrics/completeness/drive.py"),
         "table of figures: condition and n; what was scored: spacing of the starts; what of the drive is judged",
         'The text "the conditions associated with the requirement" allows several conditions, which must then hold '
@@ -194,8 +195,8 @@ CLAUSES = (
     Clause(
         "4.2.1",
         "Timing performance, localisation",
-        "Wall-clock seconds on the target from the call of the API to its return, measured by the mechanism of its "
-        "kit.",
+        "Wall-clock seconds on the target from the call of the API to its return, measured by the mechanism of the "
+        "development kit of the target.",
         (
             "metrics/calls/call_meter.py",
             "metrics/calls/call_score.py",
@@ -207,7 +208,8 @@ CLAUSES = (
         "imported (the folder of a harness, `--target-timing`), assigned to the estimates by their stamps, and keep "
         "the name of their clock.",
         "clock of the target's harness",
-        "A run on a GR740, and the clock of its kit. The harness is run on the host and in a big-endian emulator.",
+        "A run on a GR740, and the clock of its development kit. The harness is run on the host and in a big-endian "
+        "emulator.",
     ),
     Clause(
         "4.2.2",
