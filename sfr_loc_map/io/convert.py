@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.atomic import atomic_path
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.errors import OutputError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX, BagWriter
-from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
+from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud, save_points
 from sfr_loc_map.io.layouts.euroc import EurocWriter
 from sfr_loc_map.io.layouts.folder import FolderWriter
 from sfr_loc_map.io.layouts.kitti import KittiWriter
@@ -158,11 +158,11 @@ def _truth_events(truth: Trajectory, writer: SourceWriter) -> Iterator[Event]:
 
 
 def convert_cloud(source: Path, destination: Path) -> int:
-    """Write a cloud in another format, and return the number of points."""
-    cloud = load_cloud(source).cloud
-    if cloud is None:
-        raise InputError(
-            f"cloud '{source}' lacks the pixel and pair of each point (u, v, pair): it cannot be converted"
-        )
-    save_cloud(destination, cloud)
-    return len(cloud)
+    """Write a cloud in another format, and return the number of points; without pixels, only positions are written."""
+    loaded = load_cloud(source)
+    if loaded.cloud is not None:
+        save_cloud(destination, loaded.cloud)
+    else:
+        _log.warning(f"the points of '{source}' have no pixels: only their positions are written")
+        save_points(destination, loaded.xyz)
+    return len(loaded.xyz)

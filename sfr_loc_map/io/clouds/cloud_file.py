@@ -69,31 +69,17 @@ class LoadedCloud:
 
 
 def load_cloud(path: Path) -> LoadedCloud:
-    """Read a cloud; the format is given by the ending of the name (`SUFFIXES`)."""
-    cloud_format = FORMATS.get(suffix_of(path))
-    if cloud_format is None:
-        raise InputError(f"cannot read cloud '{path}': a name that ends in {NAMES} is required; convert the cloud")
-    with refusing(f"cannot read cloud '{path}'", f"give a {NAMES} file"):
-        data = read_bytes(path, MAX_CLOUD_BYTES)
-    with refusing(f"cloud '{path}' cannot be read", "write it again"):
-        fields = cloud_format.read(data)
-        fused, pair_stamps_ns = stated_in(fields.comments)
-    for note in fields.notes:
-        _log.warning(f"cloud '{path}': {note}")
-    columns, grid = _without_prefix(fields.columns), fields.grid
-    if missing := [name for name in "xyz" if name not in columns]:
-        found = ", ".join(columns) or "none"
-        raise InputError(f"cloud '{path}' has no field {', '.join(missing)}: it has {found}")
-    if "u" in columns or "v" in columns:
-        grid = None
-    if grid is not None:
-        columns = _with_pixels(columns, *grid)
-        fused = bool(fused)  # an organised cloud is not fused unless a comment states it
+    """Read a cloud; the format is given by the ending of the name (`SUFFIXES`).
+
+    A warning reports fields without which the points have no pixels. InputError if the cloud cannot be read, or if a
+    value is invalid.
+    """
+    fields = _read_fields(path)
+    columns, is_organised = fields.columns, fields.grid is not None
     with np.errstate(invalid="ignore"):  # signalling NaN
         xyz = np.column_stack([np.asarray(columns[name], np.float64) for name in "xyz"])
-    finite = np.asarray(np.isfinite(xyz).all(axis=1))
-    not_finite = 0 if grid is not None else int(np.count_nonzero(~finite))  # normal in organised clouds
-    farthest = float(np.abs(xyz[finite]).max(initial=0.0))
+    is_finite = np.asarray(np.isfinite(xyz).all(axis=1))
+    farthest = float(np.abs(xyz[is_finite]).max(initial=0.0))
     if farthest > MAX_POSITION_M:
         raise InputError(f"cloud '{path}' has a coordinate of {farthest:g} m: at most {MAX_POSITION_M:g} m is allowed")
     cloud = None
@@ -102,10 +88,35 @@ def load_cloud(path: Path) -> LoadedCloud:
             f"cloud '{path}' has no field {', '.join(missing)}: it has {', '.join(columns)}; points are scored by "
             "their distance to the nearest true point"
         )
-    if all(name in columns for name in PIXEL_FIELDS):
-        cloud = PointCloud.from_structured(_records(columns, finite, path), fused, pair_stamps_ns)
-        _check_values(cloud, path)
-    return LoadedCloud(xyz[finite], cloud, grid, not_finite)
+    else:
+        cloud = _with_pixels(fields, is_finite, path)
+    not_finite = 0 if is_organised else int(np.count_nonzero(~is_finite))  # normal in organised clouds
+    return LoadedCloud(xyz[is_finite], cloud, fields.grid, not_finite)
+
+
+def _read_fields(path: Path) -> CloudFields:
+    """Return the fields of a file by their plain names; those of an organised cloud without pixels have pixels, too.
+
+    `grid` is None if the file itself has pixels. InputError if the file cannot be read or has no x, y, z.
+    """
+    cloud_format = FORMATS.get(suffix_of(path))
+    if cloud_format is None:
+        raise InputError(f"cannot read cloud '{path}': a name that ends in {NAMES} is required; convert the cloud")
+    with refusing(f"cannot read cloud '{path}'", f"give a {NAMES} file"):
+        data = read_bytes(path, MAX_CLOUD_BYTES)
+    with refusing(f"cloud '{path}' cannot be read", "write it again"):
+        fields = cloud_format.read(data)
+    for note in fields.notes:
+        _log.warning(f"cloud '{path}': {note}")
+    columns = _without_prefix(fields.columns)
+    if missing := [name for name in "xyz" if name not in columns]:
+        found = ", ".join(columns) or "none"
+        raise InputError(f"cloud '{path}' has no field {', '.join(missing)}: it has {found}")
+    if "u" in columns or "v" in columns:
+        return replace(fields, columns=columns, grid=None)
+    if fields.grid is not None:
+        columns = _adding_pixels(columns, *fields.grid)
+    return replace(fields, columns=columns)
 
 
 def _without_prefix(columns: Columns) -> Columns:
@@ -114,11 +125,24 @@ def _without_prefix(columns: Columns) -> Columns:
     return {name if plain[name] in columns else plain[name]: values for name, values in columns.items()}
 
 
-def _with_pixels(columns: Columns, width: int, height: int) -> Columns:
+def _adding_pixels(columns: Columns, width: int, height: int) -> Columns:
     """Return the fields with u and v from the order of the points of an organised cloud."""
     points = width * height
     v, u = np.divmod(np.arange(points), width)
     return {**columns, "u": u, "v": v, "pair": columns.get("pair", np.zeros(points))}
+
+
+def _with_pixels(fields: CloudFields, kept: Mask, path: Path) -> PointCloud:
+    """Return the points that a mask `(N,)` selects, with their pixels; InputError if a value is invalid.
+
+    An organised cloud is not fused unless a comment states it.
+    """
+    fused, pair_stamps_ns = stated_in(fields.comments)
+    if fields.grid is not None:
+        fused = bool(fused)
+    cloud = PointCloud.from_structured(_records(fields.columns, kept, path), fused, pair_stamps_ns)
+    _check_values(cloud, path)
+    return cloud
 
 
 def _records(columns: Columns, kept: Mask, path: Path) -> NDArray[np.void]:
@@ -149,23 +173,26 @@ def _check_values(cloud: PointCloud, path: Path) -> None:
 
 def save_cloud(path: Path, cloud: PointCloud) -> None:
     """Write a cloud; the format is given by the ending of the name (`SUFFIXES`)."""
-    check_suffix(path, SUFFIXES)
-    content = FORMATS[suffix_of(path)].to_bytes(cloud)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(content)
+    _save_fields(path, CloudFields.of(cloud))
 
 
 def save_points(path: Path, xyz: FloatArray) -> None:
-    """Write points `(N, 3)` without pixels as .npz."""
+    """Write points `(N, 3)` without pixels, m; the format is given as for `save_cloud`."""
+    _save_fields(path, CloudFields.of_points(xyz))
+
+
+def _save_fields(path: Path, fields: CloudFields) -> None:
+    check_suffix(path, SUFFIXES)
+    content = FORMATS[suffix_of(path)].to_bytes(fields)
     with atomic_path(path) as temporary:
-        np.savez(temporary, x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
+        temporary.write_bytes(content)
 
 
 class CloudFormat(NamedTuple):
     """The reader and the writer of a format; the reader raises ValueError for corrupt data."""
 
     read: Callable[[bytes], CloudFields]
-    to_bytes: Callable[[PointCloud], bytes]
+    to_bytes: Callable[[CloudFields], bytes]
 
 
 FORMATS = {

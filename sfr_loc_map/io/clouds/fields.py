@@ -6,14 +6,14 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.io.tables.number_text import is_decimal
 from sfr_loc_map.io.tables.stamps import parse_stamp_ns
 from sfr_loc_map.message_text import counted
@@ -28,20 +28,38 @@ PLAIN_NAN = re.compile(rb"[-+]?(?:nan\([a-z0-9_]*\)|1\.#(?:qnan|snan|ind)[a-z0-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudFields:
-    """The fields of a cloud as read from a file."""
+    """The fields of a cloud in a file."""
 
     columns: Columns
-    comments: list[str]  #: Comments of the file.
+    comments: list[str] = field(default_factory=list)  #: Comments of the file.
     grid: tuple[int, int] | None = None  #: Width and height of an organised cloud.
     notes: tuple[str, ...] = ()  #: Content of the file that is ignored, for warnings.
 
+    def __post_init__(self) -> None:
+        """Check the comments; ValueError if they contradict each other or state invalid properties."""
+        stated_in(self.comments)
 
-def comments_of(cloud: PointCloud) -> list[str]:
-    """Return the comments that state the properties of a cloud."""
-    comments = [] if cloud.fused is None else [f"sfr {FUSED} {str(cloud.fused).lower()}"]
-    if cloud.pair_stamps_ns is not None:
-        comments.append(f"sfr {PAIR_STAMPS} {' '.join(map(str, cloud.pair_stamps_ns))}")
-    return comments
+    @classmethod
+    def of(cls, cloud: PointCloud) -> CloudFields:
+        """Return the fields of a cloud."""
+        comments = [] if cloud.fused is None else [f"sfr {FUSED} {str(cloud.fused).lower()}"]
+        if cloud.pair_stamps_ns is not None:
+            comments.append(f"sfr {PAIR_STAMPS} {' '.join(map(str, cloud.pair_stamps_ns))}")
+        records = cloud.to_structured()
+        return cls({name: records[name] for name in FIELD_TYPES}, comments)
+
+    @classmethod
+    def of_points(cls, xyz: FloatArray) -> CloudFields:
+        """Return the fields of points `(N, 3)` without pixels."""
+        return cls({name: xyz[:, axis] for axis, name in enumerate("xyz")})
+
+    def records(self) -> NDArray[np.void]:
+        """Return the points as packed records `(N,)` of little-endian numbers."""
+        types = [(name, values.dtype.newbyteorder("<")) for name, values in self.columns.items()]
+        records = np.empty(len(self.columns["x"]), types)
+        for name, values in self.columns.items():
+            records[name] = values
+        return records
 
 
 def stated_in(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | None]:

@@ -6,19 +6,20 @@ import io
 
 import numpy as np
 
-from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
+from sfr_loc_map.geometry.cloud import FIELD_TYPES
 from sfr_loc_map.io.clouds.array_file import npz_names, parse_npz
-from sfr_loc_map.io.clouds.fields import FUSED, PAIR_STAMPS, CloudFields, check_names_differ
+from sfr_loc_map.io.clouds.fields import FUSED, PAIR_STAMPS, CloudFields, check_names_differ, stated_in
 
 
-def npz_bytes(cloud: PointCloud) -> bytes:
+def npz_bytes(fields: CloudFields) -> bytes:
     """Return a cloud as an NPZ archive."""
-    records, buffer = cloud.to_structured(), io.BytesIO()
-    members = {name: np.ascontiguousarray(records[name]) for name in FIELD_TYPES}
-    if cloud.fused is not None:
-        members[FUSED] = np.array(cloud.fused)
-    if cloud.pair_stamps_ns is not None:
-        members[PAIR_STAMPS] = np.array(cloud.pair_stamps_ns, np.int64)
+    buffer = io.BytesIO()
+    members = {name: np.ascontiguousarray(values) for name, values in fields.columns.items()}
+    fused, pair_stamps_ns = stated_in(fields.comments)
+    if fused is not None:
+        members[FUSED] = np.array(fused)
+    if pair_stamps_ns is not None:
+        members[PAIR_STAMPS] = np.array(pair_stamps_ns, np.int64)
     np.savez(buffer, **members)  # type: ignore[arg-type]
     return buffer.getvalue()
 

@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.inputs import expansion_limit
 from sfr_loc_map.io.clouds.fields import (
     CloudFields,
     Columns,
     check_names_differ,
-    comments_of,
     ignored_after,
     number_table,
     text_lines,
@@ -27,24 +25,25 @@ PADDING = "_"  #: Name of PCD fields without content.
 NO_VIEWPOINT = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
 
 
-def pcd_bytes(cloud: PointCloud) -> bytes:
+def pcd_bytes(fields: CloudFields) -> bytes:
     """Return a cloud as a PCD file in little-endian binary."""
-    kinds = [PointCloud.dtype()[name] for name in FIELD_TYPES]
+    records = fields.records()
+    kinds = [records.dtype[name] for name in fields.columns]
     head = [
         "# .PCD v0.7 - Point Cloud Data file format",
-        *(f"# {text}" for text in comments_of(cloud)),
+        *(f"# {text}" for text in fields.comments),
         "VERSION 0.7",
-        f"FIELDS {' '.join(FIELD_TYPES)}",
+        f"FIELDS {' '.join(fields.columns)}",
         f"SIZE {' '.join(str(kind.itemsize) for kind in kinds)}",
         f"TYPE {' '.join(kind.kind.upper() for kind in kinds)}",
         f"COUNT {' '.join('1' for _ in kinds)}",
-        f"WIDTH {len(cloud)}",
+        f"WIDTH {len(records)}",
         "HEIGHT 1",
         "VIEWPOINT 0 0 0 1 0 0 0",
-        f"POINTS {len(cloud)}",
+        f"POINTS {len(records)}",
         "DATA binary",
     ]
-    return ("\n".join(head) + "\n").encode() + cloud.to_structured().tobytes()
+    return ("\n".join(head) + "\n").encode() + records.tobytes()
 
 
 def read_pcd(data: bytes) -> CloudFields:

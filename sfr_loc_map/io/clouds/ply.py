@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.io.clouds.fields import (
     PLAIN_NAN,
     CloudFields,
     Columns,
     check_names_differ,
-    comments_of,
     ignored_after,
     number_table,
 )
@@ -29,19 +27,19 @@ PLY_TYPES = {
     }.items()
     for name in names
 }
-PLY_NAMES = {"f4": "float", "u2": "ushort", "u1": "uchar"}
+PLY_NAMES = {"f8": "double", "f4": "float", "u2": "ushort", "u1": "uchar"}
 PLY_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
 _PLY_END = re.compile(rb"^end_header[^\n]*\n", re.MULTILINE)
 
 
-def ply_bytes(cloud: PointCloud) -> bytes:
+def ply_bytes(fields: CloudFields) -> bytes:
     """Return a cloud as a PLY file in little-endian binary."""
-    dtype = PointCloud.dtype()
-    properties = [f"property {PLY_NAMES[dtype[name].str[1:]]} {name}" for name in FIELD_TYPES]
-    comments = [f"comment {text}" for text in comments_of(cloud)]
-    vertices = [f"element vertex {len(cloud)}", *properties]
+    records = fields.records()
+    properties = [f"property {PLY_NAMES[records.dtype[name].str[1:]]} {name}" for name in fields.columns]
+    comments = [f"comment {text}" for text in fields.comments]
+    vertices = [f"element vertex {len(records)}", *properties]
     head = ["ply", "format binary_little_endian 1.0", *comments, *vertices, "end_header"]
-    return ("\n".join(head) + "\n").encode() + cloud.to_structured().tobytes()
+    return ("\n".join(head) + "\n").encode() + records.tobytes()
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
+from sfr_loc_map.io.convert import convert_cloud
 
 
 def random_cloud(count: int, seed: int = 0, pairs: int = 256) -> PointCloud:
@@ -53,6 +54,20 @@ def test_files_are_what_others_expect(tmp_path: Path) -> None:
     with np.load(tmp_path / "c.npz") as arrays:
         assert list(arrays.files) == ["x", "y", "z", "sigma", "intensity", "u", "v", "pair", "fused"]
         assert (arrays["u"].dtype, arrays["pair"].dtype) == (np.uint16, np.uint8)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz"])
+def test_the_positions_of_a_cloud_without_pixels_are_converted(
+    tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    lines = ["ply", "format ascii 1.0", "element vertex 3"]
+    lines += ["property double x", "property float y", "property float z", "property uchar red"]
+    (tmp_path / "a.ply").write_text("\n".join([*lines, "end_header", "0.1 1 2 7", "nan 1 1 8", "-3 4e3 5.5 9", ""]))
+    assert convert_cloud(tmp_path / "a.ply", tmp_path / f"b{suffix}") == 2
+    assert "only their positions are written" in caplog.text
+    loaded = load_cloud(tmp_path / f"b{suffix}")
+    assert loaded.cloud is None
+    assert loaded.xyz.tolist() == [[0.1, 1.0, 2.0], [-3.0, 4000.0, 5.5]]
 
 
 def test_ply_of_others(tmp_path: Path) -> None:
