@@ -86,7 +86,9 @@ class Source:
     format: SourceFormat  #: Shown to users. The processing does not depend on it.
     loc: LocSequence | None  #: The drive.
     nav: NavSequence | None  #: The mapping pairs.
-    missing_loc_ns: tuple[int, ...] = ()  #: Stamps of localisation pairs that are listed but have no images.
+    find_missing_loc: Callable[[], tuple[int, ...]] = (
+        tuple  #: Returns `missing_loc_ns`; that of a bag reads all stamps.
+    )
     find_missing_nav: Callable[[], tuple[int, ...]] = (
         tuple  #: Returns `missing_nav_ns`; that of a bag reads all stamps.
     )
@@ -94,6 +96,11 @@ class Source:
     truth_files: tuple[Path, ...] = ()  #: Files and bags with the truth besides `path`, by the layout or configuration.
     calibration: str = ""  #: Origin of the calibration of the drive, if it is not part of the layout.
     recorded: RecordedBag | None = None  #: The bag, if its messages are used as recorded; None for all other sources.
+
+    @property
+    def missing_loc_ns(self) -> tuple[int, ...]:
+        """Stamps of localisation pairs that are listed but have no images, or whose left image has no right image."""
+        return self.find_missing_loc()
 
     @property
     def missing_nav_ns(self) -> tuple[int, ...]:

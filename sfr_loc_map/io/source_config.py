@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import get_type_hints
 
-from sfr_loc_map.config import param
+from sfr_loc_map.config import changed, param
 from sfr_loc_map.config_file import SECTIONS, Configuration
 from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.transform import Transform
@@ -152,6 +152,18 @@ class SourceConfig:
             SyncConfig(),
             TruthConfig(),
         )
+
+    @property
+    def changed_reading(self) -> dict[str, object]:
+        """The settings that select, pair or interpret the messages of a source, if they differ from the defaults.
+
+        The keys are dotted names. Settings of the ground truth are not included.
+        """
+        sections = ("frames", "calibration", "extrinsics", "sync")
+        found: dict[str, object] = {f"topics.{name}": topic for topic, name in self.remap.items()}
+        for name in sections:
+            found |= changed(getattr(self, name), f"{name}.")
+        return found
 
     @property
     def topics(self) -> dict[str, str]:

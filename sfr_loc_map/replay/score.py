@@ -67,15 +67,18 @@ def score_replay(
 ) -> Score:
     """Return the score of a replay, computed by the functions that score files.
 
-    `settings` are the settings of localiser and mapper that differ from the defaults. They are added to the settings of
-    the score. For provenance, `read` has the result of `files_of_source`, and `files` the files that `save_replay` has
-    written.
+    `settings` are the settings of localiser and mapper that differ from the defaults. They and those of the source are
+    added to the settings of the score. For provenance, `read` has the result of `files_of_source`, and `files` the
+    files that `save_replay` has written.
     """
     run = replace(_run_of(source, result), method=_judged_method(result, methods_of(result, settings)))
     origin = Origin(
         _files_of(run, result, files_of_source(source) if read is None else read, files),
         _hashes_of(run, result) if files is None else {},
-        settings={f"{task}.{name}": value for task, own in settings.items() for name, value in own.items()},
+        settings={
+            **source.config.changed_reading,
+            **{f"{task}.{name}": value for task, own in settings.items() for name, value in own.items()},
+        },
         command=command,
     )
     return score_run(replace(run, origin=origin), config, limits)

@@ -42,6 +42,8 @@ UNKNOWN_WITHOUT_CALLS = {
     Scope.MAP: "Failures of the method in these calls",
 }
 
+SECTIONS_OF_READING = ("topics", "frames", "calibration", "extrinsics", "sync")
+"""Sections of `sfr.yaml` that select, pair or interpret the messages of a source (`SourceConfig.changed_reading`)."""
 SETTINGS_WITH_A_SENTENCE = frozenset(
     {
         "trajectory.conditions",  # each limit names its condition
@@ -361,6 +363,17 @@ def _origin_of_truth(score: Score) -> Iterator[str]:
         yield f"The drive and the map come from different recordings: '{drive}' and '{map_truth}'."
 
 
+def _reading_of_source(score: Score) -> Iterator[str]:
+    """Yield the settings of `sfr.yaml` that select, pair or interpret the messages of the source."""
+    used = [
+        f"{item.name} {_setting_text(item.value)}"
+        for item in changed_settings(score)
+        if item.name.partition(".")[0] in SECTIONS_OF_READING
+    ]
+    if used:
+        yield f"The source was not read by its own topics, stamps and calibration alone, but with {', '.join(used)}."
+
+
 def _converted_poses(score: Score) -> Iterator[str]:
     """Yield the conversion of the poses before scoring."""
     if score.convention is not None:
@@ -390,6 +403,7 @@ DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (
     _frames_beyond,
     _external_node,
     _origin_of_truth,
+    _reading_of_source,
     _converted_poses,
 )
 """Deviations, in the order of the test report."""

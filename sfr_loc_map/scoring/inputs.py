@@ -147,7 +147,7 @@ class Origin:
 
     files: Mapping[str, ReadFile] = field(default_factory=dict)  #: Input files by role.
     in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hashes of inputs that are not files, by role.
-    #: Settings of localiser and mapper that differ from the defaults.
+    #: Settings of localiser and mapper, and of how the source is read, that differ from the defaults.
     settings: Mapping[str, object] = field(default_factory=dict)
     command: str | None = None  #: Command that computes the score.
 

@@ -29,7 +29,8 @@ def load_run(
     """
     given = in_memory or InMemory()
     how = _how_to_read(inputs)
-    origin = Origin(_noted_files(inputs, how), given.hashes(), command=command)  # before the files are read
+    noted = _noted_files(inputs, how)  # before the files are read
+    origin = Origin(noted, given.hashes(), settings=how.changed_reading, command=command)
     calls = read_calls(inputs, given)
     cloud, nav_stamps_ns = read_cloud(inputs, given.cloud, fused)
     read = read_drive(inputs, given, how, calls)

@@ -31,7 +31,7 @@ from sfr_loc_map.io.layouts.bag_rig import (
     rig_of_bag,
 )
 from sfr_loc_map.io.layouts.head_pose import head_poses
-from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
+from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
 from sfr_loc_map.io.sequence import RecordedBag, Source, SourceFormat
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 from sfr_loc_map.io.tables.stamps import check_order
@@ -106,7 +106,7 @@ class _BagPairs:
     @cached_property
     def _image_pairs(self) -> dict[int, dict[str, int]]:
         """For the stamp of each complete pair, the stamps of its messages by topic. Only stamps are read."""
-        stamps = self._stamps()
+        stamps = self._stamps
         left, *right = self._images.topics
         if not right:  # joint images
             return {stamp: {left.name: stamp} for stamp in stamps[left.name]}
@@ -119,6 +119,7 @@ class _BagPairs:
                 pairs[stamp][self._points.name] = of_points
         return pairs
 
+    @cached_property
     def _stamps(self) -> dict[str, list[int]]:
         """Return the increasing stamps of the messages by topic; InputError if all are 0 or many do not increase."""
         stamps: dict[str, list[int]] = {topic.name: [] for topic in self._topics}
@@ -187,6 +188,11 @@ class BagLocSequence(_BagPairs):
         if config == DEFAULT_TRUTH and not has_own:
             return None
         return truth_of_bag(self._bag, config)
+
+    def missing_ns(self) -> tuple[int, ...]:
+        """Return the stamps of the left images that are skipped because they have no right image."""
+        left, *right = self._images.topics
+        return without_partner(self._stamps[left.name], self._image_pairs) if right else ()
 
     def pairs(self) -> Iterator[StereoPair]:
         """Yield the pairs in the order of stamps."""
@@ -305,6 +311,7 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
         SourceFormat.RAW_BAG if is_raw else SourceFormat.CONFIGURED_BAG if is_adapted else SourceFormat.BAG,
         loc,
         nav,
+        find_missing_loc=tuple if loc is None else loc.missing_ns,
         find_missing_nav=tuple if nav is None else nav.missing_ns,
         calibration="" if loc is None else loc.calibrated_by,
         recorded=None if is_raw or is_adapted else RecordedBag(path, config.remap),

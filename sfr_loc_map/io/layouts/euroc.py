@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ from sfr_loc_map.io.calibration.stereo_calibration import StereoCalibration, pos
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.images.files import ImagePair, complete_pairs
 from sfr_loc_map.io.layouts.configured_drive import configured_drive
-from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
+from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
@@ -62,7 +63,8 @@ def open_euroc(path: Path, config: SourceConfig) -> Source:
     complete, missing_ns = complete_pairs(pairs, f"'{folder}'")
     rectify = None if rectifier is None else rectifier.rectify
     loc = configured_drive(path, config, rig, complete, _load_truth(folder), rectify)
-    return Source(path, SourceFormat.EUROC, loc, None, missing_ns)
+    missing_ns = (*missing_ns, *without_partner(list(left), stamps))
+    return Source(path, SourceFormat.EUROC, loc, None, partial(tuple, missing_ns))
 
 
 def _rig_of(folder: Path) -> tuple[StereoRig, StereoRectifier | None]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError
@@ -15,7 +16,7 @@ from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.images.codec import read_grey
 from sfr_loc_map.io.images.files import ImagePair
 from sfr_loc_map.io.layouts.configured_drive import configured_drive
-from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
+from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.stamps import EARLIEST_CLOCK_S, TIMES, check_padded, parse_decimal, time_unit
@@ -49,7 +50,8 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
     rig, rectifier = found.rig("loc")
     rig = replace(rig, T_rb_sb=found.T_rb_sb)
     loc = configured_drive(path, config, rig, entries, None, None if rectifier is None else rectifier.rectify)
-    return Source(path, SourceFormat.IMAGES, loc, None, calibration=found.text)
+    missing = partial(without_partner, sorted(left), pairs)
+    return Source(path, SourceFormat.IMAGES, loc, None, missing, calibration=found.text)
 
 
 def _sides(path: Path) -> tuple[Path, Path] | None:

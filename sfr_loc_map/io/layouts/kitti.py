@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +71,7 @@ def open_kitti(path: Path, config: SourceConfig) -> Source:
     truth = _load_poses(path, stamps, rig, -cameras[left][3] / cameras[left][0])
     loc = configured_drive(path, config, rig, pairs, truth)
     beside = tuple(file for file in _pose_files(path) if file.is_file())
-    return Source(path, SourceFormat.KITTI, loc, None, missing_ns, truth_files=beside)
+    return Source(path, SourceFormat.KITTI, loc, None, partial(tuple, missing_ns), truth_files=beside)
 
 
 def _read_projections(calibration: Path) -> dict[int, FloatArray]:

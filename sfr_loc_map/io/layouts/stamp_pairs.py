@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from statistics import median_low
 
 from sfr_loc_map.errors import InputError
@@ -38,3 +38,11 @@ def stereo_pairs(left_ns: Sequence[int], right_ns: Sequence[int], sync: SyncConf
     if single := len(left_ns) + len(right_ns) - 2 * len(matched):
         _log.warning(f"{where}: {counted(single, 'image')} without a partner skipped")
     return {left: right - offset_ns for left, right in matched.items()}
+
+
+def without_partner(left_ns: Sequence[int], pairs: Collection[int]) -> tuple[int, ...]:
+    """Return the stamps of left images that are in no pair, for which an estimate is missing; `pairs` are left stamps.
+
+    The first and the last left image do not count, because a recording may begin or end between two images of a pair.
+    """
+    return tuple(stamp for stamp in left_ns[1:-1] if stamp not in pairs)

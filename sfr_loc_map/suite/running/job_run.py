@@ -114,7 +114,8 @@ def _map(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     loaded = load_cloud(cloud)
     pairs = pairs_of_cloud(source.nav, loaded.pair_stamps_ns, source.path)
     scored = CloudToScore(loaded, truths_of(pairs, source.nav.rig))
-    origin = Origin(read_files({"cloud": cloud, "map_truth": path, "stats_0": stats}))
+    files = read_files({"cloud": cloud, "map_truth": path, "stats_0": stats})
+    origin = Origin(files, settings=source.config.changed_reading)
     return _scored(job, Run(origin, [load_call_stats(stats)], cloud=scored, nav_stamps_ns=source.expected_nav_ns()))
 
 
