@@ -63,14 +63,19 @@ def given_words(context: Context, *names: str) -> list[str]:
 
 
 def _given(context: Context, names: Iterable[str]) -> Iterator[tuple[str, Any]]:
-    """Yield the long name and the value of each of the parameters that was given, in the order of the help."""
+    """Yield the long name and the value of each of the parameters that was given, in the order of the help.
+
+    The name of a flag that was switched off is that of its negation, such as `--no-fuse`.
+    """
     wanted = set(names)
-    options = {str(parameter.name): max(parameter.opts, key=len) for parameter in context.command.params}
-    assert wanted <= options.keys(), f"{context.command_path} has no parameters {wanted - options.keys()}"
-    for name, option in options.items():
+    parameters = {str(parameter.name): parameter for parameter in context.command.params}
+    assert wanted <= parameters.keys(), f"{context.command_path} has no parameters {wanted - parameters.keys()}"
+    for name, parameter in parameters.items():
         source = context.get_parameter_source(name)
         if name in wanted and source is not None and source.name == "COMMANDLINE":
-            yield option, context.params[name]
+            value = context.params[name]
+            is_off = value is False and parameter.secondary_opts
+            yield max(parameter.secondary_opts if is_off else parameter.opts, key=len), value
 
 
 # ---- sources and their configuration

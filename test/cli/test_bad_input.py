@@ -204,7 +204,7 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("report", "{tum}", "-o", "{out}/p.html", "--lenient"), "'--lenient' does not apply to trajectories"),
         (("score", "{out}/c.ply", "{source}", "--spacing", "10"), "'--spacing' applies only to trajectories"),
         (("score", "{tum}", "{tum}", "--range", "0", "10"), "'--range' applies only to clouds"),
-        (("score", "{tum}", "{tum}", "--not-fused"), "'--fused' applies only to clouds"),
+        (("score", "{tum}", "{tum}", "--not-fused"), "'--not-fused' applies only to clouds"),
         (("score", "{tum}", "{tum}", "--diagnose", "--condition", "time=1"), "'--condition' has no effect"),
         (("simulate", "{tum}", "{out}/f", "--from={source}"), "has no effect with --from"),
         (("suite", "run", "{tum}", "--out", "{out}/s", "--dry-run", "--json", "-"), "'--json' has no effect"),
