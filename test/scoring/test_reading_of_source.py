@@ -16,7 +16,7 @@ from helpers.made_scene import write_bag
 from sfr_loc_map import io
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag.encoding import TYPESTORE
-from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.stored.score_json import load_score
 from sfr_loc_map.report.deviations import deviations_of
 
