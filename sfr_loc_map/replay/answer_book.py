@@ -90,7 +90,11 @@ class AnswerBook(Generic[Content]):
         Return the content of the early answer if it is used; None otherwise.
         """
         self._sent_s[stamp_ns] = sent_s
-        used = [early.content for early in self._early.take(stamp_ns) if self._is_used(stamp_ns, early)]
+        used = [
+            early.content
+            for early in self._early.take(stamp_ns)
+            if self._has_required_frames(stamp_ns, early.frames) and self._is_used(stamp_ns, early)
+        ]
         return used[0] if used else None
 
     def note_answer(self, stamp_ns: int, frames: str, problem: str, content: Content) -> Content | None:
@@ -106,6 +110,8 @@ class AnswerBook(Generic[Content]):
         answer = Answer(frames, time.monotonic(), content)
         if problem:
             self._faults.add(FindingKind.NOT_FINITE, stamp_ns, problem)
+            return None
+        if not self._has_required_frames(stamp_ns, frames):
             return None
         if stamp_ns in self._sent_s:
             return content if self._is_used(stamp_ns, answer) else None
@@ -190,14 +196,16 @@ class AnswerBook(Generic[Content]):
         last_ns = max(self._sent_s, default=None)
         return FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=last_ns, text=how)
 
+    def _has_required_frames(self, stamp_ns: int, frames: str) -> bool:
+        """Return whether an answer has the required frames, if they are known; count answers with other frames."""
+        if self.frames in (None, frames):
+            return True
+        self._faults.add(FindingKind.OTHER_FRAME, stamp_ns, f"frames '{frames}' instead of '{self.frames}'")
+        return False
+
     def _is_used(self, stamp_ns: int, answer: Answer[Content]) -> bool:
-        """Record an answer to a published pair; return whether the answer is used."""
-        if self.frames is None:
-            self.frames = answer.frames
-        if answer.frames != self.frames:
-            text = f"frames '{answer.frames}' instead of '{self.frames}'"
-            self._faults.add(FindingKind.OTHER_FRAME, stamp_ns, text)
-            return False
+        """Record an answer to a published pair, which has the required frames; return whether the answer is used."""
+        self.frames = answer.frames
         if stamp_ns in self._latency_s:
             self._faults.add(FindingKind.DOUBLED, stamp_ns, "the pair was answered already")
             return False

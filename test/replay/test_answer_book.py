@@ -119,3 +119,15 @@ def test_the_frames_of_an_early_answer_are_checked_once_its_pair_is_published(
     book.note_answer(2 * PAIR_NS, "odom", "", 5)
     assert book.note_sent(2 * PAIR_NS, 10.0) == 5
     assert (book.counts.other_frame, book.counts.doubled, book.counts.answered) == (2, 1, 2)
+
+
+@pytest.mark.parametrize("is_known", [False, True])
+def test_answers_with_other_frames_are_no_answers_with_a_wrong_stamp(book: AnswerBook[int], is_known: bool) -> None:
+    """Another node may publish on the same topic at other times: its frames tell the answers apart."""
+    if not is_known:
+        book.frames = None
+        book.note_sent(PAIR_NS, 10.0)
+        book.note_answer(PAIR_NS, "ds -> rb", "", 0)
+    for stamp_ns in range(5):
+        assert book.note_answer(stamp_ns, "odom -> base_link", "", 1) is None
+    assert (book.counts.other_frame, book.counts.other_stamp) == (5, 0)
