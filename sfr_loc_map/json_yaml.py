@@ -9,9 +9,12 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
+import msgspec
 import yaml
+
+T = TypeVar("T")
 
 MAX_DEPTH = 64  #: Maximum nesting depth of JSON and YAML.
 MAX_NODES = 100_000  #: Maximum number of values of a YAML file after expansion of its aliases.
@@ -50,6 +53,35 @@ def _integer(text: str) -> int:
     if len(text) > MAX_DIGITS:
         raise ValueError(f"an integer of {len(text)} digits is too long")
     return int(text)
+
+
+_KINDS = {
+    **{"str": "a text", "int": "a whole number", "float": "a number", "bool": "true or false"},
+    **{"array": "a list", "object": "a mapping of names to values"},
+}
+"""Words for the types in messages of msgspec."""
+_MISSING = re.compile(r"Object missing required field `(\w+)`")
+_EXPECTED = re.compile(r"Expected `(\w+)[^`]*`(?: of length ([<>]?)=? ?(\d+))?")
+_LIMITS = {"": "", ">": "at least ", "<": "at most "}
+
+
+def converted(content: object, kind: type[T], name: str = "") -> T:
+    """Return plain values as a structure of msgspec; texts of numbers, such as 1e-5 in YAML, are numbers.
+
+    `name` is that of the values in messages. ValueError states which value is missing, or which kind of value is
+    required.
+    """
+    try:
+        return msgspec.convert(content, kind, strict=False)
+    except msgspec.ValidationError as error:
+        problem, _, place = str(error).partition(" - at `$")
+    place = f"{name}{place.removesuffix('`')}".lstrip(".")
+    if missing := _MISSING.match(problem):
+        raise ValueError(f"{'.'.join(filter(None, (place, missing[1])))} is missing")
+    if expected := _EXPECTED.match(problem):
+        count = f" of {_LIMITS[expected[2]]}{expected[3]} values" if expected[3] else ""
+        problem = f"{_KINDS.get(expected[1], expected[1])}{count} is required"
+    raise ValueError(f"{place or 'it'}: {problem}")
 
 
 def parse_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML

@@ -12,7 +12,7 @@ import msgspec
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import check_exists, check_regular, read_text, refusing
-from sfr_loc_map.json_yaml import parse_yaml
+from sfr_loc_map.json_yaml import converted, parse_yaml
 from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import SIDES_OF
 
@@ -132,7 +132,7 @@ def _parse_metadata(text: str) -> _Metadata:
     content = parse_yaml(text)
     if not isinstance(content, dict) or METADATA not in content:
         raise ValueError(f"metadata.yaml has no {METADATA}")
-    return msgspec.convert(content[METADATA], _Metadata)
+    return converted(content[METADATA], _Metadata, METADATA)
 
 
 def _by_number(file: Path) -> list[tuple[int, str]]:

@@ -77,7 +77,10 @@ def content_of(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
     if text.startswith("<"):
         if "<!" in text.replace("<!--", ""):
             raise ValueError("XML with a DOCTYPE, an ENTITY or a CDATA section is not supported: remove it")
-        root = ET.fromstring(text)
+        try:
+            root = ET.fromstring(text)
+        except ET.ParseError as error:
+            raise ValueError(f"it is not complete XML: {error}") from error
         return {item.tag: {part.tag: part.text for part in item} if len(item) else item.text for item in root}
     try:
         return parse_opencv_yaml(text.removesuffix("---"))  # `ros2 topic echo` ends messages by `---`

@@ -32,6 +32,7 @@ from sfr_loc_map.io.calibration.opened_file import (
 from sfr_loc_map.io.calibration.rectification import RectifiableCamera, check_camera_matrix
 from sfr_loc_map.io.calibration.rig_file import read_rig
 from sfr_loc_map.io.calibration.stereo_calibration import PosedCamera, check_one_baseline, rectified_cameras
+from sfr_loc_map.json_yaml import converted
 from sfr_loc_map.message_text import alternatives, counted
 from sfr_loc_map.suite_names import SIDES
 
@@ -113,8 +114,12 @@ def _four(intrinsics: Sequence[float]) -> tuple[float, float, float, float]:
     return fx, fy, cx, cy
 
 
-def _matrix(rows: list[list[float]]) -> Transform:
-    return Transform.from_matrix(np.array(rows, np.float64).reshape(4, 4))
+_Row = tuple[float, float, float, float]
+_Matrix = tuple[_Row, _Row, _Row, _Row]
+
+
+def _transform(rows: _Matrix) -> Transform:
+    return Transform.from_matrix(np.array(rows, np.float64))
 
 
 # ---- Kalibr
@@ -126,9 +131,9 @@ class _KalibrCamera(msgspec.Struct):
     distortion_model: str
     distortion_coeffs: tuple[float, ...]
     resolution: tuple[int, int]
-    T_cn_cnm1: list[list[float]] | None = None
-    T_cam_imu: list[list[float]] | None = None
-    T_imu_cam: list[list[float]] | None = None
+    T_cn_cnm1: _Matrix | None = None
+    T_cam_imu: _Matrix | None = None
+    T_imu_cam: _Matrix | None = None
 
     def calibrated(self, name: str, T_body_cam: Transform) -> PosedCamera:
         """Return the camera with its pose."""
@@ -138,8 +143,8 @@ class _KalibrCamera(msgspec.Struct):
     def pose_in_imu(self) -> Transform | None:
         """Return the pose of the camera in the IMU; None if the file does not give it."""
         if self.T_imu_cam is not None:
-            return _matrix(self.T_imu_cam)
-        return None if self.T_cam_imu is None else _matrix(self.T_cam_imu).inverse()
+            return _transform(self.T_imu_cam)
+        return None if self.T_cam_imu is None else _transform(self.T_cam_imu).inverse()
 
 
 def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera, where: str) -> Transform:
@@ -153,7 +158,7 @@ def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera, where: str) -> Tran
         if by_imu is None:
             raise ValueError("cam1 has no T_cn_cnm1, and cam0 and cam1 do not both have T_cam_imu or T_imu_cam")
         return by_imu
-    pose = _matrix(other.T_cn_cnm1).inverse()
+    pose = _transform(other.T_cn_cnm1).inverse()
     if by_imu is not None and np.abs(by_imu.matrix - pose.matrix).max() > SAME_POSE:
         baselines = " and ".join(f"{np.linalg.norm(each.translation):.4g}" for each in (pose, by_imu))
         _log.warning(
@@ -168,7 +173,7 @@ def _kalibr(opened: OpenedFile) -> CameraPair:
     if "cam1" not in content:
         names = ", ".join(name for name in opened.shown_names if name.startswith("cam"))
         raise ValueError(f"it has only {names}: cam0 and cam1 are required")
-    one, other = (msgspec.convert(content.get(name), _KalibrCamera, strict=False) for name in ("cam0", "cam1"))
+    one, other = (converted(content.get(name), _KalibrCamera, name) for name in ("cam0", "cam1"))
     if further := [name for name in opened.shown_names if re.fullmatch(r"cam(?:[2-9]|[1-9][0-9]+)", name)]:
         _log.warning(f"{where}: cam0 and cam1 are used, not {', '.join(further)}")
     poses = Transform.identity(), _pose_of_right(one, other, where)
@@ -179,12 +184,21 @@ def _kalibr(opened: OpenedFile) -> CameraPair:
 # ---- EuRoC
 
 
-class _SensorPose(msgspec.Struct):
+class _PoseMatrix(msgspec.Struct):
     data: Annotated[list[float], msgspec.Meta(min_length=16, max_length=16)]
 
+    @property
+    def transform(self) -> Transform:
+        return Transform.from_matrix(np.array(self.data).reshape(4, 4))
 
-class _SensorYaml(msgspec.Struct):
-    T_BS: _SensorPose
+
+class SensorPose(msgspec.Struct):
+    """The pose in the sensor.yaml of any EuRoC sensor."""
+
+    T_BS: _PoseMatrix  #: Pose of the sensor in the body.
+
+
+class _SensorYaml(SensorPose):
     resolution: tuple[int, int]
     camera_model: str
     intrinsics: tuple[float, ...]
@@ -196,10 +210,9 @@ def read_sensor_yaml(path: Path) -> PosedCamera:
     """Read the sensor.yaml of an EuRoC camera."""
     with refusing(f"'{path}' is not a sensor.yaml of an EuRoC camera"):
         content = parse_opencv_yaml(read_text(path))
-        camera = msgspec.convert(content, _SensorYaml, strict=False)  # YAML reads 1e-5 as text
-        pose = Transform.from_matrix(np.array(camera.T_BS.data).reshape(4, 4))
+        camera = converted(content, _SensorYaml)
         d, lens = _pinhole_lens("it", camera.camera_model, camera.distortion_model, camera.distortion_coefficients)
-        return PosedCamera(camera.resolution, _four(camera.intrinsics), d, pose, lens)
+        return PosedCamera(camera.resolution, _four(camera.intrinsics), d, camera.T_BS.transform, lens)
 
 
 def _euroc(opened: OpenedFile) -> CameraPair:
@@ -233,8 +246,11 @@ def _orbslam_side(content: Mapping[str, Any], side: str) -> RectifiableCamera:
 def _orbslam_raw(opened: OpenedFile, first: str, text: str) -> CameraPair:
     """Return two raw cameras with the pose Stereo.T_c1_c2 of the right camera, which older files call Tlr."""
     content, size = opened.content, _orbslam_size(opened, first)
+    numbers = numbers_of(content, "Stereo.T_c1_c2", "Tlr")
+    if len(numbers) not in (12, 16):
+        raise ValueError(f"Stereo.T_c1_c2 has {counted(len(numbers), 'number')}: 12 or 16 are required")
     T_left_right = np.eye(4)
-    T_left_right[:3] = np.array(numbers_of(content, "Stereo.T_c1_c2", "Tlr")[:12]).reshape(3, 4)
+    T_left_right[:3] = np.array(numbers[:12]).reshape(3, 4)
     is_fisheye = _is_kannala_brandt(content)
     cameras = []
     for name, pose in ((first, np.eye(4)), ("Camera2", T_left_right)):
@@ -283,7 +299,8 @@ def _orbslam_intrinsics(content: Mapping[str, Any], name: str) -> tuple[float, f
 def _orbslam_distortion(content: Mapping[str, Any], name: str) -> tuple[float, ...]:
     """Return the coefficients in OpenCV's order; missing coefficients are 0."""
     names = ("k1", "k2", "k3", "k4") if _is_kannala_brandt(content) else ("k1", "k2", "p1", "p2", "k3")
-    return tuple(float(content.get(plain_name(f"{name}.{item}"), 0.0)) for item in names)
+    items = (f"{name}.{item}" for item in names)
+    return tuple(number_of(content, item) if plain_name(item) in content else 0.0 for item in items)
 
 
 def _is_kannala_brandt(content: Mapping[str, Any]) -> bool:

@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.calibration.opened_file import parse_opencv_yaml
-from sfr_loc_map.io.calibration.programs import read_sensor_yaml
+from sfr_loc_map.io.calibration.programs import SensorPose, read_sensor_yaml
 from sfr_loc_map.io.calibration.rectification import StereoRectifier
 from sfr_loc_map.io.calibration.stereo_calibration import StereoCalibration, pose_of_rig, rectified_cameras
 from sfr_loc_map.io.images.codec import encode_png
@@ -39,6 +39,7 @@ from sfr_loc_map.io.tables.trajectory_file import TRUTH_OPTION, read_trajectory_
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.io.truth.pose_checks import check_clock
 from sfr_loc_map.io.truth.recorded import RecordedTruth
+from sfr_loc_map.json_yaml import converted
 
 CAMERAS = ("cam0", "cam1")
 TRUTH = "state_groundtruth_estimate0"
@@ -90,12 +91,7 @@ def _load_truth(folder: Path) -> RecordedTruth | None:
     if file.parent.name == TRUTH or not sensor.is_file():
         return RecordedTruth(loaded.trajectory, loaded.text)
     with refusing(f"'{sensor}' is not a sensor.yaml of an EuRoC body"):
-        content = parse_opencv_yaml(read_text(sensor))
-        try:
-            numbers = np.array(content["T_BS"]["data"], np.float64)
-        except LookupError as error:
-            raise ValueError("it has no T_BS with 16 numbers") from error
-        T_rb_marker = Transform.from_matrix(numbers.reshape(4, 4))
+        T_rb_marker = converted(parse_opencv_yaml(read_text(sensor)), SensorPose).T_BS.transform
     return RecordedTruth(loaded.trajectory, loaded.text, T_rb_body=T_rb_marker)
 
 
