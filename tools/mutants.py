@@ -437,7 +437,7 @@ MUTATIONS = (
         "CHECKS = (fault_of_rows, fault_of_counts, fault_of_raw_values, fault",
         "CHECKS = (fault_of_rows, fault_of_counts, fault",
     ),
-    Mutation("metrics/stored/file_check.py", "fault_of_related_rows, fault_of_order)", "fault_of_related_rows)"),
+    Mutation("metrics/stored/file_check.py", "fault_of_related_rows, fault_of_numbers)", "fault_of_related_rows)"),
     Mutation(
         "metrics/stored/raw_values.py", "DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5", "DIGITS_M, POINT_DIGITS_M = 1e-2, 5e-2"
     ),

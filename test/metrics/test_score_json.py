@@ -23,7 +23,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, from_plain, hash_of_values, to_dict, to_json
 from sfr_loc_map.metrics.table.details import CallHistogram, Columns, ErrorRows
 from sfr_loc_map.metrics.table.records import InputFile, Provenance
-from sfr_loc_map.metrics.table.rows import COLUMNS, figure_row
+from sfr_loc_map.metrics.table.rows import COLUMNS, Figure, figure_row
 
 NUMBERS = st.floats(-1e100, 1e100)
 WORDS = st.text(max_size=5)
@@ -279,6 +279,30 @@ def test_statistics_that_no_values_can_have_are_refused(numbers: dict[str, float
         edited = replace(edited, mean_plus_3sigma=abs(edited.mean) + 3.0 * edited.sigma)
     with pytest.raises(InputError, match=words):
         from_dict(to_dict(Score(figures=(edited,))))
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        (figure_row("missing", n=4, value=1.5), "value of missing is 1.5: a fraction"),
+        (figure_row("missing", n=4, value=-0.5), "value of missing is -0.5: a number >= 0"),
+        (figure_row("missing", part="count", n=4, value=-1), "value of missing count is -1: a number >= 0"),
+        (figure_row("coverage", n=4, value=1.1), "value of coverage is 1.1: a fraction"),
+        (figure_row("points", value=-3), "value of points is -3"),
+        (figure_row("peak", part="mapping", n=1, value=-3), "value of peak mapping is -3"),
+        (figure_row("nearest_distance", n=1, mean=0.0, rmse=0.0, p50=-1.0), "p50 of nearest_distance is -1"),
+    ],
+)
+def test_counts_and_fractions_that_cannot_be_are_refused(row: Figure, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        from_dict(to_dict(Score(figures=(row,))))
+
+
+@pytest.mark.parametrize(
+    "row", [figure_row("longest_gap", part="distance", value=9.0), figure_row("restarts", value=3)]
+)
+def test_lengths_and_counts_may_exceed_1(row: Figure) -> None:
+    assert from_dict(to_dict(Score(figures=(row,)))).figures == (row,)
 
 
 @pytest.mark.parametrize("table", ["path", "sub_trajectories"])

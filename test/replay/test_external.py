@@ -9,17 +9,19 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
+from scipy.spatial.transform import Rotation
 
 from helpers.made_scene import NAV_RIG
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
-from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
+from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, converted
 from sfr_loc_map.metrics.table.records import FindingKind
-from sfr_loc_map.replay.answer_converters import CloudConverter
+from sfr_loc_map.replay.answer_converters import CloudConverter, PoseConverter
 from sfr_loc_map.replay.external import ExternalNode
 from sfr_loc_map.replay.options import ExternalOptions
-from sfr_loc_map.replay.received import ExternalMaps
-from sfr_loc_map.ros.messages import cloud_from_msg, cloud_msg, header_msg
+from sfr_loc_map.replay.received import ExternalMaps, ReceivedDrive
+from sfr_loc_map.ros.messages import cloud_from_msg, cloud_msg, header_msg, pose_msg
 from sfr_loc_map.suite_names import Task
 
 
@@ -59,6 +61,29 @@ def test_answers_whose_stamp_is_of_no_pair_are_not_used() -> None:
     assert kept.accepted_ns == [of_pair], "the other answers are to no published pair"
     node.note_sent(of_next, time.monotonic())
     assert kept.accepted_ns == [of_pair, of_next]
+
+
+@pytest.mark.parametrize("setting", ["inverse_motion=true", "inverse=true", "mirrored=true", "frame=rb_optical"])
+def test_a_pose_is_published_as_by_the_conversion_of_all_poses(setting: str) -> None:
+    published: list[Odometry] = []
+    publisher = SimpleNamespace(publish=published.append)
+    peer = cast("Any", SimpleNamespace(ros_node=SimpleNamespace(create_publisher=lambda *_: publisher)))
+    convention = PoseConvention.parse([setting])
+    options = ExternalOptions(Task.LOCALISATION, "poses", convention=convention)
+    loc = cast("Any", SimpleNamespace(rig=None, ground_truth=None))
+    converter = PoseConverter(peer, options, ReceivedDrive(), loc)
+    rng = np.random.default_rng(2)
+    quats = Rotation.random(4, random_state=1).as_quat()
+    poses = Trajectory(np.arange(4) * NS_PER_S, rng.normal(0.0, 3.0, (4, 3)), quats)
+    for row, (stamp_ns, pose) in enumerate(poses):
+        message = Odometry(header=header_msg(stamp_ns, "ds"), child_frame_id="rb")
+        message.pose.pose = pose_msg(pose, quats[row])
+        converter.accept(message, converter.read(message))
+    wanted = converted(poses, convention, convention.T_rb_child(None))
+    found = [message.pose.pose.position for message in published]
+    np.testing.assert_allclose([(at.x, at.y, at.z) for at in found], wanted.positions, atol=1e-12)
+    turns = [message.pose.pose.orientation for message in published]
+    np.testing.assert_allclose([(q.x, q.y, q.z, q.w) for q in turns], wanted.quats_xyzw, atol=1e-12)
 
 
 @pytest.mark.parametrize("is_organised", [False, True])

@@ -22,13 +22,17 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
 from sfr_loc_map.metrics.stored.related_rows import fault_of_related_rows
-from sfr_loc_map.metrics.table.catalogue import KINDS, clause_of, unit_of_row
+from sfr_loc_map.metrics.table.catalogue import KINDS, Subject, clause_of, is_fraction, unit_of_row
 from sfr_loc_map.metrics.table.details import Details
 from sfr_loc_map.metrics.table.rows import Figure, number_text
 
 ROUNDING = 1e-9  #: Relative tolerance between a stored and a derived number.
 ASCENDING = ((*QUANTILES, "max"), ("mean", "rmse", "max"), ("low95", "high95"))
 """Statistics of a row that ascend if they are given; of the mean its absolute value."""
+SIZES = ("sigma", "rmse", *QUANTILES, "max")  #: Statistics that are not negative.
+COUNTED = (Subject.MAP, Subject.TIMING, Subject.MEMORY, Subject.COMPLETENESS)
+"""Subjects whose figures with a single number are not negative."""
+SHARES = ("coverage", "within_period")  #: Fractions from 0 to 1 beside those of completeness.
 
 
 class ContradictionError(ValueError):
@@ -67,16 +71,19 @@ def fault_of_rows(score: Score) -> str | None:
     return None
 
 
-def fault_of_order(score: Score) -> str | None:
-    """Return the first statistics of a row that no values can have; None if there are none.
+def fault_of_numbers(score: Score) -> str | None:
+    """Return the first numbers of a row that no values can have; None if there are none.
 
-    Quantiles and the maximum ascend, sigma and root mean square are not negative, and |mean| <= rmse <= max. Sigma is
-    given with mean + 3 sigma. The bounds of an interval are in order.
+    Quantiles and the maximum ascend, sizes, counts, times and sigma are not negative, fractions are at most 1, and
+    |mean| <= rmse <= max. Sigma is given with mean + 3 sigma. The bounds of an interval are in order.
     """
     for row in score.figures:
-        for name in ("sigma", "rmse"):
+        for name in (*SIZES, "value") if row.subject in COUNTED else SIZES:
             if (row.statistic(name) or 0.0) < 0.0:
                 return f"{name} of {row.label} is {number_text(row.statistic(name))}: a number >= 0 is required"
+        is_share = row.subject is Subject.COMPLETENESS and row.unit == "1" and is_fraction(row.figure, row.part)
+        if (is_share or row.figure in SHARES) and (row.value or 0.0) > 1.0 + ROUNDING:
+            return f"value of {row.label} is {number_text(row.value)}: a fraction from 0 to 1 is required"
         if row.sigma is not None and row.mean_plus_3sigma is None:
             return f"{row.label} has a sigma, but mean_plus_3sigma is absent"
         for names in ASCENDING:
@@ -173,5 +180,5 @@ def _text(value: object) -> str:
     return "null" if value is None else f"'{value}'" if isinstance(value, str) else f"{value}"
 
 
-CHECKS = (fault_of_rows, fault_of_counts, fault_of_raw_values, fault_of_related_rows, fault_of_order)
+CHECKS = (fault_of_rows, fault_of_counts, fault_of_raw_values, fault_of_related_rows, fault_of_numbers)
 """The checks of the figures, in the order in which their faults are reported."""
