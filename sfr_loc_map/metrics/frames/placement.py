@@ -21,7 +21,7 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.config import AssociationConfig, Condition, ConditionKind, Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses
 from sfr_loc_map.metrics.frames.aligned_error import umeyama
-from sfr_loc_map.metrics.frames.association import Estimates, Frames, Matching, StateCounts, associate
+from sfr_loc_map.metrics.frames.association import Estimates, Frames, Matching, StateCounts, associate, check_attitudes
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 
 ERROR_FUNCTIONS: dict[Reading, ErrorFunction] = {
@@ -145,11 +145,11 @@ def associate_positions(
 
     Yaw and translation are fitted by least squares, because neither vision nor gravity observes them (Zhang, Scaramuzza
     2018, section IV-B). A vision-only estimate that begins at the identity on a slope has a tilted z-axis. The complete
-    rotation is therefore fitted if it tilts z and reduces the residual by `TILT_GAIN`.
+    rotation is therefore fitted if it tilts z and reduces the residual by `TILT_GAIN`. MetricsError if the estimate has
+    no attitudes.
     """
-    poses = estimates.trajectory
-    if poses.has_attitude:
-        poses = at_point(poses, truth.lever_arm_m)
+    check_attitudes(estimates.trajectory)
+    poses = at_point(estimates.trajectory, truth.lever_arm_m)
     frames, matching = associate(poses, truth, config, images_ns)
     turn, translation, tilt_deg = np.eye(3), np.zeros(3), None
     if len(frames.stamps_ns):
