@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.geometry.rotation import quat_angle, quat_conjugate, quat_multiply
+from sfr_loc_map.geometry.rotation import quat_angle, quat_conjugate, quat_multiply, quat_rotate
 from sfr_loc_map.metrics.formulas import DISTANCE_TOLERANCE_M, Poses, displacement, path_length_m
 
 ANGLE_TOLERANCE = 1e-9  #: Relative rounding error by which a rotation may be smaller than the angle of a condition.
@@ -107,6 +107,17 @@ def le90(vertical: FloatArray) -> float:
 def ce90(horizontal: FloatArray) -> float:
     """Return the circular error CE90: the 90 % quantile of the norms `(P,)` of the horizontal errors."""
     return float(np.percentile(horizontal, 90.0))
+
+
+# ---- relative motions, of which the relative pose error (RPE) is the difference
+
+
+def relative_motions(
+    position: FloatArray, attitude: FloatArray, starts: IntArray, ends: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return translations `(M, 3)` and quaternions `(M, 4)` of the motions `inv(T_N) T_N+x`, in the frame at N."""
+    to_start = quat_conjugate(attitude[starts])
+    return quat_rotate(to_start, displacement(position, starts, ends)), quat_multiply(to_start, attitude[ends])
 
 
 # ---- errors without attitudes, along and across the path, and in px of disparity

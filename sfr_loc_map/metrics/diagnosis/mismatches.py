@@ -40,6 +40,7 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, poses_of_parent, poses_of_rb
 from sfr_loc_map.metrics.diagnosis.compared_poses import ComparedPoses
 from sfr_loc_map.metrics.diagnosis.disagreement import PoseArrays, eighths
+from sfr_loc_map.metrics.formulas_beside import relative_motions
 
 MIN_LEVER_M = 0.05  #: Minimum fitted lever arm. Smaller lever arms are errors of extrinsics, and not another point.
 MAX_TILT_DEG = 60.0  #: Maximum rotation of a fitted camera from forward-looking optical axes. Chosen by hand.
@@ -233,10 +234,8 @@ def _motions(poses: PoseArrays) -> _Motions:
     """Return the motions over the sub-trajectories of poses."""
     positions, attitudes = poses
     starts, ends = eighths(len(positions))
-    back = quat_conjugate(attitudes[starts])
-    turns = quat_multiply(back, attitudes[ends])
-    upright = np.where(turns[:, 3:] < 0.0, -turns, turns)
-    return _Motions(upright, quat_rotate(back, positions[ends] - positions[starts]))
+    moves, turns = relative_motions(positions, attitudes, starts, ends)
+    return _Motions(np.where(turns[:, 3:] < 0.0, -turns, turns), moves)
 
 
 def _fitted_rotation(true: _Motions, found: _Motions) -> FloatArray:

@@ -26,6 +26,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth, at_poin
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionKind
 from sfr_loc_map.metrics.formulas import statistics
+from sfr_loc_map.metrics.formulas_beside import relative_motions
 from sfr_loc_map.metrics.frames.association import check_attitudes, unique_rows
 from sfr_loc_map.metrics.table.records import Alignment
 from sfr_loc_map.metrics.table.row_part import ROTATION, TRANSLATION
@@ -78,8 +79,9 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
     delta = Condition.parse(config.rpe_delta)
     # relative error E = inv(inv(Q_i) Q_j) inv(P_i) P_j with the truth Q and the estimate P; the next motion starts at j
     ends = _ends(poses.estimate.positions, delta)
-    true_move, true_turn = _motions(poses.truth, ends)
-    move, turn = _motions(poses.estimate, ends)
+    spans = ends[:-1], ends[1:]
+    true_move, true_turn = relative_motions(poses.truth.positions, poses.truth.quats_xyzw, *spans)
+    move, turn = relative_motions(poses.estimate.positions, poses.estimate.quats_xyzw, *spans)
     figures: list[Figure] = []
     for name, errors_m, true_quats, quats in (
         ("ape", poses.errors_m(), poses.truth.quats_xyzw, poses.estimate.quats_xyzw),
@@ -173,13 +175,6 @@ def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Sim
     rotation = (u * signs) @ vt  # equation 40
     scale = float((singular * signs).sum() / np.square(p).sum(axis=1).mean()) if with_scale else 1.0  # equation 42
     return Similarity(scale, rotation, mean_t - scale * (rotation @ mean_p))  # equation 41
-
-
-def _motions(poses: Trajectory, ends: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-    """Return translations and quaternions of the motions `inv(T_i) T_j` between consecutive `ends`."""
-    i, j = ends[:-1], ends[1:]
-    back = quat_conjugate(poses.quats_xyzw[i])
-    return quat_rotate(back, poses.positions[j] - poses.positions[i]), quat_multiply(back, poses.quats_xyzw[j])
 
 
 def _ends(positions: FloatArray, delta: Condition) -> NDArray[np.intp]:
