@@ -14,7 +14,7 @@ from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TargetRe
 from sfr_loc_map.scoring.input_files import ReadFile, configuration_files, read_files
 from sfr_loc_map.scoring.inputs import InMemory, Origin, Run, ScoreInputs
 from sfr_loc_map.scoring.load_calls import read_calls, unbound_calls
-from sfr_loc_map.scoring.load_drive import read_drive
+from sfr_loc_map.scoring.load_drive import ReadDrive, ReadTruth, read_drive, read_truth
 from sfr_loc_map.scoring.load_map import read_cloud
 
 
@@ -24,20 +24,24 @@ def load_run(
     """Read the files of a run. Poses without stamps get the stamps of the other trajectory, pose by pose.
 
     The calls of the run come from the bag of the estimate, from the files and from memory. Lost flags and covariances
-    of an estimate come from its calls and its bag. Poses and cloud may be in memory. `fused` applies to clouds that do
-    not declare whether they are fused. `command` is for provenance.
+    of an estimate come from its calls, and from its file or bag. Poses and cloud may be in memory. `fused` applies to
+    clouds that do not declare whether they are fused. `command` is for provenance.
     """
     given = in_memory or InMemory()
-    how = _how_to_read(inputs)
+    how = how_to_read(inputs)
     noted = _noted_files(inputs, how)  # before the files are read
     origin = Origin(noted, given.hashes(), settings=how.changed_reading, command=command)
     calls = read_calls(inputs, given)
     cloud, nav_stamps_ns = read_cloud(inputs, given.cloud, fused)
-    read = read_drive(inputs, given, how, calls)
+    true: ReadTruth | None = None
+    read: ReadDrive | None = None
+    if (inputs.estimate or given.estimate) is not None and (inputs.truth or given.truth) is not None:
+        true = read_truth(inputs.truth, given.truth, how)
+        read = read_drive(inputs, given, true, calls)
     stats = [*calls.here, *(() if read is None else read.of_bag)]
-    if nav_stamps_ns is None and read is not None:
+    if nav_stamps_ns is None and true is not None:
         on_target = [] if calls.on_target is None else [calls.on_target]
-        nav_stamps_ns = _nav_stamps_of(read.source, [*stats, *on_target])
+        nav_stamps_ns = _nav_stamps_of(true.source, [*stats, *on_target])
     about = None if calls.target is None else calls.target.about
     return Run(
         origin,
@@ -69,7 +73,7 @@ def _noted_files(inputs: ScoreInputs, how: SourceConfig) -> dict[str, ReadFile]:
     )
 
 
-def _how_to_read(inputs: ScoreInputs) -> SourceConfig:
+def how_to_read(inputs: ScoreInputs) -> SourceConfig:
     """Return the configuration of the source of the truth: as given, or else from the file beside the source."""
     place = inputs.truth or inputs.map_truth
     if place is not None and inputs.config is None and (place.is_dir() or is_bag(place)):

@@ -28,49 +28,57 @@ from sfr_loc_map.scoring.load_calls import RunCalls, estimates_of_calls
 from sfr_loc_map.suite_names import Task
 
 
+class ReadTruth(NamedTuple):
+    """True poses of one or several estimates."""
+
+    poses: LoadedTrajectory
+    source: Source | None  #: Source of the images; None if the truth is only a trajectory.
+    place: Path | None  #: Path that was given; None for true poses in memory.
+    how: SourceConfig  #: How the truth was read.
+
+
 class ReadDrive(NamedTuple):
     """What is read of a drive."""
 
     drive: DriveToScore
     of_bag: Sequence[CallStats]  #: Calls in the bag of the estimate.
-    source: Source | None  #: Source of the images and of the truth; None if the truth is only a trajectory.
 
 
-def read_drive(inputs: ScoreInputs, given: InMemory, how: SourceConfig, calls: RunCalls) -> ReadDrive | None:
-    """Read estimate and truth, or use those in memory; None if either is not given."""
-    if (inputs.truth or given.truth) is None or (inputs.estimate or given.estimate) is None:
-        return None
-    true, source = _read_truth(inputs.truth, given.truth, how)
+def read_truth(place: Path | None, given: Trajectory | None, how: SourceConfig) -> ReadTruth:
+    """Read true poses of a file, bag or data set folder, or use those in memory."""
+    if place is None:
+        assert given is not None  # by the caller
+        return ReadTruth(LoadedTrajectory(Path(f"the truth {IN_MEMORY}"), given), None, place, how)
+    if is_bag(place) or how.truth.source:
+        poses = LoadedTrajectory(place, io.read_truth(place, how))
+        return ReadTruth(poses, _images_beside(place, how), place, how)
+    if place.is_file():
+        return ReadTruth(read_trajectory_file(place, how.truth.columns, TRUTH_OPTION), None, place, how)
+    source = io.open_source(place, how)
+    if source.loc is None or source.loc.ground_truth is None:
+        raise without_truth(place)
+    return ReadTruth(LoadedTrajectory(place, source.loc.ground_truth), source, place, how)
+
+
+def _images_beside(place: Path, how: SourceConfig) -> Source | None:
+    """Return the source of the images of a bag or folder whose truth was read; None without images."""
+    if is_bag(place) or not place.is_file():
+        with suppress(SfrError):  # without images only the true poses are used
+            return io.open_source(place, how)
+    return None
+
+
+def read_drive(inputs: ScoreInputs, given: InMemory, true: ReadTruth, calls: RunCalls) -> ReadDrive:
+    """Read an estimate, or use that in memory, and combine it with the truth."""
     bag = _read_bag(inputs.estimate, calls.here)
     of_bag = [] if bag is None else bag.all_calls
     found = _read_estimate(inputs, given.estimate, bag)
     if found.by_index:
-        found = found.with_stamps_of(true)
+        found = found.with_stamps_of(true.poses)
     check_one_estimate(found.trajectory, calls.of_estimate)
     here = [*calls.here, *of_bag]
     estimates = estimates_of_calls(found.trajectory, here, calls.on_target, found.covariance)
-    return ReadDrive(_drive_of(found, estimates, true, source, inputs.truth, how), of_bag, source)
-
-
-def _read_truth(
-    place: Path | None, truth: Trajectory | None, how: SourceConfig
-) -> tuple[LoadedTrajectory, Source | None]:
-    """Read true poses of a file, bag or data set folder, or use those in memory; return also the source of images."""
-    if place is None:
-        assert truth is not None  # by the caller
-        return LoadedTrajectory(Path(f"the truth {IN_MEMORY}"), truth), None
-    if is_bag(place) or how.truth.source:
-        true, opened = LoadedTrajectory(place, io.read_truth(place, how)), None
-        if is_bag(place) or not place.is_file():
-            with suppress(SfrError):  # without images only the true poses are used
-                opened = io.open_source(place, how)
-        return true, opened
-    if place.is_file():
-        return read_trajectory_file(place, how.truth.columns, TRUTH_OPTION), None
-    source = io.open_source(place, how)
-    if source.loc is None or source.loc.ground_truth is None:
-        raise without_truth(place)
-    return LoadedTrajectory(place, source.loc.ground_truth), source
+    return ReadDrive(_drive_of(found, estimates, true), of_bag)
 
 
 def _read_bag(path: Path | None, stats: Sequence[CallStats]) -> BagEstimate | None:
@@ -100,21 +108,13 @@ def _read_estimate(inputs: ScoreInputs, given: Trajectory | None, bag: BagEstima
     return read_trajectory_file(inputs.estimate, inputs.columns, ESTIMATE_OPTION)
 
 
-def _drive_of(
-    found: LoadedTrajectory,
-    estimates: Estimates,
-    true: LoadedTrajectory,
-    source: Source | None,
-    place: Path | None,
-    how: SourceConfig,
-) -> DriveToScore:
+def _drive_of(found: LoadedTrajectory, estimates: Estimates, true: ReadTruth) -> DriveToScore:
     """Return the estimate and the truth as a drive; missing stamps of true poses are those of the estimate."""
-    if true.by_index:
-        true = true.with_stamps_of(found)
-    true = _as_declared(true, place, how)
-    rig, images = _images_of(source)
-    notes = tuple(item.text for item in (found, true) if item.is_announced)
-    return DriveToScore(estimates, true.trajectory, rig, images, notes)
+    poses = true.poses.with_stamps_of(found) if true.poses.by_index else true.poses
+    declared = _as_declared(poses, true.place, true.how)
+    rig, images = _images_of(true.source)
+    notes = tuple(item.text for item in (found, declared) if item.is_announced)
+    return DriveToScore(estimates, declared.trajectory, rig, images, notes)
 
 
 def _as_declared(true: LoadedTrajectory, place: Path | None, how: SourceConfig) -> LoadedTrajectory:

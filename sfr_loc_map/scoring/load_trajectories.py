@@ -10,17 +10,24 @@ from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.scoring.bag_estimates import read_bag_estimate
-from sfr_loc_map.scoring.inputs import DriveToScore, ScoreInputs
-from sfr_loc_map.scoring.load import load_run
-from sfr_loc_map.scoring.load_calls import estimates_of_calls
+from sfr_loc_map.scoring.inputs import DriveToScore, InMemory, ScoreInputs
+from sfr_loc_map.scoring.load import how_to_read
+from sfr_loc_map.scoring.load_calls import RunCalls, estimates_of_calls
+from sfr_loc_map.scoring.load_drive import ReadTruth, read_drive, read_truth
 from sfr_loc_map.topics import ESTIMATE
 
 
 def load_drive(estimate: Path, truth: Path) -> DriveToScore:
     """Read estimated and true poses of files."""
-    drive = load_run(ScoreInputs(estimate=estimate, truth=truth)).drive
-    assert drive is not None  # both files are given
-    return drive
+    return _drive_of(estimate, _truth_at(truth))
+
+
+def _truth_at(path: Path) -> ReadTruth:
+    return read_truth(path, None, how_to_read(ScoreInputs(truth=path)))
+
+
+def _drive_of(estimate: Path, true: ReadTruth) -> DriveToScore:
+    return read_drive(ScoreInputs(estimate=estimate), InMemory(), true, RunCalls([], [], None)).drive
 
 
 def load_estimates(path: Path) -> Estimates:
@@ -39,6 +46,7 @@ def load_trajectories(paths: list[Path], truth: Path | None) -> tuple[dict[str, 
     """
     file_names = [path.name for path in paths]
     poses: dict[str, Trajectory] = {}
+    true: ReadTruth | None = None  # read once for all estimates
     true_poses: Trajectory | None = None
     for path in paths:
         name = path.name if file_names.count(path.name) == 1 else str(path)
@@ -50,7 +58,8 @@ def load_trajectories(paths: list[Path], truth: Path | None) -> tuple[dict[str, 
         elif truth is None:
             poses[name] = load_estimates(path).trajectory
         else:
-            drive = load_drive(path, truth)
+            true = true or _truth_at(truth)
+            drive = _drive_of(path, true)
             poses[name] = drive.estimates.trajectory
             true_poses = true_poses or drive.truth
     if truth is not None and true_poses is None:
