@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -71,7 +71,7 @@ class StartPose:
                 f"the start pose has an invalid stamp: {start.stamp_ns!r}: whole nanoseconds, or None for the next "
                 "pair, are required"
             )
-        return start
+        return replace(start, covariance=covariance)
 
 
 class TrackingState(StrEnum):

@@ -154,6 +154,13 @@ def test_an_invalid_pose_is_refused_and_changes_nothing(tmp_path: Path, set_pose
     assert start_of(session, 4 * S) == AT_FIRST[1]
 
 
+@pytest.mark.parametrize("convert", [np.float32, np.ndarray.tolist])
+def test_a_covariance_may_be_of_another_type(tmp_path: Path, convert: Callable[[np.ndarray], Any]) -> None:
+    session = session_in(READY, tmp_path)
+    session.set_pose(StartPose(GIVEN, convert(COVARIANCE)))
+    assert start_of(session, 4 * S)[1] == pytest.approx(COVARIANCE[0, 0])
+
+
 @pytest.mark.parametrize("variance", [None, np.nan, np.inf, -1.0])
 def test_a_lost_pose_or_one_without_covariance_is_neither_kept_nor_started_from(
     tmp_path: Path, variance: float | None

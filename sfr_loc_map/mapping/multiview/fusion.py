@@ -111,7 +111,7 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
         "pairs": float(len(views)),
         "fused": float(len(views) > 1),
     }
-    warnings = () if points.size else ("the fused cloud has no points: see the warnings of the pairs",)
+    warnings = () if points.size else ("the fused cloud has no points: the other warnings state the causes",)
     return FusedViews(points, pair_index, Findings(statistics, warnings) + agreement)
 
 
