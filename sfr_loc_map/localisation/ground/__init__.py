@@ -57,7 +57,7 @@ The method has four known limits:
 | module | content |
 |---|---|
 | `selection` | the order of the steps of a pair, with examples, and the tracks of each case |
-| `cases` | the cases of a pair with their conditions, and the table of their effects |
+| `cases` | the cases of a pair, with their conditions and their effects |
 | `evidence`, `two_motions` | the values by which a pair is classified |
 | `searches`, `motion_tools` | searches for motions in a pair, and the tools of these searches |
 | `identification`, `memory` | the two state machines, and the memory that contains them |

@@ -1,24 +1,23 @@
 """Cases of the motions in a pair: how a pair is classified, and the consequences of each case.
 
-Each case is a class. Its fields are the motions that `case_of` found, if the selection of the tracks requires them.
+Each case is a class. Its fields are the values on which its consequences and the selection of the tracks depend.
 
 | case | fields | motion that is used | what is excluded |
 |---|---|---|---|
 | `OwnBody` | motion off the body | that off the body | landmarks in stationary cells, and the cells of the body |
 | `Ambiguous` | two motions | that with more weight | nothing, because the other motion may be the ground's |
-| `MainOfTwo` | two motions | the main motion | what follows the other motion, or is fixed to the camera |
-| `OtherOfTwo` | two motions | the other motion | landmarks that follow only the main motion, and their cells |
+| `Decided` | two motions | the main motion | what follows the other motion, or is fixed to the camera |
+| | | or the other motion | landmarks that follow only the main motion, and their cells |
 | `Untrusted`, `PartialTransfer`, `DoubleExposure`, `Contradicted` | | the main motion | nothing |
 | all other cases | | the main motion | what is fixed to the camera |
 
-`case_of` contains the conditions, `EFFECTS` the consequences, and `selection.selection_of` the tracks. A new case
-requires a class here, a member of `Case`, a condition, a row in `EFFECTS`, and a branch in `selection_of`.
+`case_of` contains the conditions, `effect_of` the consequences, and `selection.selection_of` the tracks. A new case
+requires a class here, a member of `Case`, a condition, and a branch in `effect_of` and in `selection_of`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
 
 from sfr_loc_map.localisation.findings import Finding, Findings
 from sfr_loc_map.localisation.ground import searches
@@ -59,15 +58,8 @@ class Ambiguous:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MainOfTwo:
-    """There are two motions, and the main motion is clearly the ground's."""
-
-    motions: TwoMotions
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OtherOfTwo:
-    """There are two motions, and the other motion is clearly the ground's."""
+class Decided:
+    """There are two motions, and the motion with more weight is clearly the ground's."""
 
     motions: TwoMotions
 
@@ -88,13 +80,10 @@ class Unexplained:
 
 
 @dataclass(frozen=True, slots=True)
-class AtRestInDoubt:
-    """Like `StillInDoubt`, and the image did not move."""
-
-
-@dataclass(frozen=True, slots=True)
 class StillInDoubt:
     """There is one motion, but too few pairs have agreed since the ground was in doubt."""
+
+    moves_image: bool  #: Whether the motion moves the image. A pair without motion does not end the doubt.
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,12 +97,10 @@ Case = (
     | PartialTransfer
     | DoubleExposure
     | Ambiguous
-    | MainOfTwo
-    | OtherOfTwo
+    | Decided
     | Contradicted
     | HalfUnexplained
     | Unexplained
-    | AtRestInDoubt
     | StillInDoubt
     | OneMotion
 )
@@ -151,7 +138,7 @@ def case_of_two(motions: TwoMotions, evidence: Evidence) -> Case:
         return PartialTransfer()
     if not (evidence.is_identified and motions.is_decided):
         return Ambiguous(motions)
-    return OtherOfTwo(motions) if motions.other_wins else MainOfTwo(motions)
+    return Decided(motions)
 
 
 def case_of_one(evidence: Evidence) -> Case:
@@ -164,61 +151,44 @@ def case_of_one(evidence: Evidence) -> Case:
     if evidence.is_unusual and evidence.has_typical:
         return Unexplained()
     if evidence.stays_in_doubt:
-        # an image without motion neither ends the doubt nor hides a motion
-        return StillInDoubt() if evidence.support.moves_image else AtRestInDoubt()
+        return StillInDoubt(evidence.support.moves_image)
     return OneMotion()
 
 
 # ---- the consequences of a case
 
 
-class Effects(NamedTuple):
-    """Consequences of a case."""
-
-    usual: Effect
-    #: Consequences while the ground is not identified; None if they are the same.
-    unidentified: Effect | None = None
-
-
-EFFECTS: Final[dict[type[Case], Effects]] = {
-    OwnBody: Effects(
-        Effect(),
-        # the cells of the body are excluded from the next pairs, so that only the covariance of this pose is larger
-        unidentified=Effect(Finding.BODY_OR_GROUND),
-    ),
-    Untrusted: Effects(Effect()),
-    PartialTransfer: Effects(
-        Effect(Finding.PARTIAL_TRANSFER, fault=Fault.TRANSFER),
-        unidentified=Effect(Finding.TRANSFER_OR_MOTION, fault=Fault.TRANSFER),
-    ),
-    # a fault of the images, which does not put the ground's motion in doubt
-    DoubleExposure: Effects(Effect(Finding.DOUBLE_EXPOSURE, fault=Fault.SUSPECTED)),
-    Ambiguous: Effects(Effect(Finding.AMBIGUOUS, Conclusion.DOUBT, Fault.SUSPECTED)),
-    MainOfTwo: Effects(Effect()),
-    OtherOfTwo: Effects(Effect()),
-    Contradicted: Effects(Effect(Finding.CONTRADICTED, Conclusion.DOUBT, Fault.SUSPECTED, outlasts_refusal=True)),
-    HalfUnexplained: Effects(Effect(Finding.GROUND_IN_DOUBT, Conclusion.DOUBT, Fault.SUSPECTED)),
-    Unexplained: Effects(Effect(Finding.UNEXPLAINED), unidentified=Effect(Finding.GROUND_IN_DOUBT)),
-    AtRestInDoubt: Effects(Effect(Finding.AT_REST_IN_DOUBT, fault=Fault.SUSPECTED)),
-    # earlier pairs caused the doubt, and this pair may end it
-    StillInDoubt: Effects(Effect(Finding.GROUND_IN_DOUBT, Conclusion.ONE_MOTION, Fault.SUSPECTED)),
-    OneMotion: Effects(Effect(conclusion=Conclusion.ONE_MOTION)),
-}
-"""Consequences of each case. `GroundMemory.after` applies them to the memory.
-
-Three cases differ while the ground is not identified. They have two motions, or part of the image does not follow the
-only motion. The motion that is not selected may then be the ground's, so that the pose is degraded. The covariance of
-the pose includes the ambiguity. For `OwnBody` the covariance includes the unobserved motion instead, because the cells
-of the body are excluded from the next pairs.
-"""
-
-
 def effect_of(case: Case, *, is_identified: bool) -> Effect:
-    """Return the consequences of a case; `is_identified` tells whether the ground was identified before the pair."""
-    effects = EFFECTS[type(case)]
-    if effects.unidentified is None or is_identified:
-        return effects.usual
-    return effects.unidentified
+    """Return the consequences of a case; `is_identified` tells whether the ground was identified before the pair.
+
+    Three cases differ while the ground is not identified. They have two motions, or part of the image does not follow
+    the only motion. The motion that is not selected may then be the ground's, so that the pose is degraded. The
+    covariance of the pose includes the ambiguity. For `OwnBody` the covariance includes the unobserved motion instead,
+    because the cells of the body are excluded from the next pairs.
+    """
+    match case:
+        case OwnBody():
+            return Effect() if is_identified else Effect(Finding.BODY_OR_GROUND)
+        case Untrusted() | Decided():
+            return Effect()
+        case PartialTransfer():
+            finding = Finding.PARTIAL_TRANSFER if is_identified else Finding.TRANSFER_OR_MOTION
+            return Effect(finding, fault=Fault.TRANSFER)
+        case DoubleExposure():  # a fault of the images, which does not put the ground's motion in doubt
+            return Effect(Finding.DOUBLE_EXPOSURE, fault=Fault.SUSPECTED)
+        case Ambiguous():
+            return Effect(Finding.AMBIGUOUS, Conclusion.DOUBT, Fault.SUSPECTED)
+        case Contradicted():
+            return Effect(Finding.CONTRADICTED, Conclusion.DOUBT, Fault.SUSPECTED, outlasts_refusal=True)
+        case HalfUnexplained():
+            return Effect(Finding.GROUND_IN_DOUBT, Conclusion.DOUBT, Fault.SUSPECTED)
+        case Unexplained():
+            return Effect(Finding.UNEXPLAINED if is_identified else Finding.GROUND_IN_DOUBT)
+        case StillInDoubt(moves_image):  # earlier pairs caused the doubt, and a pair with motion may end it
+            finding = Finding.GROUND_IN_DOUBT if moves_image else Finding.AT_REST_IN_DOUBT
+            return Effect(finding, Conclusion.ONE_MOTION, Fault.SUSPECTED)
+        case OneMotion():
+            return Effect(conclusion=Conclusion.ONE_MOTION)
 
 
 def findings_of(effect: Effect, faults: ImageFaults, *, is_trusted: bool) -> Findings:

@@ -16,7 +16,7 @@ An object with a quarter of the landmarks is in view for one pair while the grou
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
-| 1 | two motions | `MainOfTwo` | none | cells of the object are excluded for seven pairs; still identified |
+| 1 | two motions | `Decided` | none | cells of the object are excluded for seven pairs; still identified |
 | 2 | one motion; no landmark is left on the object | `OneMotion` | none | unchanged |
 
 The same object is in view for one pair before the ground is identified:
@@ -187,19 +187,11 @@ def selection_of(case: cases.Case, pair: ComparedPair, main: Motion) -> Selectio
             return _off_body(pair, main, off_body)
         case cases.Ambiguous(motions):
             return _either_of_two(pair, motions)
-        case cases.MainOfTwo(motions):
-            return _main_of_two(motions)
-        case cases.OtherOfTwo(motions):
-            return _other_of_two(pair, motions)
+        case cases.Decided(motions):
+            return _other_of_two(pair, motions) if motions.other_wins else _main_of_two(motions)
         case cases.Untrusted() | cases.PartialTransfer() | cases.DoubleExposure() | cases.Contradicted():
             return Selection(main, is_main=True, exclusion=Exclusion.nothing(pair.change.stationary.shape))
-        case (
-            cases.HalfUnexplained()
-            | cases.Unexplained()
-            | cases.AtRestInDoubt()
-            | cases.StillInDoubt()
-            | cases.OneMotion()
-        ):
+        case cases.HalfUnexplained() | cases.Unexplained() | cases.StillInDoubt() | cases.OneMotion():
             rows = main.tracks.landmarks.rows[main.agreement.on_fixed]
             return Selection(main, is_main=True, exclusion=Exclusion.of_fixed(rows, main.agreement.fixed_cells))
 
