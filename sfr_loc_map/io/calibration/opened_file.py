@@ -40,7 +40,7 @@ class OpenedFile:
 
 def open_calibration(file: Path, size: tuple[int, int] | None) -> OpenedFile:
     """Open a calibration file; COLMAP's list of cameras is neither YAML nor JSON, and is read later."""
-    content = None if file.name.endswith(COLMAP_FILE) else content_of(file)
+    content = None if is_colmap_list(file) else content_of(file)
     names = sorted(str(name) for name in content) if isinstance(content, dict) else []
     plain = _with_plain_names(content) if isinstance(content, dict) else content
     return OpenedFile(file, partner_of(file), plain, names, size)
@@ -62,13 +62,29 @@ def _with_plain_names(content: Mapping[Any, Any]) -> dict[str, Any]:
     return found
 
 
+def is_colmap_list(file: Path) -> bool:
+    """Return whether a file has the name of COLMAP's list of cameras, in upper or lower case."""
+    return file.name.lower().endswith(COLMAP_FILE)
+
+
 def partner_of(file: Path) -> Path | None:
     """Return the second file of the calibration to which a file belongs; None if there is no second file."""
     file, candidates = file.absolute(), []
     for one, other in (*PARTNERS, *(pair[::-1] for pair in PARTNERS)):
-        candidates.append(file.with_name(file.name.replace(one, other)))
-        candidates.append(file.parent.with_name(file.parent.name.replace(one, other)) / file.name)
+        candidates.append(file.with_name(_with_word(file.name, one, other)))
+        candidates.append(file.parent.with_name(_with_word(file.parent.name, one, other)) / file.name)
     return next((path for path in candidates if path != file and path.is_file()), None)
+
+
+def _with_word(name: str, old: str, new: str) -> str:
+    """Return a name with another word in place of `old`, in the case of `old`: `Left.yaml` becomes `Right.yaml`."""
+
+    def in_its_case(found: re.Match[str]) -> str:
+        if found[0].isupper():
+            return new.upper()
+        return new.capitalize() if found[0][0].isupper() else new
+
+    return re.sub(re.escape(old), in_its_case, name, flags=re.IGNORECASE)
 
 
 def content_of(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON

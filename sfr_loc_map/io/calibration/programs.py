@@ -17,9 +17,9 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.calibration.camera_info import check_centre, projection
 from sfr_loc_map.io.calibration.opened_file import (
-    COLMAP_FILE,
     OpenedFile,
     content_of,
+    is_colmap_list,
     named_values,
     number_of,
     numbers_of,
@@ -481,7 +481,7 @@ def _has(*alternatives: str) -> Callable[[OpenedFile], bool]:
 
 def _is_colmap(opened: OpenedFile) -> bool:
     """Return whether two files have the names of COLMAP."""
-    return opened.other is not None and opened.files[0].name.endswith(COLMAP_FILE)
+    return opened.other is not None and is_colmap_list(opened.files[0])
 
 
 READERS = (

@@ -457,6 +457,21 @@ def test_only_a_flag_or_a_model_states_a_fisheye_lens(name: str, text: str, mode
     assert read_calibration(path, SIZE).cameras[0].model == model
 
 
+@pytest.mark.parametrize("write", [ros, camera_info, opencv_in_two_files, colmap])
+@pytest.mark.parametrize("letters", [str.upper, str.capitalize])
+def test_two_files_are_found_by_names_in_any_case(
+    write: Callable[[Path, Pair], Path], letters: Callable[[str], str], tmp_path: Path
+) -> None:
+    path = write(tmp_path, Pair())
+    expected = read_calibration(path, SIZE)
+    for item in sorted(tmp_path.rglob("*"), reverse=True):  # files before their folders
+        item.rename(item.with_name(letters(item.name)))
+    named = {str(file).lower(): file for file in (tmp_path, *tmp_path.rglob("*"))}
+    found = read_calibration(named[str(path).lower()], SIZE)
+    for camera, of_lower_case in zip(found.cameras, expected.cameras, strict=True):
+        np.testing.assert_array_equal(camera.p, of_lower_case.p)
+
+
 @pytest.mark.parametrize("write", [ros, camera_info])
 def test_files_named_left_and_right_are_not_exchanged(write: Callable[[Path, Pair], Path], tmp_path: Path) -> None:
     path = write(tmp_path, Pair())
