@@ -1,4 +1,4 @@
-"""The publishers of an external node's answers: whether their process is measured, and whether they change."""
+"""The publishers of an external node's answers: whether their process is measured, and whether the process changes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from sfr_loc_map.replay.process_watch import ProcessWatch
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 
 CHECK_PERIOD_S = 0.2  #: Period of the checks whether the publishers have changed.
+PARTICIPANT_BYTES = 12
+"""Number of first bytes of a global id that identify the DDS participant, of which a process of ROS has one (DDSI-RTPS
+2.5, section 9.3.1). The last bytes identify the publisher in the participant."""
 
 
 class PublisherCheck:
@@ -18,33 +21,33 @@ class PublisherCheck:
         self._peer = peer
         self._topic = topic
         self._watch = watch
-        self._first_ids: set[tuple[int, ...]] | None = None  # of the publishers at the first answer
+        self._first: set[tuple[int, ...]] | None = None  # participants at the first answer
         self._checked_s = 0.0
-        self.is_measured = self._are_measured(self._ids())
+        self.is_measured = self._are_measured(self._participants())
         """Whether the publishers belong to the measured processes; true if no process is measured."""
 
     def note_answer(self) -> None:
         """Note the publishers at the first answer, because a node may create its publisher with its first result."""
-        if self._first_ids is None:
-            self._first_ids = self._ids()
-            self.is_measured = self._are_measured(self._first_ids)
+        if self._first is None:
+            self._first = self._participants()
+            self.is_measured = self._are_measured(self._first)
 
     def have_changed(self) -> bool:
-        """Return whether the publishers differ from those at the first answer; checked once per `CHECK_PERIOD_S`.
+        """Return whether the processes of the publishers differ from those at the first answer.
 
-        A restarted process has another publisher, with another global id. Discovery can take many seconds to report
-        that the publisher of a killed process has disappeared, so that an additional publisher counts, too.
+        This is checked once per `CHECK_PERIOD_S`. Discovery can take many seconds to report that the publisher of a
+        killed process has disappeared, so that the publisher of an additional process counts, too.
         """
         now_s = time.monotonic()
-        if self._first_ids is None or now_s - self._checked_s < CHECK_PERIOD_S:
+        if self._first is None or now_s - self._checked_s < CHECK_PERIOD_S:
             return False
         self._checked_s = now_s
-        return self._ids() != self._first_ids
+        return self._participants() != self._first
 
-    def _are_measured(self, ids: set[tuple[int, ...]]) -> bool:
-        return self._watch is None or self._watch.has_publishers(ids)
+    def _are_measured(self, participants: set[tuple[int, ...]]) -> bool:
+        return self._watch is None or self._watch.has_publishers(participants)
 
-    def _ids(self) -> set[tuple[int, ...]]:
-        """Return the global ids of the publishers."""
+    def _participants(self) -> set[tuple[int, ...]]:
+        """Return the ids of the participants of the publishers."""
         found = self._peer.ros_node.get_publishers_info_by_topic(self._topic)
-        return {tuple(item.endpoint_gid) for item in found}
+        return {tuple(item.endpoint_gid[:PARTICIPANT_BYTES]) for item in found}

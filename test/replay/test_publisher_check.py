@@ -11,18 +11,19 @@ import pytest
 from sfr_loc_map.replay import publisher_check
 from sfr_loc_map.replay.publisher_check import CHECK_PERIOD_S, PublisherCheck
 
-MEASURED, OTHER = (1, 2), (3, 4)
+MEASURED, OTHER = (1,) * 12, (3,) * 12
 
 
 class Graph:
-    """The publishers of a topic, which a test changes."""
+    """The participants of the publishers of a topic, which a test changes; each has another publisher at each look."""
 
     def __init__(self, *ids: tuple[int, ...]) -> None:
         self.ids = ids
+        self.numbers = itertools.count()
 
     def get_publishers_info_by_topic(self, topic: str) -> list[Any]:
         """Return the publishers."""
-        return [SimpleNamespace(endpoint_gid=list(gid)) for gid in self.ids]
+        return [SimpleNamespace(endpoint_gid=[*gid, 0, 0, next(self.numbers), 3]) for gid in self.ids]
 
 
 def check_of(graph: Graph, *, is_watched: bool = True) -> PublisherCheck:
