@@ -41,8 +41,8 @@ def ends_apart(
     count = len(true_position)
     ends = np.minimum(earliest, count)
     searching = np.flatnonzero(ends < count)
-    by_distance = distance_measure(true_position, metres)
-    measures = [by_distance] if turn_deg <= 0.0 else [by_distance, turn_measure(true_attitude, turn_deg)]
+    by_distance = _distance_measure(true_position, metres)
+    measures = [by_distance] if turn_deg <= 0.0 else [by_distance, _turn_measure(true_attitude, turn_deg)]
     while len(searching):
         first = starts[searching]
         last = ends[searching]
@@ -70,7 +70,7 @@ class Measure(NamedTuple):
         return np.where(reached >= self.threshold, ends, np.maximum(earliest, ends + 1))
 
 
-def distance_measure(true_position: FloatArray, metres: float) -> Measure:
+def _distance_measure(true_position: FloatArray, metres: float) -> Measure:
     """Return the straight-line distance between frames, m."""
 
     def between(starts: IntArray, ends: IntArray) -> FloatArray:
@@ -79,7 +79,7 @@ def distance_measure(true_position: FloatArray, metres: float) -> Measure:
     return Measure(between, metres - DISTANCE_TOLERANCE_M, path_length_m(true_position))
 
 
-def turn_measure(true_attitude: FloatArray, turn_deg: float) -> Measure:
+def _turn_measure(true_attitude: FloatArray, turn_deg: float) -> Measure:
     """Return the angle of the shortest rotation between frames, rad."""
 
     def between(starts: IntArray, ends: IntArray) -> FloatArray:

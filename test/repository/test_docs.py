@@ -60,5 +60,5 @@ def test_every_formula_of_the_metrics_has_its_equation() -> None:
     named = re.findall(r"\[`(\w+)`\]\(\.\./sfr_loc_map/metrics/(?:formulas|formulas_beside)\.py\)", section)
     modules = [ROOT / "sfr_loc_map" / "metrics" / name for name in ("formulas.py", "formulas_beside.py")]
     code = "\n".join(module.read_text(encoding="utf-8") for module in modules)
-    defined = re.findall(r"^def (\w+)\(", code, re.MULTILINE)
+    defined = re.findall(r"^def ([a-z]\w*)\(", code, re.MULTILINE)
     assert {*named} == {*defined} - {"statistics"}
