@@ -55,6 +55,20 @@ class PlanFile(msgspec.Struct, frozen=True):
     sha256: str
 
 
+class SuiteRun(msgspec.Struct, frozen=True):
+    """Code, host and time of a run of a suite."""
+
+    git: dict[str, str | None]  #: Commit, branch and date of the code; None if unknown.
+    host: str
+    time: str  #: ISO 8601 in UTC.
+
+    @classmethod
+    def now(cls) -> SuiteRun:
+        """Return the facts of a run that starts now on this host."""
+        time = datetime.now(UTC).isoformat(timespec="seconds")
+        return cls(package_commit()._asdict(), socket.gethostname(), time)
+
+
 class Plan(msgspec.Struct, frozen=True, kw_only=True):
     """Content of `plan.json`.
 
@@ -65,7 +79,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     jobs: list[dict[str, Any]] = []
     limits: dict[str, Any] = {}  #: Limits as stated in the file of the suite.
     refusals: list[dict[str, Any]] = []
-    run: dict[str, Any] = {}  #: Commit, host and time of the last run (`about_run`).
+    run: SuiteRun | None = None  #: The last run; None before the first.
     files: list[PlanFile] = []  #: The file of the suite, and the file of its limits if there is one.
 
 
@@ -79,12 +93,6 @@ class StoredResult(msgspec.Struct, frozen=True):
     """The part of a stored result that describes its job."""
 
     provenance: ResultProvenance | None = None
-
-
-def about_run() -> dict[str, object]:
-    """Return the commit, host and time of the run of a suite. Commit, branch and date are None if unknown."""
-    time = datetime.now(UTC).isoformat(timespec="seconds")
-    return {"git": package_commit()._asdict(), "host": socket.gethostname(), "time": time}
 
 
 class Store:
@@ -145,7 +153,7 @@ class Store:
             jobs=to_plain(jobs),
             limits=to_plain(limits),
             refusals=to_plain(refusals),
-            run=about_run(),
+            run=SuiteRun.now(),
             files=[PlanFile(str(path.absolute()), hash_path(path)) for path in files],
         )
         write_text(json_line(self._plan), self.plan_file)
@@ -179,8 +187,9 @@ class Store:
 
     @property
     def run(self) -> dict[str, Any]:
-        """Code, host and time of the last run."""
-        return dict(self._plan.run)
+        """Code, host and time of the last run as JSON values; empty before the first run."""
+        run = self._plan.run
+        return {} if run is None else msgspec.to_builtins(run)
 
     @property
     def limits(self) -> Limits | None:

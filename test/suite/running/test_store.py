@@ -215,6 +215,18 @@ def test_an_edited_file_of_a_suite_is_read_or_refused(
             json_line(summarise(changed).to_dict())
 
 
+def test_the_facts_of_a_run_replace_no_other_part_of_a_summary(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.save_plan([JOB])
+    path = tmp_path / "plan.json"
+    plan = json.loads(path.read_text())
+    plan["run"] |= {"schema": "x", "counts": 1}
+    path.write_text(json.dumps(plan))
+    found = summarise(Store(tmp_path)).to_dict()
+    assert found == summarise(store).to_dict()
+    assert {"git", "host", "time"} <= found.keys()
+
+
 @pytest.mark.parametrize("text", ["", "null", "[" * 10_000, "{", "\xff", '{"sources": ' + "1" * 5000 + "}"])
 @pytest.mark.parametrize("name", ["plan.json", "workers.json", "results/other.json", "failures/other.json"])
 def test_a_damaged_file_of_a_suite_is_refused_in_one_line(tmp_path: Path, name: str, text: str) -> None:

@@ -60,10 +60,12 @@ def test_a_planned_group_without_a_result_is_undecided(tmp_path: Path) -> None:
 
 def test_a_suite_with_limits_and_without_a_result_is_incomplete(sfr: Sfr, tmp_path: Path) -> None:
     """No group has a verdict, because the only job waits."""
-    store = Store(tmp_path)
-    store.save_plan([JOB], limits={"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 1.0}]})
+    suite, store = tmp_path / "suite.yaml", Store(tmp_path / "out")
+    limits = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 1.0}]}
+    suite.write_text(json.dumps({"sources": ["a"], "limits": limits}))
+    store.save_plan([JOB], limits=limits, files=[suite])
     assert summarise(store).verdict == "incomplete"
-    done = sfr("suite", "report", tmp_path)
+    done = sfr("suite", "report", store.folder)
     assert done.code == 3
     assert "1 of 1 jobs have no result yet" in done.err
     store.save_plan([JOB])
@@ -71,8 +73,10 @@ def test_a_suite_with_limits_and_without_a_result_is_incomplete(sfr: Sfr, tmp_pa
 
 
 def test_a_report_of_a_suite_names_each_refused_source(sfr: Sfr, tmp_path: Path) -> None:
-    Store(tmp_path).save_plan([], [Refusal("gone.mcap", "source 'gone.mcap': no match")])
-    done = sfr("suite", "report", tmp_path, "--json", "-")
+    suite, store = tmp_path / "suite.yaml", Store(tmp_path / "out")
+    suite.write_text("sources: [gone.mcap]\n")
+    store.save_plan([], [Refusal("gone.mcap", "source 'gone.mcap': no match")], files=[suite])
+    done = sfr("suite", "report", store.folder, "--json", "-")
     assert done.code == 2
     assert "skipped: source 'gone.mcap': no match" in done.err
 
