@@ -5,7 +5,7 @@ Recordings (`io.bag.writer.BagRecorder`) are written in place instead, so that t
 An output is written in a hidden folder `.NAME.xxxxxxxx.part` beside its final path, and is renamed when it is complete.
 Only regular files and empty folders are replaced; other folders are replaced on request. If the path is a link, the
 target of the link is replaced. A process holds a lock on its hidden folder while it writes. The next process that
-writes to the same name removes unlocked folders, which belong to killed processes.
+writes an output of the same name removes hidden folders without a lock, because their processes were killed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from sfr_loc_map.inputs import special_kind
 from sfr_loc_map.signals import deferred_signals
 
 SUFFIX = ".part"
-BEFORE = "before"  #: Name of the replaced output in the hidden folder.
+BEFORE = "before"  #: Name of the previous output, which is kept in the hidden folder until the new output is in place.
 _RANDOM = "[a-z0-9_]" * 8  #: Pattern of the random characters that `tempfile` puts into names.
 
 
@@ -39,7 +39,7 @@ def atomic_path(path: Path, *, any_folder: bool = False) -> Iterator[Path]:
     try:
         with _scratch(target) as scratch:
             yield scratch / target.name
-            with deferred_signals():  # a signal waits until the replaced output is removed
+            with deferred_signals():  # until the previous output is removed
                 if any_folder:
                     exchange(scratch / target.name, target, scratch / BEFORE)
                 else:
@@ -53,7 +53,7 @@ def replace_by(new: Path, path: Path) -> None:
     """Replace an output, even a folder with content, by a complete output beside it; both are kept if this fails."""
     target = output_target(path, any_folder=True)
     try:
-        with deferred_signals(), _scratch(target) as scratch:  # a signal waits until the replaced output is removed
+        with deferred_signals(), _scratch(target) as scratch:  # until the previous output is removed
             exchange(new, target, scratch / BEFORE)
     except OSError as error:
         raise _cannot_write(path, error) from error
@@ -88,7 +88,7 @@ def exchange(new: Path, target: Path, before: Path) -> None:
 
 
 def check_output(path: Path) -> None:
-    """Check that an output can be written, before it is computed."""
+    """Raise OutputError if an output cannot be written, so that the fault is reported before the output is computed."""
     target = output_target(Path(path))
     try:
         with _scratch(target):
@@ -123,7 +123,7 @@ def output_target(path: Path, *, any_folder: bool = False) -> Path:
 def _scratch(target: Path) -> Iterator[Path]:
     """Yield a new, locked, hidden folder beside an output, after the removal of unlocked hidden folders.
 
-    If the output is missing and an unlocked folder contains the replaced output, that output is restored first.
+    If the output is missing and an unlocked folder contains the previous output, the previous output is restored first.
     """
     for name in glob.glob(f".{glob.escape(target.name)}.{_RANDOM}{SUFFIX}", root_dir=target.parent):
         left = target.parent / name
@@ -147,7 +147,7 @@ def _locked(folder: Path, kind: int) -> Iterator[None]:
         try:
             fcntl.flock(lock, kind)
         except OSError:
-            if kind != fcntl.LOCK_SH:  # a file system without locks
+            if kind != fcntl.LOCK_SH:  # a shared lock is optional, because some file systems have no locks
                 raise
         if os.fstat(lock).st_uid != os.geteuid():
             raise PermissionError(f"'{folder}' belongs to another user")

@@ -8,7 +8,7 @@ import signal
 import sys
 from collections.abc import Collection
 
-LIBRARY_PATH = "LD_LIBRARY_PATH"  #: Variable of the dynamic linker that ROS requires.
+LIBRARY_PATH = "LD_LIBRARY_PATH"  #: Search path of the dynamic linker, which ROS requires.
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 _LIBRARY = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 """C library, loaded at import because a child must not load a library between fork and exec."""
@@ -30,7 +30,7 @@ def ending_of(code: int) -> str:
 
 
 def adopt_descendants() -> None:
-    """Let the kernel make this process the parent of descendants whose parent ends (Linux), even after exec.
+    """Let the kernel make this process the parent of descendants whose parent ends (Linux); exec keeps this setting.
 
     Otherwise a descendant that forks twice leaves the process tree whose memory and time are measured.
     """

@@ -103,7 +103,7 @@ def split_advice(message: str) -> tuple[str, str]:
 def naming(source: Path | str) -> Iterator[None]:
     """Add the name of a source to the errors that it causes, unless they contain the name.
 
-    A path is quoted, and a text, such as `image of stamp 3`, begins the message as it is.
+    A path is put in quotes before the message. A text, such as `image of stamp 3`, is put there unchanged.
     """
     try:
         yield
@@ -116,7 +116,7 @@ def naming(source: Path | str) -> Iterator[None]:
 
 @contextmanager
 def naming_key(origin: str) -> Iterator[None]:
-    """Add the file and the key to the errors of a parser that knows neither; each becomes a ConfigError."""
+    """Add the file and the key to the errors of a parser that knows neither; raise each error as a ConfigError."""
     try:
         yield
     except (ConfigError, MetricsError) as error:

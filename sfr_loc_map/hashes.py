@@ -1,4 +1,4 @@
-"""SHA-256 of files, folders and arrays, by which results name their inputs."""
+"""SHA-256 of files, folders and arrays, by which results identify their inputs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import missing
 
-if TYPE_CHECKING:  # not needed for files
+if TYPE_CHECKING:  # files are hashed without importing numpy
     import numpy as np
     from numpy.typing import NDArray
 
@@ -33,7 +33,7 @@ def hash_path(path: Path) -> str:
 
 
 def hashed_files(path: Path) -> list[Path]:
-    """Return the files that `hash_path` reads: the given file, or those in the given folder; empty if it is missing."""
+    """Return the files that `hash_path` reads: the given file, or those in the given folder; empty without the path."""
     files = visible_files(path) if path.is_dir() else [path]
     return [file for file in files if file.is_file()]
 
@@ -44,15 +44,16 @@ def is_ignored(path: Path) -> bool:
 
 
 def visible_files(folder: Path) -> list[Path]:
-    """Return all entries of a folder that are not folders, sorted by name; raise OSError if a folder is not readable.
+    """Return the files below a folder, sorted by path; raise OSError if a folder is not readable.
 
-    Links to folders are followed, as by the readers. Entries for which `is_ignored` is true are excluded.
+    Links to folders are followed, because the readers of data sets follow them. Entries for which `is_ignored` is true
+    are excluded.
     """
     return sorted(_visible_files(folder, ()), key=str)
 
 
 def _visible_files(folder: Path, above: tuple[tuple[int, int], ...]) -> Iterator[Path]:
-    """Yield the files of a folder; `above` identifies the enclosing folders, because a link can lead back to one."""
+    """Yield the files of a folder; `above` identifies the enclosing folders, to which a link could lead back."""
     state = folder.stat()
     identity = (state.st_dev, state.st_ino)
     if identity in above:

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from sfr_loc_map.errors import MetricsError
 
-UPTIME = Path("/proc/uptime")  #: Seconds since the start of the host, as the kernel writes them, in steps of 10 ms.
-SYSTEM_CALLS = {"x86_64": 228, "aarch64": 113}  #: Numbers of the system call clock_gettime.
+UPTIME = Path("/proc/uptime")  #: Seconds since the start of the host, written by the kernel in steps of 10 ms.
+SYSTEM_CALLS = {"x86_64": 228, "aarch64": 113}  #: Number of the system call clock_gettime on each processor.
 MONOTONIC = 1  #: Number of the monotonic clock in that system call.
 _LIBRARY = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 MOST_S, MOST_SHARE = 0.1, 0.01
@@ -46,7 +46,7 @@ def check_passed(passed_s: float, kernel_passed_s: float) -> None:
 
 
 class CallClock:
-    """Measures calls with the clock of this process, and compares the sum with the kernel's clock over the same calls.
+    """Measures the durations of calls with the clock of this process, and compares their sum with the kernel's clock.
 
     A comparison over the complete run would miss a library that slows the clock in calls and corrects it between them.
     """
@@ -75,7 +75,7 @@ class _Time(ctypes.Structure):
 
 
 def system_call_s() -> float | None:
-    """Return the seconds of the monotonic clock by a system call; None on other systems and processors.
+    """Return the seconds of the monotonic clock by a system call; None if its number is unknown for this host.
 
     A preloaded library usually replaces only the library function of the clock. A library that also replaces `syscall`
     must be written for that purpose.

@@ -59,11 +59,11 @@ MAX_TABLE_BYTES = 256 * MB  #: Maximum size of a text table: a trajectory of 1.5
 MAX_TABLE_LINES = 4_000_000
 MAX_LINE_BYTES = 64_000
 BLOCK_BYTES = 4 * MB  #: Approximate size of the blocks of whole lines in which tables are read, to limit memory.
-FREE_BYTES = 64 * 2**20  #: Decompressed size that is always accepted.
+FREE_BYTES = 64 * 2**20  #: Decompressed size that is always accepted, bytes.
 LARGEST_RATIO = 20
 """Maximum ratio of decompressed to compressed size above `FREE_BYTES`. Images and points of real sensors have lower
 ratios."""
-HEAD_BYTES = 4096  #: Size of the head of a file that shows whether it is a text.
+HEAD_BYTES = 4096  #: Number of bytes at the start of a file by which a text is recognised.
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 _LONGEST_POINTER = 1024  #: Maximum size of a Git LFS pointer, bytes (git-lfs spec.md).
 _SPECIAL_FILES = {
@@ -76,7 +76,10 @@ _SPECIAL_FILES = {
 
 
 def parent_of(path: Path) -> Path:
-    """Return the folder that contains a path; unlike `Path.parent`, also of `.` and of paths that end in `..`."""
+    """Return the folder that contains a path.
+
+    Unlike `Path.parent`, this is correct for `.` and paths that end in `..`.
+    """
     return path / ".." if path.name in ("", "..") else path.parent
 
 
@@ -181,5 +184,5 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
 
 
 def expansion_limit(compressed: int) -> int:
-    """Return the maximum decompressed size, bytes, of data with a compressed size in bytes."""
+    """Return the maximum decompressed size of data with this compressed size, both in bytes."""
     return max(FREE_BYTES, LARGEST_RATIO * compressed)

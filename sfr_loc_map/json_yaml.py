@@ -1,4 +1,4 @@
-"""JSON and YAML from outside: plain values of bounded nesting, number and length.
+"""JSON and YAML from outside: plain values whose nesting, number and length are bounded.
 
 A rejected text raises the error that the parser itself would raise (`ValueError`, `yaml.YAMLError`). `inputs` reads the
 files.
@@ -18,7 +18,8 @@ T = TypeVar("T")
 
 MAX_DEPTH = 64  #: Maximum nesting depth of JSON and YAML.
 MAX_NODES = 100_000  #: Maximum number of values of a YAML file after expansion of its aliases.
-MAX_DIGITS = 20  #: Maximum length of an integer in JSON and YAML: 64 bits have 19 digits and a sign.
+MAX_DIGITS = 20
+"""Maximum length of an integer in JSON and YAML: a signed 64-bit integer has up to 19 digits and a sign."""
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
 _INTEGER = re.compile(r"[-+]?(?:0b[01_]+|0x[0-9a-fA-F_]+|[0-9][0-9_]*)$")
 _DECIMAL = re.compile(r"[-+]?(?:[0-9][0-9_]*\.[0-9_]*|\.[0-9][0-9_]*|\.(?:inf|Inf|INF))$|\.(?:nan|NaN|NAN)$")
@@ -115,7 +116,7 @@ def _line_of(error: yaml.MarkedYAMLError) -> str:
 
 
 class _BoundedLoader(yaml.SafeLoader):
-    """Loader of plain types with bounded nesting and integers."""
+    """Loader of plain types that bounds the nesting and the length of integers."""
 
     depth = 0
 
@@ -131,11 +132,11 @@ class _BoundedLoader(yaml.SafeLoader):
         node = super().compose_mapping_node(anchor)
         keys: set[Any] = set()
         for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
-            if key.style is None and _EXPONENT.match(key.value):  # a name such as `1e-3`
+            if key.style is None and _EXPONENT.match(key.value):  # `1e-3` as a key is a name
                 key.tag = "tag:yaml.org,2002:str"
-            if key.tag == "tag:yaml.org,2002:merge":  # several merge keys are several maps
+            if key.tag == "tag:yaml.org,2002:merge":  # a mapping may merge several others
                 continue
-            name = self.construct_object(key)  # different texts may have one value, such as 1 and 01
+            name = self.construct_object(key)  # different texts may have the same value, such as 1 and 01
             if name in keys:  # the library would keep the last value
                 raise yaml.YAMLError(f"'{key.value}' occurs twice, the second time in line {key.start_mark.line + 1}")
             keys.add(name)

@@ -1,11 +1,13 @@
-"""Load the kernels of a part. If they are not compiled yet, a separate process compiles them first.
+"""Load the compiled functions (numba kernels) of a part: localisation, mapping or terrain.
+
+If the kernels are not compiled yet, a separate process compiles them first:
 
     python -m sfr_loc_map.kernels localisation mapping terrain
 
 The compiler takes about 300 MB, which a process does not release. In the first run after an installation, this memory
 would be scored as memory of the localiser or the mapper. A compilation that begins in this process is therefore
-stopped, this module is run in a separate process, and the kernels are loaded from the cache. Each part takes up to a
-minute of one core the first time.
+stopped, this module is run in a separate process, and the kernels are loaded from the cache. The compilation of a part
+takes up to a minute on one core.
 """
 
 from __future__ import annotations
@@ -29,8 +31,8 @@ from sfr_loc_map.signals import END_SIGNALS
 
 COMPILE = "numba:compile"  # numba's event of a compilation; loading from the cache has no event
 POLL_S = 0.1
-PERIOD_S = 3.0  # period of progress lines
-SIGNAL_S = 1.0  # maximum delay until this process receives the signal that ended the compiling process
+PERIOD_S = 3.0  # period of progress lines, s
+SIGNAL_S = 1.0  # maximum delay, s, until this process receives the signal that ended the compiling process
 Say = Callable[[str], None]
 _ONE_AT_A_TIME = threading.Lock()
 
@@ -61,14 +63,14 @@ def load_kernels(
             raise KeyboardInterrupt
 
     with _signals_deferred() if is_wanted is None else nullcontext(is_wanted) as goes_on, _ONE_AT_A_TIME:
-        with event.install_listener(COMPILE, _Listener(refuse)):  # called in every thread
+        with event.install_listener(COMPILE, _Listener(refuse)):  # numba calls the listener in every thread
             try:
                 PARTS[part]()
                 return
-            except _NotCompiledError:  # within the listener, because other threads may still run
+            except _NotCompiledError:  # with the listener, so that no other thread compiles meanwhile
                 _compile_beside(part, say, goes_on)
         guard = event.install_listener(COMPILE, _Listener(end_when_unwanted))
-        with guard, announce_compilation(say):  # kernels are compiled here if they were not saved
+        with guard, announce_compilation(say):  # kernels that the other process did not save are compiled here
             PARTS[part]()
 
 
@@ -77,7 +79,7 @@ class _NotCompiledError(Exception):
 
 
 class _Listener(event.Listener):
-    """Calls a function with the kernel before each compilation. An exception in the function stops the compilation."""
+    """Calls a function before each compilation, with the kernel. An exception in the function stops the compilation."""
 
     def __init__(self, before: Callable[[object], None]) -> None:
         self._before = before

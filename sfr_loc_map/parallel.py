@@ -1,4 +1,4 @@
-"""Work shared by two threads: left and right image, two halves of many points, or a call in parallel to others.
+"""Work shared by two threads: the left and right image, the halves of many points, or a call beside other calls.
 
 Results do not depend on timing. The functions release the interpreter lock (`nogil` kernels, OpenCV), so that both
 threads run in parallel.
@@ -18,7 +18,9 @@ from typing import Any, Generic, NamedTuple, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-MIN_POINTS = 64  #: Minimum number of points that are divided between threads: fewer take less time than the hand-over.
+MIN_POINTS = 64
+"""Minimum number of points that are divided between threads. Fewer points take less time than the hand-over of a
+call."""
 R = TypeVar("R")
 Rows = TypeVar("Rows", bound=NDArray[np.float64] | tuple[NDArray[Any], ...])
 """An array with a row for each point, or a `NamedTuple` of such arrays."""
@@ -50,8 +52,8 @@ class _Task(NamedTuple):
 class _SecondThread:
     """A thread that runs in parallel to its caller.
 
-    A hand-over takes 53 us of CPU time. With a `ThreadPoolExecutor` and its futures it takes 69 us (empty calls on
-    a busy host with two cores).
+    Handing a call to this thread takes 53 us of CPU time. With a `ThreadPoolExecutor` and its futures it takes 69 us
+    (empty calls on a busy host with two cores).
     """
 
     def __init__(self) -> None:
@@ -74,8 +76,8 @@ class _SecondThread:
         """Restrict the thread to the other cores whenever the core of the caller has changed.
 
         The scheduler may place a thread on the core of the thread that wakes it, where it waits for milliseconds. This
-        is longer than the work takes (measurements/localiser_trials.md, "Beside other methods, and the changes that
-        followed").
+        wait is longer than a typical task (measurements/localiser_trials.md, "Beside other methods, and the changes
+        that followed").
         """
         core = None if _current_core is None else _current_core()
         if core is None or core == self._avoided_core:
@@ -87,7 +89,7 @@ class _SecondThread:
                 os.sched_setaffinity(self._number, others)
 
 
-_second_thread = cache(_SecondThread)  #: The thread, which starts with the first task.
+_second_thread = cache(_SecondThread)  #: The thread, which is started for its first task.
 
 
 def beside(function: Callable[..., R], *arguments: Any) -> Pending[R]:  # noqa: ANN401 - of the function
@@ -107,7 +109,7 @@ def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ..
 
 
 def in_halves(function: Callable[..., Rows], *points: Any) -> Rows:  # noqa: ANN401 - any arrays
-    """Return `function(*points)`, a row for each point, from two calls with half of the points each.
+    """Return `function(*points)`, which has a row for each point, from two calls with half of the points each.
 
     The row of a point must depend only on that point. Points are arrays with a row for each point, or named tuples of
     such arrays.

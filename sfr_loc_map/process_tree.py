@@ -36,7 +36,7 @@ class TreeUsage:
 
 
 class ProcessTree:
-    """A process and its descendants; a supervisor itself is not counted."""
+    """A process and its descendants. If the process is the supervisor of a method, only its descendants are counted."""
 
     def __init__(self, root: int, *, is_supervisor: bool = False) -> None:
         self._root = psutil.Process(root)
@@ -44,14 +44,14 @@ class ProcessTree:
         self._members: list[psutil.Process] = []  # at the last reading
 
     def members(self) -> list[psutil.Process]:
-        """Return the present processes."""
+        """Return the counted processes that exist now."""
         members = [] if self._is_supervisor else [self._root]
         with suppress(psutil.Error):
             members += self._root.children(recursive=True)
         return members
 
     def cpu_s(self) -> float:
-        """Return the processor time of the processes of the last `usage`, s; this is faster than `usage`."""
+        """Return the processor time of the processes found by the last call of `usage`, s; faster than `usage`."""
         cpu_s = 0.0
         with suppress(psutil.Error):
             if self._is_supervisor:
@@ -93,7 +93,7 @@ def bytes_of_nameless_files(processes: Sequence[int], socket_bytes: int = 0) -> 
     """Return the storage of the files without a name that processes have open or have mapped; each file counts once.
 
     Such a file is in no folder, and the resident memory of a process includes only its pages that are mapped and in
-    use. A socket counts `socket_bytes`.
+    use. Each socket counts as `socket_bytes`.
     """
     stored: dict[tuple[int, int], int] = {}
     mapped: dict[tuple[int, int], int] = {}
@@ -108,14 +108,14 @@ def bytes_of_nameless_files(processes: Sequence[int], socket_bytes: int = 0) -> 
                         stored[about.st_dev, about.st_ino] = socket_bytes
         for file, size in _nameless_mapped_files(process).items():
             mapped[file] = max(mapped.get(file, 0), size)
-    return sum((mapped | stored).values())  # the storage of an open file is exact
+    return sum((mapped | stored).values())  # for open files, the exact storage replaces the estimate from mappings
 
 
 def _nameless_mapped_files(process: int) -> dict[tuple[int, int], int]:
     """Return the storage of the files without a name that a process has mapped as shared, by device and number.
 
-    Without the right to examine the files of mappings (CAP_SYS_ADMIN or CAP_CHECKPOINT_RESTORE), the end of the last
-    mapping in the file counts. A file has several mappings if a process has changed the access to a part of it.
+    Without the right to examine the files of mappings (CAP_SYS_ADMIN or CAP_CHECKPOINT_RESTORE), a file counts up to
+    the end of its last mapping. A file has several mappings if a process has changed the access to a part of it.
     """
     stored: dict[tuple[int, int], int] = {}
     with suppress(OSError):
@@ -138,8 +138,8 @@ def _nameless_mapped_files(process: int) -> dict[tuple[int, int], int]:
 def bytes_of_files(folder: Path, provided: Path, provided_bytes: int) -> int:
     """Return the storage of all files below a folder; files that vanish meanwhile are ignored.
 
-    Of the file `provided`, only the storage beyond `provided_bytes` counts. OSError if a folder or a file cannot be
-    examined, for example because its path is too long.
+    Of the file `provided`, only the storage beyond `provided_bytes` counts. Raises OSError if a folder or a file cannot
+    be examined, for example because its path is too long.
     """
     stored = 0
     for parent, _, names in os.walk(folder, onerror=_raise_unless_vanished):

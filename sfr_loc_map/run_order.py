@@ -2,10 +2,11 @@
 
 A run is one continuous sequence of stamps; a recording that is played again begins a new run. Nodes and the live page
 detect new runs by this module. Where a stamp has another meaning, such as the end of a path or the time of a clock,
-another rule holds (docs/nodes.md, "Time"). Items of another time than the run (`is_of_another_time`) begin a new run
-once enough of them arrive in the order of their stamps. `RunOrder` requires items in order, such as the images of a
-rig. `AnyOrder` accepts items in any order, such as the poses that monitor and live page receive. `CommonRuns` keeps the
-runs of several sources in step, such as estimate and ground truth.
+another rule holds (docs/nodes.md, "Time"). An item is *of another time* than the run if its stamp is 1 s or more
+before, or 1 h or more after, the last stamp of the run (`is_of_another_time`). Such items begin a new run once enough
+of them arrive in the order of their stamps. `RunOrder` requires items in order, such as the images of a rig. `AnyOrder`
+accepts items in any order, such as the poses that monitor and live page receive. `CommonRuns` keeps the runs of several
+sources in step, such as estimate and ground truth.
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ from sfr_loc_map.message_stamps import JUMP_BACK_NS, jumped_back
 T = TypeVar("T")
 LEAP_NS = 3600 * 1_000_000_000
 """A stamp ahead of the last stamp by this many nanoseconds or more is taken to be from another clock."""
-AGREEING = 3  #: Number of consecutive increasing stamps of another time that begin a new run.
+AGREEING = 3  #: Number of consecutive items of another time that begin a new run if their stamps increase.
 REGULAR = 10
-"""Number of consecutive increasing stamps, none received earlier, that begin a new run. Only 1 of 3.6 million
-permutations of ten stamps increases."""
+"""Number of consecutive increasing stamps at a regular pace that begin a new run even if none was received earlier.
+Only 1 of 3.6 million permutations of ten stamps increases."""
 PACE = 4
-"""Maximum ratio of the duration of these stamps to their number times their median step. The ratio exceeds 1 if
-messages are lost."""
-JOIN = 2.0  #: An earlier item joins a run if it precedes the run by at most this many mean steps of the run.
+"""Maximum duration of `REGULAR` or more stamps at a regular pace, as a multiple of their number times their median
+step. Lost messages increase the duration."""
+JOIN = 2.0  #: An earlier item joins a run if it precedes the first stamp by at most this many mean steps of the run.
 
 
 def is_of_another_time(last_ns: int, stamp_ns: int) -> bool:
@@ -38,7 +39,7 @@ def is_of_another_time(last_ns: int, stamp_ns: int) -> bool:
 
 
 def continues_held(held_ns: int, last_ns: int, stamp_ns: int) -> bool:
-    """Return whether a stamp of another time than a run follows the last held stamp, on the same side of the run.
+    """Return whether a stamp of another time than a run exceeds the last held stamp and is on the same side of the run.
 
     `last_ns` is the last stamp of the run: held stamps are all before or all after the run.
     """
@@ -72,8 +73,9 @@ class RunOrder(StampOrder[T]):
 
     An item whose stamp does not exceed the last stamp is late. An item of another time (`is_of_another_time`) is held.
     Once `agreeing` held items have increasing stamps, all before or all after the last stamp, they are accepted. Items
-    before the last stamp begin a new run; with items after it, the run continues. If an item of the run or of the other
-    side arrives first, the held items are strays. An item with a stamp of zero or less is also a stray.
+    before the last stamp begin a new run; with items after it, the run continues. If an item of the run, or of another
+    time on the opposite side of the run, arrives before that, the held items are strays. An item with a stamp of zero
+    or less is also a stray.
     """
 
     def __init__(self, agreeing: int = AGREEING) -> None:
@@ -165,7 +167,8 @@ class AnyOrder(StampOrder[T]):
     def _begin(self, stamps_ns: list[int]) -> None:
         self._seen = array("q", stamps_ns)  # stamps of the run, sorted; 8 bytes each
         self._early: list[tuple[int, T]] = []  # items from before the run, sorted by stamp
-        self._chain: list[tuple[int, T, bool]] = []  # recent items that may begin a run, and whether each is dropped
+        # recent items that may begin a run, and whether each is dropped if it begins none
+        self._chain: list[tuple[int, T, bool]] = []
 
     def release(self) -> list[T]:
         """Restart, because another source has begun a run, and return the items that may belong to the run."""
@@ -247,8 +250,9 @@ class CommonRuns(Generic[T]):
     """Assigns the stamped items of several sources to common runs.
 
     The first source that begins a new run begins it for all sources. Items that the other sources hold for a new run
-    are then accepted. Late items of the previous run are dropped until a stamp fits the new run. Otherwise results of
-    the previous run, which arrive later than the ground truth of the same stamp, would restart that run.
+    are then accepted. Late items of the previous run are dropped until their source sends a stamp that fits the new
+    run. Otherwise results of the previous run, which arrive later than the ground truth of the same stamp, would
+    restart that run.
     """
 
     def __init__(self, orders: Mapping[str, StampOrder[tuple[str, int, T]]]) -> None:

@@ -19,7 +19,7 @@ from typing import Any
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SAME_WISH_S = 1.0  #: A signal within this time after the previous signal, s, is part of the same request.
-AGAIN_S = 0.1  #: Delay after which a signal is repeated whose exception was lost, s.
+AGAIN_S = 0.1  #: Delay, s, after which a signal is repeated if its exception was lost.
 
 
 class _Wish:
@@ -63,7 +63,7 @@ def hold() -> None:
 def stopping(stop: Callable[[], object] = lambda: None) -> Iterator[Callable[[], bool]]:
     """Let the first signal within the block call `stop`, and the next signal raise KeyboardInterrupt.
 
-    Yield a function that returns whether a signal was received. A signal that was ignored after `hold` counts.
+    Yield a function that returns whether a signal was received. Signals that were ignored after `hold` count, too.
     """
     received, held = [True] * _now.ignored, _now.held
 

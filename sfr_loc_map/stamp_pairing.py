@@ -19,7 +19,7 @@ WAITING = 1000  #: Queue depth of each stream if all stamps are known in advance
 
 
 def below_half_period(tolerance_ns: int, *gaps_ns: Collection[int]) -> int:
-    """Return the tolerance, limited to less than half of the shorter period of the streams with these gaps."""
+    """Return the tolerance, limited to less than half of the shorter period; `gaps_ns` has the gaps of each stream."""
     periods = [median_low(gaps) for gaps in gaps_ns if gaps]
     if not periods:
         return tolerance_ns
@@ -66,9 +66,9 @@ class StampPairing(Generic[T]):
 
     The stamps of each stream increase until the stream returns to an earlier stamp. An item is therefore dropped, and
     counted as `unpaired`, when the other stream has reached a later stamp and both streams have gone back to an earlier
-    stamp the same number of times. `run_order`, which receives the pairs, decides whether a return begins a new run.
-    `overflowed` counts items that were dropped because their queue was full. The tolerance is less than half of the
-    shorter period, so that items of neighbouring frames are not paired.
+    stamp the same number of times. `run_order`, which receives the pairs, decides whether such a return begins a new
+    run. `overflowed` counts items that were dropped because their queue was full. The tolerance is less than half of
+    the shorter period, so that items of neighbouring frames are not paired.
     """
 
     def __init__(self, tolerance_ns: int, depth: int) -> None:

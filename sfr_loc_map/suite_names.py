@@ -6,13 +6,14 @@ from enum import StrEnum
 from typing import Literal
 
 Side = Literal["left", "right"]
-SIDES: tuple[Side, Side] = ("left", "right")  #: The cameras of a stereo rig, in the order of all files and topics.
+SIDES: tuple[Side, Side] = ("left", "right")
+"""The cameras of a stereo rig, in the order that all files and lists of topics use."""
 SIDES_OF = (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("image_left", "image_right"), ("l", "r"))
 """Names of the folders of left and right images, in lower case."""
 IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".pgm", ".ppm")  #: Suffixes of image files, in lower case.
 OURS = "sfr"  #: Name of the suite's own localiser and mapper among the methods.
 MONITOR_NODE = "monitor_node"
-PLAYER_NODE = "sfr_player"  #: Node of a replay.
+PLAYER_NODE = "sfr_player"  #: Name of the ROS node that publishes a recording in a replay.
 
 
 class Task(StrEnum):

@@ -18,8 +18,8 @@ from sfr_loc_map.message_types import COMPRESSED, IMAGE
 
 MUCH_LOST = 0.1  #: Fraction of lost messages above which the transport is probably not configured for large messages.
 COMPARABLE_NS = 60 * NS_PER_S
-"""Largest difference between comparable clocks, ns. A played recording, or a host whose clock is not set, exceeds this
-difference."""
+"""Largest difference between two clocks whose times are compared, ns. With a played recording, or on a host whose clock
+is not set, the difference is larger."""
 
 
 class Reliability(StrEnum):
@@ -75,7 +75,7 @@ def doubled_publishers(topic: str, publishers: Sequence[Publisher]) -> Issue | N
 
 
 def _fix_of_type(topic: str, wanted: Sequence[str], found: str) -> str:
-    """Return the fix for a wrong type; raw and compressed images have different names."""
+    """Return the fix for a wrong type. Raw and compressed images require topics of different names."""
     if found == COMPRESSED and IMAGE in wanted:
         return f"name the topic of compressed images EXPECTED/compressed: sfr run -r EXPECTED/compressed:={topic}"
     if found == IMAGE and COMPRESSED in wanted:

@@ -42,10 +42,12 @@ FAULTS = (
 )  # fmt: skip
 """Faults of real rovers; a row for each kind that a localiser should detect or tolerate (`faults/kinds.py`).
 
-A rotation of 0.06 deg is about half a pixel at 512 px and 60 deg field of view.
+A rotation of 0.06 deg is about half a pixel at an image width of 512 px and a field of view of 60 deg.
 """
 NO_FAULT = "none"  #: Name of the drive without a fault.
-SILENT_RATIO = 5.0  #: An error above this many stated 3 sigma is silent, because 15 sigma cannot be random (chosen).
+SILENT_RATIO = 5.0
+"""Multiple of the stated 3 sigma above which an error is silent. Chosen, because an error of 15 sigma cannot be
+random."""
 VALID = (TrackingState.INITIALISING, TrackingState.TRACKING)  #: States in which pose and covariance are valid.
 
 
@@ -66,7 +68,8 @@ class StatedErrors:
     degraded: int  #: Number of degraded pairs.
     lost: int  #: Number of lost pairs.
     compared: int = 0  #: Number of pairs with a valid state that have a true pose at their stamp.
-    position_ratio: float | None = None  #: Largest ratio of a position error to its 3 sigma (from the trace).
+    position_ratio: float | None = None
+    """Largest ratio of a position error to its 3 sigma, with sigma^2 the trace of the covariance."""
     attitude_ratio: float | None = None  #: Largest ratio of an attitude error to its 3 sigma.
     step_ratio: float | None = None  #: Largest ratio of the translation or rotation error of a step to its 3 sigma.
     beyond_share: float | None = None  #: Fraction of compared pairs with a ratio above `SILENT_RATIO`.
@@ -109,7 +112,7 @@ class FaultBenchmark:
     seed: int  #: Seed that selects the affected pairs.
     faults: Sequence[str]  #: All requested faults, after `NO_FAULT`.
     entries: Mapping[str, FaultEntry]  #: By fault.
-    missing: Mapping[str, str]  #: Reasons of faults without figures.
+    missing: Mapping[str, str]  #: Why faults have no figures, by fault.
     provenance: Mapping[str, Any]
 
     @property
@@ -208,7 +211,7 @@ def benchmark_faults(
 ) -> FaultBenchmark:
     """Localise a drive with ground truth without a fault and with each fault, and return the figures.
 
-    Several faults may be joined by `+`. After an interrupt, the finished faults are reported.
+    An item of `faults` may join several faults by `+`. After an interrupt, the finished faults are reported.
     """
     truth = sequence.ground_truth
     assert truth is not None

@@ -47,7 +47,7 @@ class MethodBenchmark:
     settings: Mapping[str, object]  #: Settings of the trial.
     provenance: Mapping[str, Any]
     entries: Mapping[str, MethodEntry]  #: Figures by method name; the suite's own method is the first.
-    failed: Mapping[str, str]  #: Reasons of methods without an entry, by method name.
+    failed: Mapping[str, str]  #: Why methods have no entry, by method name.
     findings: Mapping[str, list[str]]  #: Findings during the calls, by method name.
     interrupted: str = ""  #: Number of finished passes if the user interrupted the benchmark; otherwise empty.
 

@@ -47,7 +47,7 @@ class PassResult(Generic[Result]):
 def run_pass(
     method: Method, trial: Trial[Item, Opened, Result], progress: Callable[[], None] = lambda: None
 ) -> PassResult[Result]:
-    """Process all pairs with a method; MethodError if the process does not start or has ended.
+    """Process all pairs with a method; raise MethodError if the process does not start or has ended.
 
     The method receives the pairs at the rate of their stamps if the trial is paced, otherwise as fast as it answers.
     """

@@ -60,7 +60,7 @@ class Trial(ABC, Generic[Item, Opened, Result]):
 
     @property
     def rate_scale(self) -> float:
-        """Factor on the recorded rate, at which a paced method receives the pairs."""
+        """Ratio of the rate at which a paced method receives the pairs to the recorded rate."""
         return 1.0
 
     @abstractmethod
@@ -195,7 +195,10 @@ class MapperTrial(Trial[PosedStereoPair, IsolatedMapper, PointCloud]):
 
     @classmethod
     def of(cls, sequence: NavSequence, config: MappingConfig, hidden: Sequence[Path]) -> MapperTrial:
-        """Return the trial of a source with the disparity range of a configuration; InputError for too many pairs."""
+        """Return the trial of a source with the disparity range of a configuration.
+
+        Raises InputError for too many pairs.
+        """
         truths = [PairTruth.of(item, sequence.rig) for item in sequence.pairs()]
         if len(truths) > MAX_MAPPED_PAIRS:
             raise InputError(

@@ -198,7 +198,7 @@ def _pairs(seen: Observation, rig: str) -> Issues:
     if not len(left) or not len(right):  # images were received but are unusable
         return
     share, typical_ns = _paired(left, right, seen.tolerance_ns(rig))
-    share = min(share / (1.0 - seen.lost_share(rig)), 1.0)  # not counting images whose partner was lost
+    share = min(share / (1.0 - seen.lost_share(rig)), 1.0)  # images whose partner was lost in transport do not count
     text = f"{share:.0%} of the left images have a right image {_within(seen, rig)}"
     if PAIRED <= share < COMPLETE:
         fix = "check for lost images: transport, quality of service, load"

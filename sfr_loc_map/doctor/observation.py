@@ -52,7 +52,7 @@ class ObservedTopic:
     stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))  #: `(N,)`, in the order of reception.
     messages: tuple[Any, ...] = ()  #: The first messages, with fields as attributes.
     requests: Mapping[str, Reliability] = field(default_factory=dict)  #: Requested reliability by node of the suite.
-    lost: int = 0  #: Messages that were published between received messages, but were not received.
+    lost: int = 0  #: Number of messages that were published between received messages, but were not received.
 
     @property
     def is_published(self) -> bool:
@@ -90,9 +90,10 @@ class Observation:
     kind: SourceKind = SourceKind.BAG
     prefix: str = ""  #: Prefix of the suite's names in the graph.
     topics: Mapping[str, ObservedTopic] = field(default_factory=dict)  #: Existing topics by suite name.
-    ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  #: Possible topics.
+    ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  #: Possible topics by suite name.
     others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  #: Types of all topics by name.
-    stamp_tolerance_ns: int = SyncConfig().stamp_tolerance_ns  #: Of the configuration, used for rigs without a node.
+    stamp_tolerance_ns: int = SyncConfig().stamp_tolerance_ns
+    """Tolerance in the configuration, for rigs without a node."""
     extrinsics_given: bool = False  #: Whether a parameter file gives the extrinsics.
     extrinsics_in_tf: bool | None = False  #: Whether /tf_static (files: rig.json) gives them; None: unreadable.
     nodes: tuple[ObservedNode, ...] = ()

@@ -13,10 +13,10 @@ a received message as values.
 
 The feed writes the received data to the state, and the operator writes the results of commands. The server adds the end
 of the run, viewers select the displayed media, and `messages` and `terminal` advance the time of the timeline
-(`LiveState.tick`). Each view reads the state while it holds `LiveState.lock`, and never delays the feed.
-`headline` composes the verdict for all views, and `displayed_media` states which images and maps the feed must prepare.
-`page_process` starts the page beside `sfr run` or a replay, as a process that runs `main`. `run_end` reports to this
-process how the run ended. `config`, `access` and `connections` protect the server.
+(`LiveState.tick`). Each view reads the state while it holds `LiveState.lock`, and never delays the feed. `headline`
+composes the verdict for all views, and `displayed_media` states which images and maps the feed must prepare.
+`page_process` starts the page beside `sfr run` or a replay, as a process that runs `main`. `run_end` reports to the
+process of the page how the run ended. `config`, `access` and `connections` protect the server.
 """
 
 import lazy_loader

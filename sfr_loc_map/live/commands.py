@@ -1,4 +1,4 @@
-"""Commands of an operator to the nodes, and what executes them."""
+"""Commands of an operator to the nodes, and the interface of their execution."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_TEXT = 200  #: Maximum length of a command's texts.
 
 
 class Action(StrEnum):
-    """Requests to the nodes."""
+    """Actions that an operator can request."""
 
     ACTIVATE = "activate"
     DEACTIVATE = "deactivate"
@@ -29,7 +29,7 @@ class Action(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A request, with the node or the text of a bookmark if the action requires it."""
+    """A requested action, with the name of a node or the text of a bookmark if the action requires one of them."""
 
     action: Action
     node: str = ""
@@ -37,7 +37,7 @@ class Command:
 
     @classmethod
     def parse(cls, text: bytes) -> Command:
-        """Return the command of untrusted JSON; raise an InputError if the command is invalid."""
+        """Parse a command from untrusted JSON; raise an InputError if the command is invalid."""
         try:
             found = msgspec.json.decode(text, type=cls)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

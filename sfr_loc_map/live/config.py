@@ -36,7 +36,7 @@ class LiveConfig:
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether a host is this host by a name or address that no other host can have."""
+    """Return whether a host name or address always denotes this host (loopback)."""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:

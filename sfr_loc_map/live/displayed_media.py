@@ -8,7 +8,7 @@ from sfr_loc_map.live.updates import MediaKind
 
 
 class DisplayedMedia:
-    """Which kinds of media each viewer displays. Methods may be called in any thread."""
+    """The kinds of media that each viewer displays. Methods may be called in any thread."""
 
     def __init__(self) -> None:
         self._lock = Lock()

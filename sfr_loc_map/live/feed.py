@@ -1,7 +1,7 @@
 """Passes the messages of the nodes to a `LiveState`, in its own thread.
 
-Small messages are always received; images, feature tracks and clouds only while a viewer shows them. Images above the
-displayed rate are dropped before decoding.
+Small messages are always received. Images, feature tracks and clouds are received only while a viewer shows them.
+Images above the displayed rate are dropped before decoding.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ SPIN_S = 0.1  #: Maximum wait of the executor, which bounds the time to end the 
 IMAGE_PERIOD_S = 0.15  #: Minimum interval between displayed image pairs.
 MAX_MAPS = 8  #: Maximum number of waiting clouds, elevation and hazard grids; the oldest are dropped.
 SHOWN_KINDS = (StatusKind.HEALTH, StatusKind.INPUT, StatusKind.FAULT)
-"""Statuses that are displayed; calls are received as records."""
+"""Kinds of status that are displayed. Statuses of calls are not among them, because calls are received as records."""
 BEST_EFFORT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 IMAGE_QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 TRUTH_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -159,7 +159,7 @@ class RosFeed(Peer):
         match media:
             case updates.MediaKind.IMAGES:  # image topics are subscribed to once they have a publisher
                 return [self._receive(PointCloud2, TRACKS, self._on_tracks, IMAGE_QOS)]
-            case updates.MediaKind.MAPS:  # the cloud has the errors, and replaces a missing grid
+            case updates.MediaKind.MAPS:  # the cloud gives the errors, and a grid if none is published
                 return [
                     self._receive_map(CLOUD, PointCloud2, self._maps.add_cloud, LATCHED),
                     self._receive_map(ELEVATION, PointCloud2, self._maps.add_elevation, LATCHED),
@@ -167,7 +167,7 @@ class RosFeed(Peer):
                 ]
 
     def _find_image_topic(self, name: str) -> None:
-        """Subscribe to the first published topic of an image; report if there is none.
+        """Subscribe to the first of an image's topics that has a publisher; report if no topic has one.
 
         The subscription to a topic without a publisher ends once another topic of the image has a publisher.
         """

@@ -1,4 +1,4 @@
-"""When data of a run are stale: limits of the silence of nodes and topics, and the last message of a topic."""
+"""When data of a run are stale: the permitted silence of nodes and topics, and the last message of each topic."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Freshness:
 
 
 NODE_FRESHNESS = Freshness(after_s=1.5, periods=1.6)
-"""A node reports its health by a timer, with the period in the report, so one missing report makes it stale."""
+"""Limits for a node. A timer publishes the health and the report states its period, so one missing report suffices."""
 TOPIC_FRESHNESS = Freshness(after_s=1.6, periods=3.0)
-"""The period of a topic varies with its source, so two messages may be missing."""
+"""Limits for a topic. The period of a topic varies with its source, so two messages may be missing."""
 SLOWEST_PERIOD_S = 5.0
 """Assumed period of a topic with a single message, s: a longer period of poses or figures is unusual."""
 
@@ -42,7 +42,7 @@ class ReceivedTopic:
         return cls(stamp_ns, received_s, 0.8 * known + 0.2 * passed_s if known else passed_s)
 
     def is_stale(self, now_s: float) -> bool:
-        """Return whether the topic has been silent for longer than `TOPIC_FRESHNESS`."""
+        """Return whether the topic has been silent for longer than `TOPIC_FRESHNESS` permits."""
         return TOPIC_FRESHNESS.is_stale(now_s - self.received_s, self.period_s or SLOWEST_PERIOD_S)
 
     def age_s(self, now_s: float) -> float:

@@ -17,7 +17,8 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.signals import handle_signals
 
-NICENESS = 5  #: Niceness of the page. Under full load, it has a third of the processor time of a node (sched(7)).
+NICENESS = 5
+"""Niceness of the page. Under full load, the page gets a third of the processor time of a node (sched(7))."""
 
 
 def serve_page(

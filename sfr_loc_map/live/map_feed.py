@@ -50,7 +50,10 @@ class MapFeed:
         self._truth.add(stamp_of(message), points_image(message, size))
 
     def add_call(self, call: CallRecord) -> None:
-        """Add a call of the mapper. The call of a fusion names the pairs of its cloud and may follow the cloud."""
+        """Add a call of the mapper.
+
+        The call of a fusion names the pairs of its cloud and may arrive after the cloud.
+        """
         if call.state != MappingState.FUSED or not call.pair_stamps_ns:
             return
         self._fusions[call.stamp_ns] = call.pair_stamps_ns

@@ -17,11 +17,13 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.topics import ELEVATION
 
 IMAGE_WIDTH = 640  #: Maximum width of a displayed image, px.
-JPEG_QUALITY = 75  #: JPEG quality of at most 100; artefacts are not visible at this size.
+JPEG_QUALITY = 75  #: JPEG quality, 0 to 100. Artefacts are not visible at this quality and width.
 CELL_M = 0.1  #: Cell size of a grid made from a cloud, m; the mapper's default.
-MAX_SIDE = 512  #: Maximum cells along an axis of a grid made from a cloud; a larger area has larger cells.
+MAX_SIDE = 512
+"""Maximum number of cells along an axis of a grid made from a cloud. In a larger area the cells are larger."""
 MAX_CELLS = 30_000  #: Maximum number of displayed cells.
-MAX_TRUE_PAIRS = 2 * MAX_PAIRS  #: Pairs whose true points are kept: the pairs of a map and later arrivals.
+MAX_TRUE_PAIRS = 2 * MAX_PAIRS
+"""Number of pairs whose true points are kept: those of a map, and as many that arrive before its cloud."""
 WORST = frozenset({"hazard", "step"})  #: Layers in which a thinned cell has the maximum of the original cells.
 
 
@@ -49,7 +51,7 @@ def image_sample(
 
 
 class CloudTruth:
-    """Keeps the true points of the last pairs by stamp, and compares points with the true points of their pixels."""
+    """Keeps the true points of the last pairs by stamp, and compares points with the true points at their pixels."""
 
     def __init__(self) -> None:
         self._truths = Latest[int, PointImage](MAX_TRUE_PAIRS)
@@ -79,7 +81,7 @@ class CloudTruth:
 def grid_of_cloud(
     stamp_ns: int, xyz: ArrayLike, sigma: ArrayLike | None, published_s: float, error: ArrayLike | None = None
 ) -> ElevationSample | None:
-    """Return a top-view map with the means of a cloud `(N, 3)` in each cell; None for an empty cloud.
+    """Return a top-view map with the mean values of the points `(N, 3)` in each cell; None for an empty cloud.
 
     Points that are not finite are ignored. `sigma` and `error`, the distance to the truth, are `(N,)` in m, NaN or None
     if unknown.

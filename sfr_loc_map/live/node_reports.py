@@ -53,7 +53,7 @@ class NodeReports:
             self.values = {name[:MAX_LETTERS]: text[:MAX_LETTERS] for name, text in kept}
 
     def is_stale(self, now_s: float) -> bool:
-        """Return whether the node has been silent for longer than `NODE_FRESHNESS` with the period that it reports."""
+        """Return whether the node has been silent for longer than `NODE_FRESHNESS` permits at its reported period."""
         return NODE_FRESHNESS.is_stale(now_s - self.heard_s, self._period_s)
 
     @property

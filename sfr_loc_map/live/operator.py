@@ -25,7 +25,7 @@ TRANSITIONS = {Action.ACTIVATE: Transition.TRANSITION_ACTIVATE, Action.DEACTIVAT
 SERVICES = {Action.RESET: SUITE_NODES, Action.FINISH: (Task.MAPPING.node, MONITOR_NODE), Action.SAVE: (MONITOR_NODE,)}
 """Nodes that offer each service."""
 FOUND_S, ANSWER_S, POLL_S = 2.0, 10.0, 0.02
-"""Time to find a service, time for its answer, period at which both are checked."""
+"""Time to find a service, time to wait for its answer, and period at which both are checked, s."""
 
 
 class NodeOperator:

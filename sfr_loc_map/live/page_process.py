@@ -73,7 +73,7 @@ class PageProcess(AbstractContextManager["PageProcess"]):
 
 @contextmanager
 def shown_on(page: PageProcess | None) -> Iterator[None]:
-    """Report to a page, if any, that the run in the `with` block was aborted by an error of the suite."""
+    """If an error of the suite aborts the run in the `with` block, report the abort to the page, if there is one."""
     try:
         yield
     except SfrError as error:
@@ -93,7 +93,8 @@ def page_node_name(pid: int) -> str:
 def connected_nodes_topic(node_name: str) -> str:
     """Return the topic on which a page, whose ROS node has this name, publishes its connected nodes (std_msgs/String).
 
-    The message has the names of the connected nodes of the suite, separated by blanks. Nodes are connected once the
-    page receives all their messages. The topic is hidden, as its name begins with `_`, and is not recorded by default.
+    The message has the names of the connected nodes of the suite, separated by blanks. A node is connected once the
+    page receives all messages of the node. The topic is hidden, as its name begins with `_`, and is not recorded by
+    default.
     """
     return f"_{node_name}/connected_nodes"

@@ -27,7 +27,7 @@ a loss of any length leaves room for later poses."""
 MAX_TRUTHS = 4000  #: Maximum number of true poses.
 MAX_PENDING = 400  #: Maximum number of estimates that wait for a true pose.
 MAX_GAP_NS = round(LONGEST_GAP_S * NS_PER_S)
-"""Longest gap of the truth in which poses are interpolated, as in a score."""
+"""Longest gap of the truth in which true poses are interpolated, ns, as in a score."""
 Point = tuple[float, float, float]
 
 
@@ -66,7 +66,7 @@ class LivePath:
         self._forget()
 
     def restart(self) -> None:
-        """Forget all poses at the start of a new run, whose first pose is received."""
+        """Forget all poses at the start of a new run. The path of the new run is complete from its first pose."""
         self._may_have_begun_before = False
         self._forget()
 
@@ -106,7 +106,7 @@ class LivePath:
             self._add_row(estimate, published_s, pose_at(self._truths, estimate.stamp_ns, MAX_GAP_NS))
 
     def note_conversion(self, *, is_converted: bool) -> None:
-        """Note whether the monitor converts the true poses. If so, neither earlier nor later poses have errors."""
+        """Note whether the monitor converts the true poses. If so, no pose of the path has an error."""
         self._is_truth_of_rb = not is_converted
         if is_converted and any(row.error_m is not None for row in self.rows):
             self.version += 1
@@ -165,7 +165,10 @@ class LivePath:
             self.version += 1
 
     def _place(self, row: PathRow) -> tuple[int, bool]:
-        """Return the interval of a pose and whether the pose is lost; of poses with equal values, the first is kept."""
+        """Return the interval of a pose and whether the pose is lost.
+
+        Of poses for which both are equal, the path keeps the first.
+        """
         return row.n // self._interval, row.lost
 
     def _distance_m(self, sent: Point, true_at: Point | None) -> float:

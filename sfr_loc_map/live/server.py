@@ -60,7 +60,7 @@ MAX_MESSAGE_BYTES = 4096  #: Maximum size of a command and of a message of a pag
 HEARTBEAT_S = 20.0  #: Period of the websocket's ping.
 SHUTDOWN_S = 1.0  #: Time for pending requests when the server ends.
 LAST_MESSAGE_S = 0.1  #: Time for the last message to the pages.
-TICK_S = 0.01  #: Changes within this time are sent together.
+TICK_S = 0.01  #: Changes within this time, s, are sent together.
 END_PERIOD_S = 0.1  #: Period of the check whether the run is over.
 
 
@@ -275,7 +275,7 @@ class LiveServer:
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, end_file: Path | None = None) -> None:
     """Serve until SIGINT, SIGTERM or SIGHUP; print the address when the page can be opened.
 
-    Once the run is over, its process writes to the file how the run ended (`run_end.EndFile`). The pages display the
+    Once the run is over, its process writes to `end_file` how the run ended (`run_end.EndFile`). The pages display the
     end and can still be opened.
     """
     file = None if end_file is None else EndFile(end_file)
@@ -321,6 +321,6 @@ def _page_files(command_token: str) -> dict[str, bytes]:
 
 
 def _is_internal_error(record: logging.LogRecord) -> bool:
-    """Filter log records: a malformed request is answered with a status and not logged."""
+    """Return whether a record is to be logged. A malformed request is only answered with an HTTP status."""
     error = record.exc_info[1] if record.exc_info else None
     return not isinstance(error, http_exceptions.HttpProcessingError | web.RequestPayloadError)

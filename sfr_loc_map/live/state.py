@@ -33,7 +33,7 @@ from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
 
 MAX_NODES = 32
 MAX_TOPICS = 32
-MAX_STAMPS = 2000  #: Images whose time of publication is kept.
+MAX_STAMPS = 2000  #: Number of images whose time of publication is kept.
 MAX_PROBLEMS = 20
 MAX_CALLS = 600
 MAX_REPORT_CHARACTERS = 8_000_000
@@ -63,7 +63,8 @@ class LiveState:
         self.ended_s: float | None = None  # time of the end, s; None during the run
         self.aborted: Aborted | None = None
         self._report_page = b""  # HTML report after the end of the run
-        self._has_final_score = False  # whether the score is that of the complete run, which the monitor cannot know
+        # whether the score is that of the complete run; a score of the monitor must not replace it
+        self._has_final_score = False
         self._result_s: float | None = None  # reception of the last pose or call, s; None before the first
         self._published = Latest[int, float](MAX_STAMPS)  # publication time of images by stamp, s
         self._call_count = 0
@@ -284,7 +285,7 @@ class LiveState:
         self.path.note_conversion(is_converted=self.score.converts_truth)
 
     def _take_pose(self, update: updates.PoseSample) -> None:
-        """Add a pose to the path of its track, once its run is known; the path has no late poses."""
+        """Add a pose to the path of its track, once the run of the pose is known; late poses are dropped."""
         topic = ESTIMATE if update.track is updates.Track.ESTIMATE else TRUE_POSES
         self._note_topic(topic, update.stamp_ns, update.received_s)
         if update.track is updates.Track.ESTIMATE:

@@ -54,7 +54,7 @@ class Terminal:
     def show(self) -> None:
         """Display the state until q is pressed, then restore the terminal; a signal raises a KeyboardInterrupt."""
         console, due_s = self._console, 0.0
-        with suppress(AttributeError, ValueError):  # replaces signs that the terminal lacks
+        with suppress(AttributeError, ValueError):  # signs that the encoding of the terminal lacks are replaced
             console.file.reconfigure(errors="replace")  # type: ignore[attr-defined]
         with ExitStack() as stack:
             keyboard, screen = None, None

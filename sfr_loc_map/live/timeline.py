@@ -42,7 +42,7 @@ class EventKind(StrEnum):
 
 
 EVENT_OF_STATE: dict[str, EventKind] = {TrackingState.DEGRADED: EventKind.DEGRADED, TrackingState.LOST: EventKind.LOST}
-"""Event of the last pose by its state; `TRACKING` for all other states."""
+"""Kind of the event of the last pose, by the state of the pose; `TRACKING` for all other states."""
 
 
 @dataclass(slots=True)
@@ -121,7 +121,10 @@ class Timeline:
             self.note(node, since_s, EventKind.SILENT, f"{node}: silent")
 
     def judge(self, bars: Iterable[LimitBar], at_s: float) -> None:
-        """Start or end the event of each missed limit; limits have separate lanes, even if they limit one figure."""
+        """Start or end the event of each missed limit.
+
+        Each limit has its own lane, even if several apply to one figure.
+        """
         for bar in bars:
             missed = EventKind.LIMIT if bar.state == VerdictState.FAIL else None
             self.note(f"limit {bar.place}", at_s, missed, bar.text)

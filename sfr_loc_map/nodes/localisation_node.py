@@ -56,7 +56,7 @@ from sfr_loc_map.topics import (
 
 MAX_POSE_AGE_NS = 600 * NS_PER_S
 """Maximum age of an initialpose relative to the last pair. Older poses apply only to later runs."""
-OUTPUT_DEPTH = 1000  #: Odometry messages kept for a slow subscriber.
+OUTPUT_DEPTH = 1000  #: Number of odometry messages kept for a slow subscriber.
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
     TrackingState.TRACKING: Level.OK,

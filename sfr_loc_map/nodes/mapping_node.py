@@ -123,10 +123,10 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def expects_input(self) -> bool:
         """Return whether a map is in progress. Between maps, no input is expected."""
-        return bool(self._pairs)  # a list of the worker, which may change at the next moment
+        return bool(self._pairs)  # the worker may change the list at any time
 
     def agreeing_stamps(self) -> int:
-        """Return how many consecutive pairs after a jump of the stamps start a new run: at most the pairs of a map."""
+        """Return how many consecutive pairs after a jump of the stamps start a new run: no more than a map has."""
         return min(AGREEING, self.config.pairs_per_map)
 
     def inputs(self) -> list[Input]:
@@ -134,7 +134,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         return [*super().inputs(), Input({NAV_POSE: PoseStamped}, self._poses_received, self.config.input.reliability)]
 
     def counts(self) -> dict[str, int]:
-        """Return what was dropped since the configuration, by name."""
+        """Return the numbers of messages dropped since the configuration, by cause."""
         return super().counts() | {"dropped_without_pose": self._matching.dropped}
 
     def restart_after_fault(self) -> None:
@@ -238,7 +238,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         level = self._reported(fused.warnings)
         for took, state in ((usage, MappingState.FUSED), (whole, MappingState.MAPPED_SET)):
             self.publish_call(call_of_fusion(fused, stamps_ns, took, state), level)
-        # After the calls, so that the grids do not delay the report.
+        # The grids follow the call records, so that they do not delay these reports.
         self._publish_terrain(fused, stamp_ns)
         return len(fused.cloud)
 

@@ -68,7 +68,7 @@ SOURCES: dict[str, str] = {
 """Sources of stamped messages, each with its description for log messages. A new run of one source is a new run of all
 sources."""
 SCORE_PREFIX = "score."  #: Prefix of the parameters that are the settings of the score.
-IN_FLIGHT_S = 5.0  #: During a run, results of pairs younger than this do not count as missing.
+IN_FLIGHT_S = 5.0  #: During a run, results of pairs younger than this, s, do not count as missing.
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +206,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._last_ns = 0
 
     def counts(self) -> dict[str, int]:
-        """Return what was dropped since the configuration, by name."""
+        """Return the numbers of messages dropped since the configuration, by cause."""
         dropped = {
             "dropped_in_transport": self._lost_in_transport,
             "dropped_stray": self._runs.strays + self._truth.strays,
@@ -214,7 +214,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         return dropped | super().counts()
 
     def report_periodically(self) -> None:
-        """Log what was dropped, follow a change of the truth's type, and report why nothing is scored."""
+        """Log how many messages were dropped, follow a change of the truth's type, and report why nothing is scored."""
         super().report_periodically()
         if not self._truth.follow_type() and self._has_estimate and not self._has_truth:
             self.status.warn(self._truth.reason_for_silence(), "truth")
@@ -240,7 +240,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         return self.endpoints.add_subscription(kind, topic, received, qos)
 
     def _on_image_info(self, message: CameraInfo) -> None:
-        """Add the stamp of an image. Lost messages do not count, because stamps matter only if no estimate exists."""
+        """Add the stamp of an image. Losses are not counted, because the stamps are used only without an estimate."""
         if (stamp_ns := stamp_of(message)) > 0:
             self.worker.enqueue_droppable(partial(self._add_image, stamp_ns))
 

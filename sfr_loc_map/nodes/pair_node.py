@@ -97,7 +97,7 @@ class PairNode(ManagedNode[P], ABC):
     | pairs that wait for the worker | cleared | cleared | processed first |
     | waiting images, last stamp | cleared | cleared | stamps: kept; clock: cleared |
     | sequence number of the last image (`TransportGaps`) | cleared | kept | kept |
-    | counts of what was dropped | kept | kept | kept |
+    | numbers of dropped messages | kept | kept | kept |
     | calibration, bit depth | cleared | kept | kept |
     | extrinsics from /tf_static, `motion_prior` | kept | kept | kept |
     | localiser | kept | starts at the identity | starts at its first pose |
@@ -172,7 +172,10 @@ class PairNode(ManagedNode[P], ABC):
             self.status.warn(f"{error}; ignored")
 
     def report_periodically(self) -> None:
-        """Log what was dropped and, if no pair was processed since the last call, what the node waits for."""
+        """Log how many messages were dropped.
+
+        If no pair was processed since the last call, also log what the node waits for.
+        """
         super().report_periodically()
         if doubled := self._stereo.check_publishers():
             self.status.warn(doubled, "publishers")
@@ -207,7 +210,7 @@ class PairNode(ManagedNode[P], ABC):
         self._stereo.clock_jumped_back(self.get_clock().now().nanoseconds)
 
     def counts(self) -> dict[str, int]:
-        """Return what was dropped since the configuration, by name."""
+        """Return the numbers of messages dropped since the configuration, by cause."""
         counts = self._stereo.counts() | super().counts()
         counts["dropped_rejected"] += self._failed
         return counts
@@ -222,9 +225,9 @@ class PairNode(ManagedNode[P], ABC):
         self._stereo.forget_waiting()
 
     def publish_call(self, call: CallRecord, level: Level) -> None:
-        """Publish the record of a call with the counts of what was dropped.
+        """Publish the record of a call with the numbers of dropped messages.
 
-        Programs read the record on `~/call`, and people read it on /diagnostics.
+        Programs read this report on `~/call`, and people read it on /diagnostics.
         """
         call = replace(call, counts=self.counts())
         self._call_publisher.publish(String(data=encode_call(call)))

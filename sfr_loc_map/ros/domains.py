@@ -45,7 +45,7 @@ def hold_domain(candidates: Iterable[int] = DOMAINS) -> HeldDomain:
     """Return a domain that no program holds and in which no participant of this host is found.
 
     Participants of programs that hold no domain are found by their ports, because a user may have chosen their domain.
-    NodeError if there is no such domain.
+    Raises NodeError if there is no such domain.
     """
     shuffled = list(candidates)
     random.SystemRandom().shuffle(shuffled)  # so that the domain of a killed process is rarely chosen next

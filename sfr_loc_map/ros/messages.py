@@ -150,7 +150,7 @@ def start_pose_of(message: PoseWithCovarianceStamped) -> StartPose:
 
 
 def odometry_msg(estimate: PoseEstimate, parent: str, child: str) -> Odometry:
-    """Return an estimate as odometry; the velocity is the mean velocity since the previous pose, in RB of that pose."""
+    """Return an estimate as odometry; the velocity is the mean since the previous pose, in RB of the previous pose."""
     message = Odometry(header=header_msg(estimate.stamp_ns, parent), child_frame_id=child)
     message.pose.pose = pose_msg(estimate.T_ds_rb, estimate.T_ds_rb.quat_xyzw)
     message.pose.covariance = np.array(estimate.covariance, dtype=np.float64).reshape(36)

@@ -13,7 +13,7 @@ CLOCK_NOISE_NS = 1_000_000  # tolerance for negative latencies, because clocks a
 def latencies(
     infos: Sequence[Mapping[str, Any]], stamp_ns: int, published_ns: int, node_time_ns: int
 ) -> dict[str, float]:
-    """Return the latencies of a result that was computed from messages, s; latencies of unrelated clocks are omitted.
+    """Return the latencies of a result that was computed from messages, s; those between unrelated clocks are omitted.
 
     `infos` are the message infos of the middleware, in which unknown times are 0.
     `latency_transport_s`: from the publish call of the publisher to the reception by the middleware, of the slowest
@@ -71,7 +71,7 @@ class TransportGaps:
         if several and not self._several:
             self.lost = self._lost_of_one
         if self._several and not several:
-            self._last = 0  # perhaps of a publisher that has left
+            self._last = 0  # the last number may be from a publisher that has left
         if not several:
             self._lost_of_one = self.lost
         self._several = several

@@ -1,9 +1,9 @@
 """Runs of our localiser or mapper, or of a method under test, over a complete source: results and files of a run.
 
-    run                               result                                     files
-    ───                               ──────                                     ─────
-    localiser_run.run_localiser       DriveRun: PoseEstimate, CallRecord a pair  estimate.csv, stats.csv, video
-    mapper_run.run_mapper             MapRun: PairMap a pair, FusedMap, calls    cloud, elevation models, stats.csv
+    run                               result                                       files
+    ───                               ──────                                       ─────
+    localiser_run.run_localiser       DriveRun: PoseEstimate, CallRecord per pair  estimate.csv, stats.csv, video
+    mapper_run.run_mapper             MapRun: PairMap per pair, FusedMap, calls    cloud, elevation models, stats.csv
 
 Both take the configuration of our localiser or mapper, or a method under test (`under_test`). `drive_start` returns the
 pose at which a drive starts. `calls.call_files` writes stats.csv. `map_files` and `track_video` write the other files.

@@ -21,7 +21,8 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
 
     `identity`: RB is DS at the first pair. `truth`: the true pose at the first pair, interpolated if necessary. If the
     truth has a gap there, or if the pairs before `from_ns` are omitted, the next true pose is used; without a next true
-    pose, the last true pose is used. ConfigError for another name of a start, InputError without true attitudes.
+    pose, the last true pose is used. Raises ConfigError for another value of `start`, and InputError for `truth`
+    without true attitudes.
     """
     if start == "identity":
         return StartPose(Transform.identity())
@@ -58,11 +59,11 @@ def true_start(sequence: LocSequence) -> StartPose:
 
 
 def unstamped_start_warning(start: StartPose, sequence: LocSequence) -> str | None:
-    """Return a warning if the start pose of a method under test is the pose of another time than its first pair.
+    """Return a warning if the start pose of a method under test and the first pair have different stamps.
 
     Our localiser uses the stamp of a start pose. The interface of methods has no such stamp, so that all poses of a
-    method are offset by the motion between both stamps. Stamps within the tolerance for stamps of one image
-    (`nearness_ns`) are equal.
+    method are offset by the motion between the two stamps. Stamps that differ by no more than the tolerance for stamps
+    of one image (`nearness_ns`) count as equal.
     """
     if start.stamp_ns is None or not len(sequence):
         return None

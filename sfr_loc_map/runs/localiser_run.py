@@ -99,7 +99,7 @@ def localiser_steps(
 ) -> Iterator[Step]:
     """Yield the step of each pair of a drive by our localiser or by a method under test.
 
-    `watch` is called after each pair of our localiser. InputError if the drive has no pair.
+    `watch` is called after each pair of our localiser. Raises InputError if the drive has no pair.
     """
     if not len(sequence):
         raise InputError("the drive has no complete pair of images: at least one is required; sfr info SRC shows why")
@@ -123,7 +123,7 @@ def localise(
     load_kernels("localisation")
     meter = CallMeter()
     for pair in sequence.pairs():
-        with stopping() as stopped, meter.measure() as call:  # an exception out of a kernel ends the process
+        with stopping() as stopped, meter.measure() as call:  # an exception in a kernel would end the process
             estimate = localiser.process(pair)
         if watch is not None:
             watch(pair, estimate)

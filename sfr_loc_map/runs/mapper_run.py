@@ -39,7 +39,8 @@ class MapRun:
 
     maps: Sequence[PairMap]
     fused: FusedMap
-    records: list[CallRecord]  # each pair, the fusion if it is a call, the set; only the set if a method maps sets
+    # calls of each pair, of the fusion if it is a call, and of the set; only of the set if a method maps sets
+    records: list[CallRecord]
     method: MethodRecord  # method that made the map
 
     @property
@@ -64,8 +65,8 @@ def run_mapper(
     """Map the pairs of a source by our mapper or by a method under test.
 
     `progress` is called with the number of mapped pairs. With `keeps_finished`, an interruption after the first pair
-    ends the map, which has the pairs that are mapped by then. Otherwise, and if a method maps all pairs in one call,
-    the interruption is raised. MappingError if the number of pairs is not valid for a map.
+    ends the map, which then has the pairs that were already mapped. Otherwise, and if a method maps all pairs in one
+    call, the interruption is raised. Raises MappingError if the number of pairs is not valid for a map.
     """
     check_count(sequence)
     with checked_clock():
@@ -93,12 +94,12 @@ class _MeasuredMap(Protocol):
 
     @property
     def record(self) -> MethodRecord:
-        """Method that maps."""
+        """The method that makes the map."""
 
     def map_pairs(self, pairs: Iterable[PosedStereoPair]) -> Iterator[tuple[PairMap, CallRecord]]:
         """Yield the map and the call of each pair.
 
-        A signal raises a KeyboardInterrupt. A pair that is mapped by then is yielded before.
+        A signal raises a KeyboardInterrupt. If the pair was already mapped, the pair is yielded first.
         """
 
     def fuse(self) -> tuple[FusedMap, CallRecord | None]:
@@ -117,7 +118,8 @@ class _OwnMap:
 
     def map_pairs(self, pairs: Iterable[PosedStereoPair]) -> Iterator[tuple[MappedPair, CallRecord]]:
         for item in pairs:
-            with stopping() as stopped, self._meter.measure() as usage:  # an exception out of a kernel ends the process
+            # an exception in a kernel would end the process
+            with stopping() as stopped, self._meter.measure() as usage:
                 done = self._mapper.process(item.pair, item.T_lm_navsb, len(self._maps))
             self._maps.append(done)
             yield done, mapping_call(item.pair.stamp_ns, usage, MappingState.MAPPED, done.statistics)
@@ -165,7 +167,7 @@ def _map_and_fuse(
     except KeyboardInterrupt:
         if not (keeps_finished and maps):
             raise
-    with stopping() as stopped:  # the mapped pairs are finished
+    with stopping() as stopped:  # after a signal, the pairs mapped so far are fused
         fused, fusion = measured.fuse()
     if stopped() and not keeps_finished:
         raise KeyboardInterrupt

@@ -20,8 +20,7 @@ CODECS = {".avi": "MJPG", ".mp4": "mp4v"}
 """Codec by the ending of the file name; OpenCV's wheels contain both codecs."""
 FRAMES_PER_SECOND = 10.0
 FrameObserver = Callable[[StereoPair, PoseEstimate], None]
-"""Observer that receives a pair and its estimate with the tracks after each call. The observer's time is not measured.
-"""
+"""Function that receives a pair and its estimate with the tracks after each call. Its time is not measured."""
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from pathlib import Path
 from sfr_loc_map.methods.registry import Method, MethodLimits
 
 Progress = Callable[[int], None]
-"""Receives the number of finished pairs after each pair."""
+"""Function that receives the number of finished pairs after each pair."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,9 +40,9 @@ from sfr_loc_map.topics import COMPRESSED_END, RECTIFIED, names
 TOPICS_READ = tuple(name.strip("/") for name in names(read=True))
 """Names of the topics that are read from a bag, in any namespace."""
 STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, DISPARITY}
-"""Types of the images and poses of pairs and of results; `Bag.stream` yields the stamps of their headers."""
+"""Types of the messages of pairs and results. `Bag.stream` yields these messages with the stamps of their headers."""
 HEADER_FIRST = STAMPED | {POSE_WITH_COVARIANCE, POINT, TRANSFORM, FIX, JOINTS}
-"""All types whose first field is a header; `Bag.stream` replaces its stamp if a bag is read by times of recording."""
+"""All types whose first field is a header. In a bag read by times of recording, these times replace the stamps."""
 
 _log = logging.getLogger(__name__)
 
@@ -89,7 +89,7 @@ class Bag:
         self._names = self._names_by(remap or {})
 
     def renamed(self, remap: Mapping[str, str]) -> Bag:
-        """Return the bag with other new names of topics; InputError or ConfigError if a name is wrong."""
+        """Return the bag with other new names of topics; raise InputError or ConfigError if a name is wrong."""
         other = copy(self)
         other._names = self._names_by(remap)
         return other
@@ -108,7 +108,7 @@ class Bag:
         return exact or [topic for topic, new in self._names.items() if new.endswith("/" + name)]
 
     def namespaces(self) -> dict[str, list[str]]:
-        """Return the names of `TOPICS_READ` that the bag has once and not by remapping, by their namespace."""
+        """Return, by namespace, the names of `TOPICS_READ` that exactly one topic has, and not by remapping."""
         found: dict[str, list[str]] = {}
         for name in TOPICS_READ:
             topics = self.matches(name)
@@ -117,7 +117,10 @@ class Bag:
         return found
 
     def find(self, name: str, *msgtypes: str) -> Topic | None:
-        """Return the topic of a name (`matches`); None if absent. `COMPRESSED` also accepts `name/compressed`."""
+        """Return the topic of a name (`matches`); None if absent.
+
+        The type `COMPRESSED` also permits `name/compressed`.
+        """
         found = self.matches(name)
         if not found and COMPRESSED in msgtypes:
             found = self.matches(f"{name}{COMPRESSED_END}")
@@ -141,7 +144,7 @@ class Bag:
         return Topic(f"{relative}{COMPRESSED_END}" if msgtype == COMPRESSED else relative, found[0], msgtype)
 
     def raw_messages(self, names: Collection[str]) -> Iterator[tuple[str, str, int, bytes]]:
-        """Yield relative name, type, stamp and bytes of the messages of all topics found; images may be compressed."""
+        """Yield relative name, type, stamp and bytes of the messages on topics `names`; images may be compressed."""
         found = [self.find(name, *((IMAGE, COMPRESSED) if name.endswith(RECTIFIED) else ())) for name in names]
         for topic, stamp_ns, raw in self.stream([topic for topic in found if topic is not None]):
             yield topic.name, topic.msgtype, stamp_ns, raw
@@ -251,7 +254,7 @@ def _near(name: str, known: Sequence[str]) -> str:
 
 
 def _line(error: Exception) -> str:
-    """Return the text of an error in one line, with the class of an error that is not raised for a broken bag."""
+    """Return the text of an error in one line; the class is added unless the error belongs to the readers of bags."""
     text = " ".join(str(error).split())
     if text and isinstance(error, ReaderError | Ros1Error):
         return text[:300]

@@ -10,7 +10,8 @@ from rosbags.typesys import Stores, get_typestore
 from sfr_loc_map.errors import InputError
 
 CDR, ROS1 = "cdr", "ros1"
-OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}  #: Present names of ROS 1 types by their former names.
+OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+"""ROS 2 names of types that have another name in ROS 1, by this name."""
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)  #: Types of the messages of ROS 2.
 
 
@@ -25,7 +26,7 @@ def cdr_of_ros1(data: bytes, msgtype: str) -> bytes:
 
 
 def readable(connections: Sequence[Connection]) -> list[Connection]:
-    """Return the connections with messages of ROS 2 or ROS 1; InputError if all connections have other encodings."""
+    """Return the connections with messages of ROS 2 or ROS 1; raise InputError if all have other encodings."""
     found = [_of_ros2(each) for each in connections if _encoding(each) in (CDR, ROS1, "")]
     if connections and not found:
         written = ", ".join(sorted({_encoding(each) for each in connections}))

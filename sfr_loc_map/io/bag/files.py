@@ -31,7 +31,7 @@ ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  #: Magic number of a Zstandard frame (RFC 8878
 def is_bag(path: Path) -> bool:
     """Return whether a path looks like a bag: the folder of a ROS 2 bag, its storage file, or a ROS 1 bag.
 
-    The folder of another layout is not a bag, even if a bag (such as that of its truth) is among its files.
+    The folder of another layout is not a bag, even if it contains a bag, such as one with the ground truth.
     """
     if path.is_dir():
         if (path / "metadata.yaml").exists():

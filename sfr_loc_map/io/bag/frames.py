@@ -34,7 +34,10 @@ class Frame:
 
     @property
     def poses(self) -> Trajectory:
-        """The poses in the parent; only the last pose if the frame is static. GeometryError if a pose is invalid."""
+        """The poses in the parent; only the last pose if the frame is static.
+
+        Raises GeometryError for an invalid pose.
+        """
         return trajectory_of(self.rows[-1 if self.is_static else 0 :])
 
 
@@ -91,7 +94,8 @@ def _parents_up_to(series: Mapping[str, Mapping[str, Frame]], child: str, parent
 def chain_above(frames: Mapping[str, Frame], name: str, end: str = "") -> list[str]:
     """Return a frame and its ancestors, without `end`, the ancestors of `end`, and the root.
 
-    ValueError if the parent of a frame in this chain is ambiguous, or if the chain leads back to one of its frames.
+    Raises ValueError if the parent of a frame in this chain is ambiguous, or if the chain leads back to one of its
+    frames.
     """
     chain: list[str] = []
     while name in frames and name != end:
@@ -132,20 +136,20 @@ def pose_of(position: Any, orientation: Any) -> Transform:  # noqa: ANN401 - of 
 
 
 def add_transform(tree: FrameTree, item: Any) -> None:  # noqa: ANN401 - a TransformStamped of any library
-    """Add a static transform to a tree, without slashes at the ends of frames; GeometryError if it is not rigid."""
+    """Add a static transform to a tree, without slashes around frame names; raise GeometryError if it is not rigid."""
     pose = pose_of(item.transform.translation, item.transform.rotation)
     tree.add(item.header.frame_id.strip("/"), item.child_frame_id.strip("/"), pose)
 
 
 def pose_row(message: Any, pose: Any) -> PoseRow:  # noqa: ANN401 - messages
-    """Return the stamp of a message with a header and the numbers of its pose or transform."""
+    """Return the header stamp of a message, and the numbers of its pose or transform."""
     position = getattr(pose, "position", None) or pose.translation
     quat = getattr(pose, "orientation", None) or pose.rotation
     return stamp_of(message), (position.x, position.y, position.z, quat.x, quat.y, quat.z, quat.w)
 
 
 def valid_indices(rows: Sequence[PoseRow], where: str) -> list[int]:
-    """Return the indices of the rows that are poses; a warning reports the number of the others.
+    """Return the indices of the rows that are poses; a warning reports how many rows are invalid.
 
     If no row is a pose, all indices are returned, so that `trajectory_of` reports the error.
     """

@@ -1,7 +1,7 @@
 """Reads MCAP files (mcap.dev/spec) of any profile, and limits the data that are decompressed at the same time.
 
 A complete file is read by the index in its summary. A file without an index, or one that was not closed, is read
-record by record. `RecoveringMcapFile` reads a file that was not closed up to its last complete record.
+record by record. `RecoveringMcapFile` reads a file that was not closed, up to the last complete record.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class McapFile:
         self._loose: list[LooseMessage] = []
 
     def open(self) -> None:
-        """Read the index, or the complete file if it has no index; ReaderError if it is not MCAP or is corrupt."""
+        """Read the index, or the complete file without an index; raise ReaderError if it is corrupt or not MCAP."""
         self._file = self.path.open("rb")
         try:
             contents = self._contents(self._file)
@@ -119,7 +119,7 @@ class McapFile:
     def messages(
         self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield connection, time (ns) and CDR of the messages from `start` until before `stop`, in order of time."""
+        """Yield connection, time and CDR of the messages from `start` until before `stop` (ns), in order of time."""
         wanted = {each.id: each for each in connections}
         low = 0 if start is None else start
         high = LATEST_NS if stop is None else stop
@@ -176,7 +176,7 @@ class McapFile:
 
 
 class RecoveringMcapFile(McapFile):
-    """Reads a file that was not closed up to its last complete record."""
+    """Reads a file that was not closed, up to the last complete record."""
 
     recovers = True
 
@@ -271,7 +271,7 @@ def _chunk_of_index(content: bytes) -> Chunk:
 
 
 def _scanned(file: BinaryIO, start: int, end: int, *, is_cut_off: bool) -> _Contents:
-    """Return the contents of the records from `start` to `end`; if the file is cut off, to the last complete record."""
+    """Return the contents of the records from `start` to `end`; with `is_cut_off`, up to the last complete record."""
     contents = _Contents()
     offset = start
     while offset < end:
@@ -391,7 +391,8 @@ def _messages_in(content: bytes, wanted: Collection[int]) -> Iterator[tuple[int,
 def _chunk_content(file: BinaryIO, offset: int) -> bytes:
     """Return the decompressed chunk at an offset of a file.
 
-    ReaderError or ValueError if it is corrupt or too large, InputError if its compression is not supported.
+    Raises ReaderError or ValueError if the chunk is corrupt or too large, and InputError if its compression is not
+    supported.
     """
     size = file.seek(0, 2)
     file.seek(offset)
@@ -430,7 +431,7 @@ def _check_overlaps(chunks: Collection[Chunk]) -> None:
     edges += [(chunk.end_ns, -chunk.size) for chunk in chunks]
     limit = max([2 * expansion_limit(0), *(chunk.size for chunk in chunks)])
     at_once = 0
-    for _, size in sorted(edges, key=lambda edge: (edge[0], -edge[1])):  # a chunk may begin and end at one time
+    for _, size in sorted(edges, key=lambda edge: (edge[0], -edge[1])):  # a chunk may begin and end at the same time
         at_once += size
         if at_once > limit:
             raise InputError(
@@ -460,7 +461,7 @@ def _at(file: BinaryIO, offset: int, size: int) -> bytes:
 
 
 def _exactly(file: BinaryIO, size: int) -> bytes:
-    """Return the next bytes of a file; ReaderError if there are fewer."""
+    """Return the next `size` bytes of a file; raise ReaderError if there are fewer."""
     data = file.read(size)
     if len(data) != size:
         raise ReaderError(f"it ends {len(data)} bytes into a block of {size} bytes")

@@ -8,5 +8,5 @@ RECORD_HEAD = struct.Struct("<BQ")  #: Opcode and length of a record.
 MESSAGE_HEAD = struct.Struct("<HIQQ")  #: Channel, sequence, time of recording, time of publishing.
 CHUNK_HEAD = struct.Struct("<QQQI")  #: First and last time, size and checksum (CRC-32) of the content.
 CHECKSUM_BYTES = 4
-FOOTER_BYTES = 20  #: Start of the summary, start of its offsets, and a checksum.
+FOOTER_BYTES = 20  #: Offset of the summary, offset of the list of its parts, and a checksum.
 FOOTER_SIZE = RECORD_HEAD.size + FOOTER_BYTES

@@ -75,7 +75,10 @@ def odometry(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> Any:
 
 
 def points(stamp_ns: int, truth: NDArray[np.float32], grid_m: float | None) -> Any:  # noqa: ANN401
-    """Return `(H, W, 3)` points in LM (NaN: no point) as PointCloud2, rounded to `grid_m`, a power of two, if given."""
+    """Return points `(H, W, 3)` in LM as PointCloud2; NaN for no point.
+
+    If `grid_m`, a power of two, is given, the coordinates are rounded to its multiples.
+    """
     if grid_m is not None:
         if not (grid_m > 0 and math.frexp(grid_m)[0] == 0.5):
             raise OutputError(

@@ -1,4 +1,4 @@
-"""The readers of the files of a bag: our own of MCAP files, and those of rosbags for sqlite3 and ROS 1.
+"""The readers of the files of a bag: our reader of MCAP files, and those of rosbags for sqlite3 and ROS 1 files.
 
 Decompressed sizes are checked before or during decompression. Messages of ROS 1 (format 2.0) are returned as CDR,
 without the sequence number of their headers.
@@ -71,7 +71,7 @@ class Ros1Reader(rosbag1.Reader):
 
 
 def _has_known_fields(connection: Connection) -> bool:
-    """Return whether the fields are those of ROS Noetic, ignoring case: rosbags-convert writes `k` instead of `K`."""
+    """Return whether the fields are those of ROS Noetic, ignoring case, because rosbags-convert writes `k` for `K`."""
     msgtype = connection.msgtype
     if msgtype not in _ROS1.fielddefs:
         return True

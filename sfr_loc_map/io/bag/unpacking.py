@@ -19,7 +19,10 @@ else:
 
 
 def unpack(data: bytes, new: Callable[[], Any], size: int | None = None) -> bytes:
-    """Decompress frames. `new` creates a decompressor for one frame; `size` is the declared size, bytes, if any."""
+    """Decompress frames.
+
+    `new` creates a decompressor for one frame; `size` is the declared decompressed size, bytes.
+    """
     most = expansion_limit(len(data))
     if size is not None and size > most:  # before memory is allocated
         raise ValueError(
@@ -57,7 +60,7 @@ def unpack_zstd(data: bytes, size: int | None = None) -> bytes:
 
 
 def unpack_zstd_file(path: Path, folder: Path) -> Path:
-    """Decompress a Zstandard file to a file without its suffix in a folder; ValueError if it exceeds the limit."""
+    """Decompress a Zstandard file to a file without its suffix in a folder; raise ValueError if it is too large."""
     unpacked = folder / path.stem
     limit = expansion_limit(path.stat().st_size)
     total = 0

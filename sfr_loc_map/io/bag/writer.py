@@ -154,7 +154,7 @@ class BagWriter:
 
 @contextmanager
 def _database_errors() -> Iterator[None]:
-    """Convert errors of sqlite3 to OSError, which writers of mcap files raise."""
+    """Convert errors of sqlite3 to OSError, because the writers of mcap files also raise OSError."""
     try:
         yield
     except sqlite3.Error as error:
@@ -234,7 +234,7 @@ class _SafeWriter(Writer):
 
 
 class BagRecorder:
-    """Context manager that records messages to a bag as they arrive. Flushed messages are kept after a crash."""
+    """Context manager that records messages to a bag as they arrive. Flushed messages survive a crash."""
 
     def __init__(self, path: Path, *, zstd: bool = False) -> None:
         """Prepare a bag in a folder that must not exist; `zstd` compresses its chunks."""
@@ -281,7 +281,7 @@ class BagRecorder:
 
     def write(self, topic: Any, received_ns: int, raw: bytes) -> None:  # noqa: ANN401
         """Add a serialised message."""
-        # Never decreasing, because a file without an index is read in the order of writing, which must be that of time.
+        # The times never decrease, because a file without an index is read in the order of writing.
         self._last_ns = max(self._last_ns, received_ns)
         with self._reporting():
             self._check_synced()

@@ -31,8 +31,9 @@ from sfr_loc_map.suffixes import suffix_of
 _log = logging.getLogger(__name__)
 
 ENDINGS = (".yaml", ".yml", ".xml", ".json", ".txt")
-LONG_BASELINE_M = 1.0  #: Baseline, m, above the largest of rovers; the unit may be the side of a square of the board.
-LARGEST_BASELINE_M = 5.0  #: Largest baseline, m; larger numbers are in millimetres.
+LONG_BASELINE_M = 1.0
+"""Baseline, m, that rovers do not exceed. A larger number may count squares of the calibration board."""
+LARGEST_BASELINE_M = 5.0  #: Largest accepted baseline, m. Larger numbers are probably in millimetres.
 
 
 class CalibrationError(InputError):
@@ -42,8 +43,8 @@ class CalibrationError(InputError):
 def read_calibration(path: Path, size: tuple[int, int] | None = None) -> StereoCalibration:
     """Read a calibration from a file or a folder; `size`: width and height of the images, if known.
 
-    CalibrationError if it is not a calibration, is corrupt, does not describe a side-by-side pair, or has another image
-    size.
+    Raises CalibrationError if the file is not a calibration, is corrupt, does not describe a side-by-side pair, or has
+    another image size.
     """
     try:
         return _calibration(path, size)

@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.suite_names import SIDES, Side
 
-CENTRE_RATIOS = (0.3, 0.7)  #: Smallest and largest principal point over the image size of full images.
+CENTRE_RATIOS = (0.3, 0.7)  #: Smallest and largest ratio of principal point to image size without cropping.
 TOLERANCE = 1e-6
 """Largest deviation of a coefficient from that of a rectified camera (P and K in pixels, R and D without unit)."""
 
@@ -54,9 +54,10 @@ def baseline_from_projection(fx: float, shift: float) -> float:
 
 
 def check_centre(cx: float, cy: float, size: tuple[int, int], where: str) -> None:
-    """Raise InputError if a calibration that states no size is that of larger or smaller images than these.
+    """Raise InputError if a calibration that states no image size is probably for another size than `size`.
 
-    Scaled images multiply both coordinates of the principal point by one factor. Cropping rarely does.
+    Scaling an image multiplies both coordinates of the principal point by one factor, which cropping rarely does. The
+    size is therefore wrong if both ratios to `size` are below, or both are above, those of `CENTRE_RATIOS`.
     """
     ratios = np.array([cx, cy]) / size
     low, high = CENTRE_RATIOS

@@ -1,4 +1,4 @@
-"""The content of calibration files: YAML, JSON or XML with names of values, and the second file of a calibration."""
+"""The content of calibration files (named values in YAML, JSON or XML), and the second file of a calibration."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ from sfr_loc_map.message_text import alternatives
 
 PARTNERS = (("left", "right"), ("cam0", "cam1"), ("intrinsics", "extrinsics"), ("cameras.txt", "rig_config.json"))
 """Words in which the names of the two files of a calibration, or of their folders, differ."""
-WIDTHS, HEIGHTS = ("image_width", "width"), ("image_height", "height")  #: Names of the size of the images.
-COLMAP_FILE = "cameras.txt"  #: Name of the file of COLMAP with intrinsics; the other file has the poses in the rig.
+WIDTHS, HEIGHTS = ("image_width", "width"), ("image_height", "height")  #: Names of the image width and height.
+COLMAP_FILE = "cameras.txt"
+"""Name of COLMAP's file with the intrinsics. Its other file has the poses of the cameras in the rig."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,12 +48,12 @@ def open_calibration(file: Path, size: tuple[int, int] | None) -> OpenedFile:
 
 
 def plain_name(name: str) -> str:
-    """Return a name in lower case without underscores; programs and their versions differ in both."""
+    """Return a name in lower case without underscores; programs and their versions differ in these."""
     return name.lower().replace("_", "")
 
 
 def _with_plain_names(content: Mapping[Any, Any]) -> dict[str, Any]:
-    """Return the values by their plain names; ValueError if two names with one plain name have different values."""
+    """Return the values by their plain names; raise ValueError if a plain name gets two values."""
     found: dict[str, Any] = {}
     for name, value in content.items():
         plain = plain_name(str(name))
@@ -119,7 +120,7 @@ def parse_opencv_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
 
 
 def numbers_of(content: Mapping[str, Any], *names: str) -> tuple[float, ...]:
-    """Return the numbers, row by row, of the first matrix of `names` in the content; ValueError if there is none."""
+    """Return the numbers, row by row, of the first matrix of `names` in the content; raise ValueError without one."""
     name = next((name for name in names if plain_name(name) in content), None)
     if name is None:
         raise ValueError(f"it has no {alternatives(names)}")
@@ -139,7 +140,7 @@ def numbers_of(content: Mapping[str, Any], *names: str) -> tuple[float, ...]:
 
 
 def number_of(content: Mapping[str, Any], name: str) -> float:
-    """Return the number with a name; ValueError if there is none."""
+    """Return the number with a name; raise ValueError if there is none."""
     if plain_name(name) not in content:
         raise ValueError(f"it has no {name}")
     value = content[plain_name(name)]
@@ -150,7 +151,7 @@ def number_of(content: Mapping[str, Any], name: str) -> float:
 
 
 def size_of(content: Mapping[str, Any], given: tuple[int, int] | None = None) -> tuple[int, int]:
-    """Return the width and height of the images, in the file or as `given`; ValueError if unknown."""
+    """Return the width and height of the images, in the file or as `given`; raise ValueError if unknown."""
     found = stated_size(content) or given
     if found is None:
         raise ValueError("the image size is missing: image_size, or image_width and image_height, are required")
@@ -158,7 +159,7 @@ def size_of(content: Mapping[str, Any], given: tuple[int, int] | None = None) ->
 
 
 def stated_size(content: Mapping[str, Any]) -> tuple[int, int] | None:
-    """Return the width and height in the content; None if it does not have both. ValueError if they are not whole."""
+    """Return the width and height in the content; None unless it has both. Raises ValueError unless both are whole."""
     if "imagesize" in content:
         return whole_size(*numbers_of(content, "image_size")[:2])
     has_both = all(any(plain_name(name) in content for name in names) for names in (WIDTHS, HEIGHTS))
@@ -166,7 +167,7 @@ def stated_size(content: Mapping[str, Any]) -> tuple[int, int] | None:
 
 
 def whole_size(*size: float) -> tuple[int, int]:
-    """Return a width and a height as integers; ValueError unless both are whole numbers."""
+    """Return a width and a height as integers; raise ValueError unless both are whole numbers."""
     if len(size) != 2 or not all(number.is_integer() for number in size):
         shown = " x ".join(f"{number:g}" for number in size)
         raise ValueError(f"the image size is {shown}: two whole numbers of pixels are required")

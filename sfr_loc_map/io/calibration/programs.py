@@ -41,7 +41,7 @@ PINHOLE_MODELS = ("radtan", "radial-tangential", "plumb_bob", "equidistant", "eq
 """Distortion models of Kalibr and EuRoC."""
 MODEL_NAMES = ("model", "distortionmodel", "cameramodel", "lensmodel")
 """Plain names of the model of a lens in files of OpenCV."""
-SAME_POSE = 1e-3  #: Largest difference of two poses of the right camera, m and rad, that is not reported.
+SAME_POSE = 1e-3  #: Largest difference, m and rad, between two stated poses of the right camera that is not reported.
 ONE_FOCAL = {"SIMPLE_PINHOLE": 3, "SIMPLE_RADIAL": 4, "RADIAL": 5, "SIMPLE_RADIAL_FISHEYE": 4, "RADIAL_FISHEYE": 5}
 TWO_FOCALS = {"PINHOLE": 4, "OPENCV": 8, "FULL_OPENCV": 12, "OPENCV_FISHEYE": 8}
 """Numbers of parameters of COLMAP's models (colmap.github.io, "Camera Models"), by the number of focal lengths.
@@ -62,7 +62,7 @@ class CameraPair(NamedTuple):
 class Reader(NamedTuple):
     """The reader of the files of a program, and how they are recognised."""
 
-    shown: str  #: Program, and names of its files for messages.
+    shown: str  #: Program, with names in its files or of its files, for messages.
     read: Callable[[OpenedFile], CameraPair]
     recognises: Callable[[OpenedFile], bool]  #: Whether a file belongs to this program.
 
@@ -80,7 +80,7 @@ def _side_by_side(name: str, cameras: list[PosedCamera], names: list[str]) -> Ca
 
 
 def _two_files(opened: OpenedFile, names: str) -> list[Path]:
-    """Return the files of the two cameras; InputError if there is only one."""
+    """Return the files of the two cameras; raise InputError if there is only one."""
     if opened.other is None:
         raise InputError(
             f"calibration '{opened.file}' has one camera: add the file of the other camera beside it, named as {names}"
@@ -150,7 +150,7 @@ class _KalibrCamera(msgspec.Struct):
 def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera, where: str) -> Transform:
     """Return the pose of cam1 in cam0 from T_cn_cnm1 of cam1, else from the poses of both cameras in the IMU.
 
-    A warning, which begins with `where`, reports that the two poses differ.
+    If both are given and differ, a warning that begins with `where` reports this.
     """
     in_imu, other_in_imu = one.pose_in_imu(), other.pose_in_imu()
     by_imu = None if in_imu is None or other_in_imu is None else in_imu.inverse() @ other_in_imu
@@ -261,7 +261,7 @@ def _orbslam_raw(opened: OpenedFile, first: str, text: str) -> CameraPair:
 
 
 def _orbslam_rectified(opened: OpenedFile, name: str, text: str) -> CameraPair:
-    """Return the pair of rectified images, whose camera has no distortion, with Camera.bf or Stereo.b."""
+    """Return the pair of rectified images: one camera without distortion, and the baseline by Camera.bf or Stereo.b."""
     content, size = opened.content, _orbslam_size(opened, name)
     if _is_kannala_brandt(content) or any(_orbslam_distortion(content, name)):
         raise ValueError(
@@ -422,7 +422,7 @@ def _colmap(opened: OpenedFile) -> CameraPair:
 
 
 def _colmap_rig(file: Path) -> list[dict[str, Any]]:
-    """Return the cameras of the first rig in a file; ValueError if the file does not have the form of COLMAP."""
+    """Return the cameras of the first rig in a file; raise ValueError if its form is not that of COLMAP."""
     content = content_of(file)
     rig = content[0] if isinstance(content, list) and content else None
     cameras = rig.get("cameras") if isinstance(rig, dict) else None
@@ -432,7 +432,7 @@ def _colmap_rig(file: Path) -> list[dict[str, Any]]:
 
 
 def _colmap_rows(file: Path) -> list[list[str]]:
-    """Return the words of each camera in a file; ValueError, which names the line, for an incomplete row."""
+    """Return the words of each camera in a file; raise ValueError, which names the line, for an incomplete row."""
     rows: list[list[str]] = []
     for number, line in enumerate(read_text(file).splitlines(), 1):
         words = line.split()
@@ -447,7 +447,7 @@ def _colmap_rows(file: Path) -> list[list[str]]:
 
 
 def _numbers(values: object, name: str, count: int) -> list[float]:
-    """Return a list of numbers; ValueError if it has another length or other values."""
+    """Return `count` numbers; raise ValueError if the list has another length or other values."""
     try:
         numbers = [float(value) for value in values] if isinstance(values, list | tuple) else []
     except (TypeError, ValueError):

@@ -25,9 +25,10 @@ from sfr_loc_map.suite_names import SIDES
 COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
 """Supported distortion models, and the numbers of coefficients that each may have."""
 FISHEYE = ("equidistant", "fisheye")
-MAX_ROTATION_DEFECT = 1e-3  #: Largest entry of R R^T - I.
+MAX_ROTATION_DEFECT = 1e-3  #: Largest accepted entry of R R^T - I.
 MIN_VALID = 0.25  #: Smallest accepted fraction of a rectified image that raw pixels cover.
-SAME_DIRECTION = 1e-5  #: Smaller changes of a distortion coefficient or an entry of R are ignored (`SAME_PX`).
+SAME_DIRECTION = 1e-5
+"""Change of a distortion coefficient or an entry of R below which a calibration counts as unchanged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,7 @@ class RectifiableCamera:
     model: str  #: Model of the distortion, one of `COEFFICIENTS`.
     d: tuple[float, ...]  #: Coefficients of the distortion.
     k: tuple[float, ...]  #: Camera matrix of the raw image `(9,)`, row-major, pixels.
-    r: tuple[float, ...]  #: Rotation to the rectified camera `(9,)`, row-major.
+    r: tuple[float, ...]  #: Rotation from the raw to the rectified camera `(9,)`, row-major.
     p: tuple[float, ...]  #: Projection matrix of the rectified image `(12,)`, row-major, pixels.
 
     @classmethod
@@ -65,7 +66,7 @@ class RectifiableCamera:
     def checked(self, name: str) -> RectifiableCamera:
         """Return the calibration, with default values for a lens without distortion and for an empty R.
 
-        InputError, which begins with `name`, if the images cannot be rectified by it.
+        Raises InputError, whose text begins with `name`, if the images cannot be rectified by this calibration.
         """
         model = self.model or ("" if any(self.d) else "plumb_bob")
         if model not in COEFFICIENTS:
@@ -97,7 +98,7 @@ class RectifiableCamera:
         return make(k, np.array(self.d), r, p, self.size, cv2.CV_16SC2)
 
     def is_same(self, other: RectifiableCamera) -> bool:
-        """Return whether both calibrations agree within `SAME_PX`, because drivers round the values of each message."""
+        """Return whether two calibrations are equal except for rounding (`SAME_PX`, `SAME_DIRECTION`) by a driver."""
         if (self.size, self.model, len(self.d)) != (other.size, other.model, len(other.d)):
             return False
         change_px = max(_largest_difference(self.k, other.k), _largest_difference(self.p, other.p))
@@ -127,7 +128,7 @@ def check_coefficients(model: str, coefficients: Sequence[float], name: str) -> 
 
 
 def check_camera_matrix(k: Sequence[float], name: str) -> None:
-    """Raise InputError if numbers `(9,)` are not fx, 0, cx, 0, fy, cy, 0, 0, 1: with a skew, or column by column."""
+    """Raise InputError if numbers `(9,)` are not fx, 0, cx, 0, fy, cy, 0, 0, 1, but have a skew or are transposed."""
     if len(k) != 9 or not _largest_difference(np.take(k, (1, 3, 6, 7, 8)), (0, 0, 0, 0, 1)) <= SAME_PX:
         raise InputError(
             f"{name}: the camera matrix is {', '.join(f'{number:g}' for number in k)}: fx, 0, cx, 0, fy, cy, 0, 0, 1 "
@@ -136,7 +137,7 @@ def check_camera_matrix(k: Sequence[float], name: str) -> None:
 
 
 def _largest_difference(numbers: ArrayLike, others: ArrayLike) -> float:
-    """Return the largest absolute difference of two lists of equal length; NaN if a number is NaN."""
+    """Return the largest absolute difference between two lists of equal length; NaN if a number is NaN."""
     return float(np.abs(np.subtract(numbers, others)).max())
 
 
@@ -144,7 +145,7 @@ class StereoRectifier:
     """Rectifies the image pairs of a left and a right camera."""
 
     def __init__(self, cameras: tuple[RectifiableCamera, RectifiableCamera], name: str = "the camera") -> None:
-        """Compute the maps; InputError if raw pixels cover less than `MIN_VALID` of a rectified image."""
+        """Compute the maps; raise InputError if raw pixels cover less than `MIN_VALID` of a rectified image."""
         self.cameras = cameras
         self._maps = tuple(camera.maps() for camera in cameras)
         for side, camera, maps in zip(SIDES, cameras, self._maps, strict=True):
@@ -251,7 +252,7 @@ def _rectifier(
 
 
 def _largest_shift_px(p_left: FloatArray, p_right: FloatArray, size: tuple[int, int]) -> float:
-    """Return the largest shift of a corner of the right image, along rows or columns, if the left P is used for it."""
+    """Return the largest shift, px, of the right image's corners, along rows or columns, if the left P is used."""
     shifts = []
     for axis, (focal, centre) in enumerate(((0, 2), (5, 6))):
         for corner in (0.0, float(size[axis] - 1)):

@@ -30,7 +30,7 @@ class _RigFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def read_rig(file: Path) -> StereoRig:
-    """Read a rig.json; InputError if the rig is invalid."""
+    """Read a rig.json; raise InputError if the rig is invalid."""
     with refusing(f"cannot read '{file}'", "give a rig.json with width, height, k and baseline_m"):
         found = msgspec.json.decode(read_bytes(file, MAX_TEXT_BYTES).removeprefix(BOM), type=_RigFile)
     with refusing(f"'{file}'"):

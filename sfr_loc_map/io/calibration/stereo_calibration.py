@@ -28,10 +28,11 @@ from sfr_loc_map.io.calibration.rectification import (
 )
 
 FOCAL_RATIO = (0.5, 2.0)
-"""Accepted ratio of rectified to original focal length. OpenCV's choice is far smaller for wide fisheye lenses."""
+"""Accepted ratios of the rectified to the original focal length. With wide fisheye lenses, the focal length that OpenCV
+chooses is far below them."""
 RECTIFIED_TOLERANCE = 1e-9
-"""Largest deviation of calibrated cameras from a rectified pair, rad and m, that needs no rectification."""
-BASELINE_TOLERANCE = 0.01  #: Largest difference of two given baselines, as a fraction of the second.
+"""Largest deviation of two cameras from a rectified pair, rad and m, that requires no rectification."""
+BASELINE_TOLERANCE = 0.01  #: Largest difference between two stated baselines, as a fraction of the second.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +66,7 @@ class StereoCalibration:
             )
 
     def with_baseline(self, baseline_m: float) -> StereoCalibration:
-        """Return the calibration with P[3] of the right camera from a baseline; InputError if that of P differs."""
+        """Return the calibration with P[3] of the right camera by a baseline; raise InputError if P contradicts it."""
         left, right = self.cameras
         stated_m = (left.p[3] - right.p[3]) / right.p[0] if right.p[0] else 0.0
         if stated_m and abs(stated_m - baseline_m) > BASELINE_TOLERANCE * abs(stated_m):
@@ -78,7 +79,7 @@ class StereoCalibration:
 
 
 def check_one_baseline(baselines_m: Mapping[str, float]) -> None:
-    """Raise ValueError if values of a calibration, given by name, state baselines, m, that differ."""
+    """Raise ValueError if two values in a calibration state different baselines (m, by the name of the value)."""
     for (name, baseline_m), (other, other_m) in pairwise(baselines_m.items()):
         if not abs(baseline_m - other_m) <= BASELINE_TOLERANCE * abs(other_m):
             raise ValueError(
@@ -136,7 +137,7 @@ def rectified_cameras(name: str, left: PosedCamera, right: PosedCamera) -> tuple
             "cameras with one model"
         )
     T_right_left = right.T_body_cam.inverse() @ left.T_body_cam
-    right_m = -T_right_left.rotation.T @ T_right_left.translation  # in the left camera
+    right_m = -T_right_left.rotation.T @ T_right_left.translation  # position in the frame of the left camera
     if right_m[0] <= 0.0 or abs(right_m[1]) > right_m[0]:
         raise _not_side_by_side(name, right_m)
     if _is_rectified(left, right, T_right_left.rotation, right_m):
@@ -174,7 +175,7 @@ def _bouguet(
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return R and P of both cameras by Bouguet's method in OpenCV, without black borders.
 
-    If the images would hardly be covered (wide fisheye lenses), P keeps the focal length of the cameras instead.
+    If OpenCV's P covers the field of view poorly (wide fisheye lenses), P has the focal length of the cameras instead.
     """
     d_left, d_right = np.array(left.distortion), np.array(right.distortion)
     cameras = (left, right)

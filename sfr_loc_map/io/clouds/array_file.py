@@ -1,4 +1,4 @@
-"""NPY arrays and NPZ archives of numbers. numpy's readers also accept objects, and trust the sizes in headers."""
+"""NPY arrays and NPZ archives of numbers. numpy's own readers trust the sizes in headers and accept objects."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 MAX_HEADER = 1024  #: Largest header, bytes; numpy writes about 120 for an array of numbers.
 MIN_UNPACKED, MAX_RATIO = 16_000_000, 20
-"""Limit of the decompressed members: this number of bytes, or this multiple of the size of the archive."""
+"""Limit of the decompressed members: this number of bytes or this multiple of the archive's size, if that is larger."""
 _BROKEN_ARCHIVE = (
     *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, OSError, EOFError),
     *(NotImplementedError, RuntimeError),  # an unknown compression, a password

@@ -1,7 +1,8 @@
 """Point clouds as files: PLY, PCD and NPZ.
 
 `save_cloud` writes all fields of `FIELD_TYPES` in their types: PLY and PCD in little-endian binary, NPZ with one array
-per field. The readers accept any order and number type of the fields, text and binary, and clouds with only x, y, z.
+per field. The readers accept fields in any order and of any number type, text and binary files, and clouds with only x,
+y, z.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ class LoadedCloud:
     xyz: FloatArray
     """`(N, 3)` float64, metres."""
     cloud: PointCloud | None
-    """The same points; None if the file has no pixels and pairs. Missing sigma or intensity is NaN."""
+    """The same points with their pixels; None if the file has no pixels and pairs. Missing sigma or intensity is
+    NaN."""
     grid: tuple[int, int] | None = None
     """Width and height of an organised cloud whose pixels follow from the order of its points; None for others."""
     not_finite: int = 0
@@ -71,12 +73,12 @@ class LoadedCloud:
 def load_cloud(path: Path) -> LoadedCloud:
     """Read a cloud; the format is given by the ending of the name (`SUFFIXES`).
 
-    A warning reports fields without which the points have no pixels. InputError if the cloud cannot be read, or if a
-    value is invalid.
+    A warning reports fields without which the points have no pixels. Raises InputError if the cloud cannot be read, or
+    if a value is invalid.
     """
     fields = _read_fields(path)
     columns, is_organised = fields.columns, fields.grid is not None
-    with np.errstate(invalid="ignore"):  # signalling NaN
+    with np.errstate(invalid="ignore"):  # a signalling NaN would cause a warning
         xyz = np.column_stack([np.asarray(columns[name], np.float64) for name in "xyz"])
     is_finite = np.asarray(np.isfinite(xyz).all(axis=1))
     farthest = float(np.abs(xyz[is_finite]).max(initial=0.0))
@@ -90,14 +92,14 @@ def load_cloud(path: Path) -> LoadedCloud:
         )
     else:
         cloud = _with_pixels(fields, is_finite, path)
-    not_finite = 0 if is_organised else int(np.count_nonzero(~is_finite))  # normal in organised clouds
+    not_finite = 0 if is_organised else int(np.count_nonzero(~is_finite))  # in organised clouds such points are normal
     return LoadedCloud(xyz[is_finite], cloud, fields.grid, not_finite)
 
 
 def _read_fields(path: Path) -> CloudFields:
-    """Return the fields of a file by their plain names; those of an organised cloud without pixels have pixels, too.
+    """Return the fields of a file by their plain names; u and v are added to an organised cloud without pixels.
 
-    `grid` is None if the file itself has pixels. InputError if the file cannot be read or has no x, y, z.
+    `grid` is None if the file itself has pixels. Raises InputError if the file cannot be read or has no x, y, z.
     """
     cloud_format = FORMATS.get(suffix_of(path))
     if cloud_format is None:
@@ -133,9 +135,9 @@ def _adding_pixels(columns: Columns, width: int, height: int) -> Columns:
 
 
 def _with_pixels(fields: CloudFields, kept: Mask, path: Path) -> PointCloud:
-    """Return the points that a mask `(N,)` selects, with their pixels; InputError if a value is invalid.
+    """Return the points that a mask `(N,)` selects, with their pixels; raise InputError if a value is invalid.
 
-    An organised cloud is not fused unless a comment states it.
+    An organised cloud counts as not fused unless a comment states the opposite.
     """
     fused, pair_stamps_ns = stated_in(fields.comments)
     if fields.grid is not None:

@@ -20,10 +20,11 @@ from sfr_loc_map.message_text import counted
 
 Columns = dict[str, NDArray[Any]]  # values of each field, one per point
 FUSED, PAIR_STAMPS = "fused", "pair_stamps_ns"
-"""Names of properties of a cloud: comments `sfr fused true` and `sfr pair_stamps_ns 1 2 3`, or members of NPZ."""
+"""Names of properties of a cloud. They are comments, such as `sfr fused true` and `sfr pair_stamps_ns 1 2 3`, or
+members of an NPZ archive."""
 MAX_PAIR_STAMPS = 256  #: Number of pairs that the field `pair` of points can distinguish.
 PLAIN_NAN = re.compile(rb"[-+]?(?:nan\([a-z0-9_]*\)|1\.#(?:qnan|snan|ind)[a-z0-9]*)", re.IGNORECASE)
-"""NaN in the notation of C and of Windows."""
+"""Pattern of NaN in the notations of C and of Windows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +37,7 @@ class CloudFields:
     notes: tuple[str, ...] = ()  #: Content of the file that is ignored, for warnings.
 
     def __post_init__(self) -> None:
-        """Check the comments; ValueError if they contradict each other or state invalid properties."""
+        """Raise ValueError if comments contradict each other or state invalid properties."""
         stated_in(self.comments)
 
     @classmethod
@@ -85,7 +86,7 @@ def stated_in(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | N
 
 
 def check_names_differ(names: Sequence[str], where: str) -> None:
-    """Raise ValueError if a name occurs twice, because either field might have the values."""
+    """Raise ValueError if a name occurs twice, because it is then ambiguous which field has the values."""
     if doubled := sorted(name for name, count in Counter(names).items() if count > 1):
         raise ValueError(f"{where} has the field {doubled[0]} twice")
 
@@ -110,7 +111,7 @@ def number_table(lines: Sequence[bytes], width: int) -> FloatArray:
 
 
 def _invalid_line(text: bytes, width: int) -> str:
-    """Return which line of a table is the first that does not have `width` numbers."""
+    """Return a text about the first line of a table that does not have `width` numbers."""
     for number, line in enumerate(text.splitlines(), 1):
         words = line.decode("utf-8", "replace").split()
         if len(words) != width:

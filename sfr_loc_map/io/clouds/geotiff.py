@@ -57,7 +57,7 @@ def save_geotiff(path: Path, bands: Sequence[Band], origin_m: tuple[float, float
 
 
 def load_rasterio() -> Any:  # noqa: ANN401 - a module without types
-    """Return the module rasterio; MissingExtraError if it is not installed."""
+    """Return the module rasterio; raise MissingExtraError if it is not installed."""
     try:
         import rasterio  # type: ignore[import-untyped]
         import rasterio.crs  # type: ignore[import-untyped]

@@ -77,7 +77,7 @@ def _pcd_size(head: Mapping[str, Sequence[str]]) -> tuple[int, int]:
 
 
 def _pcd_dtype(head: Mapping[str, Sequence[str]]) -> np.dtype[Any]:
-    """Return the type of a point by the fields in a header; fields without content have a number in their name."""
+    """Return the type of a point by the fields in a header; padding fields get a number, so that all names differ."""
     names = head["FIELDS"]
     counts = head.get("COUNT", ["1"] * len(names))
     if not len(names) == len(head["TYPE"]) == len(head["SIZE"]) == len(counts):
@@ -107,7 +107,7 @@ def _pcd_head(data: bytes) -> tuple[dict[str, list[str]], list[str], int]:
         if line.startswith("#"):
             comments.append(line.removeprefix("#").strip())
         elif words:
-            name = "FIELDS" if words[0] == "COLUMNS" else words[0]  # COLUMNS of version 0.5
+            name = "FIELDS" if words[0] == "COLUMNS" else words[0]  # version 0.5 has COLUMNS
             if name in head:
                 raise ValueError(f"its header has two lines {name}: one is required")
             head[name] = words[1:]

@@ -198,7 +198,7 @@ def _ply_text(data: bytes, position: int, count: int, properties: list[_Property
 
 
 def _scalars_of(row: bytes, properties: list[_Property], line: int) -> list[bytes]:
-    """Return the scalar properties in a row with lists; ValueError for another number of values, with the line."""
+    """Return the scalar properties in a row with lists; raise ValueError, which names the line, for another number."""
     words = PLAIN_NAN.sub(b"nan", row).split()
     scalars: list[bytes] = []
     index = 0

@@ -32,7 +32,7 @@ def points_image(message: Any, size: tuple[int, int]) -> NDArray[np.float32]:  #
 
 def checked_points(points: NDArray[np.floating], name: str) -> NDArray[np.float32]:
     """Return true points as float32; numbers that are not finite become NaN."""
-    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaN, float32 overflow
+    with np.errstate(invalid="ignore", over="ignore"):  # for a signalling NaN and for float32 overflow
         points = np.array(points, np.float32)
     known = np.isfinite(points)
     points[~known] = np.nan

@@ -23,8 +23,9 @@ from sfr_loc_map.message_stamps import stamp_of
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 JPEG_MAGIC = b"\xff\xd8"
-FORMATS = "PNG, JPEG, PGM or PPM"  #: Supported formats; their size is known before decoding.
-_GAP = rb"(?:\s|#[^\n]*\n)++"  #: Between the numbers in the head of a PGM or PPM; possessive, so that it is fast.
+FORMATS = "PNG, JPEG, PGM or PPM"  #: Supported formats, in which the size of an image is known before decoding.
+_GAP = rb"(?:\s|#[^\n]*\n)++"
+"""Gap between the numbers in the head of a PGM or PPM; possessive, to avoid backtracking."""
 _PNM = re.compile(rb"P[2356]%b(\d{1,9})%b(\d{1,9})\s" % (_GAP, _GAP))
 _BINARY_PNM = re.compile(rb"P[56]%b\d{1,9}%b\d{1,9}%b(\d{1,5})\s" % (_GAP, _GAP, _GAP))
 """Head of a binary PGM or PPM with the value of a white sample; `_PNM` is the head of any PGM or PPM."""
@@ -38,7 +39,8 @@ BAYER = {
 _MOSAIC = re.compile(
     r"\s*bayer_?(rggb|bggr|gbrg|grbg|rg|bg|gb|gr)_?(?:8|10|12|14|16)\s*(?:;\s*\w*\s*(?:compressed)?\s*)?"
 )
-FIRST_TWO = {"rg": "rggb", "bg": "bggr", "gb": "gbrg", "gr": "grbg"}  #: Mosaics by GenICam name (BayerRG8).
+FIRST_TWO = {"rg": "rggb", "bg": "bggr", "gb": "gbrg", "gr": "grbg"}
+"""Mosaics by the first two pixels in a GenICam name (BayerRG8)."""
 LUMA = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
 """Index of the luma in encodings with two samples per pixel, luma and chroma."""
 PLANAR = ("nv12", "nv21", "nv24")  #: Encodings whose first plane is the luma, one byte per pixel.
@@ -131,7 +133,7 @@ class SampleDepth:
 def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr", bits: int = 16) -> GreyImage:
     """Return an image `(H, W)` or `(H, W, 3 | 4)` of 8 or 16 bits as 8-bit grey: luma of ITU-R BT.601, no alpha.
 
-    `bits` is the bit depth of 16-bit samples, whose largest value becomes 255.
+    `bits` is the bit depth of 16-bit samples, and the largest value of this depth becomes 255.
     """
     if image.dtype == np.uint16:
         image = cv2.convertScaleAbs(image, alpha=255 / (2**bits - 1))
@@ -194,7 +196,7 @@ def decoded(raw: bytes) -> Samples:
 
 
 def codec_of(data: bytes) -> str:
-    """Return the name of an unsupported codec by its data; empty if the codec is unknown."""
+    """Return the name of an unsupported codec by the first bytes of the data; empty if the codec is unknown."""
     return next((name for pattern, name in _CODECS if pattern.match(data[:16])), "")
 
 
@@ -208,7 +210,7 @@ def claimed_size(data: bytes) -> tuple[int, int] | None:
         except ValueError:
             return None
         return int(width), int(height)
-    found = _PNM.match(data[:4096])  # comments included
+    found = _PNM.match(data[:4096])  # the head with its comments
     return (int(found[1]), int(found[2])) if found else None
 
 
@@ -309,7 +311,10 @@ def encode_jpeg(image: GreyImage, quality: int) -> bytes:
 
 
 def _critical_chunks(raw: bytes) -> bytes:
-    """Verify a PNG's chunks (ISO/IEC 15948, 5.3); return only the critical, as others may decompress to any size."""
+    """Verify a PNG's chunks (ISO/IEC 15948, 5.3).
+
+    Return only the critical chunks, because others may decompress to any size.
+    """
     offset, kind, kept = len(PNG_MAGIC), b"", [PNG_MAGIC]
     while kind != b"IEND":
         head = raw[offset : offset + 8]

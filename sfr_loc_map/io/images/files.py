@@ -36,7 +36,7 @@ class ImagePair:
 def complete_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], tuple[int, ...]]:
     """Return the pairs that have both images, and the stamps of the other pairs.
 
-    Warnings report the other pairs, and images beside those of the pairs that `name` does not list.
+    Warnings report the other pairs, and images in the same folders that the list `name` does not contain.
     """
     check_order([entry.stamp_ns for entry in entries], name, strict=True)
     files = [file for entry in entries for file in (entry.left, entry.right)]
@@ -66,7 +66,7 @@ def _report_unlisted(files: Sequence[Path], name: str) -> None:
 
 
 def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:
-    """Check that an image has the rig's size."""
+    """Raise InputError if an image does not have the size of the rig's images."""
     if fault := rig.fault_of_size(image):
         raise InputError(f"{name} {fault}")
 

@@ -37,7 +37,7 @@ export function showCalls(run) {
   });
 }
 
-/** Return a field of the calls of a task over the time of their reception, in the unit of the factor. */
+/** Return a field of the calls of a task over the time of their reception, multiplied by `factor`. */
 function traceOf(allCalls, task, field, factor, { suffix = "", dash = "solid" } = {}) {
   const calls = allCalls.filter((call) => call.node === task.node && Number.isFinite(call[field]));
   return {

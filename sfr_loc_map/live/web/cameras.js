@@ -17,7 +17,7 @@ export function showCameras(run) {
   }
 }
 
-/** Return why no image is shown, or no newer one; after the end of the run, the last image stays without a problem. */
+/** Return why no image, or no newer image, is shown; empty for the last image after the end of the run. */
 function problemOf(run, topic) {
   const problem = run.ended ? "" : run.live?.image_problems[topic];
   return problem || (run.images.has(topic) ? "" : run.missing("no image was received"));

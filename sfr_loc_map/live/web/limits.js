@@ -28,7 +28,7 @@ export function showLimits(run) {
 }
 
 function whyEmpty(run) {
-  return run.score ? "No limits were given, so that there is no verdict." : run.missing("no score was received");
+  return run.score ? "No limits were given, so there is no verdict." : run.missing("no score was received");
 }
 
 function bars(limits) {

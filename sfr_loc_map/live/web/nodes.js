@@ -43,7 +43,7 @@ function showDrops(nodes) {
   showRows(byId("drops"), { headings, rows, firstCount: 1 });
 }
 
-/** Show a table of texts; from the column `firstCount` on they are counts, which are emphasised above zero. */
+/** Show a table of texts; the columns from `firstCount` on are counts, which are emphasised above zero. */
 function showRows(place, { headings, rows, firstCount }) {
   const content = JSON.stringify([headings, rows]);
   if (place.dataset.content === content) return;

@@ -12,7 +12,7 @@ export class Run {
     this.score = null; // tables, limits and errors of the latest score
     this.events = [];
     this.keptPoses = []; // poses of the thinned path
-    this.lastPose = null; // also if the thinned path lacks it
+    this.lastPose = null; // even if the thinned path does not contain the pose
     this.beforeM = 0; // distance travelled before the first pose
     this.calls = [];
     this.images = new Map(); // by topic

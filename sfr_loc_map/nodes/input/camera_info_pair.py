@@ -11,11 +11,11 @@ from sfr_loc_map.suite_names import Side
 
 
 class CameraInfoPair:
-    """Combines new camera_info messages of the left and right camera into pairs of the same calibration.
+    """Combines new camera_info messages of the left and right camera into pairs from one calibration of the rig.
 
-    When a calibration changes, one side arrives first, and the message of the other side may be lost. A waiting message
-    with the previous calibration is therefore discarded when the other side has changed, unless both messages have the
-    same stamp. Repeated messages are allowed.
+    When the calibration changes, the message of one side arrives first, and that of the other side may be lost. A
+    waiting message with the previous calibration is therefore discarded when the calibration of the other side has
+    changed, unless both messages have the same stamp. Repeated messages are allowed.
     """
 
     def __init__(self) -> None:
@@ -48,7 +48,7 @@ class CameraInfoPair:
         return side in self._paired and _calibration(self._waiting[side]) != _calibration(self._paired[side])
 
     def _have_same_stamp(self) -> bool:
-        """Return whether the waiting messages of both sides have the same stamp; the stamp 0 is unknown."""
+        """Return whether the waiting messages of both sides have the same known stamp; 0 is an unknown stamp."""
         left_ns, right_ns = (stamp_of(message) for message in self._waiting.values())
         return left_ns == right_ns != 0
 

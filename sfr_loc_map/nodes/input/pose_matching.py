@@ -18,8 +18,8 @@ MAX_WAITING = 2 * MAX_PAIRS  #: Maximum number of pairs that wait for their pose
 class PoseMatching(Generic[T]):
     """Holds pairs until the pose of their stamp is received; `dropped` counts the pairs whose pose never arrived.
 
-    As in a `StampPairing`, each pose belongs to one pair, and the tolerance is less than half of the shorter period, so
-    that the pose of a neighbouring stamp is not used.
+    As in a `StampPairing`, each pose belongs to one pair, and the tolerance is less than half of the period of the
+    pairs or of the poses, whichever is shorter, so that the pose of a neighbouring stamp is not used.
     """
 
     def __init__(self, tolerance_ns: int, timeout_s: float, on_drop: Callable[[int], None]) -> None:
@@ -33,7 +33,7 @@ class PoseMatching(Generic[T]):
     def add_pose(self, stamp_ns: int, pose: Transform) -> list[tuple[T, Transform]]:
         """Add a pose; return the pairs that now have a pose, in the order of their arrival."""
         self._pose_gaps.add(stamp_ns)
-        self._poses.pop(stamp_ns, None)  # a repeated stamp becomes the newest
+        self._poses.pop(stamp_ns, None)  # a pose with a repeated stamp becomes the newest entry
         self._poses[stamp_ns] = pose
         if len(self._poses) > MAX_POSES:
             self._poses.pop(next(iter(self._poses)))

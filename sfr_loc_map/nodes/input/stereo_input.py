@@ -1,4 +1,4 @@
-"""Receive the topics of a stereo rig, and synchronise the images to stereo pairs."""
+"""Receive the topics of a stereo rig, and combine the images into stereo pairs by their stamps."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from sfr_loc_map.topics import COMPRESSED_END
 from sfr_loc_map.transport_issues import MUCH_LOST, doubled_publishers, loss_fix
 
 LOSS_WINDOW = 40  #: Minimum number of images over which the fraction lost in transport is computed.
-RECENT = 200  #: Number of stamps kept of each side, to explain why its images make no pair.
+RECENT = 200  #: Number of stamps kept of each side, to explain why its images form no pair.
 ReceivedImage = tuple[Any, Mapping[str, Any]]
 """sensor_msgs/Image or CompressedImage, and the message info of the middleware."""
 
@@ -146,7 +146,7 @@ class StereoInput:
         self._rectifier: StereoRectifier | None = None
         self._pairing: StampPairing[ReceivedImage] = StampPairing(config.stamp_tolerance_ns, config.queue_depth)
         self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
-        self._gaps: dict[str, TransportGaps] = {}  # gaps by topic
+        self._gaps: dict[str, TransportGaps] = {}  # gaps in the sequence numbers, by topic
         self._remove_compressed: dict[Side, Callable[[], object]] = {}
         self._counts_at_last_share = 0, 0  # images lost and sent when the lost fraction was last computed
         self.reset_received()
@@ -178,7 +178,7 @@ class StereoInput:
                     self._remove_compressed[side] = remove
 
     def counts(self) -> dict[str, int]:
-        """Return what was dropped since the configuration, by name."""
+        """Return the numbers of messages dropped since the configuration, by cause."""
         return {
             "dropped_in_transport": sum(gaps.lost for gaps in self._gaps.values()),
             "dropped_unpaired": self._pairing.unpaired + self._pairing.overflowed,
@@ -220,7 +220,7 @@ class StereoInput:
         return found
 
     def apart_text(self) -> str:
-        """Return why the images received since `reset_received` made no pair; empty if there was a pair."""
+        """Return why the images received since `reset_received` formed no pair; empty if there was a pair."""
         if self._pairs_received or not all(self._recent_ns.values()):
             return ""
         left, right = (np.array(self._recent_ns[side], np.int64) for side in SIDES)
@@ -298,7 +298,7 @@ class StereoInput:
 
     def _receive_image(self, side: Side, gaps: TransportGaps, message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401
         if isinstance(message, Image) and side in self._remove_compressed:
-            self._remove_compressed.pop(side)()  # raw images are published
+            self._remove_compressed.pop(side)()  # raw images arrive, so compressed images are not needed
         if gaps.add(info) and (share := self._lost_share()) > MUCH_LOST and not self.check_publishers():
             text = f"{share:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
             self._status.warn(text, "transport")

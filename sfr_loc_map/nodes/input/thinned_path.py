@@ -54,6 +54,6 @@ class ThinnedPath(Generic[T]):
 
 
 def _distance(before: Transform, now: Transform) -> float:
-    """Return the distance of two poses, metres: the translation plus the rotation angle divided by `TURN_PER_METRE`."""
+    """Return the distance between two poses, m: the translation plus the rotation angle divided by `TURN_PER_METRE`."""
     cosine = 0.5 * (float(np.vdot(before.rotation, now.rotation)) - 1.0)
     return math.dist(before.translation, now.translation) + math.acos(max(-1.0, min(1.0, cosine))) / TURN_PER_METRE

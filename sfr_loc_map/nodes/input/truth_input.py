@@ -36,7 +36,7 @@ class TruthTopic:
         self._unsubscribe = subscribe(msgtype)
 
     def follow(self, published: Sequence[str]) -> bool:
-        """If the present type is not published, change to a published type of true poses; return whether it changed."""
+        """Change to a published type of true poses unless the present type is published; return whether it changed."""
         usable = [msgtype for msgtype in published if msgtype in TRUTH_TYPES]
         if not usable or self.msgtype in usable:
             return False
@@ -220,6 +220,6 @@ class FrameTruthInput(TruthInput):
 
 
 def _forget_before(rows: list[PoseRow], stamp_ns: int) -> None:
-    """Drop the rows that are not required to interpolate at a later stamp."""
+    """Drop the rows that are not required to interpolate at this stamp or later."""
     while len(rows) > 1 and rows[1][0] <= stamp_ns:
         rows.pop(0)

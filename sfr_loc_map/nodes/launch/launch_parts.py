@@ -73,7 +73,7 @@ def _node(context: LaunchContext, task: str, argument: str) -> Any:  # noqa: ANN
     file = Path(_value(context, argument) or default)
     with refusing(f"{argument}:={file}", "give a parameter file"):
         check_regular(file)
-    # a value overrides the parameter file, so that only given values are passed
+    # only given values are passed, because a value overrides the parameter file
     given = {name: _value(context, name) for name in ("use_sim_time", "autostart")}
     shared: dict[str, Any] = {name: value == "true" for name, value in given.items() if value}
     if (prefix := _value(context, "frame_prefix")) and task != "monitor":  # the monitor has no frames

@@ -29,8 +29,8 @@ def node_names(chosen: Sequence[str]) -> list[str]:
 def run_nodes(nodes: Sequence[str], arguments: Sequence[str], say: Callable[[str], None], *, respawn: bool) -> None:
     """Run nodes with the same arguments, each in its own process, until a signal arrives.
 
-    With `respawn`, crashed nodes are restarted and reported by `say`. Without `respawn`, or if a node ends without a
-    crash, a NodeError ends all nodes.
+    With `respawn`, crashed nodes are restarted and reported by `say`. If a node ends without a crash, or crashes
+    without `respawn`, all nodes are ended and a NodeError is raised.
     """
     environment.prepare()
     try:

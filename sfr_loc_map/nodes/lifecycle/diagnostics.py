@@ -79,7 +79,7 @@ def status_msg(name: str, level: Level, message: str, values: Mapping[str, Value
 
 
 def level_of(status: DiagnosticStatus) -> Level:
-    """Return the level of a status, given as a byte or an integer; values above the range are limited to its end."""
+    """Return the level of a status, given as a byte or an integer; values above the range give the highest level."""
     level = status.level
     return Level(min(level[0] if isinstance(level, bytes) else int(level), max(Level)))
 
@@ -261,7 +261,7 @@ class StatusReporter:
             moments.popleft()
 
     def _rate(self, moments: deque[float], now: float) -> float:
-        """Return the rate over the window, or since the reset if that is later, Hz.
+        """Return the rate over the window, Hz, or over the time since the reset if that time is shorter.
 
         The time since the reset counts as at least 1 s, so that two messages soon after the reset are not a high rate.
         """

@@ -94,8 +94,8 @@ class Endpoints:
     def add_latched(self, kind: type[Any], topic: str, callback: Callable[..., None]) -> None:
         """Subscribe to latched messages of a topic that also has a volatile subscription.
 
-        Later messages arrive twice. Only the volatile subscription reports publishers with incompatible quality of
-        service.
+        Messages that are sent later arrive twice, once by each subscription. Only the volatile subscription reports
+        publishers with incompatible quality of service.
         """
         subscription = self._node.create_subscription(
             kind,

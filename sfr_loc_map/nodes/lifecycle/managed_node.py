@@ -62,7 +62,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     - states: `check_config`, `reset_state` and `setup` at a configuration, `subscribe` at an activation
     - events: `apply_config`, `clock_jumped_back`, `restart_after_fault`, `count_failed`
-    - health: `expects_input`; `counts` and `report_periodically`, which an override calls by `super()`
+    - health: `expects_input`; `counts` and `report_periodically`, whose overrides must call `super()`
 
     Jobs given to `worker` are run in order in the worker's thread. Errors are reported by these routes:
 
@@ -138,11 +138,14 @@ class ManagedNode(LifecycleNode, Generic[C]):
         return True
 
     def counts(self) -> dict[str, int]:
-        """Return what was dropped since the configuration, by name; called in any thread."""
+        """Return the numbers of messages dropped since the configuration, by cause; called in any thread."""
         return {"dropped_overload": self._worker.dropped if self._worker is not None else 0}
 
     def report_periodically(self) -> None:
-        """Log what was dropped since the last call; called every `LOG_PERIOD_S` while the node is active."""
+        """Log how many messages were dropped since the last call.
+
+        Called every `LOG_PERIOD_S` while the node is active.
+        """
         counts, before = self.counts(), self._counts_before
         self._counts_before = counts
         for name, count in counts.items():
