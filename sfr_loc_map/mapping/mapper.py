@@ -18,8 +18,8 @@ The stages of `Mapper.process`, with their modules and results:
    filled pixels are not measured.
 5. `fill_holes` (`disparity/hole_filling`) -> `DisparityMap`: invalid pixels are filled from a surface beside them if
    both images support it.
-6. `without_roll` (`disparity/right_camera`) -> `DisparityMap`: the effect of the measured roll is removed from the
-   disparities.
+6. `without_roll` (`disparity/right_camera`) -> `DisparityMap`: the effect of the roll of the right camera is removed
+   from the disparities.
 7. `within_range` (`disparity/validity`) -> `DisparityMap`: pixels beyond the maximum depth become invalid.
 8. `view_of_pair` (`reprojection`) -> `PairView`: the valid disparities are reprojected to points in LM.
 9. `sigma_of_calibration` (`calibration_sigma`) -> `CalibrationSigma`: the uncertainty of the calibration given the
