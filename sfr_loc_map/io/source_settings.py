@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import suggestion
+from sfr_loc_map.config import flatten, suggestion
 from sfr_loc_map.config_file import SECTIONS, Configuration, Key, check_form, check_one_name
 from sfr_loc_map.errors import ConfigError, SfrError
 from sfr_loc_map.inputs import parent_of
@@ -68,8 +68,16 @@ def with_settings(
         if key.section not in SECTIONS:
             raise ConfigError(f"setting '{name}': no section '{key.section}'{suggestion(key.section, SECTIONS)}")
         check_form(key, value, f"setting '{name}'")
-        key.put(_in_working_directory(key, value), sections)
+        for place, item in _single_values(key, value).items():
+            place.put(_in_working_directory(place, item), sections)
     return replace(given, sections=sections)
+
+
+def _single_values(key: Key, value: object) -> dict[Key, object]:
+    """Return a value by its key, or the values of a group, such as `localisation.motion`, by their dotted names."""
+    if not key.name or not isinstance(value, Mapping):
+        return {key: value}
+    return {Key(key.section, name): item for name, item in flatten(value, f"{key.name}.").items()}
 
 
 def copied(sections: Mapping[str, Any]) -> dict[str, Any]:

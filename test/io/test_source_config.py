@@ -120,6 +120,20 @@ def test_the_parameters_are_those_of_the_time_when_the_file_was_read(
     assert config.given.build(LocalisationConfig, "localisation").max_features == 300
 
 
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"localisation.motion.max_speed_m_s": 2.0},
+        {"localisation.motion": {"max_speed_m_s": 2.0}},
+        {"localisation": {"motion": {"max_speed_m_s": 2.0}, "max_features": 300}},
+    ],
+)
+def test_a_setting_replaces_the_value_of_a_file_however_it_is_nested(settings: dict[str, Any]) -> None:
+    given = Configuration(None, {"localisation": {"motion.max_speed_m_s": 1.0, "max_features": 300}})
+    found = with_settings(given, settings).build(LocalisationConfig, "localisation")
+    assert (found.motion.max_speed_m_s, found.max_features) == (2.0, 300)
+
+
 @pytest.mark.parametrize("section", ["extrinsics", "T_rb_locsb"])
 def test_a_setting_has_either_name_of_the_extrinsics_and_not_both(section: str) -> None:
     quat = [0.0, 0.0, 0.0, 1.0]
