@@ -77,7 +77,7 @@ def load_cloud(path: Path) -> LoadedCloud:
     if a value is invalid.
     """
     fields = _read_fields(path)
-    columns, is_organised = fields.columns, fields.grid is not None
+    columns = fields.columns
     with np.errstate(invalid="ignore"):  # a signalling NaN would cause a warning
         xyz = np.column_stack([np.asarray(columns[name], np.float64) for name in "xyz"])
     is_finite = np.asarray(np.isfinite(xyz).all(axis=1))
@@ -91,7 +91,8 @@ def load_cloud(path: Path) -> LoadedCloud:
             "their distance to the nearest true point"
         )
     else:
-        cloud = _with_pixels(fields, is_finite, path)
+        cloud = _point_cloud(fields, is_finite, path)
+    is_organised = fields.grid is not None
     not_finite = 0 if is_organised else int(np.count_nonzero(~is_finite))  # in organised clouds such points are normal
     return LoadedCloud(xyz[is_finite], cloud, fields.grid, not_finite)
 
@@ -117,7 +118,7 @@ def _read_fields(path: Path) -> CloudFields:
     if "u" in columns or "v" in columns:
         return replace(fields, columns=columns, grid=None)
     if fields.grid is not None:
-        columns = _adding_pixels(columns, *fields.grid)
+        columns = _with_pixels_of_grid(columns, *fields.grid)
     return replace(fields, columns=columns)
 
 
@@ -127,14 +128,14 @@ def _without_prefix(columns: Columns) -> Columns:
     return {name if plain[name] in columns else plain[name]: values for name, values in columns.items()}
 
 
-def _adding_pixels(columns: Columns, width: int, height: int) -> Columns:
+def _with_pixels_of_grid(columns: Columns, width: int, height: int) -> Columns:
     """Return the fields with u and v from the order of the points of an organised cloud."""
     points = width * height
     v, u = np.divmod(np.arange(points), width)
     return {**columns, "u": u, "v": v, "pair": columns.get("pair", np.zeros(points))}
 
 
-def _with_pixels(fields: CloudFields, kept: Mask, path: Path) -> PointCloud:
+def _point_cloud(fields: CloudFields, kept: Mask, path: Path) -> PointCloud:
     """Return the points that a mask `(N,)` selects, with their pixels; raise InputError if a value is invalid.
 
     An organised cloud counts as not fused unless a comment states the opposite.
