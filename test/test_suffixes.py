@@ -82,3 +82,12 @@ def test_a_table_is_written_as_csv_for_a_suffix_in_any_case(tmp_path: Path) -> N
     for name in ("x.csv", "X.CSV"):
         save_table(tmp_path / name, {"u": np.arange(2)})
         assert (tmp_path / name).read_text() == "u\n0\n1\n"
+
+
+def test_a_table_of_poses_is_converted_whatever_its_suffix_is(
+    sfr: Sfr, tmp_path: Path, inputs: dict[str, Path]
+) -> None:
+    table = inputs["trajectory"].rename(tmp_path / "t.poses")
+    result = sfr("convert", table, tmp_path / "o.csv")
+    assert result.code == 0, result.err
+    assert (tmp_path / "o.csv").read_bytes() == table.read_bytes()

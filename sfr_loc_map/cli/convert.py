@@ -112,7 +112,11 @@ def convert(
 
 
 def _conversion_of(source: Path, destination: Path, layout: str | None) -> Conversion:
-    """Return the conversion by the suffixes of both paths; `layout` is the value of `--to`."""
+    """Return the conversion by both paths; `layout` is the value of `--to`.
+
+    A file that is neither a cloud nor a bag is a table of poses if its suffix, or that of the output, is one of poses.
+    """
+    from sfr_loc_map.io.bag.files import is_bag
     from sfr_loc_map.io.clouds.cloud_file import SUFFIXES as CLOUDS
     from sfr_loc_map.io.tables.trajectory_writer import FILE_SUFFIXES, format_of_name
 
@@ -121,7 +125,8 @@ def _conversion_of(source: Path, destination: Path, layout: str | None) -> Conve
     if not source.is_dir() and suffix_of(source) in FILE_SUFFIXES:
         return Conversion.TRAJECTORY
     if layout is None and format_of_name(destination) is not None:
-        return Conversion.TRUE_TRAJECTORY
+        is_table = source.is_file() and not is_bag(source)
+        return Conversion.TRAJECTORY if is_table else Conversion.TRUE_TRAJECTORY
     if layout is None and suffix_of(destination) == PAIRS:
         return Conversion.BOARD_PAIRS
     return Conversion.SOURCE
