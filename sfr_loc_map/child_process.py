@@ -15,7 +15,10 @@ _LIBRARY = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 
 
 def end_with_parent(number: signal.Signals, waiting: Collection[signal.Signals] = ()) -> None:
-    """Let the kernel send this process a signal when its parent ends (Linux), and block the signals in `waiting`."""
+    """Let the kernel send this process a signal when its parent ends (Linux).
+
+    The signals in `waiting` are blocked until the program that is started unblocks them (`nodes.start`).
+    """
     signal.pthread_sigmask(signal.SIG_BLOCK, waiting)
     if _LIBRARY is not None:
         _LIBRARY.prctl(_PR_SET_PDEATHSIG, number)

@@ -21,7 +21,7 @@ class GrowingRows:
         return self._count
 
     def add(self, *row: object) -> None:
-        """Add a row, whose values are in the order of the type."""
+        """Add a row, given by its values in the order of the fields."""
         if self._count == len(self._array):
             longer = np.empty(2 * self._count, self._array.dtype)
             longer[: self._count] = self._array

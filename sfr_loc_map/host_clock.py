@@ -75,7 +75,7 @@ class _Time(ctypes.Structure):
 
 
 def system_call_s() -> float | None:
-    """Return the seconds of the monotonic clock by a system call; None if its number is unknown for this host.
+    """Return the seconds of the monotonic clock by a system call; None if the call's number is unknown.
 
     A preloaded library usually replaces only the library function of the clock. A library that also replaces `syscall`
     must be written for that purpose.

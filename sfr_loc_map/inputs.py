@@ -38,7 +38,7 @@ def refusing(where: str, advice: str = "correct the file") -> Iterator[None]:
 
 
 def missing(path: Path) -> str:
-    """Return the message about an input that does not exist, in the words of all messages about unreadable files."""
+    """Return the message about an input that does not exist, in the same words as for unreadable files."""
     return f"cannot read '{path}': {os.strerror(errno.ENOENT)}"
 
 
@@ -58,7 +58,8 @@ MAX_CLOUD_BYTES = 4096 * MB
 MAX_TABLE_BYTES = 256 * MB  #: Maximum size of a text table: a trajectory of 1.5 million poses.
 MAX_TABLE_LINES = 4_000_000
 MAX_LINE_BYTES = 64_000
-BLOCK_BYTES = 4 * MB  #: Approximate size of the blocks of whole lines in which tables are read, to limit memory.
+BLOCK_BYTES = 4 * MB
+"""Approximate size, bytes, of the blocks of whole lines in which tables are read, to limit memory."""
 FREE_BYTES = 64 * 2**20  #: Decompressed size that is always accepted, bytes.
 LARGEST_RATIO = 20
 """Maximum ratio of decompressed to compressed size above `FREE_BYTES`. Images and points of real sensors have lower

@@ -67,9 +67,9 @@ _LIMITS = {"": "", ">": "at least ", "<": "at most "}
 
 
 def converted(content: object, kind: type[T], name: str = "") -> T:
-    """Return plain values as a structure of msgspec; texts of numbers, such as 1e-5 in YAML, are numbers.
+    """Return plain values as a structure of msgspec; texts such as 1e-5 in YAML become numbers.
 
-    `name` is that of the values in messages. ValueError states which value is missing, or which kind of value is
+    Messages call the values `name`. ValueError states which value is missing, or which kind of value is
     required.
     """
     try:

@@ -65,7 +65,7 @@ class StampOrder(ABC, Generic[T]):
 
     @abstractmethod
     def release(self) -> list[T]:
-        """Restart, because another source has begun a run, and return the items that may belong to the run."""
+        """Restart, because another source has begun a run, and return the items that may belong to that run."""
 
 
 class RunOrder(StampOrder[T]):
@@ -141,7 +141,7 @@ class AnyOrder(StampOrder[T]):
     """Assigns stamped items that arrive in any order to runs; `strays` counts the dropped items.
 
     An item after the first stamp of the run is accepted if the lead over the last stamp is below an hour. An item
-    before the first stamp is accepted once no gap separates the item from the run.
+    before the first stamp is accepted once no gap separates the item from the run (`JOIN`).
 
     Consecutive items of another time (`is_of_another_time`) are accepted together if their stamps increase, are all
     before or all after the last stamp, and one of two conditions holds. Either there are `AGREEING` items, each of
@@ -171,7 +171,7 @@ class AnyOrder(StampOrder[T]):
         self._chain: list[tuple[int, T, bool]] = []
 
     def release(self) -> list[T]:
-        """Restart, because another source has begun a run, and return the items that may belong to the run."""
+        """Restart, because another source has begun a run, and return the items that may belong to that run."""
         items = [item for _, item, _ in self._chain]
         self._take_chain()
         self._begin([])
@@ -259,7 +259,8 @@ class CommonRuns(Generic[T]):
         """Start before the first item; `orders` has one order per source."""
         self._orders = orders
         self._latest_ns: dict[str, int] = {}  # latest stamp of each source in the run
-        self._ended_ns: dict[str, tuple[int, int]] = {}  # latest stamps of the previous run: of a source, of all
+        # by source: latest stamp in the previous run of the source, and of all
+        self._ended_ns: dict[str, tuple[int, int]] = {}
 
     @property
     def strays(self) -> int:

@@ -18,7 +18,8 @@ IMAGES = {
     for image in (RECTIFIED, RAW)
     for end, kind in (("", message_types.IMAGE), (COMPRESSED_END, message_types.COMPRESSED))
 }
-"""Message types of a camera's images by the last part of the topic. If several are published, the first is shown."""
+"""Message types of a camera's images by the last part of the topic. If several are published, the live page shows the
+first."""
 CAMERAS = tuple(f"{task.rig}/{side}" for task in Task for side in SIDES)
 NAV_POSE, INITIAL_POSE, MOTION_PRIOR, JOINTS = "nav/pose", "initialpose", "motion_prior", "joint_states"
 TRUE_POSES, TRUE_POINTS = "ground_truth/odometry", "ground_truth/points"

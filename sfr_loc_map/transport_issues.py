@@ -34,7 +34,7 @@ class Publisher:
     """A publisher of a topic as reported by the graph."""
 
     node: str
-    """Name of its node with the namespace."""
+    """Name of the publisher's node, with its namespace."""
     msgtype: str
     reliability: Reliability = Reliability.RELIABLE
     is_latched: bool = False  #: Whether its last messages are kept for late subscribers.
@@ -43,7 +43,7 @@ class Publisher:
 def silence_of(
     topic: str, wanted: Sequence[str], publishers: Sequence[Publisher], requested: Reliability = Reliability.BEST_EFFORT
 ) -> Issue:
-    """Return why no message of a topic of one of the wanted types is received, and the fix."""
+    """Return why no message of one of the wanted types is received on a topic, and the fix."""
     if not publishers:
         fix = "start the publisher, or remap its topic (sfr run -r EXPECTED:=FOUND)"
         return Issue(Cause.NO_PUBLISHER, topic, "no publisher", fix)

@@ -246,9 +246,9 @@ def benchmark_faults(
 
 
 def fault_figures(estimates: Sequence[PoseEstimate], truth: Trajectory, scoring: TrajectoryScoreConfig) -> FaultEntry:
-    """Return the figures of the drive with one fault; raise InputError if no pair is left."""
+    """Return the figures of the drive with one fault; raise InputError if the fault has left no pair."""
     if not estimates:
-        raise InputError("no pair is left")
+        raise InputError("the fault has left no pair of images")
     lost = [estimate.state is TrackingState.LOST for estimate in estimates]
     known = [estimate for estimate, gone in zip(estimates, lost, strict=True) if not gone]
     figures = score_trajectory(Estimates.of(trajectory_of(known)), truth, scoring).figures if known else ()

@@ -120,7 +120,7 @@ def _other_images(seen: Observation) -> tuple[str, str]:
 
 def _waiting(seen: Observation) -> Issues:
     for node in seen.waiting:
-        text = "the node waits because none of its cameras is on the graph"
+        text = "the node waits because no topic of its cameras has a publisher"
         fix = "start the cameras, or name their topics (sfr run --config); otherwise omit the node"
         yield Issue(Cause.NO_PUBLISHER, node.name, text, fix, False)
 
@@ -366,7 +366,10 @@ def _host_clock(seen: Observation) -> Issues:
         off_ns = int(stamps[-1]) - seen.now_ns if len(stamps) else 0
         if abs(off_ns) > COMPARABLE_NS:
             off_s = f"{off_ns / NS_PER_S:.6g}"
-            text = f"stamps differ by {off_s} s from the time of this host: latencies are unknown, tf may reject stamps"
+            text = (
+                f"stamps differ by {off_s} s from the time of this host: latencies are unknown, and tf may reject "
+                "the stamps"
+            )
             fix = "synchronise the clocks (chrony, PTP); play a bag with --clock and set use_sim_time"
             yield Issue(Cause.CLOCKS_APART, f"{rig}/left/{seen.image_name(rig)}", text, fix, False)
 

@@ -33,7 +33,7 @@ EXPECTED: Mapping[str, tuple[str, ...]] = {
     **{name: (TOPICS[name].msgtype,) for name in names(Role.INPUT, Role.TRUTH)},
     TRUE_POSES: tuple(TRUTH_TYPES),
 }
-"""Type of each observed topic; the key is the topic name in the suite."""
+"""Accepted message types of each observed topic, by the name of the topic in the suite."""
 MESSAGES_KEPT = 4  #: Number of messages that are kept for each topic.
 
 
@@ -95,7 +95,8 @@ class Observation:
     stamp_tolerance_ns: int = SyncConfig().stamp_tolerance_ns
     """Tolerance in the configuration, for rigs without a node."""
     extrinsics_given: bool = False  #: Whether a parameter file gives the extrinsics.
-    extrinsics_in_tf: bool | None = False  #: Whether /tf_static (files: rig.json) gives them; None: unreadable.
+    extrinsics_in_tf: bool | None = False
+    """Whether /tf_static, or rig.json for files, gives the extrinsics; None if unreadable."""
     nodes: tuple[ObservedNode, ...] = ()
     has_clock: bool = False  #: /clock is published.
     now_ns: int | None = None  #: Host time at the end of the observation; None for a recording.

@@ -130,7 +130,7 @@ class _Recorder(Peer):
         if all(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in infos):
             quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
         self.subscribe(kind, name, received, quality, raw=True)
-        self._say(f"records {name} ({msgtype})")
+        self._say(f"recording {name} ({msgtype})")
 
 
 def _offered_qos(info: Any) -> Qos:  # noqa: ANN401 - rclpy's TopicEndpointInfo

@@ -52,5 +52,5 @@ def _split(url: str) -> tuple[str, str]:
 
 def is_equal(given: str, wanted: str) -> bool:
     """Compare two tokens in a time that does not depend on their content."""
-    # invalid UTF-8 bytes of a header are surrogates
+    # invalid UTF-8 bytes in a header were decoded to surrogates
     return hmac.compare_digest(given.encode(errors="surrogatepass"), wanted.encode())

@@ -1,4 +1,4 @@
-"""Commands of an operator to the nodes, and the interface of their execution."""
+"""Commands of an operator to the nodes, and the interface for executing them."""
 
 from __future__ import annotations
 

@@ -19,11 +19,11 @@ class Freshness:
 
 
 NODE_FRESHNESS = Freshness(after_s=1.5, periods=1.6)
-"""Limits for a node. A timer publishes the health and the report states its period, so one missing report suffices."""
+"""Limits for a node. Its health is published by a timer at a known period, so one missing report indicates silence."""
 TOPIC_FRESHNESS = Freshness(after_s=1.6, periods=3.0)
 """Limits for a topic. The period of a topic varies with its source, so two messages may be missing."""
 SLOWEST_PERIOD_S = 5.0
-"""Assumed period of a topic with a single message, s: a longer period of poses or figures is unusual."""
+"""Assumed period of a topic with a single message, s, because a longer period of poses or figures is unusual."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -193,7 +193,7 @@ def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
         if drops := [f"{count} {cause}" for cause, count in node["drops"].items() if count]:
             yield f"{name} dropped: {', '.join(drops)}"
     if lost := [f"{count} of {topic}" for topic, count in state.lost.items() if count]:
-        yield "not received here: " + ", ".join(lost)
+        yield "lost in transport to this view: " + ", ".join(lost)
     if state.score is not None:
         yield from (f"warning: {one_line(text)}" for text in state.score.score.warnings)
     if state.problems:

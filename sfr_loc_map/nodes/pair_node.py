@@ -206,7 +206,7 @@ class PairNode(ManagedNode[P], ABC):
         return missing_input(self, self.inputs()) or self._stereo.apart_text()
 
     def clock_jumped_back(self) -> None:
-        """Start a new run, unless pairs of the new time were received already."""
+        """Start a new run, unless pairs with stamps of the set-back clock were received already."""
         self._stereo.clock_jumped_back(self.get_clock().now().nanoseconds)
 
     def counts(self) -> dict[str, int]:

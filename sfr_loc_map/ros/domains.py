@@ -14,7 +14,8 @@ from collections.abc import Iterable
 from sfr_loc_map.errors import NodeError
 
 DOMAINS = range(1, 102)
-"""Domains that are chosen. Domain 0 is the default of ROS, and ports of domains above 101 are in the ephemeral range.
+"""Domains from which one is chosen. Domain 0 is the default of ROS, and ports of domains above 101 are in the ephemeral
+range.
 """
 HELD_PORT = 249
 """Port that holds a domain, relative to the first port of the domain. Only the 120th participant would use it."""

@@ -56,7 +56,10 @@ def save_map(
     outputs: MapOutputs,
     secondary_output: Callable[[], AbstractContextManager[object]] = nullcontext,
 ) -> PointCloud:
-    """Write the files of a map, and return the cloud; each other file is written in a context of `secondary_output`."""
+    """Write the files of a map, and return the cloud.
+
+    Each other file is written within a `secondary_output`, which may convert its errors.
+    """
     cloud = run.fused.cloud if outputs.fuse else run.unfused
     save_cloud(outputs.cloud, cloud)
     if not outputs.more:

@@ -48,7 +48,7 @@ def readable(path: Path) -> int:
 def test_the_end_on_request_leaves_a_source_for_all_else(rover: Process, tmp_path: Path) -> None:
     out = tmp_path / "drive.mcap"
     with Process(tmp_path / "log", *COMMAND, "record", str(out)) as process:
-        process.wait_for("records /ground_truth/odometry")
+        process.wait_for("recording /ground_truth/odometry")
         wait_until(lambda: readable(out) > 20, "images")
         assert process.end(SIGINT, SIGTERM, pause_s=0.0) == 0, process.text
         *_, counted, advice = process.text.splitlines()

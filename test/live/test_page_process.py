@@ -75,7 +75,7 @@ def test_silent_monitor_is_shown_and_comes_back_and_a_bookmark_is_recorded(tmp_p
             wait_until(lambda: not is_silent(url), "a monitor that is back")
             monitor.popen.kill()
             monitor.popen.wait()
-        record.wait_for("records /bookmark")
+        record.wait_for("recording /bookmark")
         token = re.search(rb'name="command-token" content="([^"]+)"', asked(url))
         assert token is not None
         headers = {"X-SFR-Token": token[1].decode(), "Content-Type": "application/json"}

@@ -11,7 +11,7 @@ from sfr_loc_map.errors import InputError
 
 CDR, ROS1 = "cdr", "ros1"
 OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
-"""ROS 2 names of types that have another name in ROS 1, by this name."""
+"""ROS 2 names of message types whose ROS 1 names differ, by ROS 1 name."""
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)  #: Types of the messages of ROS 2.
 
 

@@ -92,7 +92,7 @@ def _parents_up_to(series: Mapping[str, Mapping[str, Frame]], child: str, parent
 
 
 def chain_above(frames: Mapping[str, Frame], name: str, end: str = "") -> list[str]:
-    """Return a frame and its ancestors, without `end`, the ancestors of `end`, and the root.
+    """Return a frame and its ancestors; `end`, the ancestors of `end`, and the root are excluded.
 
     Raises ValueError if the parent of a frame in this chain is ambiguous, or if the chain leads back to one of its
     frames.
@@ -162,6 +162,6 @@ def valid_indices(rows: Sequence[PoseRow], where: str) -> list[int]:
 
 
 def trajectory_of(rows: list[PoseRow]) -> Trajectory:
-    """Return the poses in rows as a trajectory; GeometryError if a pose is invalid."""
+    """Return the poses in rows as a trajectory; raise GeometryError if a pose is invalid."""
     values = np.array([row for _, row in rows], np.float64).reshape(-1, 7)
     return Trajectory(np.array([stamp for stamp, _ in rows], np.int64), values[:, :3].copy(), values[:, 3:].copy())

@@ -48,7 +48,7 @@ def open_calibration(file: Path, size: tuple[int, int] | None) -> OpenedFile:
 
 
 def plain_name(name: str) -> str:
-    """Return a name in lower case without underscores; programs and their versions differ in these."""
+    """Return a name in lower case without underscores, because programs and their versions differ in both."""
     return name.lower().replace("_", "")
 
 
@@ -106,7 +106,7 @@ def content_of(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
 
 
 def named_values(file: Path) -> dict[str, Any]:
-    """Return the values in a file by their plain names (`plain_name`); ValueError if it has no names."""
+    """Return the values in a file by their plain names (`plain_name`); raise ValueError unless it is a mapping."""
     content = content_of(file)
     if not isinstance(content, dict):
         raise ValueError("the file has no mapping of names to values")

@@ -40,7 +40,7 @@ _log = logging.getLogger(__name__)
 PINHOLE_MODELS = ("radtan", "radial-tangential", "plumb_bob", "equidistant", "equi", "none")
 """Distortion models of Kalibr and EuRoC."""
 MODEL_NAMES = ("model", "distortionmodel", "cameramodel", "lensmodel")
-"""Plain names of the model of a lens in files of OpenCV."""
+"""Plain names (`plain_name`) of the lens model in files of OpenCV."""
 SAME_POSE = 1e-3  #: Largest difference, m and rad, between two stated poses of the right camera that is not reported.
 ONE_FOCAL = {"SIMPLE_PINHOLE": 3, "SIMPLE_RADIAL": 4, "RADIAL": 5, "SIMPLE_RADIAL_FISHEYE": 4, "RADIAL_FISHEYE": 5}
 TWO_FOCALS = {"PINHOLE": 4, "OPENCV": 8, "FULL_OPENCV": 12, "OPENCV_FISHEYE": 8}
@@ -83,7 +83,8 @@ def _two_files(opened: OpenedFile, names: str) -> list[Path]:
     """Return the files of the two cameras; raise InputError if there is only one."""
     if opened.other is None:
         raise InputError(
-            f"calibration '{opened.file}' has one camera: add the file of the other camera beside it, named as {names}"
+            f"calibration '{opened.file}' has one camera: add the file of the other camera beside it, at a path that "
+            f"differs only in {names}"
         )
     return opened.files
 
@@ -96,7 +97,10 @@ def _lens(d: Sequence[float], is_fisheye: bool) -> str:
 def _pinhole_lens(
     name: str, camera_model: str, model: str, coefficients: Sequence[float]
 ) -> tuple[tuple[float, ...], str]:
-    """Return coefficients and distortion model of a pinhole camera of Kalibr or EuRoC; ValueError for other cameras."""
+    """Return coefficients and distortion model of a pinhole camera of Kalibr or EuRoC.
+
+    Raises ValueError for other cameras.
+    """
     if camera_model != "pinhole":
         raise ValueError(f"{name} has the camera_model '{camera_model[:40]}': pinhole is required")
     if model not in PINHOLE_MODELS:
@@ -261,7 +265,7 @@ def _orbslam_raw(opened: OpenedFile, first: str, text: str) -> CameraPair:
 
 
 def _orbslam_rectified(opened: OpenedFile, name: str, text: str) -> CameraPair:
-    """Return the pair of rectified images: one camera without distortion, and the baseline by Camera.bf or Stereo.b."""
+    """Return a pair of rectified images: one camera without distortion, and a baseline from Camera.bf or Stereo.b."""
     content, size = opened.content, _orbslam_size(opened, name)
     if _is_kannala_brandt(content) or any(_orbslam_distortion(content, name)):
         raise ValueError(

@@ -28,8 +28,8 @@ from sfr_loc_map.io.calibration.rectification import (
 )
 
 FOCAL_RATIO = (0.5, 2.0)
-"""Accepted ratios of the rectified to the original focal length. With wide fisheye lenses, the focal length that OpenCV
-chooses is far below them."""
+"""Accepted ratios of the rectified to the original focal length. With wide fisheye lenses, OpenCV chooses a focal
+length far below this range."""
 RECTIFIED_TOLERANCE = 1e-9
 """Largest deviation of two cameras from a rectified pair, rad and m, that requires no rectification."""
 BASELINE_TOLERANCE = 0.01  #: Largest difference between two stated baselines, as a fraction of the second.
@@ -66,7 +66,7 @@ class StereoCalibration:
             )
 
     def with_baseline(self, baseline_m: float) -> StereoCalibration:
-        """Return the calibration with P[3] of the right camera by a baseline; raise InputError if P contradicts it."""
+        """Return the calibration with the right camera's P[3] from a baseline; raise InputError if P contradicts it."""
         left, right = self.cameras
         stated_m = (left.p[3] - right.p[3]) / right.p[0] if right.p[0] else 0.0
         if stated_m and abs(stated_m - baseline_m) > BASELINE_TOLERANCE * abs(stated_m):

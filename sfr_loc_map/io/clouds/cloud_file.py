@@ -59,7 +59,10 @@ class LoadedCloud:
         return None if self.cloud is None else self.cloud.pair_stamps_ns
 
     def of_images(self, width: int, height: int, name: str) -> LoadedCloud:
-        """Return the cloud for images of a size; pixels from the order of the points are kept only for this size."""
+        """Return the cloud for images of a size.
+
+        Pixels from the order of points are kept only in a cloud of this size.
+        """
         if self.grid is None or self.grid == (width, height):
             return self
         columns, rows = self.grid

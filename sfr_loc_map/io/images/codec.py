@@ -171,7 +171,7 @@ def decoded(raw: bytes) -> Samples:
         raise InputError(str(error)) from error
     if size[0] * size[1] * _decoded_pixel_bytes(raw) > MAX_DECODED_BYTES:
         raise InputError(
-            f"it is {size[0]} x {size[1]} in colour or 16 bits: at most {MAX_DECODED_BYTES} decoded bytes are allowed"
+            f"it is {size[0]} x {size[1]} and exceeds {MAX_DECODED_BYTES} bytes when decoded: reduce the image"
         )
     if raw.startswith(JPEG_MAGIC):
         with refusing("its JPEG data is corrupt", "restore the original"):

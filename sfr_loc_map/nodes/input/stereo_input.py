@@ -243,7 +243,7 @@ class StereoInput:
         self._order.restart()
 
     def clock_jumped_back(self, now_ns: int) -> None:
-        """Start a new run if the clock was set back to another time than that of the last pair."""
+        """Start a new run if the clock was set back to 1 s or more before the stamp of the last pair."""
         if self._order.restart_if_set_back(now_ns):
             self.forget_waiting()
             self._on_new_run("the clock was set back")

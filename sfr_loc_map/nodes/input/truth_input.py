@@ -159,7 +159,7 @@ class TopicTruthInput(TruthInput):
         self._reader = TruthReader(ODOMETRY)
 
     def subscribe(self, add_subscription: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
-        """Receive true poses, at first of the type of the previous activation, or of nav_msgs/Odometry.
+        """Receive true poses, at first with the type of the previous activation, initially nav_msgs/Odometry.
 
         `follow_type` changes to the published type.
         """
@@ -188,7 +188,7 @@ class TopicTruthInput(TruthInput):
 
 
 class FrameTruthInput(TruthInput):
-    """Receives true poses from /tf and /tf_static, each of which has several publishers."""
+    """Receives true poses from /tf and /tf_static, which may each have several publishers."""
 
     def __init__(self, frame: str) -> None:
         """Accept a frame and one of its ancestors as `PARENT:CHILD`; raise a ConfigError for any other text."""

@@ -55,7 +55,8 @@ OFFSETS = {
     "roll_offset_px": (0.5, "vertical disparity that changes by more than {:g} px over one focal length"),
     "disparity_offset_px": (0.3, "disparity bias above {:g} px"),
 }
-"""Monitored statistics of the localiser (pitch, roll, yaw of the right camera), each with its limit and warning."""
+"""Monitored statistics of the localiser, each with its limit and warning; they indicate a pitch, roll or yaw error of
+the right camera."""
 
 
 class NodeState(StrEnum):
@@ -159,7 +160,7 @@ class StatusReporter:
         self._config = config
 
     def set_activity(self, activity: str) -> None:
-        """Set the activity of the node beside its calls: `COMPILING` or empty."""
+        """Set what the node does besides its calls: `COMPILING`, or empty for nothing."""
         self._activity = activity
 
     def note_arrival(self) -> None:
@@ -175,7 +176,10 @@ class StatusReporter:
         times: Mapping[str, float] = MappingProxyType({}),
         statistics: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
-        """Record a call; its latencies are summarised, and its statistics that `OFFSETS` names are monitored."""
+        """Record a call.
+
+        Its latencies are summarised, and those of its statistics that are in `OFFSETS` are monitored.
+        """
         with self._lock:
             self._remember(self._calls, time.monotonic())
             self._last_call = (level, state)

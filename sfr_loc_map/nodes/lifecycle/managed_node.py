@@ -71,7 +71,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     | `SfrError` of a job, such as an unusable pair | ERROR, `NODE: input` | `count_failed`, if droppable | continues |
     | other exception of a job | ERROR, `NODE: fault` | `count_failed`, if droppable | `restart_after_fault` |
     | exception of a callback (`Endpoints.guarded`) | as for a job, in the worker's queue | no | as for a job |
-    | `SfrError` of a service | none, in the answer | no | continues |
+    | `SfrError` of a service | none (text in the answer) | no | continues |
     | `SfrError` of a transition | ERROR, `NODE: health` | no | the previous state is restored |
 
     An optional message that is unusable, such as `initialpose`, is only a warning (`PairNode.ignoring_broken`). A pair
@@ -375,7 +375,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         if self.get_node_names_and_namespaces().count((self.get_name(), self.get_namespace())) > 1:
             text = (
                 f"another node named {self.get_fully_qualified_name()} publishes in this ROS domain: end one of the "
-                f"two, or give it a namespace (a killed node stays visible for up to 20 s)"
+                f"two nodes, or start one in another namespace (a killed node stays visible for up to 20 s)"
             )
             found.append((Level.WARN, text))
         clock = self.get_clock()
