@@ -3,7 +3,7 @@
 Both runs share the calibration. A wrong baseline, focal length or mounting moves both runs equally and is unobservable.
 The predicted covariance `Q_a + Q_b` therefore consists of the covariance of the steps and the noise of the poses, and
 excludes systematic errors. Runs that share images have common noise, so their difference is smaller than predicted.
-Only a difference that is too large is a finding. At least one of the runs has an error that is at least half of the
+Only a difference that is too large is a finding. At least one of the runs then has an error of at least half of the
 difference.
 """
 
@@ -59,14 +59,14 @@ class Agreement:
 
     @property
     def over(self) -> str:
-        """What the differences are over, in words."""
+        """What the differences are computed over, in words."""
         return self.condition or REVISITED_PLACES
 
 
 def compare(first: ComparedRun, other: ComparedRun, condition: Condition) -> Agreement:
     """Return the comparison of a forward run with another run over the sub-trajectories of a condition.
 
-    The motion of the first run ends the sub-trajectories.
+    The path of the first run determines where the sub-trajectories start and end.
     """
     runs = paired(first, other)
     path = runs.ours.poses

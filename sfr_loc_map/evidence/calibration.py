@@ -2,7 +2,7 @@
 
 The localiser estimates pitch and roll of the right camera from vertical disparities, and its yaw from disparities that
 change as the rover moves. Each run gives one value, the median over the second half of its pairs. The runs share their
-images, so that their values are no independent samples and have no confidence interval. The calibration should be
+images, so that their values are not independent samples and have no confidence interval. The calibration should be
 repeated if all runs agree on the sign of a large offset. The effect of the offset is measured by an additional run
 with the right images rotated back. The baseline is unobservable.
 """
@@ -27,12 +27,12 @@ ANGLES = {"pitch": "vertical_offset_px", "roll": "roll_offset_px", "yaw": "dispa
 """Statistic of the localiser by the angle that causes it."""
 AXES = {"pitch": (0, -1.0), "roll": (2, 1.0), "yaw": (1, -1.0)}
 """Axis of the optical frame and sign of the rotation that corrects an offset, by angle."""
-LARGE_PX = 0.2  #: Smaller offsets are corrected online and matter less than matching noise (chosen by hand).
+LARGE_PX = 0.2  #: Minimum of a large offset; smaller ones matter less than matching noise (chosen by hand).
 RANGE_M = 4.0  #: Range at which the depth error is reported.
 
 
 class Advice(StrEnum):
-    """Recommended action for the calibration file by the offset about one axis. The check stores this word."""
+    """Recommended action for the calibration file, from the offset about one axis. The JSON contains this word."""
 
     REDO = "redo"
     KEEP = "keep"
@@ -43,7 +43,7 @@ def advice_of(angle: str, px: float, low_px: float, high_px: float) -> Advice:
     """Return the advice for the mean offset of the runs, px, and their lowest and highest offset.
 
     The localiser reports a yaw of 0 until the yaw is significant, so a small yaw does not prove that the file is
-    right.
+    correct.
     """
     if low_px * high_px > 0.0 and abs(px) >= LARGE_PX:
         return Advice.REDO
@@ -114,7 +114,7 @@ def offset_rows(offset: CameraOffset) -> Iterator[Figure]:
 
 
 def corrected_drive(drive: PairsInMemory, offsets: Sequence[CameraOffset]) -> PairsInMemory:
-    """Return a drive whose right images are rotated back by the offsets, as the calibration file expects them."""
+    """Return a drive whose right images are rotated back by the offsets, so that they agree with the calibration."""
     pairs = list(drive.kept)
     for offset in offsets:
         axis, sign = AXES[offset.angle]
@@ -123,7 +123,7 @@ def corrected_drive(drive: PairsInMemory, offsets: Sequence[CameraOffset]) -> Pa
 
 
 def cost_row(offsets: Sequence[CameraOffset], agreement: Agreement) -> Figure:
-    """Return how the correction of the offsets changes the positions, from the comparison of both runs."""
+    """Return how the correction of the offsets changes the positions, from the runs with and without it."""
     moved = formulas.statistics(agreement.differences.position_m)
     part = " and ".join(offset.angle for offset in offsets)
     return figure_row("calibration_cost", agreement.condition, part, n=moved.n, value=moved.rmse)

@@ -69,8 +69,8 @@ def check_drive(
 ) -> DriveCheck:
     """Run each variant of the localiser over the first pairs of a drive; compare the runs and other estimates.
 
-    The forward run is the first, so that an estimate of another drive or clock is refused before the other runs.
-    Only the suite's own runs decide the result. Other estimates contribute figures. `progress` is called after each
+    The forward run is done first, so that an estimate of another drive or clock is refused before the other runs.
+    Only the runs of the variants decide the result. Other estimates contribute figures. `progress` is called after each
     call of the localiser in the variants (`variants.calls_of` gives the number of calls).
     """
     drive = PairsInMemory(sequence.rig, list(islice(sequence.pairs(), most_pairs)))

@@ -45,7 +45,7 @@ AGREEMENT = EvidenceKind(
     statistic="Difference of two runs over sub-trajectories. NEES: squared difference normalised by the covariances of "
     "both runs, over the independent sub-trajectories without a lost or degraded pose; 6 on average if the "
     "covariances are correct. p: probability of a difference this large if the covariances are correct.",
-    shows="one of the two runs has the minimum error or a larger error.",
+    shows="at least one of the two runs has the error in the column 'minimum error of a run' or a larger error.",
     hides="errors that both runs share. A wrong calibration is unobservable, and the noise of common images reduces "
     "the difference.",
     decides=True,
@@ -92,8 +92,8 @@ CALIBRATION = EvidenceKind(
     "calibration",
     "Calibration of the right camera",
     statistic="Offsets from the calibration file: mean over n runs, which share their images, so that there is no "
-    "interval. Yaw is reported as 0 until it is significant. Positions: root mean square over n sub-trajectories; the "
-    "localiser corrects the rest itself.",
+    "interval. Yaw is reported as 0 until it is significant. Shift of positions: root mean square over n "
+    "sub-trajectories of the effect that the online calibration does not correct.",
     shows="redo if the offsets of all runs have one sign and their mean is large; keep if the offsets of all runs are "
     "small.",
     hides="a wrong baseline or focal length, which is unobservable without a truth or wheel odometry.",
@@ -102,10 +102,10 @@ CALIBRATION = EvidenceKind(
 OVERLAP = EvidenceKind(
     "overlap",
     "Maps that should agree",
-    statistic="Robust root mean square over the points that both pairs observe. The expected difference follows from "
-    "the reported sigmas and correct poses.",
+    statistic="Robust root mean square of the range differences of points that both pairs observe. The expected "
+    "difference follows from the reported sigmas if the poses are correct.",
     shows=f"the maps disagree above a ratio of {MAX_RANGE_RATIO:g}, or if the grey level difference exceeds "
-    f"{MAX_GREY_RATIO:g} times that {SHIFT_PX} px away.",
+    f"{MAX_GREY_RATIO:g} times the difference at pixels {SHIFT_PX} px away.",
     hides="errors of the camera calibration, because all pairs share them.",
     decides=True,
 )

@@ -1,4 +1,4 @@
-"""Other estimates of a drive, such as wheel odometry: their scale against our run, and the sigma of three estimates."""
+"""Other estimates of a drive, such as wheel odometry: scale of the forward run, and sigma of three estimates."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def hat_rows(runs: Sequence[ComparedRun], condition: Condition) -> list[Figure]:
 def at_common_pairs(first: ComparedRun, second: ComparedRun, third: ComparedRun) -> tuple[StampedPoses, ...]:
     """Return the poses of a forward run and of two other runs at the pairs that all three have.
 
-    The variances of the differences determine those of the runs only if they are variances of the same sample.
+    The variances of the differences determine those of the runs only if all differences are of the same sample.
     """
     ours, of_second = paired(first, second)
     also_ours, of_third = paired(first, third)
@@ -98,8 +98,8 @@ def poses_of(run: RunAtPairs, frames: IntArray) -> StampedPoses:
 def three_cornered_hat(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float] | None:
     """Return the sigma of each of three estimates from the differences `(n, 3)` of their errors: a - b, a - c, b - c.
 
-    The method requires independent errors; errors that all three share stay hidden. None if an estimated variance is
-    negative, which can happen by chance for few values.
+    The method requires independent errors; errors that all three share are not observable. None if an estimated
+    variance is negative, which can happen by chance for few values.
     """
     ab, ac, bc = (float(np.sum(np.var(values, axis=0, ddof=1))) for values in (a, b, c))
     variances = 0.5 * np.array([ab + ac - bc, ab + bc - ac, ac + bc - ab])

@@ -3,7 +3,7 @@
 Each point of a pair is reprojected into another pair. The difference between the range of the reprojected point and the
 range measured by the other pair is compared with its standard deviation, which follows from the reported sigmas if the
 poses are correct. Both maps share the errors of the calibration and, for pairs of one position, the errors of the
-mast's mount. Shared errors cancel in the difference, so the result is never an accuracy.
+mast's mount. Shared errors cancel in the difference, so the difference is not a measure of accuracy.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ class Overlap(NamedTuple):
     other: int
     fraction: float  #: Fraction of the points of the first pair that the other pair observes.
     points: int  #: Number of points that the other pair observes.
-    difference_m: float  #: Robust root mean square of the range differences: median and spread.
+    difference_m: float  #: Robust root mean square of the range differences, from median and spread.
     ratio: float  #: Ratio of the range differences to those expected; about 1 if sigmas and poses are correct.
-    grey_ratio: float  #: Ratio of the grey level differences to those at `SHIFT_PX`; NaN without texture.
+    grey_ratio: float  #: Ratio of the grey level differences to those `SHIFT_PX` away; NaN without texture.
 
     @property
     def name(self) -> str:

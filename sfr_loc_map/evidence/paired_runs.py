@@ -40,7 +40,7 @@ class RunAtPairs:
     poses: StampedPoses
 
     def is_tracked(self, start: int, end: int) -> bool:
-        """Return whether no pose of the run from one frame to another is lost or degraded, also between the frames.
+        """Return whether no pose from one frame to another, both included, is lost or degraded.
 
         The covariance of a degraded pose is inflated and predicts no difference.
         """
@@ -57,7 +57,7 @@ class RunAtPairs:
         return {frame: sums[row] for frame, row in zip(frames.tolist(), rows.tolist(), strict=True)}
 
     def covariance_between(self, sums: dict[int, StepSums], start: int, end: int) -> FloatArray | None:
-        """Return the covariance of the end given the start, in the axes of the run, without the errors of all steps.
+        """Return the covariance of the end given the start, in the axes of the run, without errors common to all steps.
 
         None if a step is unknown. The steps of a backward run give the covariance of the start given the end. The error
         of the end given the start is the negative of this error, propagated over the displacement.
@@ -76,7 +76,7 @@ class PairedRuns(NamedTuple):
     theirs: RunAtPairs
 
     def errors(self, starts: IntArray, ends: IntArray) -> FloatArray:
-        """Return the differences `(n, 6)` of position, m, and attitude, rad, over sub-trajectories, in our axes."""
+        """Return the differences `(n, 6)` over sub-trajectories: position, m, and attitude, rad, in axes of `ours`."""
         return relative_errors(self.ours.poses, self.theirs.poses, starts, ends)
 
     def squares(self, starts: IntArray, ends: IntArray) -> list[float]:
@@ -133,7 +133,7 @@ def poses_at(run: ComparedRun, rows: IntArray) -> StampedPoses:
 
 
 def in_axes_of(ours: StampedPoses, theirs: StampedPoses, start: int, covariance: FloatArray) -> FloatArray:
-    """Return the covariance `(6, 6)` of a motion of their run in the axes of our run, by the attitudes at the start."""
+    """Return the covariance `(6, 6)` of a motion of `theirs` in axes of `ours`, by the attitudes at the start."""
     turn = matrix_from_quat(ours.attitude[start]) @ matrix_from_quat(theirs.attitude[start]).T
     return propagated_covariance(covariance, np.zeros(3), turn)
 

@@ -1,4 +1,4 @@
-"""Predicted error of a drive by source: the covariance of sub-trajectories, split into the parts of the localiser.
+"""Predicted error of a drive by source: the covariance of sub-trajectories, split into the errors of the steps.
 
 The steps of an estimate (`metrics.errors.consistency`) separate errors that are independent from step to step, noise of
 single poses, and errors that all steps share. The mean squares of these parts add up to the total. Errors that the

@@ -56,7 +56,7 @@ class RecordingCheck:
 
     @property
     def results(self) -> dict[str, CheckResult]:
-        """The result of each subject with deciding evidence; the calibration is one only if it should be repeated."""
+        """The result of each subject with deciding evidence; the calibration only if it should be repeated."""
         results = {subject: check.result for subject, check in self.checks.items()}
         results |= {CALIBRATION: CheckResult.INCONSISTENT} if self.calibration else {}
         return {subject: result for subject, result in results.items() if _decides(subject)}
@@ -144,7 +144,7 @@ def calls_of_check(source: Source, most_pairs: int) -> int:
 
 
 def read_estimates(paths: Sequence[Path]) -> list[ComparedRun]:
-    """Read estimates of other methods; each is named as by `names_of_estimates`."""
+    """Read estimates of other methods; the names of the runs are those of `names_of_estimates`."""
     names = names_of_estimates(paths)
     return [ComparedRun(name, Estimates.of(read_trajectory_file(path).stamped)) for path, name in names.items()]
 

@@ -32,7 +32,7 @@ from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 MIN_PATH_M = 1.0
 """Minimum path between two visits, m. Chosen by hand: a stationary rover does not revisit its place."""
-NEAR_M = 0.5  #: Maximum distance between two visits, m. Chosen by hand: images at 2 to 5 m overlap.
+NEAR_M = 0.5  #: Maximum distance between two visits, m. Chosen by hand: images of ground at 2 to 5 m overlap.
 MAX_TURN_DEG = 30.0  #: Maximum rotation between two visits, deg. Chosen by hand: half of a field of view overlaps.
 PAIRS_BEFORE = 10
 """Pairs up to the first visit in the direct run. Chosen by hand: enough for several keyframes."""
@@ -62,7 +62,7 @@ class Closure:
 
 
 def find_closures(drive: PairsInMemory, forward: ComparedRun, config: LocalisationConfig) -> list[Closure]:
-    """Return the misclosures of places that a drive revisits; two of their paths share at most a pair at an end."""
+    """Return the misclosures of places that a drive revisits. The paths of two misclosures share at most one end."""
     worth = worth_of_visits(forward)
     found = []
     for _ in range(MOST_TRIES):
@@ -71,7 +71,7 @@ def find_closures(drive: PairsInMemory, forward: ComparedRun, config: Localisati
             break
         kept = [*drive.kept[max(first - PAIRS_BEFORE, 0) : first + 1], drive.kept[again]]
         closure = closure_between(forward, run_pairs(drive, config, DIRECT, kept), first, again)
-        if closure is None:  # pairs near these visits give no direct run, either
+        if closure is None:  # a direct run between pairs near these visits would fail, too
             rows, columns = (slice(max(at - PAIRS_BEFORE, 0), at + PAIRS_BEFORE + 1) for at in (first, again))
             worth[rows, columns] = 0.0
         else:
@@ -97,7 +97,7 @@ def worth_of_visits(forward: ComparedRun) -> FloatArray:
 
 
 def closure_between(forward: ComparedRun, direct: ComparedRun, first: int, again: int) -> Closure | None:
-    """Return the misclosure of two runs between two pairs; None if the direct run is degraded or lost at a pair."""
+    """Return the misclosure of two runs between two pairs; None if the direct run is degraded or lost at a visit."""
     poses = forward.estimates.trajectory
     visits = np.array([first, again])
     rows = rows_at(direct, poses.stamps_ns[visits])

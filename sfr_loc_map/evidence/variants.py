@@ -113,7 +113,7 @@ def run_pairs(
 
 
 def half_mask(rig: StereoRig, variant: Variant, given: str) -> GreyImage:
-    """Return the mask of one half of the left image, combined with the configured mask of the size of the images."""
+    """Return the mask of one half of the left image, combined with the configured mask, which has the image size."""
     is_left = np.arange(rig.width) < rig.width // 2
     kept = is_left if variant is Variant.LEFT_HALF else ~is_left
     mask = np.tile(np.where(kept, 255, 0).astype(np.uint8), (rig.height, 1))

@@ -19,8 +19,8 @@ class Affected:
     """The inputs of a fault function: the affected pair, the previous pair, the next stamp and random values."""
 
     fault: Fault
-    pair: StereoPair  #: The pair before this fault, with the previous faults.
-    #: The last earlier pair that is not a repetition, also with the previous faults; None for the first pair.
+    pair: StereoPair  #: The pair with the faults that precede this fault in the order of the faults.
+    #: The last earlier pair that is not a repetition, with the same preceding faults; None for the first pair.
     previous: StereoPair | None
     following_ns: int | None  #: Stamp of the next pair of the source, with faults of the clock; None after the last.
     rig: StereoRig  #: The true rig.

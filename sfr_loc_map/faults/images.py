@@ -28,7 +28,7 @@ def unchanged(at: Affected) -> StereoPair:
 
 
 def repeated(at: Affected) -> StereoPair:
-    """Return the last new images with the current stamp."""
+    """Return the images of the last pair that is not a repetition, with the current stamp."""
     return at.pair if at.previous is None else replace(at.previous, stamp_ns=at.pair.stamp_ns)
 
 
@@ -56,9 +56,9 @@ def stamp_with_fault(fault: Fault, stamp_ns: int, following_ns: int | None) -> i
 
 
 def following_stamp(fault: Fault, following_ns: int | None) -> int | None:
-    """Return the next stamp of the source as a fault of this pair changes it.
+    """Return the stamp of the next pair of the source, to which the fault of the present pair is applied.
 
-    Only a fault of the clock also affects the next pair.
+    Only a fault of the clock changes this stamp, because such a fault affects all pairs.
     """
     if following_ns is None or fault.kind is not FaultKind.CLOCK:
         return following_ns
@@ -162,7 +162,7 @@ def blinded(image: GreyImage, at: Affected) -> GreyImage:
 
 
 def with_previous(change: Callable[[GreyImage, GreyImage, Affected], GreyImage], at: Affected) -> StereoPair:
-    """Return the pair mixed with the last new pair; the first pair does not change."""
+    """Return the pair mixed with the last pair that is not a repetition; the first pair does not change."""
     if at.previous is None:
         return at.pair
     left = change(at.pair.left, at.previous.left, at)

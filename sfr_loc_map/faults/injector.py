@@ -121,7 +121,7 @@ class FaultInjector:
     ) -> StereoPair:
         """Return the pair `index` with the fault `number`.
 
-        `pair` and `previous`, the last earlier pair that is not a repetition, have the previous faults only.
+        `pair` and `previous`, the last earlier pair that is not a repetition, have only the faults that precede it.
         """
         fault = self._faults[number]
         first = int(self._bursts[number][index])
@@ -147,7 +147,8 @@ class FaultInjector:
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:
     """Return for each pair `(count,)` the first pair of its burst, or -1.
 
-    Bursts are drawn until the share is reached. Complete bursts may exceed the share, other bursts are shortened.
+    Bursts are drawn until the share is reached. Complete bursts may exceed the share. Other bursts are shortened to the
+    share.
     """
     starts = np.full(count, UNAFFECTED)
     if fault.kind is FaultKind.START:

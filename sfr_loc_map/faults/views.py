@@ -21,7 +21,7 @@ SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4
 """Factors on grey levels in the rover's shadow, which is lit only by the sky, and under dirt (chosen by eye)."""
 SCRATCH_LIGHT = 60.0  #: Grey levels by which the strongest scratches are brighter or darker.
 SPOT_RADIUS = 0.04  #: Typical radius of a spot of dirt, fraction of the image's width (chosen by eye).
-SPEED = 0.006  #: Motion of a texture from pair to pair, fraction of the image's width: 3 px at 512.
+SPEED = 0.006  #: Motion of a texture from pair to pair, fraction of the image's width: 3 px at 512 px.
 Views = tuple[GreyImage, GreyImage]  #: Left and right image.
 
 
@@ -119,7 +119,7 @@ def with_dirt(at: Affected) -> Views:
 
 
 def with_shadow(at: Affected) -> Views:
-    """Darken a rectangle with a penumbra at the bottom; the disparity is that of ground at `SHADOW_DEPTH`."""
+    """Darken a rectangle at the bottom, with a penumbra; its disparity is that of ground at `SHADOW_DEPTH`."""
     rig = at.rig
     side = np.sqrt(at.amount)
     width, height = round(min(side, 0.9) * rig.width), round(max(side, at.amount / 0.9) * rig.height)

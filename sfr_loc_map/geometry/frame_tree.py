@@ -42,7 +42,7 @@ class FrameTree:
         return [*above, *others] if frame in known else []
 
     def _root(self, frame: str) -> str:
-        """Return the last ancestor of a frame; the frame itself without a parent."""
+        """Return the last ancestor of a frame; the frame itself if it has no parent."""
         return [*self._above(frame)][-1][0]
 
     def _above(self, frame: str) -> Iterator[tuple[str, Transform]]:

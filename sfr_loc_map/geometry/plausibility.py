@@ -13,27 +13,27 @@ from numpy.typing import ArrayLike
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 
-MAX_IMAGE_PIXELS = 8192 * 8192  #: Maximum number of pixels of an image. Buffers are allocated by the size in a header.
+MAX_IMAGE_PIXELS = 8192 * 8192  #: Maximum number of pixels of an image, for which a wrong header can allocate memory.
 MAX_IMAGE_SIDE = 32_768  #: Longest side of an image, pixels: OpenCV's remap uses 16-bit coordinates.
 FOCAL_RATIOS = (0.01, 100.0)
 """Smallest and largest ratio of the focal length to the longer side of the image: fields of view from 178 to 0.6 deg.
 """
 MAX_CENTRE_RATIO = 10.0
 """Largest distance of the principal point from the image centre along each axis, as a multiple of the longer side.
-Images may be cropped."""
+The ratio is large, because images may be cropped."""
 BASELINE_M = (1e-4, 100.0)  #: Shortest and longest baseline, metres: from stereo microscopes to two masts.
 MAX_DISTORTION = 100.0  #: Largest distortion coefficient; rational models reach several tens.
 MAX_EXTRINSICS_M = 100.0  #: Largest coordinate of a camera in the frame of its rover, metres.
 MAX_POSITION_M = 1e9  #: Largest coordinate of a position, metres: float64 still resolves 1 um at this distance.
 ROTATION_TOLERANCE = 1e-2
-"""Largest deviation of a quaternion's norm from 1, and of R R^T from I; numbers in files are rounded."""
+"""Largest deviation of a quaternion's norm from 1, and of R R^T from I, because numbers in files are rounded."""
 QUATERNION_SQUARES = (1.0 - ROTATION_TOLERANCE) ** 2, (1.0 + ROTATION_TOLERANCE) ** 2
 """Smallest and largest squared norm of a quaternion."""
 LOST_VARIANCE = 9999.0  #: Diagonal of the covariance of an unknown pose, m^2 and rad^2.
 MAX_VARIANCE = 1e6  #: Largest variance of a valid covariance, m^2 and rad^2: a standard deviation of 1 km.
 MAX_ASYMMETRY = 1e-6  #: Largest asymmetry, and largest negative eigenvalue, relative to the largest variance.
 MIN_LARGEST_VARIANCE = 1e-30
-"""Lower bound of the largest variance in this relation, m^2 and rad^2, because all variances may be 0."""
+"""Lower bound of the largest variance to which `MAX_ASYMMETRY` is relative, m^2 and rad^2: all variances may be 0."""
 
 
 def check_image_size(width: float, height: float, name: str = "image") -> None:

@@ -17,11 +17,11 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.message_stamps import NS_PER_S
 
-LONGEST_GAP_S = 1.0  #: Longest time between two poses over which poses are interpolated, s.
+LONGEST_GAP_S = 1.0  #: Longest time between two poses for interpolation between them, s.
 
 
 def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: int) -> Transform | None:
-    """Return the pose at a stamp, interpolated between two poses at most `max_gap_ns` apart; None if not covered.
+    """Return the pose at a stamp, interpolated between two poses at most `max_gap_ns` apart; None without such poses.
 
     `poses` are sorted by stamp, ns.
     """

@@ -35,7 +35,9 @@ class Trajectory:
         count = len(self.stamps_ns)
         shapes = self.stamps_ns.shape, self.positions.shape, self.quats_xyzw.shape
         if shapes != ((count,), (count, 3), (count, 4)):
-            raise GeometryError(f"a trajectory has the shapes {shapes}: (N,), (N, 3), (N, 4) are required")
+            raise GeometryError(
+                f"stamps, positions and quaternions have the shapes {shapes}: (N,), (N, 3), (N, 4) are required"
+            )
         if not np.issubdtype(self.stamps_ns.dtype, np.signedinteger):
             raise GeometryError(f"stamps are {self.stamps_ns.dtype}: whole nanoseconds, int64, are required")
         is_invalid = ~plausible_poses(self.positions, self.quats_xyzw)

@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.rotation import (
 NO_ROTATION = np.eye(3)
 """Rotation between frames with parallel axes."""
 LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])  #: Last row of a homogeneous matrix.
-LAST_ROW_TOLERANCE = 1e-6  #: Largest deviation of a number of the last row, which products of matrices round.
+LAST_ROW_TOLERANCE = 1e-6  #: Largest deviation of a number of the last row from `LAST_ROW`: products are rounded.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

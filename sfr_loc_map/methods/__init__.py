@@ -11,7 +11,7 @@ A method under test (in the documentation also: a candidate) is called through t
             call_monitor.py                        time and memory from outside, leaks, misstated times
             isolation.py                           which files the process may read and write
     ---- process boundary -------------------------------------------------------------------------------------
-            child/supervisor.py                    restricts its child (Landlock, seccomp), kills what remains
+            child/supervisor.py                    restricts its child (Landlock, seccomp), kills descendants
               child/loop.py                        reads an order, calls the method, writes the reply
                 adapters/*.py                      one module for each interface of methods
                   the method

@@ -1,4 +1,4 @@
-"""Time and memory of the calls of a method, measured from outside its process, and what they say of the method."""
+"""Time and memory of the calls of a method, measured from outside its process, and the findings about the method."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ from sfr_loc_map.process_tree import ProcessTree, TreeUsage
 
 MB = 1_000_000
 LEAK_CALLS, LEAK_BYTES = 50, 40 * MB
-"""Number of calls and growth, bytes, of a leak. The growth is between the minima of the fifths of the calls, so that a
-saw-tooth does not hide the growth. Our own keyframe window grows by 24 MB while it fills."""
+"""Number of calls over which a leak is detected, and the minimum growth of a leak, bytes. The growth is the difference
+between the minima of the last and of the first fifth of the calls, so that a saw-tooth does not hide the growth. Our
+own keyframe window grows by 24 MB while it fills."""
 LEAK_SHARE = 0.02
-"""Fraction of the growth by which each fifth must exceed the previous fifth. Loading of libraries and a window that
-fills also grow memory by more than `LEAK_BYTES`, but the memory is then constant."""
+"""Fraction of the growth by which the minimum of each fifth must exceed that of the previous fifth. Loading libraries
+and filling a window also need more than `LEAK_BYTES`, but the memory is constant afterwards."""
 MISSTATED_S, MISSTATED_RATIO = 1.0, 0.5
 """Allowed difference, s and fraction, of the sums of stated and measured times. The measured time includes copies of
 the images and the transfer of the result. Time in which a busy host delays both processes is subtracted."""
@@ -109,8 +110,8 @@ class ProcessMemory:
 class Measurement:
     """Resource use of one call."""
 
-    answer_s: float  #: From the copy of the images to the complete answer.
-    usage: CallUsage  #: Its time is `answer_s` plus the work of the method before the call.
+    answer_s: float  #: Time from the copy of the images to the complete answer, s.
+    usage: CallUsage  #: Time (`answer_s` plus the work of the method before the call) and memory.
     tree: TreeUsage  #: Resource use of all processes after the call.
     cpu_s: float  #: Processor time of the call.
     cpu_between_s: float  #: Processor time since the previous call.
@@ -152,7 +153,7 @@ class CallMonitor:
     def begin_call(self, previous: Measurement | None) -> RunningCall:
         """Begin a call before its images are shared, because the method could already work on them.
 
-        `previous` is that of the previous call, None at the first call.
+        `previous` is the measurement of the previous call, None at the first call.
         """
         begin = self.memory.tree.usage()
         reset_peak(self.pid)

@@ -1,4 +1,4 @@
-"""A localiser under test in its own process. Each pair has an estimate; if the localiser fails, its state is lost."""
+"""A localiser under test in its own process. Each pair has an estimate, whose state is `lost` after a failure."""
 
 from __future__ import annotations
 

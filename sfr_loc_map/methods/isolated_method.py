@@ -1,4 +1,4 @@
-"""A method under test in its own process, which is restarted after it was lost."""
+"""A method under test in its own process, which is restarted after it has ended."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
 
     @property
     def is_running(self) -> bool:
-        """Whether the process is running; the next call starts a lost process again, unless it was lost too often."""
+        """Whether the process is running; the next call starts it again, unless it was started too often."""
         return self._process is not None
 
     def close(self) -> None:
@@ -81,9 +81,10 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
     ) -> tuple[MethodCall, T | None]:
         """Make a call. Return its record, and the result of `read` for the answer and the files of its arrays.
 
-        If the call fails or `read` rejects the answer, the result is None, and the record has the failure beside what
-        is known of the call. `ordered` describes the pairs for the method. A localiser that was lost starts again at
-        `T_ds_rb`. `largest_files` is as for `MethodProcess.call`. MethodError for images of another size.
+        If the call fails or `read` rejects the answer, the result is None, and the record has the failure in addition
+        to what is known of the call. `ordered` describes the pairs for the method. A localiser whose process has ended
+        starts again at `T_ds_rb`. `largest_files` is as for `MethodProcess.call`. MethodError for images of another
+        size.
         """
         for pair in pairs:
             if fault := self.rig.fault_of_size(pair.left):  # the right image has the size of the left image

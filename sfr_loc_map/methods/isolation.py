@@ -2,10 +2,10 @@
 
 The process may read programs, libraries, the interpreter with its packages, the method's own code, and the paths in the
 variables SFR_METHOD_FILES, PYTHONPATH and LD_LIBRARY_PATH. Paths that may hold the ground truth (`Source.truth_paths`)
-are excluded, and so are files in the own code that its hash ignores. The method's own code is a package, or a file or
-library with the other code in the same folder. Other files in this folder and in the working directory are not
-readable, because they may be copies of the ground truth. The process may write only to its scratch folder and to
-devices.
+are excluded, and so are files in the method's own code that are not part of the hash of this code. The own code is a
+package, or a file or library with the other code in the same folder. Other files in this folder and in the working
+directory are not readable, because they may be copies of the ground truth. The process may write only to its scratch
+folder and to devices.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ WORDS = (
     *("NVIDIA_VISIBLE_DEVICES", "NVIDIA_DRIVER_CAPABILITIES", "NVIDIA_TF32_OVERRIDE"),
     *("OPENCV_FOR_THREADS_NUM", "OPENCV_IPP", "OPENCV_OPENCL_DEVICE", "OPENCV_OPENCL_RUNTIME"),
 )
-"""Variables of the system, of Python and of numerical libraries. A method receives those with a value of `WORD`."""
-WORD = re.compile("[A-Za-z0-9_.,:@/+{}-]{0,64}")  #: Numbers and short words; `{0:4}` are places of OpenMP.
+"""Variables of the system, of Python and of numerical libraries. A method receives those whose value matches `WORD`."""
+WORD = re.compile("[A-Za-z0-9_.,:@/+{}-]{0,64}")  #: Numbers and short words; braces as in OMP_PLACES, `{0:4}`.
 SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/snap", "/sys")
 FACTS = ("cpuinfo", "meminfo", "stat", "version", "filesystems", "loadavg", "sys/kernel", "sys/vm", "driver")
 DEVICES = ("null", "zero", "full", "random", "urandom", "tty", "dri", "kfd", "nvidia*")
@@ -65,7 +65,7 @@ def isolation_of(restrictions: str, *, can_read_all_files: bool) -> Isolation:
 
 
 def _permitted_by(name: str) -> list[str]:
-    """Return the paths of a variable; of a search path, those outside of the system and the interpreter."""
+    """Return the paths of a variable; from a search path, only those outside the system and the interpreter."""
     paths = _paths_in(os.environ.get(name, ""))
     if name == OWN_FILES:
         return paths
@@ -80,7 +80,7 @@ def _paths_in(value: str) -> list[str]:
 def _prefixes(*pythons: Path) -> list[Path]:
     """Return the folders of this interpreter and of others."""
     prefixes = [Path(sys.prefix), Path(sys.base_prefix), *(path.parent.parent for path in pythons)]
-    return [path for path in prefixes if path != path.parent]  # /bin/python3 does not permit the root
+    return [path for path in prefixes if path != path.parent]  # so that /bin/python3 does not permit the root folder
 
 
 def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> Rules:
@@ -92,7 +92,8 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> Rules:
     named += [method.vocabulary] if method.vocabulary else []
     own = [PACKAGE, _kernels_of_user(), *code]
     wanted: list[str | Path] = [*SYSTEM, *(f"/proc/{name}" for name in FACTS), *prefixes, *named, *own]
-    unhashed = unhashed_of([path for path in code if path.resolve() != PACKAGE.resolve()])  # has compiled kernels
+    # this package has compiled kernels
+    unhashed = unhashed_of([path for path in code if path.resolve() != PACKAGE.resolve()])
     closed = frozenset(path.resolve() for path in (*hidden, *unhashed))
     above = frozenset(parent for path in closed for parent in path.parents)
     names = [path.resolve().parent for path in (PACKAGE, *code)]  # the interpreter lists these to find packages

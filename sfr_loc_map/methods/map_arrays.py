@@ -43,7 +43,7 @@ def disparity_in(arrays: Arrays, rig: StereoRig) -> FloatImage | None:
     found: FloatImage = _array(arrays, "disparity")
     shape = (rig.height, rig.width)
     if found.shape != shape:
-        text = f"the disparity image has the shape {found.shape}: {shape} of the left image is required"
+        text = f"the disparity image has the shape {found.shape}: {shape}, as of the left image, is required"
         raise MethodFailureError(FindingKind.INVALID_RESULT, text)
     if np.isinf(found).any():
         raise MethodFailureError(FindingKind.NOT_FINITE, "a disparity is infinite")
@@ -51,7 +51,7 @@ def disparity_in(arrays: Arrays, rig: StereoRig) -> FloatImage | None:
 
 
 def cloud_in(arrays: Arrays, rig: StereoRig, pairs: int) -> PointCloud:
-    """Return the points of an answer; `pairs` is the number of mapped pairs. MethodFailureError if one is invalid."""
+    """Return the points of an answer to a call with `pairs` pairs; MethodFailureError if a point is invalid."""
     records = _array(arrays, "cloud", tuple(FIELD_TYPES))
     try:
         cloud = PointCloud.from_structured(records, fused=False)

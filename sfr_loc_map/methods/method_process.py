@@ -80,7 +80,7 @@ class ProcessSettings:
 
 @dataclass(frozen=True, slots=True)
 class Returned:
-    """What a process returned in a call: the reply, and the content of each file that was asked for and exists."""
+    """What a process returned in a call: the reply, and the content of each requested file that exists."""
 
     reply: Reply
     contents: Mapping[str, bytes | MethodFailureError]  #: The error is the reason why a file cannot be read.
@@ -119,7 +119,7 @@ class MethodProcess:
             self._is_in_memory = shared is not None  # whether the files of the folder use memory
             self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
             resources.callback(shutil.rmtree, self._folder, ignore_errors=True)
-            # open in this process, so that the kernel grants no lease of the log
+            # open in this process, so that the kernel grants the method no lease on the log
             self._log = resources.enter_context((self._folder / "log").open("w+b", buffering=0))
             self.output = str(self._folder / "result")
             images = self._folder / "images"
@@ -170,8 +170,8 @@ class MethodProcess:
         """Share the pairs, send an order, and return the record of the call and what the process returned.
 
         The call ends when the answer and the files of its arrays are read; `largest_files` has their largest sizes by
-        suffix, bytes. Work of the method between two calls is added to the second call. MethodFailureError if the
-        process has ended, and is closed.
+        suffix, bytes. Work of the method between two calls is added to the second call. MethodFailureError if
+        the call fails. The process is then closed.
         """
         for suffix in largest_files:
             with suppress(OSError):  # the method may have made a folder of this name, which is then no valid array
@@ -182,7 +182,7 @@ class MethodProcess:
             for number, pair in enumerate(pairs):
                 self._images[number] = pair.left, pair.right
             reply = self._exchange(order, Reply, self._call_timeout_s, running.check_memory)
-            if reply.get("number") != order["number"]:  # the method wrote a line of its own, so that later answers lag
+            if reply.get("number") != order["number"]:  # the method wrote a line, so that later answers would lag
                 text = (
                     f"the process of the method answered call {reply.get('number')} in place of call {order['number']}"
                     ": the method must not write to the pipe of the answers"

@@ -50,8 +50,8 @@ def has_module(place: str) -> bool:
 
 
 def _package(name: str) -> ModuleSpec | None:
-    """Return the specification of a module without a package; None if it does not exist."""
-    if name == "__main__":  # another module in each process
+    """Return the specification of a top-level module or package; None if it does not exist."""
+    if name == "__main__":  # a different module in each process
         return None
     found = PathFinder.find_spec(name, [str(Path.cwd())])
     if found is not None:
@@ -88,7 +88,7 @@ def unhashed_of(code: Sequence[Path]) -> Iterator[Path]:
 
 
 def code_sha256(kind: MethodKind, adapter: str, target: str) -> str | None:
-    """Return the hash of a method's own code; None if the code is not known as files.
+    """Return the hash of a method's own code; None if no file of the code is known.
 
     The hash of a single file is that of its content. Files in SFR_METHOD_FILES, and installed packages that the method
     imports, are not part of the hash.

@@ -19,7 +19,7 @@
 | `pose_covariance` | the terms of the covariance of a pose, computed from this state |
 | `published_pose` | state of the step: the pose published last, and the steps from this pose |
 | `step_covariance` | the terms of the covariance of a step |
-| `inflation`, `directed_error` | what an unobserved motion and the findings of the guards add |
+| `inflation`, `directed_error` | what an unobserved motion and the findings of the guards add to the covariances |
 | `rover_model` | constants of a run: extrinsics, camera geometry, bounds of the motion, error sources |
 
 All functions are pure, and each states its formula. `trajectory` calls them with each pair and holds the two states.
@@ -74,14 +74,14 @@ the previous pose are zero if its pair began a window, because the step is measu
 | finding with `Inflation.UNOBSERVED` | unobserved, over the time since the last known pose | next accepted pair |
 | finding with `Inflation.AMBIGUITY` | the largest of three sizes; sigmas add up | external pose |
 | kept pair | unobserved, over the time since the last known pose or a later external pose | next accepted pair |
-| a window begins | the same; `blur` of the image | external pose |
+| a window begins | unobserved, as for a kept pair; `blur` of the image | external pose |
 | external pose for a past pair | `alone` of this pair | external pose |
 | external pose between pairs that are not consecutive | unobserved, over the time to the nearer pair | external pose |
 | external pose after the last accepted pair | unobserved, over the time to the present pair | next accepted pair |
 | the next accepted pair in a kept map | `alone` of the last pair; unobserved, up to the stamp | external pose |
 | lost pair | the covariance of an unknown pose replaces all (`lost_covariance`) | next pair that is not lost |
 
-The last known pose is that of an accepted pair, of a pair that begins a window, or an external pose
+The last known pose is the pose of an accepted pair, the pose of a pair that begins a window, or an external pose
 (`LastPose.known_ns`). If a window begins before the next accepted pair, the errors of the window contain what was added
 until then, and the term lasts until the next external pose.
 

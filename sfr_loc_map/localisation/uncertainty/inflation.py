@@ -53,10 +53,10 @@ def unobserved_during(speed: Speed, seconds: float, model: RoverModel) -> FloatA
 class AddedError(NamedTuple):
     """What findings add to the covariance of a pose, and of the steps to and from this pose."""
 
-    #: `(6, 6)` covariance of the motion since the last pose, treated as unobserved, in RB at that pose; zero if not
-    #: required.
+    #: `(6, 6)` covariance of the motion since the last pose, treated as unobserved, in RB at that pose; zero if no
+    #: finding requires this covariance.
     unobserved_rb: FloatArray
-    ambiguity: DirectedError  #: Error if another motion is the true motion; zero if not required.
+    ambiguity: DirectedError  #: Error if another motion is the true motion; zero if no finding requires it.
 
     @property
     def of_step(self) -> FloatArray:

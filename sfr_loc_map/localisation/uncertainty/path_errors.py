@@ -42,7 +42,7 @@ class PathSums(NamedTuple):
 
     bias: FloatArray = ZERO_VECTOR  #: Position error per pixel of a constant disparity error, m/px.
     corrected: FloatArray = ZERO_VECTOR  #: Position error per pixel times the yaw correction at the step, m.
-    drift_px: float = 0.0  #: Absolute drift corrections of the right camera, px.
+    drift_px: float = 0.0  #: Sum of the absolute drift corrections of the right camera, px.
     directed: DirectedError = NO_DIRECTED_ERROR  #: Ambiguous motions, and bending of the path by the lens.
     turned: FloatArray = ZERO_VECTOR  #: Angle of the directed errors times the position where it arose, rad m.
 
@@ -96,7 +96,7 @@ def sums_after_step(
         position: `(3,)` position after the step, m.
         displacement: `(3,)` displacement of the left camera in the world, m.
         depth_m: Median depth of the landmarks of the map.
-        ambiguity: Error if another motion is the true motion; zero if not required.
+        ambiguity: Error if another motion is the true motion; zero if no finding requires it.
         calibration: The calibration after the step.
         model: Camera geometry and error sources.
     """
@@ -120,9 +120,10 @@ class Origin(NamedTuple):
     external: LocatedCovariance
     shared: LocatedCovariance = NOTHING  #: `PathErrors.shared` at the external pose.
     sums: PathSums = PathSums()  #: Sums up to the external pose.
-    #: Covariance `(6, 6)` that the external pose has for accepted pairs in addition, if its stamp is later than the
-    #: last accepted pair: errors of the image of that pair, and the unobserved motion from that pair to the stamp. A
-    #: kept pose is published as the external pose itself and does not have these errors. Zero otherwise.
+    #: Covariance `(6, 6)` that is added to that of the external pose as soon as a pair is accepted. If the external
+    #: pose is later than the last accepted pair: errors of the image of that pair, and the unobserved motion from that
+    #: pair to the stamp of the external pose. Otherwise zero. A kept pose is published as the external pose itself and
+    #: does not have these errors.
     of_accepted: FloatArray = ZERO
 
     def with_accepted(self) -> Origin:
@@ -153,7 +154,7 @@ class PathErrors:
     |---|---|
     | `with_pair` | an accepted pair |
     | `kept` | a pair at which the last pose is published again, or an external pose that is applied to this kept pose |
-    | `adjusted` | the end of the adjustment of a keyframe in the background |
+    | `adjusted` | the end of the bundle adjustment of a keyframe, which runs in the background |
     | `restarted` | a pair that begins a window at the last pose |
     | `placed` | an external pose that is applied to the last pose; the earlier path is discarded |
     | `rebased` | an external pose that is applied to a past pose |
@@ -170,10 +171,10 @@ class PathErrors:
     in_window: FloatArray = field(default_factory=lambda: ZERO)
     #: Covariance of the present pose given the keyframes (`given_keyframes`), times `adjustment_inflation`.
     of_landmarks: FloatArray = field(default_factory=lambda: ZERO)
-    blur: FloatArray = field(default_factory=lambda: ZERO)  #: Error of the whole image of the present pose.
-    #: Motion to the present pose, if its findings require that this motion counts as unobserved.
+    blur: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of errors of the whole image.
+    #: Covariance of the motion to the present pose, if the findings require that this motion counts as unobserved.
     unobserved_motion: FloatArray = field(default_factory=lambda: ZERO)
-    kept_motion: FloatArray = field(default_factory=lambda: ZERO)  #: Motion since the present pose while it is kept.
+    kept_motion: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the motion while the pose is kept.
     sums: PathSums = PathSums()  #: Sums up to the present pose.
 
     @property
@@ -268,7 +269,8 @@ class PathErrors:
     def rebased(self, origin: Origin, *, is_present: bool) -> PathErrors:
         """Return the errors since an external pose with a past stamp.
 
-        If the past pose is the present pose (`is_present`), its own errors are part of the origin.
+        If the past pose is the present pose (`is_present`), the origin already includes the errors `alone` of this
+        pose.
         """
         errors = replace(self, origin=origin)
         if is_present:

@@ -1,8 +1,9 @@
 """Covariance of a pose, composed of terms that are named by their error source (table in `uncertainty`).
 
 An attitude error displaces later positions. The terms `external` and `drift` are therefore propagated from the position
-where the error arose to the present position (`LocatedCovariance`), and `directed` from the mean position of its angles
-(`PathSums.directed_at`). The term `attitude` is not propagated: it is an error of the present rotation only.
+where the error arose to the present position (`LocatedCovariance`), and `directed` from the mean of the positions where
+its angles arose (`PathSums.directed_at`). The term `attitude` is not propagated: it is an error of the present rotation
+only.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def pose_terms(
 
 
 def _disparity_term(sums: PathSums, calibration: OnlineCalibration, sources: ErrorSources) -> FloatArray:
-    """Return the term `disparity`: a constant disparity error, and the path before the yaw was corrected.
+    """Return the term `disparity`: effects of a constant disparity error, and of the yaw before its correction.
 
         disparity   = common_px^2 bias bias' + uncorrected uncorrected'   (position only)
         common_px^2 = disparity_px^2 + yaw_sigma_px^2 + (unsettled_yaw_ratio remaining_px)^2

@@ -31,10 +31,10 @@ class PublishedPose:
 
     stamp_ns: int | None = None  #: Stamp of the pose; None before the first pose.
     T_world_left: Transform | None = None  #: The pose as it was published; adjustments do not move it.
-    #: `(6, 6)` in RB at the pose before this pose: the part of the covariance of the step to this pose that is added to
-    #: the next step as well, where the turn of the step is neglected. If this pose is wrong, the next step starts at
-    #: the wrong pose and contains the same error with the opposite sign.
-    #: The part consists of the inflation by findings, and of the displacement by a correction of the yaw.
+    #: `(6, 6)` in RB at the pose before this pose: the part of the covariance of the step to this pose that is also
+    #: added to the next step. The rotation of the step is neglected there. If this pose is wrong, the next step starts
+    #: at the wrong pose and contains the same error with the opposite sign. The part consists of the inflation by
+    #: findings, and of the displacement by a correction of the yaw.
     shared_with_next_step: FloatArray = field(default_factory=lambda: ZERO)
     #: `(6, 6)` in RB at the last accepted pose: covariance of the unobserved motion since that pose, while that pose
     #: was kept; zero if a window began at this pose.
@@ -96,7 +96,7 @@ class PublishedPose:
         """Return the last known pose, kept at a stamp, and the step to it.
 
         The motion of the step is the displacement of the pose by an adjustment of its keyframe; zero without
-        adjustment. The covariance of the step is the growth of the unobserved motion in the step.
+        adjustment. The covariance of the step is the growth of the covariance of the unobserved motion.
 
         Args:
             stamp_ns: Stamp at which the pose is kept.

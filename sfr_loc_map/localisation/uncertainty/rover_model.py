@@ -44,11 +44,11 @@ class RoverModel:
         )
 
     def blur(self, depth_m: float) -> MotionSize:
-        """Return the standard deviations of a pose that an error of the whole image causes, for a median depth Z.
+        """Return the standard deviations that an error of the whole image causes in a pose, for a median depth Z.
 
             blur = (Z blur_px / f, blur_px / f)
 
-        An error of a whole image rotates all landmarks, and displaces the pose by this angle times their depth.
+        An error of a whole image rotates all landmarks by blur_px / f. The pose is displaced by this angle times Z.
         """
         blur_rad = self.sources.blur_px / self.fx
         return MotionSize(blur_rad * depth_m, blur_rad)

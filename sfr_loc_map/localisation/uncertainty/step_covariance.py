@@ -141,15 +141,16 @@ def pose_noise(
 
 
 def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
-    """Return `systematic` `(6,)`, in RB: the signed one-sigma effects on one step of the errors common to all steps.
+    """Return `systematic` `(6,)`, in RB: signed effects (one sigma) that errors common to all steps have on one step.
 
         systematic = (position, attitude, attitude, attitude)
         position = hypot(disparity_px, yaw_sigma_px, remaining_px) Z / (f b) displacement
         attitude = lens_turn length sign(x of the motion of RB)
 
     The sign makes the effects of a step forwards and of a step backwards cancel. The terms of a pose for the same
-    errors differ in two points. `directed` sums the lengths without the sign, which is an upper bound. In `disparity`,
-    the remaining yaw is multiplied by `unsettled_yaw_ratio`, because that term also contains `uncorrected`.
+    errors differ from these formulas in two points. `directed` sums the lengths without the sign, which is an upper
+    bound. In `disparity`, the remaining yaw is multiplied by `unsettled_yaw_ratio`, because that term also contains
+    `uncorrected`.
     """
     disparity_px = np.sqrt(
         model.sources.disparity_px**2 + calibration.yaw.sigma_px**2 + calibration.yaw.remaining_px**2

@@ -3,8 +3,8 @@
 Pyramidal Lucas-Kanade flow matches Shi-Tomasi corners to the right image, which gives their depth, and tracks them to
 the next left image and back. The motion is estimated by PnP with RANSAC and refined on the inliers.
 
-Without a motion the pair is lost, and the odometry continues from the last known pose: later poses lack the motion of
-the lost pairs. With a pair without corners, such as black images, two motions are lost: to this pair and from it.
+If no motion is found, the pair is lost, and the odometry continues from the last known pose. Later poses then lack the
+motion of the lost pairs. If a pair has no corners, such as black images, the motions to and from this pair are lost.
 """
 
 from __future__ import annotations

@@ -67,7 +67,10 @@ class PythonLocaliser(PythonClass):
     """A localiser that returns a `PoseEstimate`, a `Transform`, a matrix `(4, 4)`, or None if lost."""
 
     def __init__(self, setup: Setup) -> None:
-        """Set the initial pose through `reset`; without it, poses of the method are relative to the initial pose."""
+        """Set the initial pose through `reset`.
+
+        Without `reset`, poses of the method are relative to the initial pose.
+        """
         super().__init__(setup)
         start = _transform(setup["T_ds_rb"])
         resets = self.has("reset")

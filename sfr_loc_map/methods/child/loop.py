@@ -11,8 +11,8 @@ method may keep. `ADAPTER.py` defines `open_method(setup)`, which warms the meth
   `.disparity.npy`.
 
 The client measures time and memory, from the order to the answer with all results written. The seconds in the reply
-cover only the call, by a clock that the method could manipulate. An exception of the method is also a reply. This file
-requires only Python and numpy, because it runs in the interpreter of the method.
+cover only the call, by a clock that the method could manipulate. An exception of the method is returned as a reply.
+This file requires only Python and numpy, because it runs in the interpreter of the method.
 """
 
 from __future__ import annotations

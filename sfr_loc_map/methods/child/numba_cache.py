@@ -16,7 +16,7 @@ PACKAGE = str(Path(__file__).parents[2])
 
 
 class _Kept:
-    """Makes a locator accept a folder that already has kernels of this package."""
+    """Restricts a locator to folders that already have kernels of this package."""
 
     def ensure_cache_path(self) -> None:
         """Raise OSError if the folder has no kernels of this package for the source file."""

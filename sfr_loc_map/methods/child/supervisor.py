@@ -1,4 +1,4 @@
-"""Runs a command without access to other files and to sockets: `python supervisor.py COMMAND...`.
+"""Runs a command that can use only given paths and no sockets: `python supervisor.py COMMAND...`.
 
 The first line on standard input is JSON: the `Rules` of the command. The command runs in a child process in a Landlock
 domain (Linux 5.13) and under a filter of system calls (x86-64 and AArch64). Neither requires privileges. The first line
@@ -38,12 +38,12 @@ CALLS = {
 """Number of the architecture, and numbers of system calls.
 
 A new socket could reach other processes, which could pass open files. A larger buffer (`setsockopt`) holds memory that
-no process has, and a message can hold open files (`sendmsg`). Memory of System V, message queues and keys outlive their
-process."""
+is counted for no process, and a message can hold open files (`sendmsg`). Memory of System V, message queues and keys
+outlive their process."""
 IO_URING_SETUP, MEMFD_SECRET = 425, 447
-"""System calls, on every architecture: the first makes sockets without the others, the second memory that the kernel
-reports for no process."""
-SET_FILTER, ALLOW_SPECULATION = 1, 4  #: The flag keeps the speed of the processor on kernels before 5.16.
+"""System calls, on every architecture. The first opens sockets without the system calls in `CALLS`. The second
+allocates memory that the kernel reports for no process."""
+SET_FILTER, ALLOW_SPECULATION = 1, 4  #: The flag avoids a slow-down on kernels before 5.16.
 LOAD, JUMP_IF_EQUAL, JUMP_IF_GREATER_EQUAL, RETURN = 0x20, 0x15, 0x35, 0x06  #: Instructions of the filter.
 ALLOWED, REFUSED, FIRST_OF_X32 = 0x7FFF0000, 0x00050001, 0x40000000  #: REFUSED is "operation not permitted".
 LIBC = ctypes.CDLL(None, use_errno=True)

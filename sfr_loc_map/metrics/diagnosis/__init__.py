@@ -4,6 +4,6 @@
                                         └── offset_search ──┘
 
 `compared_poses` associates estimate and truth, `mismatches` lists the mismatches and their corrections, `offset_search`
-searches for an offset of the stamps, and `disagreement` measures what each correction leaves. `convention_diagnosis`
-has the rule by which one mismatch is chosen.
+searches for an offset of the stamps, and `disagreement` measures the disagreement that remains after each correction.
+`convention_diagnosis` has the rule by which one mismatch is chosen.
 """

@@ -6,9 +6,9 @@ hypothesis is found (`_explains`). Of the hypotheses found, that with the smalle
 
 A hypothesis competes with the explanations that presume less: that the estimate is correct as delivered, that it has
 the scale error of a method, and, if numbers were fitted, each hypothesis without fitted numbers. In nine tenths of the
-sub-trajectories, the hypothesis must leave at most `EXPLAINED`, and at most a fraction (1 / `GAIN`) of the median that
-each of these explanations leaves. If one of them leaves less than `NEGLIGIBLE`, no hypothesis is needed. An offset of
-the stamps must keep nine tenths of the poses.
+sub-trajectories, the disagreement that remains with the hypothesis must be at most `EXPLAINED`, and at most 1 / `GAIN`
+of the median that remains with each of these explanations. If less than `NEGLIGIBLE` remains with one of these
+explanations, no hypothesis is needed. An offset of the stamps must keep nine tenths of the poses.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ NEGLIGIBLE = 1e-3
 """Disagreement that requires no explanation: 0.1 % of the path, or 0.06 deg. The drift of visual odometry is larger
 (about 0.5 % for the best methods of the KITTI benchmark)."""
 EXPLAINED = 0.25
-"""Maximum disagreement after the correction: 25 % of the path, or 14 deg. Chosen by hand, because methods err less, and
-wrong axes or units leave about 1."""
+"""Maximum disagreement after the correction: 25 % of the path, or 14 deg. Chosen by hand, above the
+errors of methods. Wrong axes or units cause a disagreement of about 1."""
 NEARLY_ALL = 0.9  #: Minimum fraction of explained sub-trajectories. Chosen by hand.
 GAIN, GAIN_FITTED = 2.0, 3.0
 """Minimum factors by which a hypothesis, without and with fitted numbers, must reduce the median disagreement that
-simpler explanations leave. Chosen by hand; no honest random drive has a diagnosis (`python -m campaigns
+simpler explanations leave. Chosen by hand; no random drive without a mismatch has a diagnosis (`python -m campaigns
 honest-drives`)."""
 HONEST_SCALES = (0.8, 1.25)
 """Range of scales that are attributed to the method. Chosen by hand; units differ by a factor of ten or more."""
@@ -177,7 +177,7 @@ def _remaining_after(mismatch: Mismatch, compared: ComparedPoses) -> FloatArray:
 
 
 def _by_offset(compared: ComparedPoses) -> Iterator[Tried]:
-    """Yield the hypothesis that the stamps are offset, if most of the estimate has a truth with an offset."""
+    """Yield the hypothesis that the stamps are offset, if the truth covers most of the estimate after an offset."""
     begin_ns = 0
     has_poses = len(compared.estimate) > 0 and len(compared.truth) > 0
     if not compared.has_enough_frames and has_poses:  # the stamps are probably of different clocks

@@ -69,7 +69,7 @@ def by_setting(name: str, setting: str, sentence: str, rig: StereoRig | None = N
 
 
 def of_truth(name: str, setting: str, sentence: str) -> Mismatch:
-    """Return a mismatch of the truth. The setting corrects estimates only, so that it is not proposed."""
+    """Return a mismatch of the truth. The setting corrects only estimates and is therefore not proposed."""
     return by_setting(name, setting, sentence)._replace(setting="", is_of_truth=True)
 
 
@@ -149,10 +149,11 @@ def inverted_motions(compared: ComparedPoses) -> Iterator[Mismatch]:
 
 
 def units(compared: ComparedPoses) -> Iterator[Mismatch]:
-    """Yield the mismatches that the unit of the positions is not the metre.
+    """Yield the mismatches of positions in another unit than the metre.
 
     The ratio of the sizes does not show whether estimate or truth has the wrong unit. The estimate is corrected only if
-    the truth has the speed of a vehicle and the estimate does not. Otherwise the truth is named, without a correction.
+    the truth has the speed of a vehicle and the estimate does not. Otherwise a mismatch of the truth is reported,
+    without a setting.
     """
     if not _moves_in_true_directions(compared.true, compared.found):
         return
@@ -245,7 +246,7 @@ def _fitted_rotation(true: _Motions, found: _Motions) -> FloatArray:
 
 
 def _fitted_lever_arm(true: _Motions, found: _Motions, turn: FloatArray) -> FloatArray:
-    """Return the lever arm l of a point with this rotation, m; the displacements of the point differ by `R l - l`."""
+    """Return the lever arm l, m, of a point with this rotation. Displacements differ from those of RB by `R l - l`."""
     matrix = (matrix_from_quat(true.turns) - np.eye(3)).reshape(-1, 3)
     differences = quat_rotate(turn, found.moves) - true.moves
     return np.asarray(np.linalg.lstsq(matrix, differences.ravel(), rcond=1e-3)[0])

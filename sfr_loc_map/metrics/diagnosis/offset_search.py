@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.diagnosis.disagreement import MIN_POSES, disagreement_o
 from sfr_loc_map.metrics.formulas import Poses, pose_reading
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
-KEPT = 0.9  #: Minimum fraction of the poses of the estimate that lie in the time span of the truth with an offset.
+KEPT = 0.9  #: Minimum fraction of the poses of the estimate in the time span of the truth after the offset.
 SEARCHED_POSES = 800  #: Maximum number of poses in the search, which bounds the time of a diagnosis to about 0.1 s.
 SEARCHED_PERIODS, SEARCHED_NS = 20, 2 * NS_PER_S
 """The offset of the stamps is searched up to this number of periods and up to this time. Chosen by hand, above the
@@ -103,7 +103,7 @@ def _disagreements(estimate: Trajectory, truth: Trajectory, offsets_ns: IntArray
     true_positions = truth.positions[before] + share[..., None] * move
     starts, ends = eighths(len(estimate))
     lengths_m = path_lengths(true_positions, starts, ends)
-    rows = np.concatenate((starts, ends))  # only their attitudes are needed
+    rows = np.concatenate((starts, ends))  # attitudes are needed only in these rows
     row_before = before[:, rows].ravel()
     true_quats = slerp(truth.quats_xyzw[row_before], truth.quats_xyzw[row_before + 1], share[:, rows].ravel())
     positions = np.tile(estimate.positions[rows], (len(offsets_ns), 1))

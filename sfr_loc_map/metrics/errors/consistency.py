@@ -1,8 +1,8 @@
 """Normalised estimation error squared (NEES) of sub-trajectories, which tests the covariance. See docs/metrics.md.
 
 Q, the covariance of the end j given the start i, is computed from the steps between them. A step is the motion since
-the previous pose. Each step has a covariance S, which is independent from step to step, and vectors g, each one
-standard deviation of an error that all steps share. In addition each pose has white noise N. An error of a pose
+the previous pose. Each step has a covariance S, which is independent from step to step, and vectors g. Each g is
+one standard deviation of an error that all steps share. In addition each pose has white noise N. An error of a pose
 propagates to later poses by F (`geometry.transform.propagation`). C is the sum of `F S F^T` and G the sum of `F g`,
 both propagated to the origin of DS, and W is `F N F^T`. Then
 
@@ -33,7 +33,7 @@ from sfr_loc_map.metrics.table.rows import Figure, figure_row, nees_row
 
 PARTS = {"pose": slice(0, 6), "position": slice(0, 3), "attitude": slice(3, 6)}
 """Components of a pose's error, in ROS order."""
-WITHOUT_NOISE: Final = 27  #: Numbers of a step without the noise of its pose.
+WITHOUT_NOISE: Final = 27  #: Number of values of a step without the noise of its pose.
 SYSTEMATIC: Final = slice(21, 27)
 Span = tuple[int, int]  #: First and last frame of a sub-trajectory.
 
@@ -168,7 +168,7 @@ def relative_errors(estimate: StampedPoses, reference: StampedPoses, starts: Int
     """Return the differences `(M, 6)` of position (m) and attitude (rad) over sub-trajectories: estimate - reference.
 
     The reference is the ground truth or another estimate. Its motion is first rotated by the attitude difference at the
-    start, so that both motions start with one attitude.
+    start, so that both motions start with the same attitude.
     """
     to_estimate = quat_multiply(estimate.attitude[starts], quat_conjugate(reference.attitude[starts]))
     move = quat_rotate(to_estimate, reference.position[ends] - reference.position[starts])

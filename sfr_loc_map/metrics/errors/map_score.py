@@ -33,8 +33,8 @@ from sfr_loc_map.metrics.table.row_part import POINTS, pair_part, range_part
 from sfr_loc_map.metrics.table.rows import Figure, figure_row, nees_row
 
 MOST_AT_TRUE_POINT = 10
-"""Maximum number of points without pixels with the same nearest true point that count. On average at most one point per
-pixel counts, and noise concentrates points by much less."""
+"""Maximum number of points that count for one nearest true point, if their pixels are unknown. On average at most one
+point per pixel counts, and noise concentrates points by a much smaller factor than this number."""
 NEES_BLOCK_PX = 32
 """Size of a block, px. One point of each block tests sigma, because errors of neighbours are correlated."""
 IMAGE_WIDTH = 128  #: Maximum number of blocks in a row of an error image.
@@ -147,7 +147,7 @@ def rows_of_ranges(errors: PointErrors, pairs: Sequence[PairCoverage], edges_m: 
 def rows_of_pairs(
     pair_of_point: NDArray[np.integer], errors: PointErrors, pairs: Sequence[PairCoverage], scored: tuple[float, float]
 ) -> Iterator[Figure]:
-    """Yield the rows of the points of each mapping pair; `scored` is the range of its coverage, m."""
+    """Yield the rows of the points of each mapping pair; `scored` is the range of the coverage, m."""
     for number, pair in enumerate(pairs):
         part = pair_part(number)
         yield from error_rows(part, errors, pair_of_point == number)

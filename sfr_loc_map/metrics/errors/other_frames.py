@@ -53,7 +53,7 @@ def beyond_the_judged(kind: FigureKind, others: SubTrajectories, judged: SubTraj
 def largest_usual(sizes: FloatArray) -> float:
     """Return the error that at most the fraction `BEYOND_MOST` of the judged errors exceeds; 0 without a known error.
 
-    The largest error of all would be a single outlier, beside which no other error is far larger.
+    The largest error could be a single outlier, which no other error would far exceed.
     """
     known = sizes[np.isfinite(sizes)]
     return float(np.quantile(known, 1.0 - BEYOND_MOST, method="higher")) if len(known) else 0.0

@@ -17,7 +17,7 @@ PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Maximum number of frames, and of sub-tra
 
 
 def every_nth(count: int, most: int) -> int:
-    """Return the smallest power of two n for which every n-th row of `count` rows is at most `most` rows."""
+    """Return the smallest power of two n such that every n-th of `count` rows gives at most `most` rows."""
     return 1 << (max(-(-count // most), 1) - 1).bit_length()
 
 

@@ -67,7 +67,7 @@ def errors_of_pair(cloud: PointCloud, truth: PairTruth, number: int) -> PointErr
     """Return the errors of the points of one pair; MetricsError if a pixel is outside the image of the truth."""
     index = np.flatnonzero(cloud.pair == number)
     if (cloud.u[index] >= truth.rig.width).any() or (cloud.v[index] >= truth.rig.height).any():
-        problem = f"the cloud has pixels outside the {truth.rig.width} x {truth.rig.height} of pair {number}"
+        problem = f"the cloud has pixels outside the image of pair {number}, {truth.rig.width} x {truth.rig.height} px"
         raise MetricsError(f"{problem}: give the source that the cloud was made from")
     true = truth.points[cloud.v[index], cloud.u[index]].astype(np.float64)
     known = np.isfinite(true).all(axis=1)

@@ -1,7 +1,7 @@
 """Fraction of the sub-trajectories that a stationary rover adds, and the errors of the others.
 
-A stop adds sub-trajectories over a time in which the rover is stationary, and repeats those over a distance, because
-several of them then begin at the same place.
+With a condition of time, a stop adds sub-trajectories in which the rover is stationary. With a condition of distance, a
+stop repeats sub-trajectories, because several of them begin at the same place.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 TURN_DEG = 1.0  #: Smallest rotation of a point turn, above the typical noise of true attitudes, deg.
 QUARTERS = (0.25, 0.5, 0.75, 1.0)
-"""Fractions of a sub-trajectory at which the distance from its start is measured, because it may end at its start."""
+"""Fractions of a sub-trajectory at which the distance from the start is measured. The rover may end at the start."""
 
 
 def rows_of_moving(
@@ -49,10 +49,10 @@ def rows_of_moving(
 
 
 def is_moving(sub_trajectories: SubTrajectories, *, has_tilt: bool) -> Mask:
-    """Return the sub-trajectories in which the rover moves or turns by a tenth of the largest motion or turn.
+    """Return the sub-trajectories in which the rover moves or turns by more than a tenth of the largest motion or turn.
 
-    If the ground truth has no roll and pitch, only the heading counts, because its roll and pitch are then those of the
-    estimate.
+    If the ground truth has no roll and pitch, only the heading counts, because the truth then has the roll and pitch of
+    the estimate.
     """
     starts = sub_trajectories.starts
     ends = sub_trajectories.ends
@@ -66,8 +66,8 @@ def begins_elsewhere(sub_trajectories: SubTrajectories, *, has_tilt: bool) -> Ma
     """Return the sub-trajectories that do not begin at the place of the previous sub-trajectory.
 
     The motion between neighbouring starts is summed, in units of a tenth of the largest motion and of the largest turn
-    between two of them. A sub-trajectory begins elsewhere if the sum has reached another whole number. The first
-    sub-trajectory counts as beginning elsewhere.
+    between neighbouring starts. A sub-trajectory begins elsewhere if the sum has passed a whole number since the
+    previous start. The first sub-trajectory counts as beginning elsewhere.
     """
     poses = sub_trajectories.poses
     before = sub_trajectories.starts[:-1]

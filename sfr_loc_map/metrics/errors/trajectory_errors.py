@@ -22,9 +22,9 @@ from sfr_loc_map.metrics.table.rows import Figure, figure_row
 DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 """Path lengths for the error as a function of the distance travelled."""
 DISTANCES_SPACING, DISTANCES_BASE_M = 10, 50.0
-"""Minimum number of frames between the starts of these sub-trajectories, and the length beyond which this number is
+"""Minimum number of frames between the starts of these sub-trajectories, and the length, m, beyond which this number is
 proportional to the length, because overlapping sub-trajectories add little information."""
-DISTANCES_MAX_STARTS = 5000  #: A sub-trajectory that contains more starts is ignored: the rover was stationary.
+DISTANCES_MAX_STARTS = 5000  #: Sub-trajectories with more starts within them are ignored: the rover was stationary.
 
 
 def error_figures(*, has_height: bool) -> list[FigureKind]:

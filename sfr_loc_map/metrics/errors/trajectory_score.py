@@ -56,8 +56,8 @@ def score_trajectory(
     """Return the score of a trajectory, given as poses of RB in DS in any order.
 
     An estimate has to cover the images, or the true poses if the stamps of the images are unknown. Results of the last
-    `in_flight_ns` are not required yet. `kept_errors` are the limited figures and their conditions, whose errors are
-    all kept. With `details`, the frames are kept for plots as well. MetricsError if a condition is invalid, or if no
+    `in_flight_ns` are not required yet. `kept_errors` names the figures and conditions of which all errors are
+    kept. With `details`, the frames are kept for plots as well. MetricsError if a condition is invalid, or if no
     estimate has a ground truth, unless the run `is_live`: what a live run received is always scored.
     """
     conditions = parsed_conditions(config)
@@ -97,7 +97,7 @@ class ConditionResult(NamedTuple):
     figures: tuple[Figure, ...]
     rows: SubTrajectoryRows  #: Data of the plots.
     errors: tuple[ErrorRows, ...]  #: All errors of the figures that limits require.
-    unjudged: tuple[str, ...]  #: Warnings of frames that are in no judged error and whose errors are far larger.
+    unjudged: tuple[str, ...]  #: Warnings about frames outside the judged sub-trajectories with far larger errors.
 
 
 def judged_sub_trajectories(
@@ -144,7 +144,7 @@ def result_of_condition(
 def parsed_conditions(config: TrajectoryScoreConfig) -> list[Condition]:
     """Return the conditions of the settings, each once; MetricsError if there are none."""
     if not config.conditions:
-        raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
+        raise MetricsError("no condition of sub-trajectories is given: give at least one, such as distance=5")
     return list(dict.fromkeys(Condition.parse(text) for text in config.conditions))
 
 
@@ -164,7 +164,7 @@ def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:
 def consistency_rows(
     condition: str, judged: SubTrajectories, overlap: float, placed: PlacedFrames, sums: Mapping[int, StepSums]
 ) -> Iterator[Figure]:
-    """Yield the rows of one condition that relate the errors to their distribution, the truth and the covariances."""
+    """Yield the rows of one condition: rotation error of the truth, confidence of the errors, and NEES."""
     truth = placed.truth
     if placed.reading is Reading.POSE:
         yield from turn_rows(condition, truth.sigma_deg, judged.true_displacement())

@@ -57,7 +57,7 @@ NO_CALL = {
     Place.HOST: "no time of {part} was measured: give the calls of the run (option stats)",
     Place.TARGET: "no time of {part} on the target was measured: give the calls on the target (option target_timing)",
 }
-"""Reason for unknown expected calls, by the place of the calls."""
+"""Why the expected calls are unknown, by the computer on which they were made."""
 NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (option stats)"
 NO_STAMP = "the {part} have no stamps, so their pairs are unknown"
 OF_BOUNDS = ("p50", "p95", "p99")
@@ -114,7 +114,10 @@ def shortfalls_of(part: RowPart, score: Score) -> Iterator[Shortfall]:
 
 
 def largest_complete(kind: ShortfallKind, score: Score) -> float | None:
-    """Return the largest value of a figure with which the scope is complete by the rules of a score; None for any."""
+    """Return the largest value of a figure for which the scope is complete by the rules of a score.
+
+    None if the rules accept every value.
+    """
     rules = score.active_rules
     most = kind.most if rules.limits else kind.most_without_limits
     if most is None or (rules.partial and kind.partial):
@@ -136,9 +139,9 @@ def is_lifted_by_partial(score: Score) -> bool:
 
 
 def strictly_missing(score: Score) -> str | None:
-    """Return what makes a score incomplete without partial judging and limits that allow missing data.
+    """Return what makes a score incomplete if partial judging and limits on completeness are not applied.
 
-    Scores are compared by what they contain, not by what the rules of each accept.
+    The comparison of scores uses this text, because the rules of each score must not affect the comparison.
     """
     rules = score.active_rules
     limits = tuple(limit for limit in rules.limits if limit.section is not LimitSection.COMPLETENESS)
@@ -150,7 +153,7 @@ def strictly_missing(score: Score) -> str | None:
 
 
 def unknown_items(part: RowPart, score: Score) -> Iterator[Shortfall]:
-    """Yield a shortfall if the expected items of a scope are unknown, and `--partial` does not accept it."""
+    """Yield a shortfall if the expected items of a scope are unknown, unless `--partial` accepts unknown items."""
     rules = score.active_rules
     if not rules.limits or rules.partial:
         return
@@ -197,12 +200,15 @@ def above_most_in_gaps(kind: ShortfallKind, part: RowPart, score: Score, most: f
 def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
     """Yield a shortfall for each limit that the errors at the other frames miss.
 
-    These errors must also be far larger, because the figure always depends somewhat on the choice of the starts: a
-    fraction of the frames above `most` has an error far above the judged errors, or the limited statistic of the other
-    frames is far above its limit, although that of the judged errors meets the limit. Each limit allows some large
-    judged errors, with which no other error would be far larger. A mean or a standard deviation can also be far above
-    its limit because of a few frames, as in a short loss. This is no shortfall, so the 95 % quantile of the other
-    frames must miss such a limit as well.
+    A figure always depends somewhat on the choice of the starts. One of two further conditions must therefore hold:
+
+    - The fraction of the frames whose error is far above the judged errors exceeds `most`.
+    - The limited statistic of the other frames is far above its limit, although the statistic of the judged errors
+      meets the limit. A limit allows some large judged errors, which the errors at other frames may not far exceed.
+
+    A mean or a standard deviation can be far above its limit because of a few frames, as in a short loss, which is no
+    shortfall. For these statistics, the second condition therefore also requires that the 95 % quantile of the other
+    frames misses the limit.
     """
     for limit in score.active_rules.limits:
         if limit.section is not LimitSection.TRAJECTORY:

@@ -1,11 +1,11 @@
 """The verdicts of a score, as a pure function of the score.
 
 `with_verdicts` reads the figures, the rules, the findings, the errors of tolerance bounds, the association, and whether
-estimate and truth contradict each other:
+estimate and truth contradict each other. The verdicts follow in four steps:
 
 1. `with_bounds` adds the tolerance bounds of limits with a fraction and a confidence to the table of figures.
 2. `incomplete.incompleteness` states what makes the score incomplete.
-3. `verdicts_on_limits` judges each limit: `state_of` by the limited number alone, then by what is incomplete.
+3. `verdicts_on_limits` judges each limit, first by the limited number alone (`state_of`), then by what is incomplete.
 4. `overall_verdict` combines these verdicts with those on findings and on missing data.
 
 `metrics.stored.score_json` derives the verdicts of a file again when the file is read, and refuses a file whose
@@ -86,7 +86,7 @@ def with_bounds(score: Score) -> tuple[Score, dict[Limit, ProvedBound]]:
 def overall_verdict(score: Score, states: Sequence[VerdictState], incomplete: str | None) -> VerdictState | None:
     """Return the verdict over all limits.
 
-    A fatal finding is a fail, whatever the figures and also without limits. If estimate and truth contradict each
+    A fatal finding gives the verdict `fail` for any figures, even without limits. If estimate and truth contradict each
     other, there is no verdict.
     """
     if score.fatal_findings:

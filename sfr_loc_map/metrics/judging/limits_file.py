@@ -97,8 +97,8 @@ def _check_unique(limits: Sequence[Limit], origin: str) -> None:
 def _limits_of(section: LimitSection, block: object, origin: str, condition: str | None) -> list[Limit]:
     """Return the limits of a block of a section.
 
-    `id`, `text` and `certain` of the block apply to all its limits, `certain` not to tolerance bounds. A limit
-    `{limit: ...}` can override them.
+    `id`, `text` and `certain` of the block apply to all its limits, with the exception that `certain` does not apply to
+    tolerance bounds. A limit `{limit: ...}` can override them.
     """
     if not isinstance(block, Mapping):
         raise ConfigError(f"{origin} contains {block!r:.40}: limits as NAME: NUMBER are required")
@@ -136,7 +136,7 @@ def _limit_of(
     stated = _terms_of_bound(entry, where)._asdict() if is_bound else {}
     requirement = _requirement_of({**of_all, **entry}, name, origin)
     if is_bound:
-        requirement.pop("certain", None)  # that of the block applies to its other limits
+        requirement.pop("certain", None)  # `certain` of the block applies to the other limits
     bound: Any = entry.get("limit")
     if (fault := fault_of_bound(limited.figure, bound)) is not None:
         raise ConfigError(f"{where} {fault}")

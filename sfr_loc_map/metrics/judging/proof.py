@@ -84,8 +84,8 @@ def sample_over_drives(interpretation: Population, drives: Mapping[str, Sequence
 def prove_sequentially(terms: Terms, limit: float, sample: Sample, truth_error: float = 0.0) -> Proof:
     """Return the decision of the sequential test over the drives in order; the bound is their largest error.
 
-    The error of the truth must not change the decision: drives whose error is within `truth_error` of the limit count
-    once as met and once as failed, and both tests must have the same decision.
+    The error of the truth must not change the decision. Drives whose error is within `truth_error` of the limit
+    therefore count as met in one test and as failed in another, and both tests must have the same decision.
     """
     test = sequential_test(terms)
     has_failed = (sample.sizes > limit).tolist()

@@ -82,8 +82,9 @@ def why_open(item: Verdict, score: Score) -> str:
         return (
             f"{item.n} values, of which {independent:.3g} are independent ({rules.minimum_independent:g} are required)"
         )
-    within = ", which it does not have" if item.interval is None else " within the limit"
-    return f"'certain' requires its 95 % interval{within}"
+    if item.interval is None:
+        return "'certain' requires a 95 % interval, which this figure does not have"
+    return "'certain' requires the complete 95 % interval to be within the limit"
 
 
 def unknown_of_truth(figure: str, score: Score) -> str | None:
@@ -117,7 +118,7 @@ class DriveExtent(NamedTuple):
     duration_s: float
 
     def shortages(self, condition: Condition) -> list[str]:
-        """Return the extents that are too short for a part of a condition, each once; the angles are unknown."""
+        """Return the extents that are too short for a part of a condition, each once; angles are not checked."""
         extents = {
             ConditionKind.DISTANCE: (self.length_m, f"is {self.length_m:.1f} m long"),
             ConditionKind.DISPLACEMENT: (self.length_m, "never reaches this straight-line distance"),
@@ -129,7 +130,7 @@ class DriveExtent(NamedTuple):
 
 
 def why_unmet(condition: Condition, drive: DriveExtent) -> str:
-    """Return why no sub-trajectory of a drive meets a condition, which is known not to be met."""
+    """Return why no sub-trajectory of a drive meets a condition; the caller has checked that none does."""
     if drive.frames < 2:
         why = "at most one pose of the estimate has a true pose, but two are required"
     elif short := drive.shortages(condition):

@@ -63,7 +63,7 @@ class SequentialTest(NamedTuple):
         return VerdictState.NOT_ENOUGH_DATA, drives
 
     def more_without_failure(self, failures: int, drives: int) -> int | None:
-        """Return the number of additional drives without a failure that lead to a pass; None if no number does."""
+        """Return the number of additional drives without a failure that lead to a pass; None if no number suffices."""
         if failures and not self.good:
             return None
         step = self.ratio(0, 1)

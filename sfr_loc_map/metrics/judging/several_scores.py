@@ -25,7 +25,8 @@ class Common(NamedTuple):
     state: VerdictState | None  #: None if there is no common verdict.
     text: str = ""  #: Reason for a missing common verdict; empty if the verdict exists or no score was judged.
     difference: str = ""
-    """Why the scores do not come from one run, whatever the verdict; empty if they do. Closes no requirement."""
+    """Why the scores do not come from one run, whatever the verdict; empty if they do. If this text is set, no
+    requirement is closed."""
 
 
 SETTINGS_OF = {Scope.DRIVE: ("trajectory", "localisation"), Scope.MAP: ("map", "mapping")}
@@ -83,7 +84,7 @@ def difference_of_runs(scores: Sequence[Score]) -> str | None:
 
 
 def items_under_test(scores: Sequence[Score]) -> int:
-    """Return the largest number of items, versions and configurations that made one part of scores.
+    """Return the largest number, over the tasks, of different items, versions and configurations under test.
 
     A missing item under test counts as an item.
     """
@@ -114,7 +115,7 @@ def is_closed(verdict: Verdict, score: Score, common: Common, open_ids: Collecti
 
 
 def open_requirements(scores: Sequence[Score]) -> frozenset[str]:
-    """Return the identifiers of the requirements of which a verdict is not a pass, or is of a score that failed."""
+    """Return the identifiers of the requirements with a verdict that is not a pass, or with a fatal finding."""
     return frozenset(
         verdict.id
         for score in scores
@@ -179,7 +180,7 @@ def _is_one_place(first: InputFile, other: InputFile) -> bool:
     if first.sha256 == other.sha256:
         return True
     if first.resolved is None or other.resolved is None or first.resolved == other.resolved:
-        return False  # of one path, the content has changed
+        return False  # the path is unknown, or its content has changed
     paths = Path(first.resolved), Path(other.resolved)
     return paths[0].is_relative_to(paths[1]) or paths[1].is_relative_to(paths[0])
 
