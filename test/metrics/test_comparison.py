@@ -67,7 +67,9 @@ def test_scores_with_samples_of_different_density_are_compared_by_the_common_sam
     config = TrajectoryScoreConfig(conditions=("frames=50",))
     noise = np.cumsum(np.random.default_rng(4).normal(0, 0.01, (10_700, 3)), axis=0)
     long, short = (
-        score_of((truth[0][:end], truth[1][:end] + noise[:end], truth[2][:end]), truth, config)
+        score_of(
+            (truth[0][:end], truth[1][:end] + noise[:end], truth[2][:end]), tuple(each[:end] for each in truth), config
+        )
         for end in (10_700, 9_000)
     )
     pair = compare_scores([long, short], ["long", "short"]).pairs[0]
