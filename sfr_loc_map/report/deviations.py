@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, CloudKind, Condition, MapScoreConfig, Reading, label_of
@@ -261,6 +261,18 @@ def _images(score: Score) -> Iterator[str]:
         )
 
 
+def _stamps_beside_images(score: Score) -> Iterator[str]:
+    """Yield the number of frames whose estimate has another stamp than its image, at which it was not compared."""
+    association = score.association
+    if association is not None and association.beside_images:
+        largest_ms = association.largest_image_difference_ns / NS_PER_MS
+        yield (
+            f"{association.beside_images} of {association.matched} estimates do not have the stamp of an image; the "
+            f"largest difference is {largest_ms:.4g} ms. The specification compares the poses of the images. These "
+            "estimates were compared with the ground truth at their own stamps, so that a delay is not measured."
+        )
+
+
 def _standing(score: Score) -> Iterator[str]:
     """Yield the conditions for which a stationary rover adds many sub-trajectories."""
     for row in score.rows(STANDING, part=SUB_TRAJECTORIES):
@@ -395,6 +407,7 @@ DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (
     _lost_and_degraded,
     _unmatched_estimates,
     _images,
+    _stamps_beside_images,
     _standing,
     _duplicates,
     _unjudged_map,

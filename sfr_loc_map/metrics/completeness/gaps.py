@@ -17,11 +17,14 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.completeness.expected_items import settled
+from sfr_loc_map.metrics.completeness.expected_items import has_own, settled
 from sfr_loc_map.metrics.config import Condition, ConditionKind
-from sfr_loc_map.metrics.frames.association import unique_rows
+from sfr_loc_map.metrics.frames.association import nearness_ns, unique_rows
 
 GAP_PERIODS = 5  #: A gap is a time of more than this number of median periods between neighbouring poses.
+
+SAME_PERIOD = 1.5  #: Largest ratio of the median periods of images and true poses that have the same period.
+MOST_IMAGES = 0.9  #: Smallest fraction of the images with a true pose, for which each true pose is that of an image.
 
 
 class TruePath(NamedTuple):
@@ -132,16 +135,37 @@ def missing_path(gaps: Gaps, stamps: IntArray, path: TruePath) -> float:
 def path_without_images(images_ns: IntArray, path: TruePath, max_gap_ns: int) -> float | None:
     """Return the fraction of the true path before the first image, after the last image, and in gaps between images.
 
-    A gap is longer than both `max_gap_ns` and five median periods. No estimate is expected there. None without a path.
+    A gap is longer than both `max_gap_ns` and five median periods, or contains a true pose although every image has a
+    true pose (`between_images`). No estimate is expected there. None without a path.
     """
     true_ns = path.stamps_ns
     if not len(true_ns) or path.travelled_m[-1] <= 0.0:
         return None
     steps_ns = np.diff(images_ns)
     is_hole = steps_ns > max(max_gap_ns, GAP_PERIODS * float(np.median(steps_ns)) if len(steps_ns) else 0.0)
+    is_hole |= between_images(images_ns, true_ns)
     begins_m = path.travelled_at(np.concatenate((true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])))
     ends_m = path.travelled_at(np.concatenate((images_ns[:1], images_ns[1:][is_hole], true_ns[-1:])))
     return float(np.sum(np.maximum(ends_m - begins_m, 0.0)) / path.travelled_m[-1])
+
+
+def between_images(images_ns: IntArray, true_ns: IntArray) -> Mask:
+    """Return which steps between neighbouring images contain a true pose without an image; both stamps ascend.
+
+    The ground truth must have the stamps and the period of the images. Otherwise a true pose is no evidence of an
+    image, and no step is returned.
+    """
+    is_hole = np.zeros(max(len(images_ns) - 1, 0), np.bool_)
+    if min(len(images_ns), len(true_ns)) < 2:
+        return is_hole
+    near_ns = nearness_ns(images_ns)
+    has_same_period = SAME_PERIOD * np.median(np.diff(true_ns)) > np.median(np.diff(images_ns))
+    if not has_same_period or np.mean(has_own(images_ns, true_ns, near_ns)) < MOST_IMAGES:
+        return is_hole
+    alone = true_ns[~has_own(true_ns, images_ns, near_ns)]
+    after = np.searchsorted(images_ns, alone)
+    is_hole[after[(after > 0) & (after < len(images_ns))] - 1] = True
+    return is_hole
 
 
 def is_in_a_gap(condition: Condition, gaps: Gaps, path: TruePath) -> bool:

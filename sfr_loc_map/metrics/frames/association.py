@@ -15,7 +15,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
 from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, STEP_SIZE
@@ -25,6 +25,8 @@ Rows = NDArray[np.intp]
 Number = TypeVar("Number", bound=np.generic)
 AUTO_STAMPS = 16  #: Number of estimates and of true poses in the common span that `auto` examines.
 IMAGE_PERIOD_SHARE = 0.4  #: Maximum difference to the stamp of the image, in median periods; files round stamps.
+ROUNDED_NS = NS_PER_MS
+"""Largest difference of the stamps of an estimate and its image that is attributed to rounding in a file."""
 MATCHES_PER_STAMP = 4  #: `auto` selects `match` if at least one in four stamps coincides.
 STATES = ("lost", "degraded", "is_lost_known", "is_degraded_known")  #: Columns of `Estimates` with Booleans.
 
@@ -150,6 +152,8 @@ class Matching(NamedTuple):
     near: int
     interpolated: int
     largest_difference_ns: int
+    beside_images: int
+    largest_image_difference_ns: int
     largest_gap_ns: int
 
 
@@ -188,6 +192,9 @@ def associate(
     if mode is AssociationMode.INTERPOLATE:
         between, gaps = interpolated_frames(estimate, truth, matches.alone, true_rows, config.max_gap_s)
         frames = in_time_order(frames, between)
+    from_images = np.empty(0, np.int64)
+    if images_ns is not None and len(images_ns):
+        _, from_images = nearest_stamps(estimate.stamps_ns[frames.estimate_rows], images_ns)
     matching = Matching(
         mode=mode,
         tolerance_s=config.tolerance_s,
@@ -203,6 +210,8 @@ def associate(
         near=int(np.count_nonzero(difference)),
         interpolated=len(gaps),
         largest_difference_ns=int(difference.max(initial=0)),
+        beside_images=int(np.count_nonzero(from_images > ROUNDED_NS)),
+        largest_image_difference_ns=int(from_images.max(initial=0)),
         largest_gap_ns=int(gaps.max(initial=0)),
     )
     return frames, matching

@@ -38,6 +38,8 @@ class Association(Record, frozen=True, kw_only=True, omit_defaults=False):
     estimate_unordered: int = 0  #: Estimates after an estimate with a later stamp (sorted, not ignored).
     truth_unordered: int = 0  #: True poses after a true pose with a later stamp (sorted, not ignored).
     largest_difference_ns: int = 0  #: Largest difference of the two stamps of a frame.
+    beside_images: int = 0  #: Frames whose estimate has another stamp than its image, by more than 1 ms.
+    largest_image_difference_ns: int = 0  #: Largest difference of the stamps of an estimate and its image.
     largest_gap_ns: int = 0  #: Largest gap of the ground truth that was interpolated.
     path_length_m: float = 0.0  #: Length of the true path over the frames.
     duration_s: float | None = None  #: Time from the first to the last frame.
