@@ -14,7 +14,7 @@ import os
 import re
 import site
 import sys
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from glob import glob
 from pathlib import Path
@@ -32,21 +32,38 @@ FOLDERS = (
     *(LIBRARY_PATH, OWN_FILES),
 )
 """Variables with paths. A method receives the paths that exist."""
-WORDS = (
-    *("LANG", "LANGUAGE", "LC_ALL", "LC_CTYPE", "LC_NUMERIC", "TZ", "USER", "LOGNAME"),
-    *("PYTHONHASHSEED", "PYTHONMALLOC", "PYTHONOPTIMIZE", "PYTHONUNBUFFERED", "PYTHONUTF8"),
-    *("OMP_NUM_THREADS", "OMP_THREAD_LIMIT", "OMP_DYNAMIC", "OMP_SCHEDULE", "OMP_STACKSIZE"),
-    *("OMP_PLACES", "OMP_PROC_BIND", "OMP_WAIT_POLICY", "OMP_NESTED", "OMP_MAX_ACTIVE_LEVELS"),
-    *("OPENBLAS_NUM_THREADS", "OPENBLAS_CORETYPE", "BLIS_NUM_THREADS", "NVPL_BLAS_DEBUG_CPU_TYPE"),
-    *("MKL_NUM_THREADS", "MKL_DYNAMIC", "MKL_CBWR", "MKL_ENABLE_INSTRUCTIONS", "MKL_THREADING_LAYER"),
-    *("NUMBA_NUM_THREADS", "NUMBA_THREADING_LAYER", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_DISABLE_JIT"),
-    *("NUMBA_OPT", "NUMBA_LOOP_VECTORIZE", "NUMBA_SLP_VECTORIZE", "NUMBA_ENABLE_AVX", "NUMBA_DISABLE_INTEL_SVML"),
-    *("CUDA_VISIBLE_DEVICES", "CUDA_DEVICE_ORDER", "CUDA_LAUNCH_BLOCKING", "CUDA_MODULE_LOADING"),
-    *("NVIDIA_VISIBLE_DEVICES", "NVIDIA_DRIVER_CAPABILITIES", "NVIDIA_TF32_OVERRIDE"),
-    *("OPENCV_FOR_THREADS_NUM", "OPENCV_IPP", "OPENCV_OPENCL_DEVICE", "OPENCV_OPENCL_RUNTIME"),
+COUNTS = (
+    *("OMP_NUM_THREADS", "OMP_THREAD_LIMIT", "OMP_MAX_ACTIVE_LEVELS", "OPENBLAS_NUM_THREADS", "BLIS_NUM_THREADS"),
+    *("MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "PYTHONHASHSEED"),
 )
-"""Variables of the system, of Python and of numerical libraries. A method receives those whose value matches `WORD`."""
-WORD = re.compile("[A-Za-z0-9_.,:@/+{}-]{0,64}")  #: Numbers and short words; braces as in OMP_PLACES, `{0:4}`.
+"""Variables whose value is a number of at most five digits (`COUNT`)."""
+CHOICES = {
+    **dict.fromkeys(("OMP_DYNAMIC", "OMP_NESTED", "MKL_DYNAMIC"), ("true", "false", "TRUE", "FALSE")),
+    "OMP_PLACES": ("threads", "cores", "ll_caches", "numa_domains", "sockets"),
+    "OMP_PROC_BIND": ("true", "false", "primary", "master", "close", "spread"),
+    "OMP_SCHEDULE": ("static", "dynamic", "guided", "auto"),
+    "OMP_WAIT_POLICY": ("active", "passive"),
+    "OPENBLAS_CORETYPE": ("Prescott", "Nehalem", "Sandybridge", "Haswell", "SkylakeX", "Zen", "ARMV8"),
+    "MKL_CBWR": ("AUTO", "COMPATIBLE", "SSE2", "SSE4_2", "AVX", "AVX2", "AVX512"),
+    "MKL_ENABLE_INSTRUCTIONS": ("SSE4_2", "AVX", "AVX2", "AVX512"),
+    "MKL_THREADING_LAYER": ("INTEL", "SEQUENTIAL", "TBB", "GNU"),
+    "NUMBA_THREADING_LAYER": ("default", "safe", "threadsafe", "forksafe", "tbb", "omp", "workqueue"),
+    "NUMBA_CPU_NAME": ("generic", "host"),
+    "NUMBA_OPT": ("0", "1", "2", "3", "max"),
+    "CUDA_DEVICE_ORDER": ("FASTEST_FIRST", "PCI_BUS_ID"),
+    "CUDA_MODULE_LOADING": ("DEFAULT", "LAZY", "EAGER"),
+    "CUDA_VISIBLE_DEVICES": ("", "-1", *map(str, range(16))),
+    "NVIDIA_VISIBLE_DEVICES": ("all", "none", "void", *map(str, range(16))),
+    "NVIDIA_DRIVER_CAPABILITIES": ("all", "compute", "utility", "compute,utility"),
+    "OPENCV_IPP": ("disabled", "sse42", "avx2", "avx512"),
+    **dict.fromkeys(("OPENCV_OPENCL_DEVICE", "OPENCV_OPENCL_RUNTIME"), ("disabled",)),
+    **dict.fromkeys(("CUDA_LAUNCH_BLOCKING", "NVIDIA_TF32_OVERRIDE"), ("0", "1")),
+    **dict.fromkeys(("NUMBA_DISABLE_JIT", "NUMBA_LOOP_VECTORIZE", "NUMBA_SLP_VECTORIZE"), ("0", "1")),
+    **dict.fromkeys(("NUMBA_ENABLE_AVX", "NUMBA_DISABLE_INTEL_SVML"), ("0", "1")),
+}
+"""Variables of numerical libraries with a fixed set of values, so that they carry no data."""
+COUNT = re.compile("[0-9]{1,5}")
+LOCALE = "C.UTF-8"  #: Locale of each method, because a result must not depend on the locale of the user.
 SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/snap", "/sys")
 FACTS = ("cpuinfo", "meminfo", "stat", "version", "filesystems", "loadavg", "sys/kernel", "sys/vm", "driver")
 DEVICES = ("null", "zero", "full", "random", "urandom", "tty", "dri", "kfd", "nvidia*")
@@ -61,7 +78,15 @@ def isolation_of(restrictions: str, *, can_read_all_files: bool) -> Isolation:
     permitted = {name: paths for name in PERMITTING if (paths := _permitted_by(name))}
     text = "".join(f"; readable by {name}: {os.pathsep.join(paths)}" for name, paths in permitted.items())
     readable = os.pathsep.join(path for paths in permitted.values() for path in paths) or None
-    return Isolation(restrictions + text, can_read_all_files, readable)
+    variables = " ".join(f"{name}={value}" for name, value in passed_settings(os.environ).items()) or None
+    return Isolation(restrictions + text, can_read_all_files, readable, variables)
+
+
+def passed_settings(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables of `COUNTS` and `CHOICES` that a method receives: those with an allowed value."""
+    counts = {name: environment[name] for name in COUNTS if COUNT.fullmatch(environment.get(name, ""))}
+    choices = {name: environment[name] for name, allowed in CHOICES.items() if environment.get(name) in allowed}
+    return counts | choices
 
 
 def _permitted_by(name: str) -> list[str]:
@@ -112,14 +137,15 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> Rules:
 def environment_of(method: Method, folder: Path) -> dict[str, str]:
     """Return the environment of a method's process, which finds code and compiled kernels where this process does.
 
-    A method under test receives only the variables of `FOLDERS` and `WORDS`; a peer receives all.
+    A method under test receives only the existing paths in the variables of `FOLDERS`, and the variables of
+    `passed_settings`; a peer receives all.
     """
     if method.kind is MethodKind.PEER:
         return {**inherited_environment(), "TMPDIR": str(folder)}
     given = child_environment()
     if method.kind is MethodKind.PYTHON:  # this process's working directory is searched first
         given["PYTHONPATH"] = os.pathsep.join((str(Path.cwd()), given["PYTHONPATH"]))
-    found = {name: given[name] for name in WORDS if name in given and WORD.fullmatch(given[name])}
+    found = {**passed_settings(given), "LC_ALL": LOCALE}
     for name in FOLDERS:
         existing = [path for path in _paths_in(given.get(name, "")) if os.path.exists(path)]
         if existing:

@@ -48,6 +48,7 @@ class Isolation(NamedTuple):
     text: str  #: Means that are in force, and exceptions, for display.
     can_read_all_files: bool  #: Whether the system could not isolate the process from the files of its user.
     readable_files: str | None  #: Further paths that the user permitted to read, separated as in PATH.
+    variables: str | None  #: Environment variables with settings that the process received: `NAME=VALUE NAME=VALUE`.
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +69,9 @@ class Method:
 
     def record(self, version: str | None, isolation: Isolation | None = None) -> MethodRecord:
         """Return the record of the method in the score."""
-        config_sha256 = hashlib.sha256(self.config.encode()).hexdigest() if self.config else None
+        variables = None if isolation is None or self.kind is MethodKind.PEER else isolation.variables
+        settings = "\n".join(filter(None, (self.config, variables)))
+        config_sha256 = hashlib.sha256(settings.encode()).hexdigest() if settings else None
         return MethodRecord(
             name=self.name,
             version=version,
@@ -78,6 +81,7 @@ class Method:
             isolation=None if isolation is None else isolation.text,
             can_read_all_files=isolation is not None and isolation.can_read_all_files,
             readable_files=None if isolation is None else isolation.readable_files,
+            variables=variables,
         )
 
 

@@ -187,6 +187,8 @@ def _item(score: Score) -> dict[str, str]:
         facts["Hash"] = method.sha256 or UNKNOWN
         if method.config_sha256 is not None:
             facts["Hash of its configuration"] = method.config_sha256
+        if method.variables is not None:
+            facts["Environment variables"] = method.variables
     if target is not None:
         facts["Board"] = target.name
         about = target.about or TargetRecord()

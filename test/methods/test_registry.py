@@ -20,7 +20,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.methods import ours
 from sfr_loc_map.methods.child.numba_cache import OfUser
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
-from sfr_loc_map.methods.isolation import PACKAGE, environment_of, rules_of
+from sfr_loc_map.methods.isolation import CHOICES, COUNTS, PACKAGE, environment_of, isolation_of, rules_of
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
 from sfr_loc_map.suite_names import Task
@@ -104,13 +104,11 @@ def test_a_peer_is_found_in_its_interpreter(tmp_path: Path, monkeypatch: pytest.
 
 VARIABLES = {
     "OMP_NUM_THREADS": "1",
-    "OMP_PLACES": "{0:4},{4:4}",
+    "OMP_PLACES": "cores",
     "OPENBLAS_NUM_THREADS": "2",
     "MKL_NUM_THREADS": "3",
     "NUMBA_NUM_THREADS": "4",
-    "CUDA_VISIBLE_DEVICES": "0,1",
-    "LC_ALL": "de_DE.UTF-8@euro",
-    "TZ": "Europe/Berlin",
+    "CUDA_VISIBLE_DEVICES": "1",
 }
 TRUTHS = {
     "MODE": "good",
@@ -119,6 +117,13 @@ TRUTHS = {
     "NUMBA_X": "1",
     "PYTHON_TRUTH": "1",
     "XDG_TRUTH": "1",
+    "OMP_SCHEDULE": "QUJDREVGR0hJSktM",
+    "OMP_THREAD_LIMIT": "123456",
+    "NUMBA_CPU_FEATURES": "QUJDREVGR0hJSktM",
+    "NVIDIA_VISIBLE_DEVICES": "QUJDREVGR0hJSktM",
+    "MKL_CBWR": "QUJDREVGR0hJSktM",
+    "USER": "QUJDREVGR0hJSktM",
+    "TZ": "QUJDREVGR0hJSktM",
     "LC_CTYPE": "1 2 3",
     "LANG": "0.123," * 20,
     "CONDA_PREFIX": "/0.1,0.2",
@@ -138,6 +143,22 @@ def test_a_method_receives_only_known_variables_with_a_plain_value(
     assert VARIABLES.items() <= found.items()
     assert TRUTHS.keys().isdisjoint(found)
     assert (found["PATH"], found["HOME"]) == (f"/usr/bin{os.pathsep}/bin", str(tmp_path))
+
+
+def test_received_variables_are_part_of_the_configuration_of_a_method(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "item.py").write_text("")
+    method = find_method(f"{tmp_path / 'item.py'}:Mine", Task.LOCALISATION)
+    records = {}
+    for threads in ("1", "2", "two"):
+        for name in (*COUNTS, *CHOICES):
+            monkeypatch.delenv(name, raising=False)
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        records[threads] = method.record("1", isolation_of("files", can_read_all_files=False))
+    assert [record.variables for record in records.values()] == ["OMP_NUM_THREADS=1", "OMP_NUM_THREADS=2", None]
+    assert len({record.config_sha256 for record in records.values()}) == 3
+    assert records["two"].config_sha256 is None
 
 
 def test_kernels_in_the_cache_folder_of_the_user_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
