@@ -71,7 +71,7 @@ class Proposal:
     """Sections of an `sfr.yaml` with the reason for each value, the values that only the owner can add, and remarks."""
 
     source: Path
-    given: Configuration  #: The sections with all values, and the path of the `sfr.yaml`, if it is known.
+    configuration: Configuration  #: The sections with all values, and the path of the `sfr.yaml`, if it is known.
     reasons: Mapping[Key, str] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
@@ -87,7 +87,7 @@ class Proposal:
                 reasons[key] = reason
         return replace(
             self,
-            given=replace(self.given, sections=sections),
+            configuration=replace(self.configuration, sections=sections),
             reasons=reasons,
             missing=(*self.missing, *findings.missing),
             remarks=(*self.remarks, *findings.remarks),
@@ -97,12 +97,12 @@ class Proposal:
     @property
     def sections(self) -> Mapping[str, Any]:
         """The sections with all values."""
-        return self.given.sections
+        return self.configuration.sections
 
     @property
     def config(self) -> SourceConfig:
         """How the source is read with the proposal."""
-        return SourceConfig.of(self.given)
+        return SourceConfig.of(self.configuration)
 
     def text(self) -> str:
         """Return the proposal as `sfr.yaml`, each value with its reason."""
@@ -165,7 +165,7 @@ def _with_truth(proposal: Proposal, truth: Truth, stamps_ns: Sequence[int]) -> P
     """Return a proposal with the components of a ground truth, and a condition for the pairs with these stamps."""
     components = TruthComponents(truth.has_attitude, truth.has_height, truth.has_tilt)
     proposal = proposal.adding(Findings(truth=components))
-    if "lever_arm_m" not in proposal.given.section("truth"):
+    if "lever_arm_m" not in proposal.configuration.section("truth"):
         proposal = proposal.adding(_lever_arm(truth, proposal.config))
     if "conditions" not in proposal.sections:
         proposal = proposal.adding(_condition(stamps_ns, truth))
