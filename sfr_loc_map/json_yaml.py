@@ -60,7 +60,7 @@ _KINDS = {
     **{"str": "a text", "int": "a whole number", "float": "a number", "bool": "true or false"},
     **{"array": "a list", "object": "a mapping of names to values"},
 }
-"""Words for the types in messages of msgspec."""
+"""Words in our messages for the types in msgspec's messages."""
 _MISSING = re.compile(r"Object missing required field `(\w+)`")
 _EXPECTED = re.compile(r"Expected `(\w+)[^`]*`(?: of length ([<>]?)=? ?(\d+))?")
 _LIMITS = {"": "", ">": "at least ", "<": "at most "}

@@ -73,9 +73,9 @@ class RunOrder(StampOrder[T]):
 
     An item whose stamp does not exceed the last stamp is late. An item of another time (`is_of_another_time`) is held.
     Once `agreeing` held items have increasing stamps, all before or all after the last stamp, they are accepted. Items
-    before the last stamp begin a new run; with items after it, the run continues. If an item of the run, or of another
-    time on the opposite side of the run, arrives before that, the held items are strays. An item with a stamp of zero
-    or less is also a stray.
+    before the last stamp begin a new run, and items after the last stamp continue the run. If an item of the run, or of
+    another time on the opposite side of the run, arrives before that, the held items are strays. An item with a stamp
+    of zero or less is also a stray.
     """
 
     def __init__(self, agreeing: int = AGREEING) -> None:

@@ -61,7 +61,10 @@ def silence_of(
         fix += "best_effort, or let the publisher offer reliable"
         return Issue(Cause.QOS, topic, text, fix)
     text = f"the publisher {names} exists, but no message was received"
-    fix = "check whether it publishes; a container with --net=host also requires --ipc=host to share /dev/shm"
+    fix = (
+        "check whether the publisher sends messages; a container with --net=host also requires --ipc=host to share "
+        "/dev/shm"
+    )
     return Issue(Cause.SILENT, topic, text, fix)
 
 

@@ -42,7 +42,7 @@ def _given_tokens(request: web.Request) -> tuple[str, str, str]:
 
 
 def _split(url: str) -> tuple[str, str]:
-    """Return the host name and the host name with port of an address; both are empty if the address is invalid."""
+    """Return the host name of an address, without and with the port; both are empty if the address is invalid."""
     try:
         found = urlsplit(url)
         return found.hostname or "", found.netloc

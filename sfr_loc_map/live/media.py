@@ -20,7 +20,8 @@ IMAGE_WIDTH = 640  #: Maximum width of a displayed image, px.
 JPEG_QUALITY = 75  #: JPEG quality, 0 to 100. Artefacts are not visible at this quality and width.
 CELL_M = 0.1  #: Cell size of a grid made from a cloud, m; the mapper's default.
 MAX_SIDE = 512
-"""Maximum number of cells along an axis of a grid made from a cloud. In a larger area the cells are larger."""
+"""Maximum number of cells along an axis of a grid made from a cloud. If an area requires more cells, its cells are
+enlarged."""
 MAX_CELLS = 30_000  #: Maximum number of displayed cells.
 MAX_TRUE_PAIRS = 2 * MAX_PAIRS
 """Number of pairs whose true points are kept: those of a map, and as many that arrive before its cloud."""

@@ -72,7 +72,8 @@ class MotionPriorConfig:
     wait_s: float = param(
         0.0,
         unit="s",
-        doc="Maximum time that a pair waits for odometry at or after its stamp, once odometry arrives. 0: no wait.",
+        doc="Maximum time that a pair waits for odometry at or after its stamp, if any odometry was received before. "
+        "0: no wait.",
         low=0.0,
         high=10.0,
     )

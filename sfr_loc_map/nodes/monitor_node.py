@@ -103,7 +103,7 @@ class MonitorNodeConfig(NodeConfig):
     save_period_s: float = param(
         0.0,
         unit="s",
-        doc="Period at which the score is saved if messages were received, so that a crash loses little. A score from "
+        doc="Period at which the score is saved if messages were received, to limit the loss in a crash. A score from "
         "before the start is kept as *.before.json. 0: the score is saved only by ~/save.",
         low=0.0,
         high=3600.0,

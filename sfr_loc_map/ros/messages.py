@@ -94,7 +94,7 @@ def points_of(message: PointCloud2, wanted: Mapping[str, Sequence[type[np.generi
         formats.append(np.dtype(kind).newbyteorder(order))
         offsets.append(int(field.offset))
         if field.offset + formats[-1].itemsize > message.point_step:
-            raise InputError(f"{what}: field '{name}' exceeds the point of {message.point_step} bytes")
+            raise InputError(f"{what}: field '{name}' ends after the {message.point_step} bytes of a point")
     height, width, step, row = (int(n) for n in (message.height, message.width, message.point_step, message.row_step))
     if row < step * width or len(message.data) < row * height:
         raise InputError(

@@ -223,7 +223,7 @@ def test_points_of_any_float_layout_are_read(kind: str, code: int, order: str) -
         (lambda m: setattr(m, "data", m.data[:-1]), "bytes are required"),
         (lambda m: setattr(m, "height", 2**31), "bytes are required"),
         (lambda m: m.fields.pop(), "no field 'pair' of uint8"),
-        (lambda m: setattr(m.fields[0], "offset", 25), "exceeds the point of 28 bytes"),
+        (lambda m: setattr(m.fields[0], "offset", 25), "ends after the 28 bytes of a point"),
         (lambda m: setattr(m, "row_step", 1), "bytes are required"),
     ],
 )

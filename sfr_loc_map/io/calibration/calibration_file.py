@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 ENDINGS = (".yaml", ".yml", ".xml", ".json", ".txt")
 LONG_BASELINE_M = 1.0
-"""Baseline, m, that rovers do not exceed. A larger number may count squares of the calibration board."""
+"""Baseline, m, that rovers do not exceed. A larger number may be in squares of the calibration board."""
 LARGEST_BASELINE_M = 5.0  #: Largest accepted baseline, m. Larger numbers are probably in millimetres.
 
 

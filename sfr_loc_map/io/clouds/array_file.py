@@ -19,7 +19,7 @@ MIN_UNPACKED, MAX_RATIO = 16_000_000, 20
 """Limit of the decompressed members: this number of bytes or this multiple of the archive's size, if that is larger."""
 _BROKEN_ARCHIVE = (
     *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, OSError, EOFError),
-    *(NotImplementedError, RuntimeError),  # an unknown compression, a password
+    *(NotImplementedError, RuntimeError),  # raised for an unknown compression and for a password
 )
 
 
@@ -45,7 +45,7 @@ def parse_npy(data: bytes, fields: Collection[str] = ()) -> NDArray[Any]:
         raise ValueError("its header is corrupt: a shape of integers is required")
     count, begin = math.prod(shape), stream.tell()
     if len(data) - begin < count * dtype.itemsize:
-        raise ValueError(f"it declares {shape} numbers of {dtype}, but contains {len(data) - begin} bytes")
+        raise ValueError(f"it declares shape {shape} and type {dtype}, but has only {len(data) - begin} bytes of data")
     return np.frombuffer(data, dtype, count, begin).reshape(shape, order="F" if fortran else "C").copy()
 
 

@@ -120,12 +120,10 @@ class SampleDepth:
             has_changed = self.bits > 0
             self.bits = found
             if has_changed or found < SAMPLE_BITS[-1]:
-                change = (
-                    "; earlier images were scaled by fewer bits, so that the brightness changes" if has_changed else ""
-                )
+                change = "; earlier images were scaled by fewer bits, so the brightness changes" if has_changed else ""
                 self._report(
-                    f"images of '{self._name}' have 16-bit samples, of which {found} bits are used: 0 to {2**found - 1}"
-                    f"{change}"
+                    f"images of '{self._name}' have 16-bit samples, of which {found} bits are used "
+                    f"(0 to {2**found - 1}){change}"
                 )
         return [image.grey(self.bits or SAMPLE_BITS[-1]) for image in images]
 

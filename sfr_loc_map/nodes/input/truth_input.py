@@ -177,7 +177,9 @@ class TopicTruthInput(TruthInput):
         publishers = publishers_of(self._node, self._node.resolve_topic_name(TRUE_POSES))
         has_changed = self._topic.follow([publisher.msgtype for publisher in publishers])
         if has_changed:
-            self._node.get_logger().info(f"{TRUE_POSES} is {self._topic.msgtype}: true poses are read from it")
+            self._node.get_logger().info(
+                f"{TRUE_POSES} has the type {self._topic.msgtype}: true poses are read with it"
+            )
         return has_changed
 
     def reason_for_silence(self) -> str:

@@ -44,7 +44,7 @@ DROPS = {
     "dropped_in_transport": "were lost between their publisher and this node",
     "dropped_unpaired": "had no message of the other side within the stamp tolerance, or within the queue",
     "dropped_rejected": "were unusable",
-    "dropped_stale": "were not newer than the previous one",
+    "dropped_stale": "did not have a later stamp than the previous message",
     "dropped_stray": "had no stamp, or a stamp far from those of their neighbours",
     "dropped_without_camera_info": "arrived without a usable camera_info",
     "dropped_without_pose": "had no nav/pose with their stamp",
@@ -100,7 +100,7 @@ class HealthConfig:
     window_s: float = param(
         5.0,
         unit="s",
-        doc="Averaging window for rates; drops and problems are reported for this time.",
+        doc="Averaging window for rates, and time for which drops and problems are reported.",
         low=0.5,
         high=600.0,
     )
