@@ -259,7 +259,7 @@ class CommonRuns(Generic[T]):
         """Start before the first item; `orders` has one order per source."""
         self._orders = orders
         self._latest_ns: dict[str, int] = {}  # latest stamp of each source in the run
-        # by source: latest stamp in the previous run of the source, and of all
+        # latest stamps of the previous run, by source: of the source and of all
         self._ended_ns: dict[str, tuple[int, int]] = {}
 
     @property

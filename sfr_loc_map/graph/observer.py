@@ -42,10 +42,10 @@ from sfr_loc_map.suite_names import PLAYER_NODE, SUITE_NODES, Task
 from sfr_loc_map.topics import CLOCK, IMAGES, TF_STATIC, call_topic, rectified_beside
 
 QUIET_S = 1.5  #: Discovery is complete when images are published and the graph has not changed for this time.
-DISCOVERY_S = 8.0  #: Maximum duration of discovery.
+DISCOVERY_S = 8.0  #: Maximum duration of discovery, s.
 FIRST_MESSAGE_S = 4.0
 """Maximum wait for the first message of each topic that has a publisher, before the observation begins."""
-ANSWER_S = 10.0  #: Timeout of a service call. A node answers within 1 s, on a busy host within several seconds.
+ANSWER_S = 10.0  #: Timeout of a service call, s. A node answers within 1 s, on a busy host within several seconds.
 DEPTH = 100
 LEFT_IMAGES = tuple(f"/{task.rig}/left/{image}" for task in Task for image in IMAGES)
 PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "input.rectify", "T_rb_locsb.quat_xyzw")

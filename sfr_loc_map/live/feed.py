@@ -59,9 +59,9 @@ from sfr_loc_map.topics import (
 )
 
 DEPTH = 200  #: Queue depth of poses, calls and diagnostics.
-GRAPH_PERIOD_S = 0.5  #: Period at which the graph is examined and subscriptions follow the viewers.
-SPIN_S = 0.1  #: Maximum wait of the executor, which bounds the time to end the thread.
-IMAGE_PERIOD_S = 0.15  #: Minimum interval between displayed image pairs.
+GRAPH_PERIOD_S = 0.5  #: Period, s, at which the graph is examined and subscriptions follow the viewers.
+SPIN_S = 0.1  #: Maximum wait of the executor, s, which bounds the time to end the thread.
+IMAGE_PERIOD_S = 0.15  #: Minimum interval between displayed image pairs, s.
 MAX_MAPS = 8  #: Maximum number of waiting clouds, elevation and hazard grids; the oldest are dropped.
 SHOWN_KINDS = (StatusKind.HEALTH, StatusKind.INPUT, StatusKind.FAULT)
 """Kinds of status that are displayed. Statuses of calls are not among them, because calls are received as records."""

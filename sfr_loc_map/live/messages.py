@@ -27,7 +27,7 @@ from sfr_loc_map.live.shown_score import ShownScore
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import ImageSample, Media
 
-LIVE_PERIOD_S = 0.25  #: Period of the state of the run.
+LIVE_PERIOD_S = 0.25  #: Period at which the state of the run is sent, s.
 
 
 def text_message(kind: str, content: dict[str, Any]) -> str:

@@ -57,11 +57,11 @@ REPORT_HEADERS = {
 CACHED = {"Cache-Control": "private, max-age=86400"}  #: Headers of the plotting library, which has 5 MB.
 MAX_PAGES = 32
 MAX_MESSAGE_BYTES = 4096  #: Maximum size of a command and of a message of a page.
-HEARTBEAT_S = 20.0  #: Period of the websocket's ping.
-SHUTDOWN_S = 1.0  #: Time for pending requests when the server ends.
-LAST_MESSAGE_S = 0.1  #: Time for the last message to the pages.
+HEARTBEAT_S = 20.0  #: Period of the websocket's ping, s.
+SHUTDOWN_S = 1.0  #: Time, s, in which pending requests may be completed when the server ends.
+LAST_MESSAGE_S = 0.1  #: Time, s, in which the last message may be sent to the pages.
 TICK_S = 0.01  #: Changes within this time, s, are sent together.
-END_PERIOD_S = 0.1  #: Period of the check whether the run is over.
+END_PERIOD_S = 0.1  #: Period of the check whether the run is over, s.
 
 
 class LiveServer:

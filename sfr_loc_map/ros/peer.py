@@ -17,7 +17,7 @@ from rclpy.utilities import try_shutdown
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.transport import TransportGaps
 
-POLL_S = 0.05  #: Period at which conditions are checked.
+POLL_S = 0.05  #: Period at which conditions are checked, s.
 NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 
 

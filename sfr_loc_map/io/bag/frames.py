@@ -50,7 +50,7 @@ class FrameSeries:
     def frame_of(self, item: Any, *, is_static: bool) -> Frame:  # noqa: ANN401 - a TransformStamped of any library
         """Return the child frame of a transform in the parent of this transform.
 
-        A frame on both /tf_static and /tf is moving; its static pose is discarded.
+        A frame on both /tf_static and /tf counts as moving, and its static pose is discarded.
         """
         parent = item.header.frame_id.strip("/")
         by_parent = self._by_child.setdefault(item.child_frame_id.strip("/"), {})

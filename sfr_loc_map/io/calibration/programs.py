@@ -363,7 +363,7 @@ def _opencv(opened: OpenedFile) -> CameraPair:
 
 
 def _states_fisheye(values: Mapping[str, Any]) -> bool | None:
-    """Return whether a flag (`fisheye: 1`) or a model in the file states a fisheye lens; None without both."""
+    """Return whether a flag (`fisheye: 1`) or a model in the file states a fisheye lens; None if it has neither."""
     flags = [str(value).lower() not in ("0", "false") for name, value in values.items() if "fisheye" in name]
     models = [str(values[name]).lower() for name in MODEL_NAMES if name in values]
     found = [*flags, *(True for model in models if re.search(r"fisheye|\bequi", model))]
