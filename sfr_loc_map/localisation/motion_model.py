@@ -18,6 +18,11 @@ MAX_MISSED_PAIRS = 4
 """Maximum number of missing pairs over which the last motion is repeated. Chosen by hand: 0.5 s at 10 Hz.
 If larger, guesses far from the pose cost the time of an alignment. If smaller, more gaps require relocalisation."""
 
+MAX_UNKNOWN_PERIOD_NS = 500_000_000
+"""Maximum time between two consecutive pairs while the period is unknown, ns. Chosen by hand: the time in which
+`MAX_MISSED_PAIRS` are missing at 10 Hz. If larger, the motion in a gap may be interpolated and its uncertainty missed.
+If smaller, an external pose between the first two pairs of a slow drive is less certain."""
+
 MAX_JITTER_NS = 10_000_000
 """Maximum difference of two stamps that may be of one moment, ns. Chosen by hand: a tenth of the period at 10 Hz. If
 larger, an unobserved motion between two pairs is not reported. If smaller, a start pose that another program computed
@@ -72,18 +77,32 @@ class LastPose:
     T_before_last: Transform  #: Last motion, in `motion_ns`; the identity to predict a standstill.
     known_ns: int | None  #: Stamp of the last pose from images or of an external pose; later motion is unobserved.
     tracked_ns: int = 0  #: Stamp of the last tracked pair, from which missing pairs are counted.
-    #: Time between the last two tracked pairs; 0 if unknown. After more than `MAX_MISSED_PAIRS` refused pairs, the time
-    #: is one period, and `T_before_last` is the mean motion in one period.
-    motion_ns: int = 0
+    #: Time between the last two tracked pairs; None before the second pair of a window. After more than
+    #: `MAX_MISSED_PAIRS` refused pairs, the time is one period, and `T_before_last` is the mean motion in one period.
+    motion_ns: int | None = None
     speed: Speed = Speed(0.0, 0.0)  #: Last speed.
 
     def unobserved_s(self, stamp_ns: int) -> float:
         """Return the time between the last known pose and a stamp, s; 0 before the first pair."""
         return 0.0 if self.known_ns is None else abs(stamp_ns - self.known_ns) / NS_PER_S
 
-    def missing_pairs(self, stamp_ns: int) -> int:
-        """Return the number of pairs that are missing between the last tracked pair and a stamp; 0 if unknown."""
-        return round((stamp_ns - self.tracked_ns) / self.motion_ns) - 1 if self.motion_ns > 0 else 0
+    def missing_pairs(self, stamp_ns: int) -> int | None:
+        """Return the number of pairs that are missing between the last tracked pair and a stamp.
+
+        The number is unknown (None) before the second pair of a window. It is also unknown if the time is shorter than
+        half of `motion_ns`, because pairs were then missing in that motion.
+        """
+        if self.motion_ns is None:
+            return None
+        periods = round((stamp_ns - self.tracked_ns) / self.motion_ns)
+        return periods - 1 if periods > 0 else None
+
+    def is_followed_by(self, stamp_ns: int) -> bool:
+        """Return whether no pair is missing between the last tracked pair and a stamp."""
+        missing = self.missing_pairs(stamp_ns)
+        if missing is None:
+            return stamp_ns - self.tracked_ns <= MAX_UNKNOWN_PERIOD_NS
+        return missing == 0
 
     def has_gap(self, stamp_ns: int) -> bool:
         """Return whether the motion from the last known pose to a pair that begins a window is unobserved.
@@ -102,7 +121,7 @@ class LastPose:
         repeated = last @ self.T_before_last
         others = []
         missed = self.missing_pairs(stamp_ns)
-        if 0 < missed <= MAX_MISSED_PAIRS:
+        if missed is not None and 0 < missed <= MAX_MISSED_PAIRS:
             further = repeated
             for _ in range(missed):
                 further = further @ self.T_before_last
@@ -153,4 +172,4 @@ class LastPose:
 
     def restarted(self, stamp_ns: int) -> LastPose:
         """Return the pose after a new window began at this pose. A standstill is predicted, and the speed is kept."""
-        return LastPose(self.T_world_left, Transform.identity(), stamp_ns, stamp_ns, 0, self.speed)
+        return LastPose(self.T_world_left, Transform.identity(), stamp_ns, stamp_ns, None, self.speed)

@@ -99,7 +99,7 @@ def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[Pa
     )
     # after a kept pair, the pose published last is newer than the last tracked pair
     was_tracked = pair.was_known and path.published.stamp_ns == path.last.tracked_ns
-    follows_directly = was_tracked and path.last.missing_pairs(pair.stamp_ns) <= 0
+    follows_directly = was_tracked and path.last.is_followed_by(pair.stamp_ns)
     history = path.history.with_pose(_past_pose(last, errors, follows_directly=follows_directly))
     return replace(path, last=last, errors=errors, published=published, history=history), step
 
@@ -210,7 +210,7 @@ def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tupl
 def _shortest_period_ns(path: PathState) -> int:
     """Return the shorter time between two pairs (`MAX_LATER_PERIODS`), ns. A window without accepted pairs has one."""
     motion_ns = path.last.motion_ns
-    return min(motion_ns, path.period_ns) if motion_ns > 0 else path.period_ns
+    return path.period_ns if motion_ns is None else min(motion_ns, path.period_ns)
 
 
 def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: RoverModel) -> PathState:

@@ -448,6 +448,38 @@ def test_a_pose_from_outside_between_two_pairs_far_apart_contains_the_motion_to_
     assert of_path(path)[0, 0] > error[0] ** 2
 
 
+@pytest.mark.parametrize(
+    ("before", "at", "is_gap"),
+    [
+        ([], 100, True),
+        ([], 6, True),
+        ([], 5, False),
+        ([], 1, False),
+        ([1], 100, True),
+        ([1], 3, True),
+        ([1, 2], 3, False),
+        ([1, 100], 120, True),
+        ([100], 120, True),
+        ([100], 101, False),
+        ([100], 200, False),
+    ],
+)
+def test_a_pose_between_two_pairs_contains_the_unobserved_motion_of_a_gap(
+    before: list[int], at: int, *, is_gap: bool
+) -> None:
+    """The pairs are of one window, which begins at pair 0. The number of the pair after the external pose is `at`."""
+    path = begun()
+    for number in (*before, at):
+        path = move(path, number, STEP)
+    previous = ([0, *before])[-1]
+    half_ns = (previous + at) * PERIOD_NS // 2
+    model = model_of(IN_CAMERA)
+    exact = StartPose(Transform(np.eye(3), STEP), NOTHING, half_ns)
+    path = trajectory.with_pending_pose(trajectory.given(path, exact, model), at * PERIOD_NS, model)[0]
+    unobserved = ((at - previous) / 2 * PERIOD_NS / 1e9 * model.bounds.unseen_speed_m_s) ** 2
+    assert (of_path(path)[0, 0] >= 0.9 * unobserved) == is_gap
+
+
 def set_at(path: PathState, number: int, now: int) -> PathState:
     """Return the path after an exact external pose was applied to the pair of a number, at a later pair."""
     model = model_of(IN_CAMERA)
