@@ -39,15 +39,15 @@ class MethodLimits:
     call_timeout_s: float = param(120.0, unit="s", doc="Timeout of a call.", low=0.05, high=1e6)
     start_timeout_s: float = param(900.0, unit="s", doc="Timeout of start and warm-up.", low=0.05, high=1e6)
     memory_mb: int = param(4000, unit="MB", doc="Resident memory at which the process is killed.", low=50, high=10**6)
-    restarts: int = param(3, doc="Number of restarts after the process was lost.", low=0, high=1000)
+    restarts: int = param(3, doc="Maximum number of restarts after the process has ended.", low=0, high=1000)
 
 
 class Isolation(NamedTuple):
     """How the process of a method is isolated."""
 
-    text: str  #: Means that are in force, and exceptions, for display.
+    text: str  #: Restrictions in force, and exceptions, for display.
     can_read_all_files: bool  #: Whether the system could not isolate the process from the files of its user.
-    readable_files: str | None  #: Further paths that the user permitted to read, separated as in PATH.
+    readable_files: str | None  #: Further paths that the user permitted the method to read, separated as in PATH.
     variables: str | None  #: Environment variables with settings that the process received: `NAME=VALUE NAME=VALUE`.
 
 
@@ -197,7 +197,7 @@ def _identified(method: Method) -> Method:
 def find_peer(peer: Peer, python: Path | None, vocabulary: Path | None = None) -> tuple[Method | None, str]:
     """Return the method of a peer in an interpreter, or None and the reason why the method cannot be run."""
     if python is None:
-        return None, f"no interpreter was given: name one that has the method by --peer-python ({peer.install})"
+        return None, f"no interpreter was given: name an interpreter with the method by --peer-python ({peer.install})"
     code = f"import importlib.util as u, sys; sys.exit(0 if all(map(u.find_spec, {peer.modules!r})) else 3)"
     try:
         status = subprocess.run([python, "-c", code], capture_output=True, timeout=60, check=False).returncode
@@ -216,7 +216,7 @@ def find_peer(peer: Peer, python: Path | None, vocabulary: Path | None = None) -
 
 
 def listed_methods() -> list[dict[str, str | None]]:
-    """Return the registered methods; the version of a peer is unknown before it is started."""
+    """Return the registered methods; the version of a peer is unknown before the peer is started."""
     import cv2
 
     versions = {OURS: __version__, "opencv": cv2.__version__, "sgbm": cv2.__version__}

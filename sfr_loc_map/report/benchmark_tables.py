@@ -32,7 +32,7 @@ FAULTS: tuple[ResultColumn, ...] = (
     ("position error / 3 sigma", "", "position_ratio"),
     ("attitude error / 3 sigma", "", "attitude_ratio"),
     ("step error / 3 sigma", "", "step_ratio"),
-    ("beyond 5 times", "%", "beyond_share"),
+    ("ratio above 5", "%", "beyond_share"),
     ("vertical disparity", "px", "vertical_offset_px"),
     ("disparity bias", "px", "disparity_offset_px"),
 )

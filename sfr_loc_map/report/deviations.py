@@ -98,7 +98,7 @@ def _reading(score: Score) -> Iterator[str]:
         literal_text = f"{number(literal, unit=unit)} {unit.symbol}"
         compared.append(f"mean + 3 sigma over {label_of(condition)} {used_text}, by displacements {literal_text}")
     yield (
-        f"Errors are computed by the reading '{association.rebase}' of the specification. Literally, it compares "
+        f"Errors are computed by the reading '{association.rebase}' of the specification, which literally compares "
         f"displacements [4.2.3.1]{': ' if compared else ''}{'; '.join(compared)}."
     )
 
@@ -314,7 +314,7 @@ def _fused_cloud(score: Score) -> Iterator[str]:
     if is_limited and score.cloud is not None and score.cloud.kind is CloudKind.FUSED:
         yield (
             "The cloud is declared to be fused. A pixel with ground truth is therefore covered if a point of any pair "
-            "is within two footprints of a pixel, so that a quarter of the points can give full coverage."
+            "is within two pixel footprints of its true point, so that a quarter of the points can give full coverage."
         )
 
 
@@ -359,7 +359,7 @@ def _frames_beyond(score: Score) -> Iterator[str]:
 
 
 def _origin_of_truth(score: Score) -> Iterator[str]:
-    """Yield how the ground truth differs from that of one recording, each difference once.
+    """Yield how the origin of the ground truth differs from a single recording, each difference once.
 
     `TruthRecord.declared` contains a topic or frame that selects the poses (`truth.source`, `truth.frame`). A file that
     `truth.source` names is an input of the provenance instead.

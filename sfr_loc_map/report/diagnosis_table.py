@@ -9,7 +9,7 @@ MAX_HYPOTHESES = 5  #: Number of shown mismatches, those with the smallest remai
 
 
 def diagnosis_table(diagnosis: Diagnosis) -> Table:
-    """Return the disagreement of the estimate as delivered, and what the correction of each mismatch leaves.
+    """Return the disagreement of the estimate as delivered, and after the correction of each mismatch.
 
     The mismatch that explains the disagreement is always shown.
     """
@@ -29,7 +29,7 @@ def diagnosis_table(diagnosis: Diagnosis) -> Table:
     note = (
         "Disagreement: mean over sub-trajectories of an eighth of the poses; the root sum of squares of the position "
         "error divided by the path length and the attitude error in radians. Fitted: the correction has numbers that "
-        "were fitted to the truth. Explains: the correction leaves little, and far less than all simpler explanations. "
+        "were fitted to the truth. Explains: little disagreement remains, and far less than with simpler explanations. "
         f"{len(shown)} of {len(diagnosis.hypotheses)} hypotheses are shown."
     )
     return Table("conventions", "Estimate against truth", columns, tuple(rows), note)

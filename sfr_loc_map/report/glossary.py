@@ -46,7 +46,7 @@ TERMS: Mapping[str, str] = {
     "margin": "distance from the value to the limit; negative if the limit is missed",
     "missing": "images without an estimate; if the images are unknown, true poses without an estimate",
     "evident gaps": "fraction of the images without an estimate; if the images are unknown, fraction of the true path "
-    "in times of more than five median periods between estimates",
+    "travelled in gaps of more than five median periods between estimates",
     "judged fraction": "fraction of images with an estimate and a true pose; if unknown, fraction of the true poses",
     "lost": "no pose could be estimated; scored with the last known pose",
     "degraded": "a pose was estimated, but a check failed; its covariance is inflated and a reason is reported",

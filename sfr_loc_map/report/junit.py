@@ -30,8 +30,8 @@ def junit(
     """Return the verdicts as JUnit XML with a test case per limit, and the deviations of each score as properties.
 
     `without` maps the name of each job without a score to the reason. Each such job has one test case with an error.
-    Each score that has no verdicts, and is incomplete or contradictory, has such a test case, too. `deviations` has the
-    deviations of scores over several results, from which they do not follow, by name.
+    Each score that has no verdicts, and is incomplete or contradictory, has such a test case, too. `deviations` has, by
+    name, the deviations of scores that combine several results. These deviations do not follow from the score alone.
     """
     unjudged = dict(without or {})
     for name, score in scores.items():

@@ -73,7 +73,7 @@ def _image(item: ErrorImage, width: str) -> Plot:
         "yaxis": axis("v, px", autorange="reversed", scaleanchor="x", constrain="domain", showgrid=False),
     }
     title = f"Point error over the image of pair {item.pair}"
-    caption = f"Mean of blocks of {block} x {block} pixels; blank without a point that has a truth."
+    caption = f"Mean of blocks of {block} x {block} pixels; blank if no point of a block has a truth."
     return Plot(f"image-{item.pair}", title, caption, [image], layout, height=340, width=width)
 
 

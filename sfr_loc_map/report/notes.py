@@ -39,7 +39,7 @@ def headline_note(score: Score) -> str:
 
 
 def covered_note(score: Score) -> str:
-    """Return the reason why the estimate does not cover the whole drive."""
+    """Return what makes the score incomplete; empty if it is complete."""
     return f"Incomplete: {score.incomplete}." if score.incomplete else ""
 
 
@@ -96,7 +96,7 @@ def deadline_note(score: Score) -> str:
 
 def stages_note(score: Score) -> str:
     """Return the explanation of the times of stages."""
-    return "Over the calls that ran the stage."
+    return "Statistics over the calls that ran the stage."
 
 
 def memory_note(score: Score) -> str:
@@ -112,8 +112,9 @@ def directions_note(score: Score) -> str:
 def nees_note(score: Score) -> str:
     """Return the explanation of the consistency of the uncertainty."""
     return (
-        "value: the expected mean. For consistent covariances, 95 of 100 means are in the interval. Above the interval "
-        "the estimated sigma is too small, below it too large. n: sub-trajectories that do not overlap, or points "
+        "value: the expected mean. For consistent covariances, 95 of 100 means are in the interval. If a mean is above "
+        "the interval, the estimated sigma is too small; if below, too large. "
+        "n: sub-trajectories that do not overlap, or points "
         "of distant blocks. The covariance of our localiser assumes a baseline error within 0.1 %. The sigma of a map "
         "point assumes the errors of baseline, focal length and yaw in mapping.calibration, which are unobservable in "
         f"a pair. {truth_text(score) or EXACT}"

@@ -1,4 +1,4 @@
-"""Plot of paths from above, in height, and of their distance to the truth."""
+"""Plot of paths: view from above, height, and distance to the truth."""
 
 from __future__ import annotations
 

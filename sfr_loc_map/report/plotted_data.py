@@ -77,7 +77,7 @@ def plotted_conditions(score: Score) -> list[PlottedCondition]:
     known, every = np.array(details.path.travelled_m, np.float64), details.path.every
     conditions = []
     for rows in details.sub_trajectories:
-        if rows.start_frame:  # linear between the rows of a thinned path
+        if rows.start_frame:  # linear between the rows of a decimated path
             travelled = np.interp(rows.end_frame, np.arange(len(known)) * every, known)
             conditions.append(PlottedCondition(rows, [round(value, 4) for value in travelled.tolist()]))
     return conditions

@@ -1,4 +1,4 @@
-"""The tables of a score: views of the rows of its table of figures. Each cell names its key in the JSON.
+"""The tables of a score: views of the rows of its table of figures. A cell names the key of its number in the JSON.
 
 A predicate selects the rows of each table (`VIEWS`), and `figure_table` lays them out. Rows that no view selects are in
 a final table, so that every report contains every row of the score. `tables.formats` writes a table as text,

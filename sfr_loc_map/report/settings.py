@@ -1,4 +1,4 @@
-"""Settings of a score and those that differ from their defaults, for the header of a page and for the deviations."""
+"""Settings of a score that differ from their defaults, for the header of a page and for the deviations."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Banner:
 
     @classmethod
     def of(cls, state: VerdictState | None, text: str) -> Banner:
-        """Return the banner of a verdict; None is no verdict."""
+        """Return the banner of a verdict; None if there is no verdict."""
         if state is None:
             return cls.without_verdict(NO_VERDICT, text)
         style = VERDICTS.get(state.value, OPEN)
@@ -261,7 +261,7 @@ def _worst_sub_trajectory(score: Score) -> Iterator[LookFirst]:
     unit, rows = fitting(METRE, largest_m), first.rows
     why = f"Over {first.over} the largest position error is {number(largest_m, unit=unit)} {unit.symbol}"
     sizes = [(size, index) for index, size in enumerate(error_sizes(rows)) if size is not None]
-    if rows.every == 1 and sizes:  # thinned rows may lack the worst sub-trajectory
+    if rows.every == 1 and sizes:  # decimated rows may lack the worst sub-trajectory
         _, worst = max(sizes, key=itemgetter(0))
         why += f", at frames {rows.start_frame[worst]} to {rows.end_frame[worst]}"
     yield LookFirst("the worst sub-trajectory", f"{why}.")

@@ -1,7 +1,7 @@
 """Common view of a verdict for tables, bars, the test report, JUnit, the last line of a command and suites.
 
 Unit, numbers, style and displayed name of a verdict are formatted only here. Reasons and caveats are sentences of
-`metrics`. They name a limit as the limits file does.
+`metrics`. These sentences name a limit as the limits file does.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class VerdictView:
         has_interval = item.condition is not None and item.statistic == "mean_plus_3sigma"
         digits = distinguishing_digits(item.value, item.limit, unit)
         is_open = item.state is VerdictState.NOT_ENOUGH_DATA
-        of_nothing = ABSENT if item.state is VerdictState.PASS else NOT_ENOUGH  # a pass is on a fraction of 0 items
+        of_nothing = ABSENT if item.state is VerdictState.PASS else NOT_ENOUGH  # a pass without a value has 0 items
         return cls(
             item=item,
             key=key,
@@ -134,7 +134,7 @@ def verdict_views(score: Score) -> Iterator[VerdictView]:
 
 def name_of(item: Verdict) -> str:
     """Return the name of a limited number: `position error over 5 m, mean + 3 sigma`."""
-    if item.figure is None:  # a verdict that is on no limit of the limits file: failed calls, incomplete results
+    if item.figure is None:  # a verdict without a limit in the limits file: failed calls, incomplete results
         return item.name.removesuffix("_min").replace("_", " ")
     return limited_name(item.figure, item.part, item.condition, item.statistic)
 
@@ -161,7 +161,7 @@ def sign_of(item: Verdict) -> str:
 
 def unit_of(item: Verdict) -> Unit:
     """Return the display unit of a limit, its figure and its interval; fractions are in per cent."""
-    if item.figure is None:  # a verdict that is on no limit of the limits file: the judged fraction, or a count
+    if item.figure is None:  # a verdict without a limit in the limits file: the judged fraction, or a count
         return PERCENT if item.is_lower_bound else NONE
     unit = KINDS[item.figure].unit
     return unit_of_numbers(item.figure, item.part, unit, item.limit, item.value, *(item.interval or ()))

@@ -38,7 +38,7 @@ class ReliefConfig:
     ripple_length_m: float = param(0.55, unit="m", doc="Wavelength of wind ripples.", low=0.05, high=100.0)
     ripple_azimuth_deg: float = param(35.0, unit="deg", doc="Azimuth across the ripples, DS.", low=-360.0, high=360.0)
     crater_density: float = param(
-        0.004, unit="1/m^2", doc="Craters wider than 1 m per area.", low=0.0, high=MAX_CRATER_DENSITY
+        0.004, unit="1/m^2", doc="Number of craters wider than 1 m, per area.", low=0.0, high=MAX_CRATER_DENSITY
     )
     rim_radius_m: float = param(0.0, unit="m", doc="Radius of one large crater; 0 for none.", low=0.0, high=10_000.0)
     rim_x_m: float = param(0.0, unit="m", doc="Large crater: east coordinate in DS.", low=-10_000.0, high=10_000.0)
@@ -180,8 +180,12 @@ class SensorConfig:
         12000.0, doc="Electrons at the full range, for photon noise; 0 for none.", low=0.0, high=1e9
     )
     read_noise_grey: float = param(0.6, doc="Standard deviation of read noise, 8-bit grey levels.", low=0.0, high=50.0)
-    gain_step: float = param(0.0, doc="Standard deviation of the log exposure between pairs.", low=0.0, high=1.0)
-    gain_mismatch: float = param(0.0, doc="Standard deviation of the log right to left exposure.", low=0.0, high=1.0)
+    gain_step: float = param(
+        0.0, doc="Standard deviation of the logarithm of the exposure, from pair to pair.", low=0.0, high=1.0
+    )
+    gain_mismatch: float = param(
+        0.0, doc="Standard deviation of the logarithm of the right to left exposure ratio.", low=0.0, high=1.0
+    )
     adc_bits: int = param(8, doc="Bits of the converter; images are stored with 8.", low=4, high=16)
 
 

@@ -17,14 +17,14 @@ from sfr_loc_map.simulation.config import DriveConfig
 
 STEP_S = 0.05  #: Time between the states of the trajectory, s; poses are interpolated in between.
 VIBRATION_HZ = 6.0  #: Rate of the independent values between which the vibration is interpolated (chosen by eye).
-SLIP_TIME_S = 2.5  #: Correlation time of the slip: 0.4 m of path at the default speed (chosen).
+SLIP_TIME_S = 2.5  #: Correlation time of the slip, s: 0.4 m of path at the default speed. Chosen by hand.
 SLIP_SPREAD, MOST_SLIP = 0.6, 0.95
-"""Ratio of the standard deviation of the slip to its mean, and the largest slip (chosen)."""
-SWAY_TIME_S = 2.0  #: Driving time between independent values of drift and heading error, s (chosen).
+"""Ratio of the standard deviation of the slip to its mean, and the largest slip. Chosen by hand."""
+SWAY_TIME_S = 2.0  #: Driving time between independent values of drift and heading error, s. Chosen by hand.
 ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}  #: Number of arguments of each segment.
 NEAR_M = 1e-6  #: Length below which a segment has no motion, m; also the least radius, m, and angle, deg.
 FARTHEST_M = 400.0  #: Largest distance from the start along x or y, m; the ground is 1024 m wide.
-COURSE_STEP_RAD = math.radians(1.0)  #: Turn between the positions of an arc whose distance from the start is checked.
+COURSE_STEP_RAD = math.radians(1.0)  #: Turn from one position of an arc to the next at which `FARTHEST_M` is checked.
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Arc:
     wheels_turn: ClassVar[float] = 1.0
 
     def share_per_s(self, config: DriveConfig, grip: float) -> float:
-        """Return the fraction of the leg per second; `grip` is the fraction of the motion that slip leaves."""
+        """Return the fraction of the leg per second; `grip` is the fraction of the motion that remains after slip."""
         return config.speed_m_s * grip / abs(self.length_m)
 
 
@@ -49,7 +49,7 @@ class PointTurn:
     wheels_turn: ClassVar[float] = 1.0
 
     def share_per_s(self, config: DriveConfig, grip: float) -> float:
-        """Return the fraction of the leg per second; `grip` is the fraction of the motion that slip leaves."""
+        """Return the fraction of the leg per second; `grip` is the fraction of the motion that remains after slip."""
         return math.radians(config.turn_rate_deg_s) * grip / abs(self.turn_rad)
 
 
@@ -154,7 +154,7 @@ def _legs_of_segment(segment: str, x: float, y: float, heading: float) -> list[L
     if word == "stop":
         return [Wait(numbers[0])]
     if min(abs(number) for number in numbers) <= NEAR_M:
-        raise ConfigError(f"drive.segments has '{segment}': a length, radius and angle other than 0 is required")
+        raise ConfigError(f"drive.segments has '{segment}': lengths, radii and angles other than 0 are required")
     if word == "straight":
         return [Arc(numbers[0], 0.0)]
     if word == "turn":

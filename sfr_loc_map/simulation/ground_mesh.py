@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.simulation.terrain import Terrain
 
 CELLS = 32  #: Number of cells along the edge of a tile; a power of two.
-ROOT_M = 1024.0  #: Edge of the ground, m; with a power of two, every vertex is exact in binary.
+ROOT_M = 1024.0  #: Edge of the ground, m; a power of two, so that every vertex is exact in binary.
 FINEST_M = ROOT_M / CELLS / 2**11  #: Smallest cell: 15.6 mm.
 CELL_PER_DISTANCE = 0.014
 """Ratio of the edge of a cell to its distance from the path: an edge is about 5 px long in the localisation cameras."""

@@ -26,7 +26,7 @@ class Stream(IntEnum):
 
     Keys of the first group are combined with the seed of the data set. Keys of the second group select the noise at a
     position and are combined with the number of the octave by XOR. Octaves of two purposes can therefore have the same
-    values, but on grids of different cells.
+    values, but on grids with different cell sizes.
     """
 
     TERRAIN = 1

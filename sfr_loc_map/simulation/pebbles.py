@@ -63,7 +63,7 @@ class PebbleCover(NamedTuple):
     tone: float  #: Logarithm of the ratio of the pebbles' reflectance to the mean.
     slope_x: float  #: Slope of the pebbles' surface to the east.
     slope_y: float  #: Slope of the pebbles' surface to the north.
-    shadow: float  #: Fraction of the sunlight that pebbles block beside them.
+    shadow: float  #: Fraction of the sunlight that pebbles block on the ground beside the pebbles.
 
 
 @jit

@@ -126,7 +126,7 @@ def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float
 
 
 class ShadingParameters(NamedTuple):
-    """Appearance of ground, rocks, sun, sky and haze; fields that are named like a setting have its value."""
+    """Appearance of ground, rocks, sun, sky and haze; a field named like a setting has its value."""
 
     albedo: float  #: Mean reflectance of the ground.
     contrast: float  #: Strength of the variation of reflectance.
@@ -162,7 +162,7 @@ def shading_parameters(config: SimulationConfig, sun: FloatArray, terrain: Terra
 
 @jit_inline
 def reflect(mu0: float, mu: float, lunar: float) -> float:
-    """Return lunar-Lambert reflection over the cosine of incidence: `2 L / (mu0 + mu) + 1 - L` (McEwen 1991)."""
+    """Return lunar-Lambert reflection divided by the cosine of incidence: `2 L / (mu0 + mu) + 1 - L` (McEwen 1991)."""
     return 2.0 * lunar / (mu0 + mu + 1e-6) + 1.0 - lunar
 
 

@@ -154,7 +154,7 @@ def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress
         return
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    with deferred_signals():  # signals may go to the whole group; this process ends the others
+    with deferred_signals():  # a signal may go to the whole process group; this process ends the others
         pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _start_worker, (plan.config, out))
     try:
         with deferred_signals():
@@ -181,7 +181,7 @@ def _start_worker(config: SimulationConfig, out: Path) -> None:
     """Build the world of a worker process once, for all its jobs."""
     global _worker
     end_with_parent(signal.SIGKILL)
-    if (parent := multiprocessing.parent_process()) is None or not parent.is_alive():  # killed before the call
+    if (parent := multiprocessing.parent_process()) is None or not parent.is_alive():  # parent killed before the call
         os._exit(1)
     plan = Plan.make(config)
     _worker = World(plan), task_folders(plan, out)

@@ -23,7 +23,7 @@ _CRATER, _SAND, _ROCK = (np.uint32(k) for k in (Stream.CRATERS, Stream.SAND, Str
 
 
 class TerrainParameters(NamedTuple):
-    """Parameters of the ground for kernels; fields that are named like a setting have its value."""
+    """Parameters of the ground for kernels; a field named like a setting has its value."""
 
     relief_m: float  #: Height scale of the rolling relief.
     relief_length_m: float  #: Longest wavelength of the relief.

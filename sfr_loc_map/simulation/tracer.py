@@ -19,7 +19,7 @@ from sfr_loc_map.simulation.noise import hash2, mix, unit
 SKY, GROUND = -2, -1  #: Object numbers of sky and ground; rocks are numbered from 0.
 BAND_RAYS = 1 << 17  #: Rays that are traced together: few enough for the processor's cache.
 LIFT_M = 2e-4  #: Shadow rays start this far above the surface, m, so that a triangle does not shade itself.
-LIFT_PER_RANGE = 1e-4  #: Additional height per metre of range, because float32 coordinates are coarser at range.
+LIFT_PER_RANGE = 1e-4  #: Additional height per metre of range, because float32 is coarser at long range.
 NUDGE = 1e-5  #: Change of direction with which a ray is traced again if it passed between two tiles.
 LEVEL_RAY = -0.05  #: Rays whose z component is below this value are expected to hit the ground.
 SKY_RANGE_M = 1e9  #: Range of a ray that hits no surface, m: beyond all haze.

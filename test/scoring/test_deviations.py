@@ -32,7 +32,7 @@ def test_deviations_are_found_by_comparison_with_the_document(judge: Judge) -> N
     text = report.read_text()
     for said in (
         "start every 20 frames; the specification states 10",
-        "by the reading &#39;pose&#39; of the specification. Literally, it compares displacements",
+        "by the reading &#39;pose&#39; of the specification, which literally compares displacements",
         "was measured on the host; the specification requires the target",
         "The limits allow missing_max_share 0.5; the default is 0.",
         "The limits require 2 independent sub-trajectories; the default is 5.",
