@@ -107,7 +107,7 @@ def lengths(*shown: Length) -> tuple[RowColumn[Item], ...]:
 
 
 def parts(title: str) -> RowColumn[Item]:
-    """Return the column of the heads of the lines."""
+    """Return the column with the names of the lines."""
     return heads(title, lambda item: item.part or "")
 
 

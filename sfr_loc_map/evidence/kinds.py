@@ -25,7 +25,7 @@ from sfr_loc_map.mapping.multiview.projection import SHIFT_PX
 class EvidenceKind(NamedTuple):
     """One kind of evidence."""
 
-    name: str  #: Name of its table.
+    name: str  #: Name of the table of this kind.
     title: str
     statistic: str  #: Definition of its numbers.
     shows: str  #: What follows from the numbers.

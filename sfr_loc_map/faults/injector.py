@@ -61,7 +61,7 @@ CHANGES: dict[FaultKind, Change] = {
 
 
 class FaultInjector:
-    """Applies faults to a sequence of a known length; the result is reproducible by the seed."""
+    """Applies faults to a sequence of a known length; the same seed gives the same result."""
 
     def __init__(self, faults: Sequence[Fault], seed: int, count: int, rig: StereoRig) -> None:
         """Select the affected pairs of `count` pairs; faults are applied in order, and `rig` is the true rig."""

@@ -14,7 +14,7 @@ def enu_m(places: FloatArray) -> FloatArray:
     """Return positions `(N, 3)`, m, relative to the first position, along the axes east, north and up at that position.
 
     `places` `(N, 3)` contains latitude, deg, longitude, deg, and height above the WGS 84 ellipsoid, m. The conversion
-    is geographic to topocentric, EPSG method 9837 (IOGP publication 373-7-2, section 4.1.2).
+    is that from geographic to topocentric coordinates, EPSG method 9837 (IOGP publication 373-7-2, section 4.1.2).
     """
     latitude = np.radians(places[:, 0])
     longitude = np.radians(places[:, 1])

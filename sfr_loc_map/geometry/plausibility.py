@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 
-MAX_IMAGE_PIXELS = 8192 * 8192  #: Maximum number of pixels of an image, for which a wrong header can allocate memory.
+MAX_IMAGE_PIXELS = 8192 * 8192  #: Maximum pixels of an image. Bounds the memory that a wrong header allocates.
 MAX_IMAGE_SIDE = 32_768  #: Longest side of an image, pixels: OpenCV's remap uses 16-bit coordinates.
 FOCAL_RATIOS = (0.01, 100.0)
 """Smallest and largest ratio of the focal length to the longer side of the image: fields of view from 178 to 0.6 deg.

@@ -5,7 +5,7 @@ A method under test (in the documentation also: a candidate) is called through t
     runs, bench/method_benchmark.py
       isolated_localiser.py, isolated_mapper.py    one call for a pair or a set: checks the values of the answer
         map_arrays.py                              clouds and disparity images in the answer of a mapper
-        isolated_method.py                         starts a lost process again, at the last known pose
+        isolated_method.py                         starts an ended process again, at the last known pose
           method_process.py                        starts and ends the process; images in shared memory
             channel.py                             messages as lines of JSON, with a timeout
             call_monitor.py                        time and memory from outside, leaks, misstated times

@@ -23,14 +23,14 @@ from sfr_loc_map.process_tree import ProcessTree, TreeUsage
 MB = 1_000_000
 LEAK_CALLS, LEAK_BYTES = 50, 40 * MB
 """Number of calls over which a leak is detected, and the minimum growth of a leak, bytes. The growth is the difference
-between the minima of the last and of the first fifth of the calls, so that a saw-tooth does not hide the growth. Our
-own keyframe window grows by 24 MB while it fills."""
+between the minima of the last and of the first fifth of the calls, so that a saw-tooth does not hide the growth. The
+keyframe window of our localiser grows by 24 MB while it fills."""
 LEAK_SHARE = 0.02
 """Fraction of the growth by which the minimum of each fifth must exceed that of the previous fifth. Loading libraries
 and filling a window also need more than `LEAK_BYTES`, but the memory is constant afterwards."""
 MISSTATED_S, MISSTATED_RATIO = 1.0, 0.5
-"""Allowed difference, s and fraction, of the sums of stated and measured times. The measured time includes copies of
-the images and the transfer of the result. Time in which a busy host delays both processes is subtracted."""
+"""Allowed difference between the sums of stated and measured times, in s and as a fraction. The measured time includes
+copies of the images and the transfer of the result. Time in which a busy host delays both processes is subtracted."""
 MISSTATED_CALL_S = 0.01
 """Allowed difference per call, s. A transfer takes 5 ms, which adds up to 1 s in 200 calls."""
 BETWEEN_S = 0.002

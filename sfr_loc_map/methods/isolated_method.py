@@ -48,7 +48,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
 
     @property
     def is_running(self) -> bool:
-        """Whether the process is running; the next call starts it again, unless it was started too often."""
+        """Whether the process is running; the next call starts an ended process, unless it was started too often."""
         return self._process is not None
 
     def close(self) -> None:

@@ -16,7 +16,7 @@ def check_points(
     pair: NDArray[np.unsignedinteger],
     shape: tuple[int, int, int],
 ) -> None:
-    """Raise ValueError if a point is not in the images of the pairs; `shape` is the number, height and width."""
+    """Raise ValueError if a point is not in the images of the pairs; `shape` is number, height and width."""
     if not len(u):
         return
     pairs, height, width = shape

@@ -34,7 +34,7 @@ HEADER = "sfr_candidate.h"
 
 @dataclass(frozen=True, slots=True)
 class MethodLimits:
-    """Limits of a method. A process that exceeds a limit in a call, also for a moment, is killed."""
+    """Limits of a method. A process that exceeds a limit, even for a moment, is killed."""
 
     call_timeout_s: float = param(120.0, unit="s", doc="Timeout of a call.", low=0.05, high=1e6)
     start_timeout_s: float = param(900.0, unit="s", doc="Timeout of start and warm-up.", low=0.05, high=1e6)

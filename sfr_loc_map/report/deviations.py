@@ -83,7 +83,7 @@ def _spacing(score: Score) -> Iterator[str]:
 
 
 def _reading(score: Score) -> Iterator[str]:
-    """Yield a reading that differs from the literal one, with the errors by both."""
+    """Yield a reading that differs from the literal reading, with the errors by both readings."""
     association = score.association
     if association is None or association.rebase is Reading.DISPLACEMENT:
         return

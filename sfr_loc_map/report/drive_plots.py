@@ -161,7 +161,7 @@ def _marked(
     color: str = COLORS[0],
     **more: Any,  # noqa: ANN401
 ) -> Trace:
-    """Return a mark for each sub-trajectory, which names its frames and stamps."""
+    """Return a mark for each sub-trajectory; a hover text names the frames and stamps."""
     hover = f"{TRACE_BACK}<br>error %{{y:.4g}} {unit}<extra></extra>"
     trace_back = {"customdata": _traces_to(plotted.rows), "hovertemplate": hover}
     return marks(name, (plotted.at_end_m, errors), color, **trace_back, **more)

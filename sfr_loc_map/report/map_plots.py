@@ -115,7 +115,7 @@ def _over_range(score: Score) -> Plot:
 
 
 def _law_lines(law: Triangulation, median_px: float | None, low: float, high: float) -> list[Trace]:
-    """Return the errors by the law of triangulation over the range for several disparity errors and their median."""
+    """Return the errors by the law of triangulation over the range for several disparity errors, and for the median."""
     ratio = (high / low) ** (1 / LAW_STEPS)
     ranges_m = [low * ratio**k for k in range(LAW_STEPS + 1)]
     data = []

@@ -130,7 +130,7 @@ def target_note(score: Score) -> str:
 
 
 def clock_text(score: Score) -> str:
-    """Return the clock of the times, with a remark if the times are of the host."""
+    """Return the clock with which calls were timed, with a remark if this is a clock of the host."""
     clocks = [] if score.calls is None else sorted(set(score.calls.clocks.values()))
     if not clocks:
         return ""

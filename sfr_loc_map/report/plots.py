@@ -199,7 +199,7 @@ def error_scale(largest: float) -> tuple[float, str]:
 
 
 def scaled(values: Values, factor: float) -> list[float | None]:
-    """Return the values times a factor, to six significant digits; None stays."""
+    """Return the values times a factor, to six significant digits; None remains None."""
     return [None if value is None else float(f"{value * factor:.6g}") for value in values]
 
 

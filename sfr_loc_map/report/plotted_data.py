@@ -84,7 +84,7 @@ def plotted_conditions(score: Score) -> list[PlottedCondition]:
 
 
 def limits_on(score: Score, figure: str, condition: str | None = None, part: str | None = None) -> list[PlottedLimit]:
-    """Return the limits on a figure; two requirements can limit the same statistic."""
+    """Return the limits on a figure, each once, although two requirements can have the same limit."""
     found = [
         PlottedLimit(f"limit of {limited_statistic_title(item.statistic)}", item.limit)
         for item in score.verdicts
@@ -100,7 +100,8 @@ def limits_on(score: Score, figure: str, condition: str | None = None, part: str
 def drawn_statistics(score: Score, row: Figure | None) -> dict[str, float]:
     """Return the defined statistics of a row that plots of its errors draw as lines, by name.
 
-    These are the statistics that every view shows, and those with a limit. A sigma is not a level of errors.
+    These are the statistics that every view shows, and those with a limit. A sigma is not drawn, because it is a spread
+    and not a level.
     """
     if row is None:
         return {}

@@ -58,7 +58,7 @@ def rocks_per_area(diameter_m: FloatArray, cover: float) -> FloatArray:
 
 
 def place_rocks(seed: int, config: RockConfig, terrain: Terrain, path: FloatArray, half_width_m: float) -> Rocks:
-    """Place rocks around a path, out to the distance from which rocks of their size are visible."""
+    """Place rocks around a path, up to the distance at which rocks of their size are visible."""
     rng = np.random.default_rng([seed, Stream.ROCK_PLACES])
     parts = [np.zeros((0, 3))]
     low = config.smallest_m

@@ -1,4 +1,4 @@
-"""A pair whose pose was accepted: the input of the errors of its pose and of the step to its pose."""
+"""A pair whose pose was accepted: the input for the errors of this pose, and of the step to this pose."""
 
 from __future__ import annotations
 

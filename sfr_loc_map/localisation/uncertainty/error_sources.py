@@ -32,7 +32,7 @@ class ErrorSources:
     blur_px: float = 0.03
     """Pose. Error of a whole image (blur, jitter), px, which is common to all landmarks and therefore unobservable."""
     exposure_rad: float = 1e-5
-    """Noise. Attitude noise of a whole image, rad, because the stamp is not at mid-exposure (with vibration: 4e-5)."""
+    """Noise. Attitude noise of a whole image, rad, because the stamp is not at mid-exposure (4e-5 with vibration)."""
     disparity_px: float = 0.01
     """Pose, systematic. Error common to all disparities, px, which scales the path."""
     lens_px: float = 0.0007
@@ -60,7 +60,7 @@ class ErrorSources:
     variance_gain: float = 0.1
     """Step, noise. Gain of the variance factor per pair. The factor adapts to light and ground within ten pairs."""
     min_variance_factor: float = 0.2
-    """Step, noise. Minimum variance factor. Below this value, errors that residuals do not show dominate."""
+    """Step, noise. Minimum variance factor. Below this value, the dominant errors do not appear in residuals."""
     step_inflation: float = 1.5
     """Step. Factor on the variance factor, because errors common to neighbouring landmarks do not appear in
     residuals."""

@@ -46,7 +46,7 @@ def unobserved_motion(size: MotionSize, sources: ErrorSources) -> FloatArray:
 
 
 def unobserved_during(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
-    """Return the covariance `(6, 6)` of the motion of RB in a time without images, s, in RB at its start."""
+    """Return the covariance `(6, 6)` of the motion of RB during `seconds` without images, in RB at the start."""
     return unobserved_motion(unobserved_size(speed, seconds, model.bounds), model.sources)
 
 

@@ -1,4 +1,4 @@
-"""Errors of the present pose, accumulated along the path: the state from which its covariance is computed.
+"""Errors of the present pose, accumulated along the path: the state from which the covariance of the pose is computed.
 
 Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is that of position and rotation about fixed axes, for the
 left camera in the world.

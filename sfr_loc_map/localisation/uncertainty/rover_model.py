@@ -20,8 +20,8 @@ from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
 class RoverModel:
     """Constants of a run, which the motion model and the covariances share."""
 
-    T_rb_left: Transform  #: Takes points in the left camera to RB.
-    T_left_rb: Transform  #: Takes points in RB to the left camera.
+    T_rb_left: Transform  #: Takes points in the left optical frame to RB.
+    T_left_rb: Transform  #: Takes points in RB to the left optical frame.
     fx: float  #: Focal length, px.
     focal_baseline: float  #: Focal length times baseline, px m.
     keyframe_rad: float  #: Optical flow that triggers a keyframe, rad.
@@ -58,8 +58,8 @@ class RoverModel:
 
             lens_turn = hypot(lens_px, lens_ratio RMS of the residual disparities) / (f b)
 
-        If landmarks are too near on one side and too far on the other by 1 px of disparity, each step is turned by its
-        length divided by (fx baseline).
+        If landmarks are too near on one side and too far on the other by 1 px of disparity, each step is turned by
+        its length / (f b), rad.
         """
         lens_px = np.hypot(self.sources.lens_px, self.sources.lens_ratio * calibration.lens.rms_px)
         return float(lens_px / self.focal_baseline)

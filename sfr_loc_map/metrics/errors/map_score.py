@@ -1,6 +1,6 @@
 """The map score: the errors of the points of a cloud [4.3.4], the coverage and the completeness, as rows.
 
-`score_map` scores a cloud whose points have pixels, and `score_nearest` points without pixels.
+`score_map` scores a cloud whose points have pixels, and `score_nearest` scores points without pixels.
 """
 
 from __future__ import annotations

@@ -85,7 +85,7 @@ def moved_m(poses: Poses, starts: IntArray, ends: IntArray) -> FloatArray:
 
 
 def turned_deg(poses: Poses, starts: IntArray, ends: IntArray, *, has_tilt: bool) -> FloatArray:
-    """Return the true turns between frames, or those of the heading alone; 0 if they are unknown."""
+    """Return the true rotations between frames, or without `has_tilt` the changes of heading; 0 if unknown."""
     attitude = poses.true_attitude
     if has_tilt:
         turns = formulas.attitude_error_deg(attitude[ends], attitude[starts])
@@ -96,7 +96,7 @@ def turned_deg(poses: Poses, starts: IntArray, ends: IntArray, *, has_tilt: bool
 
 
 def least_turn(turns_deg: FloatArray) -> float:
-    """Return the turn above which the rover has turned."""
+    """Return the rotation, deg, above which the rover counts as turning."""
     return max(TURN_DEG, MOVING_SHARE * float(np.max(turns_deg, initial=0.0)))
 
 

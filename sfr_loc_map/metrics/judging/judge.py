@@ -63,7 +63,7 @@ def with_verdicts(score: Score) -> Score:
 
 
 def with_bounds(score: Score) -> tuple[Score, dict[Limit, ProvedBound]]:
-    """Return a score with the tolerance bound of each limit with a fraction and a confidence as a row, and the proofs.
+    """Return a score with the tolerance bounds as rows, and the proofs of limits with a fraction and a confidence.
 
     Bounds that the score already has are replaced.
     """

@@ -164,7 +164,7 @@ def bound_row(figure: str, unit: str, condition: str | None, proof: Proof) -> Fi
 
 
 def words_of(record: ProofRecord, state: VerdictState) -> str:
-    """Return the terms and the method of a proof as text, and without a decision the additional errors required."""
+    """Return the terms and the method of a proof as text; without a decision also how many more errors are required."""
     share = f"{100.0 * record.prob:g} % with {100.0 * record.confidence:g} % confidence"
     share += f", {record.interpretation}, {record.method}"
     if state is not VerdictState.NOT_ENOUGH_DATA:

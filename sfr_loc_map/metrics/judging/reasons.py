@@ -37,7 +37,7 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
 
 
 def unmet_conditions(score: Score, asked: Collection[Condition] = ()) -> dict[str | None, str]:
-    """Return why no sub-trajectory of the drive meets a condition, by condition; only of those in `asked` if given."""
+    """Return for each unmet condition why no sub-trajectory meets it; if `asked` is given, only for those."""
     drive = score.association
     if drive is None:
         return {}
