@@ -12,9 +12,10 @@
 `play_and_collect` then plays the source:
 
 - `player` publishes the messages of the source when they are due. `replay_peer` is the ROS node of the replay.
-- `collector` receives the results of the suite's nodes, and `external` those of a node under test. `received` has a
-  store for each task, to which only the receiver of the task's results adds. Its `result` is the `ReplayResult`.
-- `waiting` waits for the results of each pair in lock step, and for the missing results at the end.
+- `collector` receives the results of the suite's nodes and all calls, and `external` the poses or clouds of a node
+  under test. Both add them to `received`, which has a store for each task. Its `result` is the `ReplayResult`.
+- `waiting` notes the published pairs in `received`. It waits for the results of each pair in lock step, and for the
+  missing results at the end.
 
 `options` has what is replayed and how. Of an external node, `answer_converters` reads the messages, `answer_book`
 counts the answers, `process_watch` measures the process, and `publisher_check` detects another publisher.

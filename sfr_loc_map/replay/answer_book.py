@@ -10,7 +10,7 @@ import numpy as np
 
 from sfr_loc_map.calls.call_findings import FindingCounts
 from sfr_loc_map.metrics.formulas import Statistics, statistics
-from sfr_loc_map.metrics.table.records import AnswerCounts, FindingKind, FindingRecord
+from sfr_loc_map.metrics.table.records import AnswerCounts, CallFinding, FindingKind, FindingRecord
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
 
 MAX_EARLY = 64  #: Maximum number of answers that wait for their pair; the oldest are dropped.
@@ -19,7 +19,7 @@ MAX_IN_A_ROW = 10
 EARLY_S = 2.0 * STAMP_TOLERANCE_S
 """Maximum lead of an answer over the last image of its pair, s. An earlier answer was computed without that image. The
 images of a pair may be published `STAMP_TOLERANCE_S` apart, and a node that uses one image may answer between them."""
-
+UNUSABLE = (FindingKind.NOT_FINITE, FindingKind.INVALID_RESULT)  #: Kinds of findings on unusable answers.
 
 Content = TypeVar("Content")
 
@@ -73,8 +73,8 @@ class AnswerBook(Generic[Content]):
     """Assigns the answers of a run to its pairs, and counts pairs, answers and faults."""
 
     def __init__(self, timeout_s: float, frames: str | None) -> None:
-        """Start without pairs. If `frames` is None, all answers must name the frames of the first answer to a pair."""
-        self.frames = frames  #: Required frame ids; None if they are not given and no pair is answered.
+        """Start without pairs. If `frames` is None, all answers must name the frames of the first used answer."""
+        self.frames = frames  #: Required frame ids; None if they are not given and no answer was used.
         self.ended = ""  #: How the node's process ended during the run; empty while the process runs.
         self._timeout_s = timeout_s
         self._sent_s: dict[int, float] = {}  # by stamp: time of the last image of a pair
@@ -97,19 +97,19 @@ class AnswerBook(Generic[Content]):
         ]
         return used[0] if used else None
 
-    def note_answer(self, stamp_ns: int, frames: str, problem: str, content: Content) -> Content | None:
+    def note_answer(self, stamp_ns: int, frames: str, problem: CallFinding | None, content: Content) -> Content | None:
         """Note an answer; return its content if it is used, None otherwise. Only the first answer to a pair is used.
 
         An answer whose stamp is not that of a published pair is kept. `note_sent` returns its content once a pair with
-        this stamp is published. The oldest such answers are dropped. Only an answer to a published pair determines the
-        frames that are required of all answers.
+        this stamp is published. The oldest such answers are dropped. Only a used answer determines the frames
+        that are required of all answers.
 
-        `frames` are `parent -> child` of a pose, `parent` of a cloud. `problem` is why the answer is unusable; empty if
+        `frames` are `parent -> child` of a pose, `parent` of a cloud. `problem` is why the answer is unusable; None if
         the answer is usable.
         """
         answer = Answer(frames, time.monotonic(), content)
-        if problem:
-            self._faults.add(FindingKind.NOT_FINITE, stamp_ns, problem)
+        if problem is not None:
+            self._faults.add(problem.kind, stamp_ns, problem.text)
             return None
         if not self._has_required_frames(stamp_ns, frames):
             return None
@@ -157,7 +157,7 @@ class AnswerBook(Generic[Content]):
             doubled=self._faults.count(FindingKind.DOUBLED),
             other_stamp=self._early.count,
             other_frame=self._faults.count(FindingKind.OTHER_FRAME),
-            not_usable=self._faults.count(FindingKind.NOT_FINITE),
+            not_usable=sum(self._faults.count(kind) for kind in UNUSABLE),
         )
 
     @property
@@ -193,7 +193,7 @@ class AnswerBook(Generic[Content]):
 
     def _crash_at_last_pair(self, how: str) -> FindingRecord:
         """Return the finding of a crash, at the last pair that was sent."""
-        last_ns = max(self._sent_s, default=None)
+        last_ns = next(reversed(self._sent_s), None)
         return FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=last_ns, text=how)
 
     def _has_required_frames(self, stamp_ns: int, frames: str) -> bool:
@@ -205,7 +205,6 @@ class AnswerBook(Generic[Content]):
 
     def _is_used(self, stamp_ns: int, answer: Answer[Content]) -> bool:
         """Record an answer to a published pair, which has the required frames; return whether the answer is used."""
-        self.frames = answer.frames
         if stamp_ns in self._latency_s:
             self._faults.add(FindingKind.DOUBLED, stamp_ns, "the pair was answered already")
             return False
@@ -217,4 +216,6 @@ class AnswerBook(Generic[Content]):
         is_late = latency_s > self._timeout_s
         if is_late:
             self._faults.add(FindingKind.LATE, stamp_ns, f"{latency_s:.3g} s after the pair was published")
+        else:
+            self.frames = answer.frames
         return not is_late

@@ -8,7 +8,7 @@ diagnosis of the convention requires all poses. Clouds are converted once, when 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -17,10 +17,13 @@ from sensor_msgs.msg import PointCloud2
 
 from sfr_loc_map.errors import ConfigError, GeometryError, InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.message_stamps import stamp_of
+from sfr_loc_map.methods.method_call import MethodFailureError
+from sfr_loc_map.methods.point_bounds import check_points
 from sfr_loc_map.metrics.conventions.pose_convention import (
     FIRST_POSE,
     PoseConvention,
@@ -30,6 +33,7 @@ from sfr_loc_map.metrics.conventions.pose_convention import (
 )
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import UPPER, symmetric
+from sfr_loc_map.metrics.table.records import FindingKind
 from sfr_loc_map.replay.options import ExternalOptions
 from sfr_loc_map.replay.received import Received, ReceivedCloud, ReceivedDrive, ReceivedMaps
 from sfr_loc_map.replay.replay_peer import ReplayPeer
@@ -50,7 +54,7 @@ class AnswerConverter(Protocol):
         """Return the frame ids of a message: `parent` or `parent -> child`."""
 
     def read(self, message: Any) -> Any:  # noqa: ANN401 - of `kind`
-        """Return the content of a message; raise an InputError if the message is not a valid result."""
+        """Return the content of a message; raise a MethodFailureError if the message is not a valid result."""
 
     def accept(self, message: Any, content: Any) -> None:  # noqa: ANN401 - of `kind`
         """Add the content of a message to the results, and publish the converted message."""
@@ -77,8 +81,14 @@ class PoseConverter:
         return f"{message.header.frame_id} -> {message.child_frame_id}"
 
     def read(self, message: Odometry) -> messages.OdometryRow:
-        """Return stamp, position and quaternion."""
-        return messages.odometry_row(message)
+        """Return stamp, position and quaternion; raise a MethodFailureError if the pose is invalid."""
+        try:
+            return messages.odometry_row(message)
+        except InputError as error:
+            p, q = message.pose.pose.position, message.pose.pose.orientation
+            is_finite = bool(np.isfinite((p.x, p.y, p.z, q.x, q.y, q.z, q.w)).all())
+            kind = FindingKind.INVALID_RESULT if is_finite else FindingKind.NOT_FINITE
+            raise MethodFailureError(kind, str(error)) from error
 
     def accept(self, message: Odometry, row: messages.OdometryRow) -> None:
         """Add a pose as published, and publish the converted pose."""
@@ -118,6 +128,13 @@ class PoseConverter:
         return aligned_estimates(estimates, self._T_ds_world)
 
 
+class CloudContent(NamedTuple):
+    """The content of a cloud."""
+
+    points: FloatArray  #: `(N, 3)` in the frame of the message, m.
+    cloud: PointCloud | None  #: The points as published with all fields; None if the message has no pixels.
+
+
 class CloudConverter:
     """Converts the clouds of an external mapper, which have only points or all fields of `mapping/points`."""
 
@@ -132,30 +149,46 @@ class CloudConverter:
         # If RB is the rig SB, `T_rb_child` is the transform from the frame of the points to SB.
         self._T_sb_child = convention.T_rb_child(replace(nav.rig, T_rb_sb=Transform.identity()))
         self._poses = {item.pair.stamp_ns: item.T_lm_navsb for item in nav.pairs()}
+        self._shape = len(nav.stamps_ns), nav.rig.height, nav.rig.width
         self._publisher = peer.ros_node.create_publisher(PointCloud2, options.converted_topic, LATCHED)
 
     def frames_of(self, message: PointCloud2) -> str:
         """Return the frame of a cloud."""
         return str(message.header.frame_id)
 
-    def read(self, message: PointCloud2) -> FloatArray:
-        """Return the points `(N, 3)` in the frame of the message, m."""
-        return messages.xyz_from_msg(message) * self._unit
+    def read(self, message: PointCloud2) -> CloudContent:
+        """Return the content; raise a MethodFailureError if a point has a pixel or pair that the source does not have.
 
-    def accept(self, message: PointCloud2, points: FloatArray) -> None:
+        The pixels of points that are not finite are not checked, because such points are not scored.
+        """
+        try:
+            points = messages.xyz_from_msg(message) * self._unit
+        except InputError as error:
+            raise MethodFailureError(FindingKind.INVALID_RESULT, str(error)) from error
+        try:
+            cloud = messages.cloud_from_msg(message)
+        except InputError:  # points without pixels are scored against the nearest true point
+            return CloudContent(points, None)
+        finite = np.asarray(np.isfinite(points).all(axis=1))
+        try:
+            check_points(cloud.u[finite], cloud.v[finite], cloud.pair[finite], self._shape)
+        except ValueError as error:
+            raise MethodFailureError(FindingKind.INVALID_RESULT, str(error)) from error
+        return CloudContent(points, cloud)
+
+    def accept(self, message: PointCloud2, content: CloudContent) -> None:
         """Convert the points of a pair to LM and add them; publish the finite points if the cloud has all fields.
 
         Points that are not finite are kept for the score, which counts them. In an organised cloud, such points are
         normal and are therefore omitted.
         """
         stamp_ns = stamp_of(message)
+        points, cloud = content
         if not self._is_in_lm:
             points = (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
         finite = np.asarray(np.isfinite(points).all(axis=1))
         kept = finite if message.height > 1 else np.ones_like(finite)
-        try:
-            cloud = messages.cloud_from_msg(message)
-        except InputError:  # points without pixels are scored against the nearest true point
+        if cloud is None:
             self._received.add_cloud(ReceivedCloud(stamp_ns, points[kept], None))
             return
         sigma = (cloud.sigma * self._unit).astype(np.float32)

@@ -67,10 +67,11 @@ class ResultCollector:
     def _on_call(self, task: Task, message: String) -> None:
         try:
             call = decode_call(message.data, task)
-        except InputError:
-            if task is self._received.external_task:
-                return  # an external node need not report its calls
-            raise
+        except InputError as error:
+            if task is not self._received.external_task:
+                raise
+            self._received.refuse_call(str(error))  # an external node need not report its calls
+            return
         self._received.of(task).add_call(call)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Any
@@ -12,10 +13,11 @@ from typing import Any
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from sfr_loc_map.errors import ConfigError, InputError, NodeError
+from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_text import alternatives
-from sfr_loc_map.metrics.table.records import ConventionRecord, ExternalScore, MethodKind, MethodRecord
+from sfr_loc_map.methods.method_call import MethodFailureError
+from sfr_loc_map.metrics.table.records import CallFinding, ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.replay.answer_book import AnswerBook
 from sfr_loc_map.replay.answer_converters import DEPTH, AnswerConverter
 from sfr_loc_map.replay.options import ExternalOptions
@@ -30,7 +32,6 @@ from sfr_loc_map.topics import RECTIFIED
 
 PUBLISHER_GRACE_S = 2.0
 """Maximum wait for the publisher of a subscribed node. Some nodes create their publisher with the first result."""
-SETTLED_MARGIN_S = 60.0  #: Margin, beyond the timeout of an answer, after which a pair that is not settled is an error.
 
 
 class ExternalNode:
@@ -72,11 +73,11 @@ class ExternalNode:
     def receive(self, message: Any) -> None:  # noqa: ANN401 - of the converter's `kind`
         """Count an answer, and accept it if it is used. An answer before its pair is accepted once the pair is sent."""
         self._publishers.note_answer()
-        content, problem = None, ""
+        content, problem = None, None
         try:
             content = self._converter.read(message)
-        except InputError as error:
-            problem = str(error)
+        except MethodFailureError as error:
+            problem = CallFinding(error.kind, str(error))
         frames = self._converter.frames_of(message)
         used = self._answers.note_answer(stamp_of(message), frames, problem, (message, content))
         if used is not None:
@@ -92,10 +93,10 @@ class ExternalNode:
 
         def settled() -> bool:
             self.check_process()
+            self._peer.supervisor.check()
             return self.is_settled(stamp_ns)
 
-        problem = f"the node under test did not answer the pair {stamp_ns}"
-        self._peer.wait_for(settled, self._options.timeout_s + SETTLED_MARGIN_S, lambda: problem)
+        self._peer.spin(math.inf, settled)
         self._answers.note_waited(stamp_ns)
 
     def is_settled(self, stamp_ns: int) -> bool:

@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.frames.covariance import UPPER, symmetric
-from sfr_loc_map.replay.result import ExternalResult, PairCounts, ReplayedMap, ReplayResult
+from sfr_loc_map.replay.result import ExternalResult, PairCounts, RefusedCalls, ReplayedMap, ReplayResult
 from sfr_loc_map.suite_names import Task
 
 StampedPose = tuple[int, tuple[float, ...], tuple[float, ...]]
@@ -167,22 +167,30 @@ class ExternalMaps(ReceivedMaps):
         self.calls.setdefault((call.state, call.stamp_ns), call)
 
     @property
+    def mapped_ns(self) -> list[int]:
+        """Stamps of the published pairs that have a cloud, sorted. A cloud of all pairs is the cloud of each pair."""
+        mapped = self._clouds_of_pairs
+        if self._is_of_all_pairs(mapped):
+            return sorted(self.sent_ns)
+        return [item.stamp_ns for item in mapped]
+
+    @property
     def map(self) -> ReplayedMap:
         """The map from all clouds, which have the stamps of their pairs.
 
-        A single cloud with the stamp of the last of several pairs is the map of all pairs. Otherwise each cloud belongs
-        to the pair with its stamp. The map has only points if a cloud has no pixels.
+        A cloud is the map of all pairs if it is the only cloud, has the stamp of the last pair, and its points name
+        several pairs in their field `pair`. Otherwise all points of a cloud belong to the pair with its stamp. The map
+        has only points if a cloud has no pixels.
         """
         pairs_ns = tuple(sorted(self.sent_ns))
-        by_stamp = {item.stamp_ns: item for item in self.clouds}
-        mapped = [by_stamp[stamp_ns] for stamp_ns in pairs_ns if stamp_ns in by_stamp]
+        mapped = self._clouds_of_pairs
         if not mapped:
             return ReplayedMap()
         with_pixels = [(item.stamp_ns, item.cloud) for item in mapped if item.cloud is not None]
         if len(with_pixels) < len(mapped):
             points = np.concatenate([item.points for item in mapped], dtype=np.float64)
             return ReplayedMap(None, points, pairs_ns)
-        is_of_all_pairs = len(pairs_ns) > 1 and [item.stamp_ns for item in mapped] == [pairs_ns[-1]]
+        is_of_all_pairs = self._is_of_all_pairs(mapped)
         if is_of_all_pairs:
             _, cloud = with_pixels[0]
         else:
@@ -191,13 +199,32 @@ class ExternalMaps(ReceivedMaps):
         cloud = replace(cloud, fused=is_of_all_pairs, pair_stamps_ns=pairs_ns)
         return ReplayedMap(cloud, None, pairs_ns)
 
+    @property
+    def _clouds_of_pairs(self) -> list[ReceivedCloud]:
+        """The clouds that have the stamp of a published pair, in the order of the stamps."""
+        by_stamp = {item.stamp_ns: item for item in self.clouds}
+        return [by_stamp[stamp_ns] for stamp_ns in sorted(self.sent_ns) if stamp_ns in by_stamp]
 
-@dataclass(frozen=True, slots=True)
+    def _is_of_all_pairs(self, mapped: list[ReceivedCloud]) -> bool:
+        """Return whether the clouds of pairs are one cloud of all pairs."""
+        if len(mapped) != 1 or mapped[0].cloud is None or mapped[0].stamp_ns != max(self.sent_ns):
+            return False
+        cloud = mapped[0].cloud
+        numbers = np.unique(cloud.pair[np.isfinite(cloud.xyz).all(axis=1)])
+        return len(numbers) > 1 and int(numbers[-1]) < len(self.sent_ns)
+
+
+@dataclass(slots=True)
 class Received:
-    """What was published and received during a replay. Only the receiver of a task adds the results of this task."""
+    """What was published and received during a replay.
+
+    `waiting.ResultWaits` adds the stamps of published pairs, `collector.ResultCollector` all calls and the results of
+    the suite's nodes, and the converter of an external node the results of this node.
+    """
 
     drive: ReceivedDrive = field(default_factory=ReceivedDrive)
     maps: ReceivedMaps = field(default_factory=ReceivedMaps)
+    refused_calls: RefusedCalls | None = None  #: Invalid calls of an external node; None without any.
 
     @classmethod
     def without_messages(cls, external_task: Task | None) -> Received:
@@ -212,6 +239,11 @@ class Received:
         if isinstance(self.drive, ExternalDrive):
             return Task.LOCALISATION
         return Task.MAPPING if isinstance(self.maps, ExternalMaps) else None
+
+    def refuse_call(self, problem: str) -> None:
+        """Count an invalid call of an external node."""
+        earlier = self.refused_calls
+        self.refused_calls = RefusedCalls(1, problem) if earlier is None else replace(earlier, count=earlier.count + 1)
 
     def of(self, task: Task) -> ReceivedDrive | ReceivedMaps:
         """Return the pairs and results of a task."""
@@ -233,6 +265,7 @@ class Received:
             loc_pairs=PairCounts(len(drive.sent_ns), len(drive.posed_ns)),
             nav_pairs=PairCounts(len(maps.sent_ns), len(maps.mapped_ns)),
             clouds=len(maps.clouds),
+            refused_calls=self.refused_calls,
         )
 
 

@@ -56,6 +56,14 @@ class PairCounts(NamedTuple):
         return self.sent - self.answered
 
 
+@dataclass(frozen=True, slots=True)
+class RefusedCalls:
+    """Invalid calls of an external node, which are ignored."""
+
+    count: int  #: Number of the calls, at least 1.
+    first: str  #: Why the first of them is invalid.
+
+
 NO_PAIRS = PairCounts()
 
 
@@ -70,6 +78,7 @@ class ReplayResult:
     loc_pairs: PairCounts = NO_PAIRS  #: Pairs of the localisation cameras.
     nav_pairs: PairCounts = NO_PAIRS  #: Pairs of the navigation cameras.
     clouds: int = 0  #: Number of received clouds, complete or not.
+    refused_calls: RefusedCalls | None = None  #: Invalid calls of an external node; None without any.
 
     @classmethod
     def empty(cls) -> ReplayResult:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from sfr_loc_map.calls.call_record import states_text, tracking_warning
-from sfr_loc_map.errors import NodeError, SfrError, naming
+from sfr_loc_map.errors import ConfigError, NodeError, SfrError, naming
 from sfr_loc_map.io.message_stream import pairs_between
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.score.score import Score
@@ -43,8 +43,10 @@ def replay_and_score(
 
     `progress` is called with the rig of each played pair, `say` with a line about each step. If a signal ends the
     replay, the played part is scored; without any result, a KeyboardInterrupt is raised. If the replay or the
-    conversion fails, the received results are written but not scored.
+    conversion fails, the received results are written but not scored. ConfigError if poses are to be diagnosed without
+    ground truth.
     """
+    _check_diagnosis(source, options)
     read = files_of_source(source, options.limits_file)
     with naming(source.path):
         replayed = replay(source, options, progress=progress, say=say)
@@ -65,11 +67,11 @@ def replay_and_score(
         command=command,
     )
     localised = [record for record in result.records if record.task is Task.LOCALISATION]
-    states = f"{len(result.estimate)} poses, {states_text(result.records)}"
+    states = [f"{len(result.estimate)} poses, {states_text(localised)}"] if result.loc_pairs.sent else []
     return ScoredReplay(
         result,
         score,
-        remarks=(*_remarks(result), states),
+        remarks=(*_remarks(result), *states),
         warning=tracking_warning(localised, source.path),
         interrupted=_played_part(source, options, result) if replayed.was_interrupted else "",
     )
@@ -121,6 +123,16 @@ def _remarks(result: ReplayResult) -> Iterator[str]:
     if (node := result.external) is not None:
         answers = node.score.answers
         yield f"external node {node.method.name}: {answers.answered} of {answers.pairs} pairs answered"
+        if refused := result.refused_calls:
+            yield f"external node {node.method.name}: {refused.count} of its calls ignored, the first: {refused.first}"
+
+
+def _check_diagnosis(source: Source, options: ReplayOptions) -> None:
+    """Raise a ConfigError if the poses of an external node are to be diagnosed and the source has no ground truth."""
+    if options.external_task is not Task.LOCALISATION or not options.request.correction.apply_diagnosis:
+        return
+    if source.loc is None or source.loc.ground_truth is None or not len(source.loc.ground_truth):
+        raise ConfigError("'--apply-diagnosis' requires ground truth, which the source does not have: omit the option")
 
 
 def _check_map(result: ReplayResult) -> None:

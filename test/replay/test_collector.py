@@ -7,6 +7,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.calls.call_record import CallRecord
@@ -21,7 +22,7 @@ from sfr_loc_map.replay.received import Received, ReceivedCloud
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.waiting import ResultWaits
 from sfr_loc_map.suite_names import Task
-from sfr_loc_map.topics import DIAGNOSTICS
+from sfr_loc_map.topics import DIAGNOSTICS, call_topic
 
 
 def add_call(received: Received, state: MappingState) -> None:
@@ -131,6 +132,20 @@ def test_an_external_node_has_its_timeout_for_the_last_answer(monkeypatch: pytes
         collector = ResultCollector(peer, received)
         ResultWaits(peer, received, collector, external, pairs_per_map=1, is_lock_step=False).finish()
         assert is_settled(1)
+
+
+def test_an_invalid_call_of_an_external_node_is_counted() -> None:
+    received = Received.without_messages(Task.MAPPING)
+    with ReplayPeer(SimpleNamespace(processes={}, check=lambda: None)) as peer:
+        collector = ResultCollector(peer, received)
+        publisher = peer.ros_node.create_publisher(String, call_topic(Task.MAPPING), 10)
+        for text in ("{}", "[]"):
+            publisher.publish(String(data=text))
+        assert peer.spin(10.0, lambda: received.refused_calls is not None and received.refused_calls.count == 2)
+        assert collector is not None
+    refused = received.result(None).refused_calls
+    assert refused is not None
+    assert "stamp_ns" in refused.first
 
 
 def test_a_map_of_left_pairs_that_cannot_be_finished_fails_the_replay(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import PointCloud2
 
 from helpers.made_scene import NAV_RIG
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
+from sfr_loc_map.methods.method_call import MethodFailureError
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, converted
-from sfr_loc_map.metrics.table.records import FindingKind
+from sfr_loc_map.metrics.table.records import FindingKind, FindingRecord
 from sfr_loc_map.replay.answer_converters import CloudConverter, PoseConverter
 from sfr_loc_map.replay.external import ExternalNode
 from sfr_loc_map.replay.options import ExternalOptions
@@ -92,7 +94,7 @@ def test_a_cloud_is_converted_to_metres_and_published_without_points_that_are_no
     publisher = SimpleNamespace(publish=published.append)
     peer = cast("Any", SimpleNamespace(ros_node=SimpleNamespace(create_publisher=lambda *_: publisher)))
     options = ExternalOptions(Task.MAPPING, "points", convention=PoseConvention(metres_per_unit=0.001))
-    received, nav = ExternalMaps(), cast("Any", SimpleNamespace(rig=NAV_RIG, pairs=list))
+    received, nav = ExternalMaps(), cast("Any", SimpleNamespace(rig=NAV_RIG, pairs=list, stamps_ns=[1]))
     converter = CloudConverter(peer, options, received, nav)
     records = np.zeros(4, PointCloud.dtype())
     records["x"] = 1000.0, np.nan, 2000.0, 3000.0
@@ -111,11 +113,53 @@ def test_a_cloud_is_converted_to_metres_and_published_without_points_that_are_no
     np.testing.assert_array_equal(cloud.sigma[-3:], found.sigma)
 
 
+@pytest.mark.parametrize(("field", "value"), [("u", 60000), ("v", NAV_RIG.height), ("pair", 2)])
+def test_a_cloud_with_a_pixel_or_pair_that_does_not_exist_is_a_finding(field: str, value: int) -> None:
+    records = np.zeros(4, PointCloud.dtype())
+    records[field][2] = value
+    message = cloud_msg(PointCloud.from_structured(records), 1, "lm")
+    received = ExternalMaps()
+    (finding,) = findings_of_cloud(message, received)
+    assert (finding.kind, finding.count, received.clouds) == (FindingKind.INVALID_RESULT, 1, [])
+
+
+def test_a_cloud_of_another_layout_is_an_invalid_result() -> None:
+    message = cloud_msg(PointCloud.from_structured(np.zeros(4, PointCloud.dtype())), 1, "lm")
+    message.row_step += 1
+    message.data = message.data[:-3]
+    (finding,) = findings_of_cloud(message, ExternalMaps())
+    assert finding.kind is FindingKind.INVALID_RESULT
+
+
+def findings_of_cloud(message: PointCloud2, received: ExternalMaps) -> tuple[FindingRecord, ...]:
+    """Return the findings on a mapper that answers the only published of two pairs by a cloud."""
+    graph = SimpleNamespace(get_publishers_info_by_topic=lambda topic: [], create_publisher=lambda *_: None)
+    peer = cast("Any", SimpleNamespace(ros_node=graph))
+    options = ExternalOptions(Task.MAPPING, "points")
+    nav = cast("Any", SimpleNamespace(rig=NAV_RIG, pairs=list, stamps_ns=[1, 2]))
+    node = ExternalNode(peer, options, None, CloudConverter(peer, options, received, nav), name="n", watch=None)
+    node.note_sent(1, time.monotonic())
+    node.receive(message)
+    return tuple(item for item in node.result(None).findings if item.kind is not FindingKind.MISSING)
+
+
+@pytest.mark.parametrize(("w", "kind"), [(np.nan, FindingKind.NOT_FINITE), (0.0, FindingKind.INVALID_RESULT)])
+def test_an_invalid_pose_is_a_finding_of_its_kind(w: float, kind: FindingKind) -> None:
+    peer = cast("Any", SimpleNamespace(ros_node=SimpleNamespace(create_publisher=lambda *_: None)))
+    loc = cast("Any", SimpleNamespace(rig=None, ground_truth=None))
+    converter = PoseConverter(peer, ExternalOptions(Task.LOCALISATION, "poses"), ReceivedDrive(), loc)
+    message = Odometry(header=header_msg(1, "ds"), child_frame_id="rb")
+    message.pose.pose.orientation.w = w
+    with pytest.raises(MethodFailureError) as raised:
+        converter.read(message)
+    assert raised.value.kind is kind
+
+
 def test_a_cloud_with_the_stamp_of_no_pair_has_a_wrong_stamp() -> None:
     graph = SimpleNamespace(get_publishers_info_by_topic=lambda topic: [], create_publisher=lambda *_: None)
     peer = cast("Any", SimpleNamespace(ros_node=graph))
     options = ExternalOptions(Task.MAPPING, "points", convention=PoseConvention(frame="left_optical"))
-    nav = cast("Any", SimpleNamespace(rig=NAV_RIG, pairs=list))
+    nav = cast("Any", SimpleNamespace(rig=NAV_RIG, pairs=list, stamps_ns=[1]))
     converter = CloudConverter(peer, options, ExternalMaps(), nav)
     node = ExternalNode(peer, options, None, converter, name="n", watch=None)
     node.receive(cloud_msg(PointCloud.from_structured(np.zeros(4, PointCloud.dtype())), 1, "lm"))

@@ -34,17 +34,22 @@ def test_clouds_of_each_pair_are_taken_together_and_one_is_the_map_of_all() -> N
     assert (points, whole.fused) == (None, False)
     assert np.bincount(whole.pair).tolist() == [10, 20, 30]
     np.testing.assert_array_equal(whole.xyz[10:30], cloud(20).xyz)
-    last, _, of_last = results(30).map
-    assert (last.fused, len(last)) == (True, 30)
+    found = results(30)
+    found.clouds[0].cloud.pair[:] = np.arange(30) % 3
+    last, _, of_last = found.map
+    assert (last.fused, np.bincount(last.pair).tolist()) == (True, [10, 10, 10])
     assert stamps == of_last == whole.pair_stamps_ns == last.pair_stamps_ns == (10, 20, 30)
+    assert found.mapped_ns == [10, 20, 30]
 
 
-@pytest.mark.parametrize("mapped", [(10, 20), (10, 30), (10,), (20,)])
+@pytest.mark.parametrize("mapped", [(10, 20), (10, 30), (10,), (20,), (30,)])
 def test_clouds_of_a_part_of_the_pairs_are_not_the_map_of_all(mapped: tuple[int, ...]) -> None:
     whole, _, stamps = results(*mapped).map
     assert (whole.fused, whole.pair_stamps_ns, stamps) == (False, (10, 20, 30), (10, 20, 30))
     counts = [stamp_ns if stamp_ns in mapped else 0 for stamp_ns in stamps]
     assert np.bincount(whole.pair, minlength=3).tolist() == counts
+    answered = Received(maps=results(*mapped)).result(None).nav_pairs
+    assert (answered.sent, answered.answered) == (3, len(mapped))
 
 
 def test_points_without_pixels_stay_points() -> None:

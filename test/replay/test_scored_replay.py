@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from helpers.made_scene import write_folder
-from sfr_loc_map.errors import MetricsError, NodeError
+from sfr_loc_map.errors import ConfigError, MetricsError, NodeError
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
@@ -91,6 +91,14 @@ def test_the_results_before_an_error_are_saved(tmp_path: Path, monkeypatch: pyte
     assert files.report.exists() == (not count)
     if count:
         assert saved_stamps(files) == stamps_ns
+
+
+def test_poses_are_not_diagnosed_without_ground_truth(tmp_path: Path) -> None:
+    (write_folder(tmp_path / "source", 3, 1) / "loc" / "groundtruth.csv").unlink()
+    request = ScoreRequest.of(["frames=3"], apply_diagnosis=True)
+    options = replace(OPTIONS, external=ExternalOptions(Task.LOCALISATION, "pose"), request=request)
+    with pytest.raises(ConfigError, match="requires ground truth"):
+        replay(tmp_path, options)
 
 
 def test_poses_that_cannot_be_converted_are_saved_as_published(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -234,7 +234,7 @@ class AnswerCounts(Record, frozen=True, kw_only=True, omit_defaults=False):
     doubled: int = 0  #: Answers that were ignored because their pair had been answered before.
     other_stamp: int = 0  #: Answers whose stamp is not that of a pair; they are not used.
     other_frame: int = 0  #: Answers that were ignored because they have other frame ids.
-    not_usable: int = 0  #: Answers that were ignored as invalid: not finite, no unit quaternion, or no x, y, z.
+    not_usable: int = 0  #: Answers that were ignored as invalid, for example not finite or without x, y, z.
 
 
 class ProcessUsage(Record, frozen=True, kw_only=True):
