@@ -116,7 +116,7 @@ def shortage_of(agreements: Sequence[Agreement]) -> str:
     is_revisited = any(item.condition is None for item in agreements)
     most = max((item.differences.independent for item in agreements), default=0)
     if not is_revisited and most < MIN_SUB_TRAJECTORIES:
-        return "fewer than three sub-trajectories and no revisited place: give a smaller --condition"
+        return "fewer than three sub-trajectories and no revisited place: give a shorter --condition"
     return (
         "too many sub-trajectories have a lost or degraded pose or no usable covariance: sfr localise --stats reports "
         "the state of each pose"

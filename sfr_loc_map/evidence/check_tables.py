@@ -192,7 +192,7 @@ OVERLAP_TABLE = CheckTable(
         numbers("overlap", "overlap", unit=PERCENT),
         *lengths(Length("range difference, rms", "overlap_difference")),
         numbers("ratio to the expected difference", "overlap_ratio"),
-        numbers(f"grey difference over that {SHIFT_PX} px away", "overlap_grey"),
+        numbers(f"ratio to the grey difference {SHIFT_PX} px away", "overlap_grey"),
         numbers("points", "overlap", "n"),
     ),
 )

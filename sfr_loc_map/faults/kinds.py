@@ -127,15 +127,15 @@ class FaultKind(StrEnum):
         0.0, "slow blackout: over `burst` pairs the image turns black and back", None, burst=20,
         has_complete_bursts=True, options=(*PAIR_OPTIONS, "camera"),
     )
-    OBJECT = "object", _episode(0.3, "an object with a fraction AMOUNT of the image crosses in `burst` pairs")
+    OBJECT = "object", _episode(0.3, "an object that covers a fraction AMOUNT of the image crosses it in `burst` pairs")
     ARM = "arm", _episode(0.4, "an arm slowly covers a fraction AMOUNT of the image over `burst` pairs")
 
     BODY = "body", _fixed_region(0.3, "own body: fixed texture in the bottom fraction AMOUNT of the image")
     TEXTURE = "texture", _fixed_region(0.6, "a texture moves sideways in the bottom fraction AMOUNT of the image")
-    REFLECTION = "reflection", _fixed_region(0.5, "a fixed reflection of the rover, with AMOUNT of the light")
+    REFLECTION = "reflection", _fixed_region(0.5, "a fixed reflection of the rover, fraction AMOUNT of the light")
     SCRATCH = "scratch", _fixed_region(0.3, "scratched window: fixed lines over a fraction AMOUNT of the image", 0.9)
     DIRT = "dirt", _fixed_region(0.1, "dirt on the lenses: fixed spots on a fraction AMOUNT of the image")
-    SHADOW = "shadow", _fixed_region(0.2, "own shadow: a fixed dark region, a fraction AMOUNT of the image")
+    SHADOW = "shadow", _fixed_region(0.2, "own shadow: a fixed dark region over a fraction AMOUNT of the image")
 
     FOCAL = "focal", _factor(1.01, "calibration: focal length in the rig file times AMOUNT")
     BASELINE = "baseline", _factor(1.01, "calibration: baseline in the rig file times AMOUNT")

@@ -41,7 +41,7 @@ def check_image_size(width: float, height: float, name: str = "image") -> None:
     sides_ok = all(1 <= n <= MAX_IMAGE_SIDE and n == int(n) for n in (width, height))
     if not (sides_ok and width * height <= MAX_IMAGE_PIXELS):
         size = f"{name} is {width} x {height}"
-        raise GeometryError(f"{size}: whole numbers of pixels > 0, up to {MAX_IMAGE_PIXELS} in all, are required")
+        raise GeometryError(f"{size}: positive whole numbers, at most {MAX_IMAGE_PIXELS} pixels in total, are required")
 
 
 def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: tuple[float, float]) -> None:
@@ -56,8 +56,8 @@ def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: 
         )
     if not all(abs(c - 0.5 * n) <= MAX_CENTRE_RATIO * side for c, n in zip(centre, size, strict=True)):
         raise GeometryError(
-            f"the principal point is ({centre[0]:g}, {centre[1]:g}) px: it is far outside an image of {size[0]} x "
-            f"{size[1]} px"
+            f"the principal point is ({centre[0]:g}, {centre[1]:g}) px: a point in or near the image of {size[0]} x "
+            f"{size[1]} px is required"
         )
 
 

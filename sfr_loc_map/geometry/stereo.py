@@ -122,8 +122,8 @@ class StereoPair:
                 )
         if self.left.shape != self.right.shape:
             raise GeometryError(
-                f"images of stamp {self.stamp_ns} differ in size: left {self.left.shape[::-1]}, right "
-                f"{self.right.shape[::-1]}: the rig's size is required for both"
+                f"left and right image of stamp {self.stamp_ns} have the sizes {self.left.shape[::-1]} and "
+                f"{self.right.shape[::-1]}: the size of the rig is required for both"
             )
 
 

@@ -49,7 +49,7 @@ class Transform:
         position = self.translation.tolist()  # Python loops are faster than numpy for so few numbers
         numbers = (*position, *self.rotation.reshape(-1).tolist())
         if not all(map(isfinite, numbers)):
-            raise GeometryError("a transform contains a non-finite number")
+            raise GeometryError("a transform contains a non-finite number: finite numbers are required")
         if max(map(abs, position)) > MAX_POSITION_M:
             raise GeometryError(f"a position is {self.translation.tolist()} m: at most {MAX_POSITION_M:g} m is allowed")
 

@@ -27,9 +27,10 @@ def diagnosis_table(diagnosis: Diagnosis) -> Table:
         Column("corrected by", words=True),
     )
     note = (
-        "Disagreement: mean over sub-trajectories of an eighth of the poses; the root sum of squares of the position "
-        "error divided by the path length and the attitude error in radians. Fitted: the correction has numbers that "
-        "were fitted to the truth. Explains: little disagreement remains, and far less than with simpler explanations. "
+        "Disagreement: mean over sub-trajectories of an eighth of the poses. For each, it is the norm of two numbers: "
+        "the position error divided by the path length, and the attitude error in radians. Fitted: the correction has "
+        "numbers that were fitted to the truth. Explains: little disagreement remains, and far less than with simpler "
+        "explanations. "
         f"{len(shown)} of {len(diagnosis.hypotheses)} hypotheses are shown."
     )
     return Table("conventions", "Estimate against truth", columns, tuple(rows), note)

@@ -136,8 +136,8 @@ def clock_text(score: Score) -> str:
         return ""
     text = f"Clock: {', '.join(clocks)}."
     if any(clock.startswith(HOST) for clock in clocks):
-        target = "" if score.target is None else f", not of {score.target.name}"
-        text += f" Host times are of the machine of the run{target}."
+        target = "" if score.target is None else f", not on {score.target.name}"
+        text += f" Host times were measured on the machine of the run{target}."
     return text
 
 

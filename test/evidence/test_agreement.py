@@ -154,7 +154,7 @@ def test_too_few_sub_trajectories_are_not_enough_data() -> None:
     far = compare(*runs, Condition.parse("distance=30"))
     assert far.probability is None
     assert combined(results_of([far])) is CheckResult.NOT_ENOUGH_DATA
-    assert "smaller --condition" in shortage_of([far])
+    assert "shorter --condition" in shortage_of([far])
 
 
 @pytest.mark.parametrize("state", ["lost", "degraded"])

@@ -44,7 +44,7 @@ def test_left_camera_in_the_rover(T_rb_sb: Transform, baseline_m: float) -> None
     ("changes", "words"),
     [
         ({"width": 0}, "image is 0 x 480"),
-        ({"width": 20_000, "height": 20_000}, "up to 67108864 in all"),
+        ({"width": 20_000, "height": 20_000}, "at most 67108864 pixels in total"),
         ({"fx": 1e9}, "6.4 to 64000 px are required"),
         ({"cx": float("inf")}, "principal point"),
         ({"baseline_m": float("nan")}, "baseline is nan m"),

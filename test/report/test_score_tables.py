@@ -180,9 +180,9 @@ def test_host_times_and_those_of_a_target_stand_apart_under_their_names() -> Non
     assert {cell.text for row in table(other, "target-time").rows for cell in row[:1]} >= {"localisation time, target"}
     assert table(other, "target-memory").rows
     assert len(table(other, "time").rows) == len(table(score, "time").rows)
-    for each, named in ((score, ""), (other, ", not of GR740")):
+    for each, named in ((score, ""), (other, ", not on GR740")):
         note = table(each, "headline").note
-        assert note.endswith(f" Host times are of the machine of the run{named}.")
+        assert note.endswith(f" Host times were measured on the machine of the run{named}.")
         assert table(each, "time").note in note
     assert "GR740" not in score_markdown(score)
     assert "Clock" not in score_markdown(without(score, "timing"))
