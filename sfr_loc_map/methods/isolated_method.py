@@ -14,6 +14,8 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.methods.child.loop import Answer, Order, OrderedPair
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, NotStartedAgainError
 from sfr_loc_map.methods.method_process import MethodProcess, ProcessSettings
+from sfr_loc_map.methods.own_code import code_sha256, code_state
+from sfr_loc_map.methods.registry import Method
 from sfr_loc_map.metrics.table.records import FindingKind, MethodRecord
 
 T = TypeVar("T")
@@ -29,6 +31,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         ConfigError for limits out of range, MethodFailureError if the method cannot be started.
         """
         checked(settings.limits)
+        self._code = _checked_code(settings.method)
         self._settings = settings
         self.rig = settings.rig
         self._starts_left = 1 + settings.limits.restarts
@@ -43,8 +46,11 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """End the process; MethodError if a file of the method's own code was written or replaced since its start."""
         self.close()
+        if kind is None and _state_of(self._settings.method) != self._code:
+            raise _changed(self._settings.method)
 
     @property
     def is_running(self) -> bool:
@@ -114,6 +120,28 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
             if error.ended and not self._starts_left:
                 text += f"; not started again after {1 + self._settings.limits.restarts} starts"
             return call.failed(error.kind, text), None
+
+
+CodeState = tuple[tuple[str | int, ...], ...]
+
+
+def _state_of(method: Method) -> CodeState:
+    return code_state(method.kind, method.adapter, method.target) if method.sha256 is not None else ()
+
+
+def _checked_code(method: Method) -> CodeState:
+    """Return the state of a method's own code; MethodError if the code is no longer that of the hash in its record.
+
+    A method may import its code late, so that the state is compared again at the end.
+    """
+    state = _state_of(method)
+    if method.sha256 is not None and code_sha256(method.kind, method.adapter, method.target) != method.sha256:
+        raise _changed(method)
+    return state
+
+
+def _changed(method: Method) -> MethodError:
+    return MethodError(f"the code of method '{method.name}' was changed or replaced while it ran: run it again")
 
 
 def _check_stamp(pair: StereoPair, answer: Answer) -> None:

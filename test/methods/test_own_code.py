@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
+from helpers.made_scene import LOC_RIG, loc_pair, true_pose
+from sfr_loc_map.errors import MethodError
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.suite_names import Task
 
@@ -60,3 +66,56 @@ def test_a_package_with_a_broken_link_is_accepted(tmp_path: Path) -> None:
     before = hash_of(tmp_path / "mine.py")
     (tmp_path / "tools" / "weights.bin").symlink_to(tmp_path / "absent")
     assert hash_of(tmp_path / "mine.py") == before
+
+
+LATE = """
+class Late:
+    def __init__(self, rig, config):
+        self.rig = rig
+    def process(self, pair):
+        import algorithm
+        return algorithm.pose()
+"""
+ALGORITHM = "import numpy as np\ndef pose():\n    return np.eye(4)\n"
+
+
+def unchanged(folder: Path) -> None:
+    """Write a file that is no code."""
+    (folder / "notes.txt").write_text("1")
+
+
+def restored(folder: Path) -> None:
+    """Replace code that is imported late, and restore the former content and the time of its modification."""
+    file = folder / "algorithm.py"
+    state = file.stat()
+    file.write_text(ALGORITHM.replace("eye(4)", "eye(4) * 2"))
+    file.write_text(ALGORITHM)
+    os.utime(file, ns=(state.st_atime_ns, state.st_mtime_ns))
+
+
+def replaced(folder: Path) -> None:
+    (folder / "other.py").write_text(ALGORITHM)
+    (folder / "other.py").replace(folder / "algorithm.py")
+
+
+def added(folder: Path) -> None:
+    (folder / "helper.py").write_text(ALGORITHM)
+
+
+@pytest.mark.parametrize("is_running", [False, True], ids=["before_start", "while_running"])
+@pytest.mark.parametrize("change", [unchanged, restored, replaced, added])
+def test_code_that_was_replaced_after_it_was_hashed_is_refused(
+    tmp_path: Path, change: Callable[[Path], None], is_running: bool
+) -> None:
+    (tmp_path / "late.py").write_text(LATE)
+    (tmp_path / "algorithm.py").write_text(ALGORITHM)
+    method = find_method(f"{tmp_path / 'late.py'}:Late", Task.LOCALISATION)
+    has_other_content = change is added
+    is_refused = change is not unchanged and (is_running or has_other_content)
+    with pytest.raises(MethodError, match="was changed or replaced") if is_refused else nullcontext():
+        if not is_running:
+            change(tmp_path)
+        with IsolatedLocaliser(method, LOC_RIG, true_pose(0), rate_hz=10.0, hidden=()) as localiser:
+            if is_running:
+                change(tmp_path)
+            localiser.localise(loc_pair(0))
