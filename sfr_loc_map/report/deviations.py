@@ -318,6 +318,17 @@ def _fused_cloud(score: Score) -> Iterator[str]:
         )
 
 
+def _nearest_only(score: Score) -> Iterator[str]:
+    """Yield that the points have no pixels, if a verdict is on the map: their distances underestimate the errors."""
+    is_limited = any(item.subject is Subject.MAP for item in score.verdicts)
+    if is_limited and score.cloud is not None and score.cloud.nearest_only:
+        yield (
+            "The pixels of the map points are unknown. Each point was compared with the nearest true point, which is "
+            "rarely the observed one, so that the distances underestimate the errors. Points are not weighted by true "
+            "point, so that several points at one true point count several times."
+        )
+
+
 def _unknown_calls(score: Score) -> Iterator[str]:
     """Yield the judged tasks whose calls are unknown, completely or in part."""
     if not score.verdicts:
@@ -412,6 +423,7 @@ DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (
     _duplicates,
     _unjudged_map,
     _fused_cloud,
+    _nearest_only,
     _unknown_calls,
     _frames_beyond,
     _external_node,

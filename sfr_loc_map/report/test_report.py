@@ -228,7 +228,7 @@ def _anomalies(score: Score) -> Iterator[str]:
 
 
 def _open_points(score: Score) -> Iterator[str]:
-    """Yield the limits that are neither met nor missed, the verdicts that may change, and unknown facts."""
+    """Yield the limits that are neither met nor missed, the verdicts that may change, and what was not verified."""
     for view in verdict_views(score):
         if view.reason:
             yield f"{view.title}: not enough data ({view.reason})."
@@ -238,6 +238,15 @@ def _open_points(score: Score) -> Iterator[str]:
             yield f"{view.title}: the data is incomplete."
         elif view.item.certain is False:
             yield f"{view.title}: the 95 % interval spans the limit; more data may change the verdict."
+    yield (
+        "The figures were not computed again from the inputs; the verdicts were derived again from the figures. The "
+        "command of the procedure computes the figures."
+    )
+    if score.active_rules.limits:
+        yield (
+            "The limits name no data set. The hashes of the inputs identify the data that were judged: compare them "
+            "with those of the agreed data set."
+        )
     if score.provenance is None or score.provenance.commit is None:
         yield "The commit of sfr_loc_map is unknown, because sfr_loc_map was not installed from a repository."
     if score.method is None:

@@ -104,7 +104,9 @@ def test_points_without_pixels_are_repeated_at_one_place(tmp_path: Path, sfr: Sf
     )
     for points, code in cases:
         save_points(path, points)
-        assert sfr("score", path, folder, "--limits", rules).code == code, (len(points), code)
+        done = sfr("score", path, folder, "--limits", rules)
+        assert done.code == code, (len(points), code)
+        assert "deviation: The pixels of the map points are unknown." in done.out
 
 
 def test_a_range_without_a_true_pixel_requires_no_point_and_is_incomplete(tmp_path: Path, sfr: Sfr) -> None:
