@@ -92,6 +92,9 @@ class FigureKind(NamedTuple):
     is_better_if_larger: bool = False  #: Whether a larger value is better, unlike errors, times and memory.
     #: Errors of sub-trajectories, `(M,)` or vectors `(M, d)`, that the figure is about; None for any other figure.
     compute_errors: Callable[[SubTrajectories], FloatArray] | None = None
+    axes: tuple[str, ...] = ()
+    """Parts of the figure `position` with the components of these errors, if they are vectors. Drives are pooled by
+    axis, because mean vectors of drives cannot be added by their norms."""
     is_of_all_readings: bool = False  #: Whether these errors do not depend on the reading of the specification.
     is_without_height: bool = False  #: Whether only scores against a ground truth without heights have the figure.
 
@@ -129,6 +132,7 @@ CATALOGUE = (
         (TOTAL,),
         topic="position",
         compute_errors=lambda sub_trajectories: sub_trajectories.errors.position_m,
+        axes=("x", "y", "z"),
     ),
     FigureKind(
         "attitude",
@@ -160,6 +164,7 @@ CATALOGUE = (
         "m",
         "horizontal position error",
         compute_errors=lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2],
+        axes=("x", "y"),
         is_without_height=True,
     ),
     FigureKind(

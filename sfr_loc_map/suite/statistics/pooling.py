@@ -15,12 +15,10 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.formulas import mean_plus_3sigma
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import KINDS, Subject
+from sfr_loc_map.metrics.table.catalogue import KINDS, FigureKind, Subject
 from sfr_loc_map.metrics.table.row_part import POOLED
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
-
-AXES = ("x", "y", "z")  #: Pooled parts of the position error.
 
 
 class DriveScore(NamedTuple):
@@ -47,16 +45,14 @@ def pool(results: Sequence[DriveScore], condition: str) -> Iterator[Figure]:
     for kind in KINDS.values():
         if kind.subject is not Subject.TRAJECTORY:
             continue
-        axes: tuple[str | None, ...] = AXES if kind.name == "position" else (None,)
+        with_figure = [result for result in results if result.score.rows(kind.name, condition=condition)]
         by_source: dict[tuple[str, str], list[DriveRows]] = {}
-        for result in results:
-            rows = [axis_row(result.score, kind.name, condition, axis) for axis in axes]
-            known = [row for row in rows if row is not None and row.mean is not None and (row.n or 0) > 0]
-            if len(known) == len(axes):
+        for result in with_figure:
+            rows = rows_by_axis(result.score, kind, condition)
+            if rows and all(row.mean is not None and (row.n or 0) > 0 for row in rows):
                 repeats = by_source.setdefault((result.drive_key, result.source_sha256), [])
-                repeats.append(DriveRows(result.drive_key, known))
-        has_figure = any(result.score.rows(kind.name, condition=condition) for result in results)
-        if has_figure:
+                repeats.append(DriveRows(result.drive_key, rows))
+        if with_figure:
             yield pooled_row(kind.name, condition, _without_copies(kind.name, condition, by_source.values()))
 
 
@@ -73,11 +69,14 @@ def _without_copies(figure: str, condition: str, sources: Iterable[Sequence[Driv
     return [result for _, repeats in worst.values() for result in repeats]
 
 
-def axis_row(score: Score, figure: str, condition: str, axis: str | None) -> Figure | None:
-    """Return the row of an axis of a figure; without axes, the row of the judged reading."""
-    if axis is None:
-        return score.judged_row(figure, condition=condition)
-    return score.figure(figure, condition=condition, part=axis)
+def rows_by_axis(score: Score, kind: FigureKind, condition: str) -> list[Figure]:
+    """Return the row of each axis of a vector, or the judged row of a scalar; empty if a row is missing."""
+    if kind.axes:
+        rows = [score.figure("position", condition=condition, part=axis) for axis in kind.axes]
+    else:
+        rows = [score.judged_row(kind.name, condition=condition)]
+    found = [row for row in rows if row is not None]
+    return found if len(found) == len(rows) else []
 
 
 def pooled_row(figure: str, condition: str, results: Sequence[DriveRows]) -> Figure:

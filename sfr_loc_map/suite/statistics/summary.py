@@ -22,6 +22,7 @@ from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
 from sfr_loc_map.metrics.score.limits import Limits, Rules
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.metrics.table.catalogue import KINDS
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.suite.running.job import GroupKey, Job
@@ -32,7 +33,7 @@ from sfr_loc_map.suite.running.variants import error_sources_of
 from sfr_loc_map.suite.statistics.budget import Budget, DriveErrors, budget_of
 from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
-from sfr_loc_map.suite.statistics.pooling import AXES, DriveScore, axis_row, pool
+from sfr_loc_map.suite.statistics.pooling import DriveScore, pool, rows_by_axis
 
 NUMBER = re.compile(r"\d+(\.\d+)?(e[+-]?\d+)?")  #: A number in a sentence.
 SCHEMA = "sfr-suite/1"  #: Other programs read this version: its keys are fixed.
@@ -370,8 +371,8 @@ def budgets_of(results: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator
 
 def _drive_errors(score: Score, condition: str) -> DriveErrors | None:
     """Return the position errors of a drive for a condition; None for fewer than two sub-trajectories."""
-    rows = [row for axis in AXES if (row := axis_row(score, "position", condition, axis)) is not None]
-    if len(rows) < len(AXES) or any(row.mean is None or row.sigma is None for row in rows):
+    rows = rows_by_axis(score, KINDS["position"], condition)
+    if not rows or any(row.mean is None or row.sigma is None for row in rows):
         return None
     return DriveErrors(rows[0].n or 0, np.array([row.mean for row in rows]), np.array([row.sigma for row in rows]))
 

@@ -7,6 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from helpers.random_drives import drive, trajectory
+from sfr_loc_map.geometry.trajectory import Truth
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.errors.trajectory_errors import error_figures
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.formulas import statistics
+from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.suite.statistics.pooling import DriveRows, DriveScore, pool, pooled_row
@@ -78,3 +85,30 @@ def test_of_several_sources_of_a_drive_the_worst_is_pooled() -> None:
         found.append(row.mean_plus_3sigma)
     (alone,) = pool([DriveScore("drive", bad)], "distance=5")
     assert found == [alone.mean_plus_3sigma] * 2
+
+
+@pytest.mark.parametrize("has_height", [True, False])
+def test_each_figure_of_sub_trajectories_is_pooled_like_all_errors_together(has_height: bool) -> None:
+    """The drives have mean errors in several directions, so that norms of their means do not add."""
+    condition = "distance=5"
+    kinds = error_figures(has_height=has_height)
+    kept = [(kind.name, condition) for kind in kinds]
+    scores = []
+    for seed in range(4):
+        true, estimate = (trajectory(poses) for poses in drive(seed, turns=True))
+        truth = Truth(true.stamps_ns, true.positions, true.quats_xyzw, has_height=has_height)
+        config = TrajectoryScoreConfig(conditions=(condition,), spacing=1)
+        scored = score_trajectory(Estimates.of(estimate), truth, config, kept_errors=kept)
+        scores.append(Score(figures=scored.figures, association=scored.association, errors=scored.errors))
+    rows = {row.figure: row for row in pool([DriveScore(str(k), each) for k, each in enumerate(scores)], condition)}
+    for kind in kinds:
+        errors = np.concatenate([score.all_errors(kind.name, condition) for score in scores])
+        expected = statistics(errors if kind.axes else errors[:, 0])
+        found = rows.pop(kind.name)
+        if not has_height and kind.name in ("position", "chord"):
+            assert found.mean is None
+            continue
+        assert errors.shape[1] == max(len(kind.axes), 1)
+        for name in ("n", "mean", "sigma", "mean_plus_3sigma"):
+            assert found.statistic(name) == pytest.approx(getattr(expected, name), rel=1e-6), (kind.name, name)
+    assert not rows
