@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -52,13 +53,13 @@ class StartPose:
 
     @classmethod
     def of(cls, pose: StartPose | Transform) -> StartPose:
-        """Return a start pose. A transform is exact and valid at the next pair.
+        """Return a start pose with copies of all arrays. A transform is exact and valid at the next pair.
 
         GeometryError if the rotation is invalid, a coordinate exceeds `MAX_GIVEN_M`, the covariance is not finite,
         symmetric and positive semi-definite, or the stamp is not a whole number.
         """
         start = pose if isinstance(pose, StartPose) else cls(pose)
-        covariance = np.asarray(start.covariance, np.float64)
+        covariance = _as_numbers(start.covariance)
         scale = max(float(np.abs(covariance).max(initial=0.0)) / MAX_VARIANCE, 1.0)  # a large uncertainty is valid
         if covariance.shape != (6, 6) or not is_plausible_covariance(covariance / scale):
             raise GeometryError(
@@ -71,7 +72,17 @@ class StartPose:
                 f"the start pose has an invalid stamp: {start.stamp_ns!r}: whole nanoseconds, or None for the next "
                 "pair, are required"
             )
-        return replace(start, covariance=covariance)
+        given = start.T_ds_rb
+        T_ds_rb = Transform(given.rotation.copy(), given.translation.copy(), given.given_quat_xyzw)
+        return replace(start, T_ds_rb=T_ds_rb, covariance=covariance)
+
+
+def _as_numbers(values: ArrayLike) -> FloatArray:
+    """Return a copy of values as numbers; no numbers if the values are not numbers."""
+    try:
+        return np.array(values, np.float64)
+    except (TypeError, ValueError):
+        return np.zeros(0)
 
 
 class TrackingState(StrEnum):

@@ -191,6 +191,13 @@ class Localiser:
         """
         self._state = replace(self._state, path=trajectory.given(self._state.path, StartPose.of(pose), self._model))
 
+    def pose_at(self, stamp_ns: int) -> Transform | None:
+        """Return the pose of RB in DS at a past stamp; None if no pair was accepted or began a window.
+
+        The pose is interpolated between two consecutive pairs. Otherwise the pose of the nearest pair is returned.
+        """
+        return trajectory.pose_at(self._state.path, stamp_ns, self._model)
+
     @property
     def known_ns(self) -> int | None:
         """Stamp, ns, since which the odometry of the next pair is measured; None if there is no map.
@@ -216,7 +223,7 @@ class Localiser:
         """Return the pose of RB in DS at a pair, with its covariance and state.
 
         The odometry, for example from wheels, is the motion `T_before_now` of RB since `known_ns`. The odometry is an
-        initial guess only.
+        initial guess only. The images are copied, so that the caller may reuse their memory.
 
         LocalisationError, and no change, if the size of the images is not the rig's, or if the stamp of the pair is not
         later than that of the previous pair. GeometryError, and no change, if the odometry has an invalid rotation or a
@@ -225,6 +232,7 @@ class Localiser:
         self._check_pair(pair)
         if odometry is not None:
             check_given(odometry, "the odometry")
+        pair = replace(pair, left=pair.left.copy(), right=pair.right.copy())
         clock = StageClock()
         with clock.stage("wait"):
             pending = self._pending

@@ -46,6 +46,6 @@ def accepted_statistics(state: State, tracks: Tracks, residuals: ResidualStatist
 
 
 def displayed(tracks: Tracks) -> LandmarkTracks:
-    """Return the displayed values of tracks."""
+    """Return copies of the displayed values of tracks."""
     residual = np.sqrt(tracks.chi2_per_dof / INLIER_CHI2_PER_DOF)
-    return LandmarkTracks(tracks.observations[:, :2], tracks.landmarks.last_seen[:, :2], residual)
+    return LandmarkTracks(tracks.observations[:, :2].copy(), tracks.landmarks.last_seen[:, :2].copy(), residual)

@@ -71,11 +71,11 @@ class LocalisationSession:
     def set_pose(self, given: StartPose) -> None:
         """Continue, or start, at a given pose, which is valid at its stamp; later runs start at this pose, too.
 
-        Components that are unknown in the given pose are taken from the last known pose.
+        Components that are unknown in the given pose are taken from the known pose at its stamp (`_known_at`).
 
         GeometryError, and no change, if the pose is invalid (`StartPose.of`).
         """
-        pose = StartPose.of(completed_pose(StartPose.of(given), self._last or self._start))
+        pose = StartPose.of(completed_pose(StartPose.of(given), self._known_at(given.stamp_ns)))
         self._first = replace(pose, stamp_ns=None)
         self._start = pose
         self._last = None
@@ -107,6 +107,19 @@ class LocalisationSession:
         if self._localiser is not None and self._last is not None:
             self._start = self._last
         self._localiser = None
+
+    def _known_at(self, stamp_ns: int | None) -> StartPose:
+        """Return the known pose at a stamp, with the covariance of the last known pose.
+
+        Without a stamp, the last known pose is returned, and before any pose was published, the start pose. The
+        covariance of a past pose is not larger, unless an external pose was applied in the meantime.
+        """
+        if self._last is None:
+            return self._start
+        if self._localiser is None or stamp_ns is None:
+            return self._last
+        T_ds_rb = self._localiser.pose_at(stamp_ns)
+        return self._last if T_ds_rb is None else replace(self._last, T_ds_rb=T_ds_rb)
 
     # ---- a pair
 
@@ -160,14 +173,19 @@ def completed_pose(given: StartPose, known: StartPose) -> StartPose:
 
     Tools that set a pose on a plane, such as RViz, send variances of x, y and yaw, and zeros for z, roll and pitch.
     Others, such as two-dimensional filters, mark unknown components by variances of at least `LOST_VARIANCE`. A
-    covariance that is zero states an exact pose.
+    covariance that is zero states an exact pose. Roll and pitch describe the tilt in RB. Their covariance, which is
+    about the fixed axes of DS, is therefore rotated with the yaw.
     """
     is_given = given.covariance.any(axis=1) & (np.diag(given.covariance) < LOST_VARIANCE)
     if is_given.all() or not is_given.any():
         return given
-    x, y, z, roll, pitch, yaw = np.where(is_given, _components(given.T_ds_rb), _components(known.T_ds_rb))
+    known_components = _components(known.T_ds_rb)
+    x, y, z, roll, pitch, yaw = np.where(is_given, _components(given.T_ds_rb), known_components)
     turns = [matrix_from_rotvec(rotvec) for rotvec in ([0.0, 0.0, yaw], [0.0, pitch, 0.0], [roll, 0.0, 0.0])]
-    covariance = np.where(np.outer(~is_given, ~is_given), known.covariance, 0.0)
+    with_yaw = np.eye(6)
+    with_yaw[3:, 3:] = matrix_from_rotvec([0.0, 0.0, yaw - known_components[5]])
+    known_covariance = with_yaw @ known.covariance @ with_yaw.T
+    covariance = np.where(np.outer(~is_given, ~is_given), known_covariance, 0.0)
     covariance += np.where(np.outer(is_given, is_given), given.covariance, 0.0)
     pose = Transform(turns[0] @ turns[1] @ turns[2], np.array([x, y, z]))
     return StartPose(pose, covariance, given.stamp_ns)

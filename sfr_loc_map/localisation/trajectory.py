@@ -207,6 +207,14 @@ def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tupl
     return path, discards_map
 
 
+def pose_at(path: PathState, stamp_ns: int, model: RoverModel) -> Transform | None:
+    """Return the pose of RB in DS to which an external pose with a stamp applies; None without a past pose."""
+    if not path.history.poses:
+        return None
+    past, _ = path.history.at(stamp_ns)
+    return path.datum.T_ds_world @ past.T_world_left @ model.T_left_rb
+
+
 def _shortest_period_ns(path: PathState) -> int:
     """Return the shorter time between two pairs (`MAX_LATER_PERIODS`), ns. A window without accepted pairs has one."""
     motion_ns = path.last.motion_ns

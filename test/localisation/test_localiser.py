@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -72,6 +72,53 @@ def test_bits_depend_neither_on_how_fast_pairs_come_nor_on_a_drive_before(estima
         assert found.T_ds_rb.matrix.tobytes() == wanted.T_ds_rb.matrix.tobytes()
         assert found.covariance.tobytes() == wanted.covariance.tobytes()
         assert repr((found.state, found.statistics)) == repr((wanted.state, wanted.statistics))  # NaN equals itself
+
+
+def test_a_caller_may_overwrite_what_was_given_and_returned(estimates: list[PoseEstimate]) -> None:
+    start = StartPose(true_pose(0), np.zeros((6, 6)))
+    T_ds_rb = Transform(start.T_ds_rb.rotation.copy(), start.T_ds_rb.translation.copy())
+    covariance = np.zeros((6, 6))
+    extrinsics = Transform(T_RB_LOCSB.rotation.copy(), T_RB_LOCSB.translation.copy())
+    of_caller = Localiser(replace(LOC_RIG, T_rb_sb=extrinsics), start=StartPose(T_ds_rb, covariance))
+    images = [np.empty_like(DRIVE[0].left), np.empty_like(DRIVE[0].right)]
+    for given in (T_ds_rb.rotation, T_ds_rb.translation, covariance, extrinsics.rotation, extrinsics.translation):
+        given[:] = 7.0
+    for pair, expected in zip(DRIVE[:15], estimates, strict=False):
+        images[0][:] = pair.left
+        images[1][:] = pair.right
+        found = of_caller.process(StereoPair(pair.stamp_ns, *images))
+        np.testing.assert_array_equal(found.T_ds_rb.matrix, expected.T_ds_rb.matrix)
+        np.testing.assert_array_equal(found.covariance, expected.covariance)
+        assert found.step is not None
+        assert expected.step is not None
+        np.testing.assert_array_equal(found.step.motion_covariance, expected.step.motion_covariance)
+        step_values = [getattr(found.step, item.name) for item in fields(found.step)]
+        tracks = found.tracks or ()
+        for array in (
+            *images,
+            *tracks,
+            found.T_ds_rb.rotation,
+            found.T_ds_rb.translation,
+            found.covariance,
+            *step_values,
+        ):
+            if isinstance(array, np.ndarray) and array.flags.writeable:
+                array[:] = 7
+
+
+@pytest.mark.parametrize("at", [2, 5])
+def test_the_pose_at_a_past_stamp_is_that_of_its_pair_or_in_between(estimates: list[PoseEstimate], at: int) -> None:
+    of_drive = localiser()
+    assert of_drive.pose_at(START_NS) is None
+    for pair in DRIVE[:6]:
+        of_drive.process(pair)
+    at_pair = of_drive.pose_at(DRIVE[at].stamp_ns)
+    halfway = of_drive.pose_at(DRIVE[at].stamp_ns - PERIOD_NS // 2)
+    assert at_pair is not None
+    assert halfway is not None
+    np.testing.assert_allclose(at_pair.matrix, estimates[at].T_ds_rb.matrix, atol=1e-3)
+    mean = (estimates[at].T_ds_rb.translation + estimates[at - 1].T_ds_rb.translation) / 2
+    np.testing.assert_allclose(halfway.translation, mean, atol=1e-3)
 
 
 @pytest.mark.clause("3.2.4")

@@ -60,6 +60,10 @@ class FakeLocaliser:
     def set_pose(self, pose: StartPose) -> None:
         self.start = pose
 
+    def pose_at(self, stamp_ns: int) -> Transform:
+        """Return a pose that sinks by 1 m/s."""
+        return Transform(np.eye(3), np.array([0.0, 0.0, -stamp_ns / S]))
+
 
 def file_in(folder: Path) -> PoseFile:
     return PoseFile(folder / "pose.json", 10.0)
@@ -161,6 +165,12 @@ def test_a_covariance_may_be_of_another_type(tmp_path: Path, convert: Callable[[
     assert start_of(session, 4 * S)[1] == pytest.approx(COVARIANCE[0, 0])
 
 
+@pytest.mark.parametrize("covariance", ["x", None, [], [[1.0], [1.0, 2.0]], np.eye(5), np.full((6, 6), np.nan)])
+def test_a_covariance_that_is_no_covariance_is_refused(covariance: Any) -> None:
+    with pytest.raises(GeometryError, match="6 x 6"):
+        StartPose.of(StartPose(GIVEN, covariance))
+
+
 @pytest.mark.parametrize("variance", [None, np.nan, np.inf, -1.0])
 def test_a_lost_pose_or_one_without_covariance_is_neither_kept_nor_started_from(
     tmp_path: Path, variance: float | None
@@ -253,10 +263,40 @@ def test_a_pose_on_a_plane_leaves_height_and_tilt_as_they_are(unknown: float) ->
     up = found.T_ds_rb.rotation.T[:, 2]  # the vertical in RB: its tilt
     np.testing.assert_allclose(up, known.T_ds_rb.rotation.T[:, 2], atol=1e-12)
     assert np.arctan2(found.T_ds_rb.rotation[1, 0], found.T_ds_rb.rotation[0, 0]) == pytest.approx(-1.1, abs=1e-12)
-    assert np.diag(found.covariance).tolist() == [0.25, 0.25, 0.3, 0.01, 0.02, 0.07]
+    assert np.diag(found.covariance)[[0, 1, 2, 5]].tolist() == [0.25, 0.25, 0.3, 0.07]
     for covariance in (np.zeros((6, 6)), COVARIANCE):
         given = StartPose(flat, covariance, 9)
         assert completed_pose(given, known) is given
+
+
+@pytest.mark.parametrize(("stamp_ns", "height_m"), [(1 * S, -1.0), (2 * S + 1, -2.000000001), (None, -3.0)])
+def test_unknown_components_are_those_of_the_run_at_the_stamp(
+    tmp_path: Path, stamp_ns: int | None, height_m: float
+) -> None:
+    session = session_in(RUNNING, tmp_path)
+    session.accept(estimate(3 * S, Transform(np.eye(3), np.array([0.0, 0.0, -3.0]))))
+    session.set_pose(StartPose(at(7.0), np.diag([0.25, 0.25, 0.0, 0.0, 0.0, 0.07]), stamp_ns))
+    start = session.localiser_at(4 * S, EXTRINSICS).start  # type: ignore[attr-defined]
+    np.testing.assert_allclose(start.T_ds_rb.translation, [7.0, 0.0, height_m], atol=1e-12)
+    np.testing.assert_allclose(np.diag(start.covariance), [0.25, 0.25, 0.3, 0.01, 0.02, 0.07], atol=1e-12)
+
+
+@pytest.mark.parametrize("before", [0.0, 0.3])
+@pytest.mark.parametrize("turn", [0.0, np.pi / 4, np.pi / 2, np.pi, -np.pi / 2])
+def test_the_uncertainty_of_the_tilt_turns_with_the_yaw(before: float, turn: float) -> None:
+    def yawed(angle: float) -> Transform:
+        return Transform(matrix_from_rotvec([0.0, 0.0, angle]), np.zeros(3))
+
+    # yaw of RB at `before`: the sigma about the x axis of RB is 0.1, and about its y axis 0.01
+    of_tilt = yawed(before).rotation[:2, :2] @ np.diag([1e-2, 1e-4]) @ yawed(before).rotation[:2, :2].T
+    covariance = np.diag([0.1, 0.2, 0.3, 0.0, 0.0, 0.03])
+    covariance[3:5, 3:5] = of_tilt
+    known = StartPose(yawed(before), covariance)
+    given = StartPose(yawed(before + turn), np.diag([0.25, 0.25, 0.0, 0.0, 0.0, 0.07]))
+    found = completed_pose(given, known)
+    in_body = found.T_ds_rb.rotation[:2, :2].T @ found.covariance[3:5, 3:5] @ found.T_ds_rb.rotation[:2, :2]
+    np.testing.assert_allclose(in_body, np.diag([1e-2, 1e-4]), atol=1e-12)
+    assert found.covariance[2, 2] == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("unknown", [0.0, LOST_VARIANCE])

@@ -84,8 +84,8 @@ class PublishedPose:
             motion=motion.vector,
             covariance=of_images + self.shared_with_next_step + self.kept_motion_rb + published.shared_with_next_step,
             systematic=systematic_step(motion, depth_m, pair.calibration, model),
-            noise=noise,
-            noise_before=self.noise,
+            noise=noise.copy(),  # a caller may overwrite the arrays of a step
+            noise_before=self.noise.copy(),
             speed_change=ZERO if pair.was_known else unobserved_during(speed, seconds, model),
         )
         return published, step
@@ -117,8 +117,8 @@ class PublishedPose:
             motion=motion,
             covariance=growth + MIN_VARIANCE * np.eye(6),
             systematic=np.zeros(6),
-            noise=self.noise,
-            noise_before=self.noise,
+            noise=self.noise.copy(),
+            noise_before=self.noise.copy(),
             speed_change=ZERO,
         )
         kept = replace(self, stamp_ns=stamp_ns, T_world_left=T_world_left, kept_motion_rb=unobserved)
