@@ -1,6 +1,6 @@
 """Scores with provenance from files, data in memory or topics.
 
-The way from an estimate and a ground truth to a verdict:
+The steps from an estimate and a ground truth to a verdict:
 
     ScoreInputs, InMemory ── load.load_run ──► Run ── conversion.converted_run ──► Run (poses of RB in DS)
     Run ── score_run: one function of score_parts for trajectory, map and calls ──► ScoreParts
@@ -9,16 +9,16 @@ The way from an estimate and a ground truth to a verdict:
 `load` reads the files, and `provenance` hashes them. All other steps take values and return values. The modules in the
 order of their use:
 
-- inputs: `inputs` defines what is given (`ScoreInputs`, `InMemory`) and the run to be scored (`Run`). `judgement` finds
-  the limits and conditions. `load` builds a run from files or from data in
-  memory: `load_calls` reads the calls, `load_drive` the poses (from a bag with `bag_estimates`), and `load_map` the
-  cloud. `call_checks` refuses calls of another run. `input_files` notes the state of each file before it is read, so
-  that a changed file is refused when it is hashed. `load_trajectories` reads poses for pages without a score.
+- inputs: `inputs` defines what the user gives (`ScoreInputs`, `InMemory`) and the run to be scored (`Run`).
+  `judgement` finds the limits and conditions. `load` builds a run from files or from data in memory: `load_calls`
+  reads the calls, `load_drive` the poses (from a bag with `bag_estimates`), and `load_map` the cloud. `call_checks`
+  refuses calls of another run. `input_files` notes the state of each file before reading, so that a changed file is
+  refused when the files are hashed. `load_trajectories` reads poses for pages without a score.
 - conventions: `conversion` converts the estimate to poses of RB in DS and diagnoses convention mismatches.
 - score: `score_parts` scores the trajectory, the map and the calls of a run. `assembly` combines these parts into a
   score with verdicts and warnings. `provenance` collects the hashes of the files, the settings and facts of the host.
-- entry points: `score_run` scores a finished run, and `live` a run in progress from its messages. `request` has the
-  options of users by name, and converts and scores a run by them.
+- entry points: `score_run` scores a finished run, and `live` a run in progress from its messages. `request` takes the
+  options of a user by name, and converts and scores a run with these options.
 """
 
 import lazy_loader

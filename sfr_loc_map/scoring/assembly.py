@@ -22,11 +22,12 @@ from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import ScoreParts
 
 OUTSIDE_SHARE, OUTSIDE_S = 0.5, 0.2
-"""Maximum processor time outside the calls of a method without a warning: fraction of the total, and s."""
+"""A warning is given if the processor time of a method outside its calls exceeds both this fraction of its total
+processor time and this number of seconds."""
 
 
 def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
-    """Return settings with the conditions that only the limits name."""
+    """Return the settings extended by the conditions that only the limits name."""
     present = [Condition.parse(text).setting for text in config.trajectory.conditions]
     missing = [] if limits is None else [item for item in limits.conditions if item not in present]
     conditions = (*config.trajectory.conditions, *missing)
@@ -46,7 +47,7 @@ def score_of_parts(
 ) -> Score:
     """Return the score of the parts of a run, with its verdicts and warnings.
 
-    The provenance also states the settings of the score, so that every score states them by the same names.
+    The settings of the score are added to the provenance, so that they have the same names in every score.
     """
     trajectory, surface, calls = parts
     score = Score(
@@ -82,7 +83,7 @@ def _with_settings(provenance: Provenance | None, config: ScoreConfig) -> Proven
 
 
 def _warnings(judged: Score, run: Run, parts: ScoreParts, caveats: Sequence[str]) -> Iterator[str]:
-    """Yield the warnings of a judged score: of its conversion, its parts, its method and its verdicts."""
+    """Yield the warnings of a judged score: about its conversion, its parts, its method and its verdicts."""
     yield from _convention_warnings(judged.convention)
     for part in parts:
         yield from part.warnings
@@ -102,7 +103,7 @@ def _details(
 
 
 def _partial_warnings(score: Score) -> Iterator[str]:
-    """Yield a warning about what is missing, if only partial judging (`--partial`) accepts it."""
+    """Yield a warning about missing data if the score is judged only because of `--partial`."""
     if not score.active_rules.partial:
         return
     complete_only = struct_replace(score, rules=struct_replace(score.active_rules, partial=False))

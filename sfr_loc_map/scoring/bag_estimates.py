@@ -21,11 +21,11 @@ CALLS = call_topic(Task.LOCALISATION)
 
 
 class BagEstimate(NamedTuple):
-    """The estimated poses of a bag, and the calls that the bag has."""
+    """The estimated poses and the calls of a bag."""
 
     trajectory: Trajectory
     covariance: FloatArray  #: Published covariances `(N, 6, 6)` in ROS order (m^2, rad^2).
-    calls: CallStats | None  #: Calls, whose times the node stated; None if the bag has no calls.
+    calls: CallStats | None  #: Calls with the times that the node stated; None if the bag has no calls.
 
     @property
     def all_calls(self) -> list[CallStats]:

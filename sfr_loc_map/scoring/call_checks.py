@@ -15,15 +15,15 @@ from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.stamp_pairing import nearest_stamps
 from sfr_loc_map.suite_names import Task
 
-SAME_POSITION_M = 0.002  #: Tolerance for positions that were rounded to 1 mm twice.
+SAME_POSITION_M = 0.002  #: Tolerance, m, for equal positions that were each rounded to 1 mm.
 
 
 def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> None:
-    """Raise InputError if the positions of calls are missing, or differ from the estimates that the calls gave.
+    """Raise InputError if the positions of calls are missing, or differ from the positions of their estimates.
 
-    An estimate was given by its nearest call, within the tolerance for stamps of one image. Further calls may have no
-    estimate; the completeness of the calls counts those of the same image as duplicates. Calls of files without
-    positions are not checked.
+    The call of an estimate is the call with the nearest stamp, within the tolerance for stamps of one image. Further
+    calls may have no estimate. Several calls of one image are counted as duplicates by the completeness of the calls.
+    Calls of files without positions are not checked.
     """
     stamps_ns, rows = np.unique(trajectory.stamps_ns, return_index=True)
     for item in stats:

@@ -45,11 +45,11 @@ class ConventionFinding(NamedTuple):
     """A finding about the conventions of estimate and truth."""
 
     text: str
-    prevents_verdict: bool  #: Whether the figures are meaningless; otherwise they are judged as delivered.
+    prevents_verdict: bool  #: Whether the figures are meaningless; if not, they are judged as delivered.
 
 
 def convention_mismatch(drive: DriveToScore, config: ScoreConfig) -> ConventionFinding | None:
-    """Return the convention mismatch that explains the disagreement, and its remedy; None if there is none."""
+    """Return the convention mismatch that explains the disagreement of estimate and truth, with its remedy, or None."""
     association = config.trajectory.association
     found = diagnose(drive.estimates.trajectory, drive.truth, association, drive.rig, every=False).found
     if found is None:

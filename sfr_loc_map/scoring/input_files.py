@@ -1,4 +1,4 @@
-"""The input files of a score, each with its state before it was read, so that its hash is that of the content read."""
+"""The input files of a score, each with its state before reading, so that a file that changed since is not hashed."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.source_config import SourceConfig
 
 CONFIGURATION_ROLES = ("configuration", "truth_file", "calibration")
-"""Roles of the files by which a source is read: `sfr.yaml`, and the truth and the calibration that it names."""
+"""Roles of the files that determine how a source is read: `sfr.yaml`, and the truth and calibration named there."""
 
 
 class FileState(NamedTuple):
-    """What changes if a file is replaced or written."""
+    """Attributes of a file that change if the file is replaced or written."""
 
     path: str
     device: int
@@ -41,7 +41,7 @@ class ReadFile:
         return cls(path, named or path, _states_of(path))
 
     def sha256(self) -> str:
-        """Return the hash of the content; raise an InputError if the content is no longer that which was read."""
+        """Return the hash of the content; raise an InputError if the content has changed since the state was noted."""
         sha256 = hash_path(self.path)
         if _states_of(self.path) != self.states:
             raise InputError(f"'{self.path}' was changed or replaced while it was scored: score it again")
@@ -49,7 +49,7 @@ class ReadFile:
 
 
 def read_files(paths: Mapping[str, Path | None]) -> dict[str, ReadFile]:
-    """Note the states of the given files by role. The ground truth of a data set folder is one of its files."""
+    """Note the states of the given files by role. For a truth in a data set folder, the file of true poses counts."""
     return {
         role: ReadFile.of(_trajectory_in(path) if role == "truth" else path, path)
         for role, path in paths.items()
@@ -58,7 +58,7 @@ def read_files(paths: Mapping[str, Path | None]) -> dict[str, ReadFile]:
 
 
 def configuration_files(how: SourceConfig) -> dict[str, Path | None]:
-    """Return the files by which a source is read, by role; None if there is no such file."""
+    """Return the files that determine how a source is read, by role; None if there is no such file."""
     calibration = Path(how.calibration.file) if how.calibration.file else None
     if calibration is not None and not calibration.exists():
         calibration = None

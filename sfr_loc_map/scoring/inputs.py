@@ -74,7 +74,7 @@ class ScoreInputs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InMemory:
-    """Data of a run that are not files. A field is None if its data are not given."""
+    """Data of a run that are given in memory instead of as files. A field is None if its data are not given."""
 
     estimate: Trajectory | None = None
     truth: Trajectory | None = None
@@ -143,7 +143,7 @@ class TargetCalls:
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where the data of a run are from, for provenance."""
+    """Origin of the data of a run, for provenance."""
 
     files: Mapping[str, ReadFile] = field(default_factory=dict)  #: Input files by role.
     in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hashes of inputs that are not files, by role.
@@ -164,12 +164,12 @@ class Run:
     target: TargetCalls | None = None  #: Calls on a target.
     drive: DriveToScore | None = None  #: Trajectory.
     cloud: CloudToScore | None = None  #: Map.
-    method: MethodRecord | None = None  #: Method of the run; None: the method in the statistics.
+    method: MethodRecord | None = None  #: Method of the run; None: the method in the calls.
     external: ExternalScore | None = None  #: Figures of an external node; None if there was none.
     findings: tuple[FindingRecord, ...] = ()  #: Findings on the answers of the method.
     unposed_images: int = 0  #: Number of images of a drive that has no estimate at all; otherwise 0.
     nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source; None if they are unknown.
-    unmapped_pairs: int = 0  #: Mapping pairs that are in no cloud, if no cloud can be scored.
+    unmapped_pairs: int = 0  #: Number of mapping pairs that are in no cloud, if no cloud can be scored.
     convention: ConventionRecord | None = None  #: Conversion of the poses or of the map; None if nothing was converted.
     caveats: tuple[str, ...] = ()  #: Warnings that given files may belong to another run.
 

@@ -17,7 +17,7 @@ class Judgement:
     """Limits and conditions by which a run is judged."""
 
     limits_file: Path | None
-    limits: Limits | None  #: Content of the file.
+    limits: Limits | None  #: Content of the limits file; None without limits.
     conditions: Sequence[str] | None  #: Conditions of options or of the configuration; None for the default.
 
     @classmethod
@@ -31,6 +31,6 @@ class Judgement:
 
     @property
     def asked(self) -> tuple[Condition, ...]:
-        """The conditions that the user named in options, configuration or limits."""
+        """The conditions that the user named in options, in the configuration or in the limits."""
         of_limits = () if self.limits is None else self.limits.conditions
         return tuple(map(Condition.parse, (*(self.conditions or ()), *of_limits)))

@@ -56,7 +56,7 @@ def load_run(
 
 
 def _noted_files(inputs: ScoreInputs, how: SourceConfig) -> dict[str, ReadFile]:
-    """Note the states of all files of a score by role, before they are read. Only `how` was read before."""
+    """Note the states of all files of a score by role, before they are read. Only the file of `how` was read before."""
     stats = {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
     return read_files(
         {

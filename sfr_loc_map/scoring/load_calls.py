@@ -29,18 +29,18 @@ TARGET_SCHEMA = "sfr-target/1"
 class RunCalls(NamedTuple):
     """The calls of a run, except those of a bag."""
 
-    given: list[CallStats]  #: Calls of files.
-    here: list[CallStats]  #: Calls on this host: those of files and in memory.
-    target: TargetCalls | None  #: Calls on a target.
+    given: list[CallStats]  #: Calls read from files.
+    here: list[CallStats]  #: Calls on this host: those from files and those in memory.
+    target: TargetCalls | None  #: Calls on a target; None if there are none.
 
     @property
     def on_target(self) -> CallStats | None:
-        """The calls on a target."""
+        """The calls on a target; None if there are none."""
         return None if self.target is None else self.target.calls
 
     @property
     def of_estimate(self) -> list[CallStats]:
-        """The calls that must belong to the estimate: those of this host, and of a target of the same run."""
+        """The calls that must belong to the estimate: those on this host, and those on a target during the same run."""
         if self.target is None or self.target.other_run is not None:
             return self.here
         return [*self.here, self.target.calls]
@@ -87,7 +87,7 @@ def estimates_of_calls(
     """Return estimated poses with the states, covariances and steps of their calls.
 
     `published` `(N, 6, 6)` are the covariances of the poses in their file or bag (m^2, rad^2, ROS order). A published
-    covariance takes precedence over that of the call, and marks a pose as lost (`call_stats.estimates_of`).
+    covariance takes precedence over the covariance of the call, and can report a loss (`call_stats.estimates_of`).
     """
     upper = None if published is None else published[:, *UPPER]
     return estimates_of(trajectory, calls_of_poses(trajectory, stats, target), upper)
@@ -96,7 +96,7 @@ def estimates_of_calls(
 def calls_of_poses(
     trajectory: Trajectory, stats: Sequence[CallStats] = (), target: CallStats | None = None
 ) -> CallStats | None:
-    """Return the calls of an estimate; None if no call has the stamp of a pose. A warning is logged if there are calls.
+    """Return the calls of an estimate; None, with a warning if calls were given, if no call has the stamp of a pose.
 
     The calls are those of all files of this host. If these contain no call of a pose, the calls of the target are used.
     """

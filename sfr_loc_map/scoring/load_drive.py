@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from sfr_loc_map import io  # readers of sources are loaded when called, because files of trajectories require no images
+from sfr_loc_map import io  # `io` imports its readers of sources on first use; trajectory files require none
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
@@ -29,7 +29,7 @@ from sfr_loc_map.suite_names import Task
 
 
 class ReadTruth(NamedTuple):
-    """True poses of one or several estimates."""
+    """True poses for one or several estimates."""
 
     poses: LoadedTrajectory
     source: Source | None  #: Source of the images; None if the truth is only a trajectory.
@@ -38,7 +38,7 @@ class ReadTruth(NamedTuple):
 
 
 class ReadDrive(NamedTuple):
-    """What is read of a drive."""
+    """Result of `read_drive`."""
 
     drive: DriveToScore
     of_bag: Sequence[CallStats]  #: Calls in the bag of the estimate.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from sfr_loc_map import io  # readers of sources are loaded when called, because files of trajectories require no images
+from sfr_loc_map import io  # `io` imports its readers of sources on first use; trajectory files require none
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair
@@ -19,7 +19,7 @@ from sfr_loc_map.scoring.inputs import CloudToScore, ScoreInputs
 def read_cloud(
     inputs: ScoreInputs, given: LoadedCloud | None, fused: bool | None
 ) -> tuple[CloudToScore | None, IntArray | None]:
-    """Return a cloud, read or in memory, with the truth of its pairs; return also the stamps of all pairs."""
+    """Return a cloud from a file or memory, with the truth of its pairs, and the stamps of all pairs of the source."""
     if inputs.map_truth is None or (inputs.cloud or given) is None:
         return None, None
     if inputs.cloud is not None:

@@ -1,10 +1,10 @@
-"""Read trajectories alone, for pages and comparisons."""
+"""Read trajectories without calls of files and without images, for pages and comparisons."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from sfr_loc_map import io  # readers of sources are loaded when called, because files of trajectories require no images
+from sfr_loc_map import io  # `io` imports its readers of sources on first use; trajectory files require none
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file

@@ -25,7 +25,7 @@ from sfr_loc_map.scoring.inputs import IN_MEMORY, Run
 
 
 def provenance_of(run: Run) -> Provenance:
-    """Return the provenance of a run; a ground truth also has the hash of its values (`data_sha256`).
+    """Return the provenance of a run; the record of a ground truth also has the hash of its values (`data_sha256`).
 
     InputError if a file was changed or replaced since it was read.
     """
@@ -68,7 +68,7 @@ def hash_of_truth(truth: Trajectory) -> str:
 
 
 def limits_not_seen(score: Score, origin: str) -> str | None:
-    """Return why the limits of a score could not be compared with their file; None if compared, or without limits.
+    """Return why the limits of a score could not be compared with their file; None if they were, or without limits.
 
     Raise InputError if the file contains other limits.
     """

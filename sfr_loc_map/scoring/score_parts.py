@@ -52,9 +52,9 @@ from sfr_loc_map.suite_names import Task
 
 FEW_TRUE_POSES = 1.0 / SPARSER  #: A truth is reported as sparse up to this ratio of true poses to images.
 UNEVEN_PERIODS, UNEVEN_SHARE = 2.5, 0.05
-"""Estimates are uneven if more than this fraction of the time is between estimates that are further apart than this
-number of typical periods, or if more than this fraction of the periods is shorter than a typical period by this factor.
-A single missing estimate leaves two periods."""
+"""Estimates are uneven if more than `UNEVEN_SHARE` of the time is in periods longer than `UNEVEN_PERIODS` typical
+periods, or if more than `UNEVEN_SHARE` of the periods are shorter than a typical period divided by `UNEVEN_PERIODS`.
+A single missing estimate leaves a gap of two periods, which is not uneven."""
 MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Matching errors are smaller.
 
 
@@ -94,7 +94,7 @@ def drive_result(
         kept_errors=kept_errors,
     )
     association, truth = scored.association, scored.truth
-    assert association is not None  # as of every scored trajectory
+    assert association is not None  # every scored trajectory has an association
     assert truth is not None
     warnings = [] if finding is None else [finding.text]
     warnings += _sparse_truth(drive, association)
@@ -130,7 +130,7 @@ def _uneven_estimates(drive: DriveToScore, association: Association) -> Iterator
 
 
 def _sparse_truth(drive: DriveToScore, association: Association) -> Iterator[str]:
-    """Yield a warning if frames are the poses of a truth that is sparser than the images or estimates."""
+    """Yield a warning if the frames are the poses of a truth that is sparser than the images or estimates."""
     expected, what = association.images, "images"
     if expected is None:
         expected, what = len(drive.estimates.trajectory), "estimates"
@@ -174,8 +174,7 @@ def map_result(made: CloudToScore, config: MapScoreConfig, expected_pairs: int |
 def result_without_cloud(unmapped: int, pairs: int | None) -> MapResult:
     """Return the result without a cloud that can be scored.
 
-    `unmapped` of the `pairs` are in no cloud. If the number of pairs is unknown, the result is that of the unmapped
-    pairs.
+    `unmapped` of the `pairs` are in no cloud. If `pairs` is None, only the unmapped pairs count as expected.
     """
     if not unmapped:
         return MapResult()
@@ -220,8 +219,8 @@ def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detail
 def clocks_of(stats: Sequence[CallStats]) -> dict[CallKind, str]:
     """Return the name of the clock of each kind of call.
 
-    The name is `STATED_CLOCK` if a node has stated times of the kind in its messages, because these were not measured
-    from outside.
+    The name is `STATED_CLOCK` if a node has stated times of this kind in its messages, because the stated times were
+    not measured from outside.
     """
     clocks = dict(HOST_CLOCKS)
     for item in stats:
@@ -231,7 +230,7 @@ def clocks_of(stats: Sequence[CallStats]) -> dict[CallKind, str]:
 
 
 def kinds_of_external_nodes(stats: Sequence[CallStats]) -> frozenset[CallKind]:
-    """Return the kinds of calls that an external node has stated in the files of a replay, without a measurement."""
+    """Return the kinds of calls whose times an external node has stated, instead of a measurement from outside."""
     tasks = {
         task
         for item in stats
@@ -258,7 +257,10 @@ def with_target(
 
 
 def expected_calls(run: Run) -> dict[Task, IntArray | None]:
-    """Return the stamps of the pairs for which each task should have a call: those of the source, or of the truth."""
+    """Return the stamps of the pairs that should have a call, by task.
+
+    If the image stamps of a drive are unknown, localisation calls are expected at the stamps of the truth.
+    """
     images = None if run.drive is None else run.drive.image_stamps_ns
     if images is None and run.drive is not None:
         images = run.drive.truth.stamps_ns

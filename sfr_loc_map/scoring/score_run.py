@@ -41,7 +41,7 @@ def score_run(
 ) -> Score:
     """Return the score of a run, including conditions that only the limits name; with `aligned`, also APE and RPE.
 
-    All errors are kept for limited figures of the trajectory and for `kept_errors`.
+    All errors are kept for `kept_errors` and for the figures of the trajectory that have a limit.
     """
     config = with_conditions(config, limits)
     parts = ScoreParts(

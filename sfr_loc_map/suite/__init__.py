@@ -6,8 +6,8 @@
       running/specification.py    reads the file: SuiteSpecification (configurations.py, variants.py for budgets)
         running/source_readers.py reads each entry of `sources` by its kind; source_names.py makes the names unique
       running/plan.py             hashes each source (digests.py), finds copies of drives (drive_copies.py) and combines
-                                  sources, faults and configurations to jobs (job.py)
-      running/store.py            DIR/plan.json lists the jobs; a job without a file of its key is waiting
+                                  sources, faults and configurations into jobs (job.py)
+      running/store.py            DIR/plan.json lists the jobs; a job with neither result nor failure is waiting
       running/plan_check.py       for `sfr suite report`: compares DIR/plan.json with a plan made again
       running/cluster.py          gives the waiting jobs to Dask workers, with limits of time and memory
         running/job_run.py        on a worker: opens or renders the source, executes and scores the job: Score
@@ -26,7 +26,8 @@ Terms, each with one meaning in this package:
 
     source      an entry of the suite's file that a job reads: a recording, a remote recording, a simulation, or an
                 estimate with its truth
-    drive       the path that sources show. Copies of a source, and repeats, are one drive and count once in statistics
+    drive       the path that a source shows. Sources that are copies, and the repeats of a job, have one drive, which
+                counts once in statistics
     task        what a job does with its source, an entry of `tasks`: localise, map, replay or score (`JobTask`).
                 `Task` of the other packages is localisation or mapping
     job         one source with one fault, one configuration and one repeat, for one task; job.py lists its identities

@@ -115,7 +115,7 @@ class PlannedRun:
     """A run of a suite before any job is executed."""
 
     all_jobs: Sequence[Job]  #: All jobs of the suite.
-    refusals: Sequence[Refusal]  #: Unreadable sources.
+    refusals: Sequence[Refusal]  #: Sources that are unreadable or lack data for a task.
     jobs: Sequence[Job]  #: Jobs to execute, in their order.
     decision: SequentialDecision | None = None  #: Ends the run when the limits are decided; None to execute all jobs.
     not_needed: int = 0  #: Number of waiting jobs that are skipped, because the existing results decide all limits.
@@ -149,7 +149,7 @@ def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: b
 
 
 def slots_for(settings: SuiteSettings, workers: int | None) -> int:
-    """Return the number of parallel jobs on this host: `workers`, or else the number of cores per thread of a job."""
+    """Return the number of parallel jobs on this host: `workers`, or the number of cores divided by threads per job."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return workers or max(1, cores // settings.threads)
 

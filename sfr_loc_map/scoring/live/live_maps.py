@@ -42,16 +42,16 @@ class MapInputs:
     """Clouds and the truth of their pairs by stamp, kept until they can be scored."""
 
     def __init__(self) -> None:
-        self.rig: StereoRig | None = None  #: Rig of the navigation cameras; None before their camera_info.
+        self.rig: StereoRig | None = None  #: Rig of the navigation cameras; None before camera_info is received.
         self._true_points = Latest[int, PointImage](MAX_KEPT)  # `(H, W, 3)` of each pair, metres, LM
         self._poses = Latest[int, Transform](MAX_KEPT)  # `T_lm_navsb` of each pair
         self._clouds = Latest[int, PointCloud](MAX_KEPT)  # clouds as published, with the stamp of the last pair
         self.begin_run()
 
     def begin_run(self) -> None:
-        """Forget the fusions and which pairs maps must contain.
+        """Discard the fusions and the stamps of the pairs that maps must contain.
 
-        Clouds and truth are kept, because those of the new run may arrive before the new run is detected.
+        Clouds and truth are kept, because clouds of the new run may arrive before this run is detected.
         """
         self._fusions = Latest[int, CallRecord](MAX_KEPT)  # fusions by the stamp of their cloud
         self.pair_stamps_ns = set[int]()  # stamps of received mapping pairs, which the maps of the run must contain
@@ -88,7 +88,7 @@ class MapInputs:
     def take_complete(self) -> Iterator[MapToScore]:
         """Yield and remove the clouds whose pairs and truth are known.
 
-        A cloud whose last pair is not of this run was made in a previous run.
+        A cloud whose last pair is not a received pair of this run is skipped, because it was made in a previous run.
         """
         for stamp_ns in list(self._clouds):
             fusion = self._fusions.get(stamp_ns)
@@ -127,11 +127,11 @@ class JudgedMap(NamedTuple):
 class LiveMaps:
     """Judges each map of a run by the limits on a map, and keeps the worst map and the number of maps.
 
-    The worst map has the worst verdict, then the most missed limits, then the largest point error.
+    Maps are compared by their verdict, then by the number of missed limits, then by the point error.
     """
 
     def __init__(self, limits: Limits | None, *, partial: bool) -> None:
-        """Start a run without maps, judged by the limits on a map if there are any."""
+        """Start a run that has no maps yet. Each map is judged by those of the `limits` that apply to a map."""
         chosen = () if limits is None else limits.limits
         chosen = tuple(each for each in chosen if each.section in OF_CLOUD and task_of(each) is Scope.MAP)
         self._limits = None if limits is None else struct_replace(limits, limits=chosen)

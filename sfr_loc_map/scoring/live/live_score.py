@@ -41,19 +41,19 @@ class DiscardedInterval(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LiveRun:
-    """The state of a run in progress, which its node knows besides the received data."""
+    """State of a run in progress that its node knows in addition to the received data."""
 
-    in_flight_s: float = 0.0  #: Length of the latest interval, whose results may still arrive; 0 after the run.
+    in_flight_s: float = 0.0  #: Results of the last `in_flight_s` seconds may still arrive; 0 after the run.
     details: bool = True  #: Whether the data of plots is kept, in addition to the errors of sub-trajectories.
     dropped: int = 0  #: Number of messages that were lost in transport or dropped.
     restarts: int = 0  #: Number of restarts caused by a jump of the stamps.
-    discards: int = 0  #: Number of intervals that earlier scores of the same node had received.
+    discards: int = 0  #: Number of intervals whose data the node received and then discarded.
     discarded: tuple[DiscardedInterval, ...] = ()  #: The latest of these intervals, at most `MAX_LISTED`.
     provenance: Provenance | None = None  #: Provenance of the score.
 
     @property
     def in_flight_ns(self) -> int:
-        """The length of the latest interval in nanoseconds."""
+        """`in_flight_s` in nanoseconds."""
         return round(self.in_flight_s * NS_PER_S)
 
 
@@ -67,7 +67,7 @@ class LiveData:
     run: Run
     messages: int  #: Number of received poses, true poses and calls.
     map: MapResult | None  #: Result of the worst map; None before the first map.
-    convention_finding: ConventionFinding | None  #: Result of the last diagnosis, which takes 0.1 s or more.
+    convention_finding: ConventionFinding | None  #: Result of the last diagnosis.
 
 
 def score_so_far(received: LiveData, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:

@@ -25,7 +25,7 @@ from sfr_loc_map.scoring.live.live_score import ENDED, LiveData, LiveRun, score_
 from sfr_loc_map.scoring.live.received_rows import ReceivedRows
 from sfr_loc_map.suite_names import Task
 
-DIAGNOSED_GROWTH = 1.2  #: Growth of the number of poses after which a diagnosis is repeated.
+DIAGNOSED_GROWTH = 1.2  #: A diagnosis is repeated once the number of poses has grown by this factor.
 
 
 class LastDiagnosis(NamedTuple):
@@ -57,8 +57,8 @@ class MonitorScore:
     def add_image(self, stamp_ns: int) -> None:
         """Add the stamp of an image of the localisation cameras, for which a pose is expected.
 
-        Images count only if the run ends without any estimate. A best-effort subscription may lose messages, so that
-        the images between the estimates are not all known.
+        Images are counted only if the run ends without any estimate. Otherwise they are not used, because a best-effort
+        subscription may lose images.
         """
         if not self.rows.has_estimates:
             self._images_ns.append(stamp_ns)
@@ -81,7 +81,7 @@ class MonitorScore:
         self.map_inputs.add_call(record)
 
     def score_maps(self) -> bool:
-        """Score the clouds whose inputs are complete. Return whether there was a cloud."""
+        """Score the clouds whose inputs are complete. Return whether a cloud was scored."""
         scored = False
         for cloud, truths, expected_pairs in self.map_inputs.take_complete():
             self.maps.add(score_map(cloud, truths, self._config.map, expected_pairs=expected_pairs))
@@ -116,7 +116,7 @@ class MonitorScore:
     def _convention_finding(self, drive: DriveToScore | None) -> ConventionFinding | None:
         """Return the convention mismatch of estimate and truth that the last diagnosis has found.
 
-        A diagnosis takes 0.1 s or more. It is repeated once the number of poses has grown by `DIAGNOSED_GROWTH`.
+        A diagnosis takes 0.1 s or more. It is repeated when the number of poses has grown by `DIAGNOSED_GROWTH`.
         """
         poses, last = self.rows.poses, self._diagnosis
         if not last.poses <= poses < DIAGNOSED_GROWTH * last.poses:

@@ -71,7 +71,7 @@ class ReceivedRows:
 
     def add_call(self, record: CallRecord) -> None:
         """Add a call, before or after its pose."""
-        # The covariance of the pose message is used, so that of the call record is dropped
+        # the published covariance takes precedence, so the covariance in the call record is dropped
         if record.stamp_ns == self._covariance_ns:
             record = replace(record, covariance=None)
         self.calls.add(record)
@@ -92,7 +92,7 @@ class ReceivedRows:
         return len(self._estimates) + len(self._truth)
 
     def truth(self) -> Truth | None:
-        """Return the true poses as poses of RB; None before the first."""
+        """Return the true poses as poses of RB; None before the first true pose."""
         if not len(self._truth):
             return None
         rows = self._truth.all()
@@ -100,7 +100,7 @@ class ReceivedRows:
         return truth_of_rb(RecordedTruth(poses, "", rows["variances"]), self._body, self._warn_once)
 
     def _warn_once(self, text: str) -> None:
-        """Log a warning about the truth unless it was logged in the run with other numbers."""
+        """Log a warning about the truth unless the same text, possibly with other numbers, was logged in this run."""
         kind = re.sub(r"[0-9]+", "", text)
         if kind not in self._warned:
             self._warned.add(kind)
@@ -109,7 +109,8 @@ class ReceivedRows:
     def estimates(self, stats: CallStats | None, *, is_under_way: bool = False) -> Estimates | None:
         """Return the estimates with the states and covariances of their calls.
 
-        During a run, the calls of poses after the last call may still arrive. These poses count as reported.
+        During a run, the calls of poses after the last call may still arrive. Whether these
+        poses are lost or degraded therefore counts as known.
         """
         if not len(self._estimates):
             return None

@@ -62,8 +62,8 @@ def _error_plots(summary: Summary) -> list[Plot]:
     sizes = span([value * factor for _, value in each + pooled if value is not None])
     layout = {"xaxis": axis(GROUPS, dtick=1), "yaxis": log_axis(f"position, mean + 3 sigma, {unit}", *sizes)}
     caption = (
-        "Each drive, and the pooled sub-trajectories of all drives; first condition. The pooled value contains the "
-        "differences between the drives and may therefore exceed the values of all drives."
+        "Errors of each drive, and of the pooled sub-trajectories of all drives, for the first condition. The pooled "
+        "value contains the differences between the drives and may therefore exceed the values of all drives."
     )
     return [Plot("suite-errors", "Position error by group", caption, traces, layout, width="full")]
 
@@ -83,7 +83,7 @@ def budget_plot(budget: Budget) -> Plot:
         bar = {"type": "bar", "name": name, "x": names, "y": values, "error_y": bars, "marker": {"color": color}}
         traces.append(bar)
     layout = {"xaxis": axis("", type="category"), "yaxis": axis("fraction of the mean square, %")}
-    caption = "Fraction that each source of error causes alone, and fraction that vanishes without it; 95 % intervals."
+    caption = "Fraction caused by each source of error alone, and fraction that vanishes without it; 95 % intervals."
     return Plot("budget", "Error budget", caption, traces, layout, height=460, width="full")
 
 

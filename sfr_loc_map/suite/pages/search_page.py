@@ -14,7 +14,7 @@ from sfr_loc_map.tables.model import ABSENT, Cell, Column, Table
 
 WORST_SHOWN = 20  #: Maximum number of points in the table of the worst points.
 CELLS_SHOWN = 30  #: Maximum number of untested cells in the table.
-WITHOUT = "no figure"  #: Text of the ratio of a drive that lacks the figure.
+WITHOUT = "no figure"  #: Text in place of the ratio of a drive that lacks the figure.
 
 
 def search_tables(record: SearchRecord) -> list[Table]:
@@ -36,8 +36,8 @@ def case_table(record: SearchRecord) -> Table:
     rows.append((Cell.head("figure over limit"), *[Cell(ABSENT)] * 2, *ratios, Cell(ABSENT)))
     note = (
         f"{record.title}: limit {record.limit:g}. {len(record.points)} scenarios were run. The reduced case is the "
-        "smallest change of the usual scenario that misses the limit. A drive without the figure is worse than any "
-        "drive with the figure. Rank correlation: between the parameter and the ratio over all points of the search."
+        "smallest change of the usual scenario that misses the limit. A drive without the figure counts as worse than "
+        "any drive with the figure. Rank correlation: between the parameter and the ratio, over all searched points."
     )
     return Table("case", "Worst case", heads, tuple(rows), note)
 

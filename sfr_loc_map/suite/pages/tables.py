@@ -36,7 +36,7 @@ FIRST_TABLES = (
     "counts",
     "groups",
 )  #: Tables above the plots of the page of a suite.
-NAMED = 5  #: Maximum number of named jobs of a change.
+NAMED = 5  #: Maximum number of jobs that are named for a change.
 DECIDED = "the sequential tests decided all limits before this job"
 SUITE_JSON = "suite.json"
 
@@ -101,7 +101,7 @@ def verdict_table(summary: Summary) -> Table:
         for number_in_group, item in enumerate(group.verdicts)
     ]
     rows.sort(key=lambda row: row.item.state.severity)
-    note = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
+    note = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: for figures that cannot be pooled."
     return table_of("verdicts", "Verdicts over all drives", VERDICTS, rows, note)
 
 
@@ -174,7 +174,7 @@ GROUPS: tuple[RowColumn[GroupRow], ...] = (
 def group_table(groups: Sequence[Group]) -> Table:
     """Return the groups of a suite."""
     rows = [GroupRow(place, group) for place, group in enumerate(groups, 1)]
-    note = "The results of a group have the same task, configuration, faults."
+    note = "The results of a group have the same task, configuration and faults."
     return table_of("groups", "Groups", GROUPS, rows, note)
 
 
@@ -189,7 +189,7 @@ def copies_table(copies: Sequence[Sequence[str]]) -> Table:
     """Return the sources that are copies of one drive."""
     note = (
         "The ground truths of these sources, and their first images if they have images, show one drive. The sources "
-        "count as one drive in intervals, tests and numbers of drives. Of their errors, only the largest are pooled."
+        "count as one drive in intervals, tests and numbers of drives. Only the errors of the worst source are pooled."
     )
     return table_of("copies", "Sources that are copies of one drive", COPIES, copies, note)
 
@@ -304,7 +304,7 @@ def linked(summary: Summary) -> list[ScoredJob]:
     """Return the results that have their own page: the worst drives and the worst maps.
 
     If there are too many results, drives and maps have up to half of the pages each. If one of the two needs fewer
-    pages, the other has the rest.
+    pages, the other gets the rest.
     """
     drives = worst_first(summary)
     maps = [result for result in worst_maps_first(summary.results) if result.score.association is None]
@@ -342,7 +342,7 @@ OF_DRIVES: tuple[RowColumn[ScoredJob], ...] = (
     numbers("call p95", lambda row: row.score.number("localisation", "p95", part=None), MILLISECOND),
     numbers("peak", lambda row: row.score.number("peak", part=CallKind.LOCALISATION), MIB),
 )
-"""Columns of maps and of drives, right of the compared errors."""
+"""Columns of maps and of drives to the right of the compared errors."""
 
 
 def _compared_errors(subject: Subject) -> Iterator[RowColumn[ScoredJob]]:
@@ -400,10 +400,11 @@ COMPARED_COUNTS: tuple[RowColumn[CountComparison], ...] = (
 def comparison_tables(result: SuiteComparison) -> list[Table]:
     """Return the tables of a comparison of suites: ratios of errors and memory, and counts of frames."""
     note = (
-        "Ratio: geometric mean over the drives of mean + 3 sigma, or of the cost; below 1 the second suite is better. "
+        "Ratio: mean + 3 sigma (or the cost) of the second suite divided by that of the first, as geometric mean over "
+        "the drives. Below 1, the second suite is better. "
         "A drive without the figure in one suite counts in the test as the largest change of all drives. "
-        f"Corrected for {len(result.figures)} comparisons (Holm). Not in both: {result.left_out[0]} and "
-        f"{result.left_out[1]}."
+        f"Corrected for {len(result.figures)} comparisons (Holm). Results in only one suite: "
+        f"{result.left_out[0]} in the first, {result.left_out[1]} in the second."
     )
     title = f"{result.names[1]} relative to {result.names[0]}, {result.common} results in both"
     ratios = table_of("comparison", title, COMPARISON, result.figures, note)
@@ -438,11 +439,11 @@ HISTORY: tuple[RowColumn[Change], ...] = (
 def history_tables(history: History) -> list[Table]:
     """Return the table of a history with every change of a figure."""
     note = (
-        f"Nights: {len(history.nights)}. Before and after: means over the jobs named. Without "
+        f"Nights: {len(history.nights)}. Before and after: means over the named jobs. Without "
         f"changes, at most one night in {1.0 / history.false_alarm_rate:g} gives an alarm."
     )
     if len(history.nights) <= MIN_REFERENCE:
-        note += f" With fewer than {MIN_REFERENCE + 1} nights, only changes of most jobs are found."
+        note += f" With fewer than {MIN_REFERENCE + 1} nights, only changes of most jobs are detected."
     if history.without_result:
         note += f" Jobs of the last night without a result: {', '.join(history.without_result)}."
     if history.shortage:
@@ -469,7 +470,7 @@ OF_SUITE: tuple[RowColumn[DriveCount], ...] = (
         Column("sequential test", words=True), lambda row: Cell.verdict(row.state or VerdictState.NOT_ENOUGH_DATA)
     ),
 )
-"""Further columns of the numbers of drives for the limits of a suite."""
+"""Further columns of the table of the required numbers of drives, if a suite with limits is given."""
 
 
 def drive_count_table(counts: Sequence[DriveCount]) -> Table:

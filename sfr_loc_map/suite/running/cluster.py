@@ -38,9 +38,9 @@ TRIES = 3  #: Maximum number of errors of a job, and of worker processes that a 
 JOINED = "sfr-joined"  #: Topic of the event by which a worker reports its code.
 OVER_TIME = "sfr-over-time"  #: Topic of the event by which a worker reports a job that exceeds its time limit.
 OVER_MEMORY = "worker-restart-memory"  #: Topic of the event by which the Dask nanny reports an exceeded memory limit.
-EVENT_S = 2.0  #: Longest delay of an event after the end of its worker.
-ASK_EVERY_S = 1.0  #: Period of requests for the workers of the scheduler.
-SAY_AFTER_S = 2.0  #: Time without a worker after which a message is printed.
+EVENT_S = 2.0  #: Maximum delay, s, of an event after the end of its worker.
+ASK_EVERY_S = 1.0  #: Period, s, at which the scheduler is asked for its workers.
+SAY_AFTER_S = 2.0  #: Time, s, without a worker after which a message is printed.
 SHOWN = 10  #: Maximum number of reported workers with different code.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -53,13 +53,13 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
         from distributed import Client, LocalCluster
     except ImportError as error:
         raise MissingExtraError(f"suites require Dask ({error}): pip install 'sfr_loc_map[suite]'") from error
-    for name in ("distributed", "distributed.client"):  # lost workers are reported in one line instead
+    for name in ("distributed", "distributed.client"):  # this module reports lost workers itself, in one line
         logging.getLogger(name).setLevel(logging.CRITICAL)
     options: dict[str, Any] = {
         "distributed.scheduler.allowed-failures": 0,  # attempts are counted in this module, which resubmits jobs
         **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},
         "distributed.worker.memory.terminate": 1.0,
-        # a missing worker may only be restarting; jobs fail without any worker for a long time
+        # a missing worker may be restarting, so Dask never gives it up; `SuiteWorkers` limits the waiting time
         "distributed.deploy.lost-worker-timeout": "1000 days",
         "distributed.worker.profile.enabled": False,
         "distributed.worker.preload": ["sfr_loc_map.suite.running.worker_start"],
@@ -100,7 +100,7 @@ def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
 
 
 def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
-    """Return the plugin that compares the code of a worker, and offers a resource if the code is equal.
+    """Return the plugin that compares the code of its worker, and offers a resource if the code is equal.
 
     A class in a function is pickled by value, so the plugin works on workers with different code or without the
     package. For the same reason the class must not use names of this module.
@@ -149,7 +149,7 @@ class SuiteWorkers:
     def poll_slots(self) -> int:
         """Return the number of parallel jobs on the present workers; report if no worker may run a job.
 
-        Raise InputError if there has been no such worker for longer than the limit.
+        Raise InputError if no usable worker was present for longer than `wait_s`.
         """
         now = time.monotonic()
         if self._slots and now - self._asked_at < ASK_EVERY_S:
@@ -310,7 +310,7 @@ def _reported_cause(client: Client, address: str, job: Job) -> JobOutcome | None
 
 
 def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
-    """Run a job. An error that the suite raises is an outcome.
+    """Run a job. An error of sfr_loc_map is returned as an outcome; other errors are raised.
 
     After the time limit the process kills itself, because a thread cannot be killed.
     """

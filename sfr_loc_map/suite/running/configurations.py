@@ -29,7 +29,7 @@ MASK_HASHES = {"left_mask": "left_mask_sha256", "right_mask": "right_mask_sha256
 
 
 def read_configurations(value: object, path: Path) -> dict[str, dict[str, object]]:
-    """Return the parameters of each configuration in a suite's file that differ from their defaults.
+    """Return, for each configuration in a suite's file, the parameters that differ from their defaults.
 
     `path` is the file of the suite, to whose folder the files of methods and the masks are relative.
     """
@@ -57,10 +57,10 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
         )
     changed: dict[str, object] = {}
     for section, values in content.items():
-        if section not in SECTIONS or not isinstance(values, Mapping):
-            raise ConfigError(
-                f"{origin}: '{section}' is not a section of parameters: {alternatives(SECTIONS)} is required"
-            )
+        if section not in SECTIONS:
+            raise ConfigError(f"{origin}: '{section}' is not a section: {alternatives(SECTIONS)} is required")
+        if not isinstance(values, Mapping):
+            raise ConfigError(f"{origin}: '{section}' is {values!r:.40}: parameters as NAME: VALUE are required")
         kind, task = SECTIONS[section]
         default = flatten(kind())
         own = {name: value for name, value in values.items() if name not in (METHOD, METHOD_CONFIG)}
@@ -108,7 +108,7 @@ def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str,
 
 
 def chosen_method(section: Mapping[str, object], task: Task) -> Method | None:
-    """Return the method in a section of a configuration; None for our method. MethodError if the method is missing."""
+    """Return the method in a section of a configuration, None for ours; MethodError if the method is missing."""
     if METHOD not in section:
         return None
     return find_method(str(section[METHOD]), task, str(section.get(METHOD_CONFIG, "")))

@@ -27,7 +27,7 @@ LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg", 
 """Libraries that can change a figure."""
 WITHOUT_EFFECT = ("report/", "suite/pages/", "suite/statistics/", "live/", "bench/")
 """Folders of the package that cannot change a result, because they only show or evaluate results. All other code
-counts, because a replay runs the command line and the nodes."""
+is hashed, because a replay runs the command line and the nodes."""
 HASHED = (".py", ".json", ".xml")  #: Suffixes of code and its data files. XML files are DDS profiles.
 
 
@@ -82,7 +82,7 @@ def code_fingerprint() -> str:
 
 
 def estimate_hash(estimate: Path, truth: Path) -> str:
-    """Return the hash of an estimate, its truth and its calls, which contain findings and lost poses."""
+    """Return the hash of an estimate, its truth and its calls. The calls contain findings and lost poses."""
     return files_hash(estimate, truth, *ScoreInputs.of(estimate, truth).stats)
 
 
@@ -106,7 +106,7 @@ def files_of_source(place: Path) -> tuple[Path, ...]:
 def about_here(expected: Mapping[str, str]) -> dict[str, str]:
     """Return host, version and code of this worker, and the differences from the expected code (`lacks`).
 
-    Clients of other versions read the same keys.
+    The keys are fixed, because clients of other versions read them.
     """
     found = code_facts()
     named = {"sfr_loc_map": f"other code: sfr_loc_map {__version__},"}

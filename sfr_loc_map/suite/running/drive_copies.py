@@ -62,7 +62,7 @@ class DriveTrace:
 
     @property
     def has_evidence(self) -> bool:
-        """Whether few drives share the path, the image and the terrain: a stationary rover has only the latter two."""
+        """Whether few drives share the features: an image, a terrain, or a path along which the rover moves."""
         has_place = bool(self.grey) or self.terrain is not None
         return has_place or bool((np.linalg.norm(np.reshape(self.path_m, (-1, 3)), axis=1) > SAME_M).any())
 
@@ -186,7 +186,7 @@ def trace_of_source(source: Source) -> DriveTrace:
 
 
 def trace_of_estimate(estimate: Path, truth: Path) -> DriveTrace:
-    """Return the trace of the ground truth of an estimate; empty if it cannot be read or is that of a map."""
+    """Return the trace of the ground truth of an estimate; empty if the truth cannot be read or is that of a map."""
     with suppress(SfrError):
         drive = load_run(ScoreInputs.of(estimate, truth)).drive
         if drive is not None:
@@ -234,7 +234,7 @@ def with_drives(sources: Sequence[JobSource], traces: Sequence[DriveTrace]) -> l
         trace_of_simulation(source) if source.kind is SourceKind.SIMULATED and seeds[source.seed] > 1 else trace
         for source, trace in zip(sources, traces, strict=True)
     ]
-    smallest: dict[int, JobSource] = {}  # of each drive
+    smallest: dict[int, JobSource] = {}  # by drive: the source with the smallest hash
     drives = drives_of(traces).tolist()
     for drive, source in zip(drives, sources, strict=True):
         if drive not in smallest or source.sha256 < smallest[drive].sha256:

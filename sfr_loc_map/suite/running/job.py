@@ -2,7 +2,7 @@
 
 A job has these identities:
 
-    key           all inputs of the result, without names and paths of sources: names the files of the job
+    key           hash of all inputs of the result except names and paths of sources; names the files of the job
     description   names and inputs that the files of the job state, so that a later plan recognises the work
     pairing       data, task, faults, repeat and scoring: pairs jobs of two suites, even with other code or parameters
     group         task, configuration and faults: the errors of a group are pooled
@@ -33,7 +33,7 @@ NO_CONFIGURATION = "-"  #: Name of the configuration of jobs without parameters.
 class JobTask(StrEnum):
     """Task of a job: an entry of `tasks` of the suite's file, or `score` for estimates.
 
-    A further task is a member here with its row in `PARAMETERS_OF_TASK` and in `tasks_for`, and a function in
+    To add a task, add a member here, a row in `PARAMETERS_OF_TASK`, the condition in `tasks_for`, and a function in
     `RUN_OF_TASK` (`job_run.py`).
     """
 
@@ -44,7 +44,7 @@ class JobTask(StrEnum):
 
 
 PARAMETERS_OF_TASK = {JobTask.LOCALISE: "localisation.", JobTask.MAP: "mapping.", JobTask.REPLAY: "", JobTask.SCORE: ""}
-"""Prefix of the parameters that change a job of each task. Other parameters are not part of the job."""
+"""By task: prefix of the parameters that the jobs of the task use. Other parameters are not part of such a job."""
 
 
 def tasks_for(*, has_drive: bool, has_panorama: bool) -> tuple[JobTask, ...]:
@@ -54,7 +54,7 @@ def tasks_for(*, has_drive: bool, has_panorama: bool) -> tuple[JobTask, ...]:
 
 
 class SourceKind(StrEnum):
-    """Origin of the data of a source. A further kind is a member here and a class in `source_readers.py`."""
+    """Origin of the data of a source. To add a kind, add a member here and a class in `source_readers.py`."""
 
     FILE = "file"
     REMOTE = "remote"  #: Only before the plan, which fetches the source and makes it a `FILE`.
@@ -121,14 +121,14 @@ class JobDescription:
 
     @property
     def work(self) -> tuple[object, ...]:
-        """What the job does with its source, independent of the code and of the configuration."""
+        """What the job does with its source, independently of the code and of the configuration."""
         return (self.task, self.faults, effective_seed(self.faults, self.fault_seed), self.repeat)
 
     def source_identities(self, cache: Path) -> tuple[object, object]:
         """Return name with path, and data of the source. Two sources are the same if either identity is equal.
 
-        Names alone may be equal, and the name of a simulation depends on the other simulations. A source that was
-        fetched to the cache has a folder for each version, so that only the name of its file counts.
+        A name alone is no identity: names may be equal, and the name of a simulation depends on the others. A source
+        that was fetched to the cache has a folder for each version, so that only the name of its file counts.
         """
         is_fetched = cache.absolute() in Path(self.path).parents
         return (self.source, Path(self.path).name if is_fetched else self.path), self.source_sha256
@@ -229,7 +229,7 @@ class Job:
 
 
 def effective_seed(faults: str, fault_seed: int) -> int:
-    """Return the seed that selects the affected pairs; 0 without faults, because it has no effect then."""
+    """Return the seed that selects the affected pairs; 0 without faults, because the seed then has no effect."""
     return fault_seed if faults else 0
 
 

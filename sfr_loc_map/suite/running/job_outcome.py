@@ -49,7 +49,7 @@ class JobOutcome:
 
     result: str | None = None  #: The score as JSON; None if the job failed.
     cause: FailureCause | None = None  #: Cause of the failure.
-    message: str = ""  #: The error, or the limit.
+    message: str = ""  #: Text of the error, or the exceeded limit.
     worker: str = ""  #: Address of the worker.
 
 
@@ -91,4 +91,4 @@ class WorkerRecord:
     python: str = ""
     code: str = ""  #: Fingerprint of the code of the worker.
     done: int = 0  #: Number of jobs with a result.
-    set_aside: str = ""  #: Difference of its code, because of which the worker gets no jobs; empty if there is none.
+    set_aside: str = ""  #: Why the worker gets no jobs: the difference of its code; empty if it has none.

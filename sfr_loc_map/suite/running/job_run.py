@@ -51,7 +51,7 @@ from sfr_loc_map.suite_names import Task
 
 REPLAY_FOLDER = "replay"  #: Folder of the output of a replay.
 SCORED = (ExitCode.OK, ExitCode.FAILED, ExitCode.NOT_JUDGED)
-"""Exit codes of a replay that is scored as a whole. After an interrupt, only the played part is scored."""
+"""Exit codes of a replay whose score covers the complete source. After an interrupt, only the played part is scored."""
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -157,8 +157,8 @@ def _error_of_replay(job: Job, done: subprocess.CompletedProcess[str]) -> SfrErr
 def replay_options(job: Job, scratch: Path) -> list[str]:
     """Return the options of `sfr replay` for a job; parameters and limits are written to files.
 
-    A replay keeps all errors of a figure that has a limit with a probability. The summary judges the score again by the
-    limits of the suite, so that the numbers of these limits have no effect.
+    Limits with a probability are passed on only because a replay keeps all errors of their figures. Their values have
+    no effect, because the summary judges the score again by the limits of the suite.
     """
     options = ["--out", str(scratch / REPLAY_FOLDER), "--start", job.start]
     if job.parameters:

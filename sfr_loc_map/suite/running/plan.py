@@ -57,7 +57,7 @@ def make_plan(
 
 
 def _tasks_without_data(specification: SuiteSpecification, item: ReadySource) -> Iterator[Refusal]:
-    """Yield a refusal for each requested task for which a source has no data, or for a source without any data."""
+    """Yield a refusal for each requested task for which a source has no data, or one if it has no data at all."""
     if not item.possible:
         yield Refusal(item.source.name, "the source has no data for any task")
         return

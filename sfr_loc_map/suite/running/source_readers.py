@@ -1,6 +1,6 @@
 """The readers of sources, one for each kind: the entries of a suite's file, and how a plan and a job access the data.
 
-A further kind is a member of `SourceKind` (job.py) and a class here with its row in `SOURCE_READERS`.
+To add a kind, add a member to `SourceKind` (job.py), and here a class with its row in `SOURCE_READERS`.
 """
 
 from __future__ import annotations
@@ -163,7 +163,8 @@ SOURCE_READERS: Mapping[SourceKind, SourceReader] = {
     SourceKind.ESTIMATE: EstimateSource(),
     SourceKind.SIMULATED: SimulatedSource(),
 }
-"""The reader of each kind. The first reader that accepts an entry is used, so that URLs precede paths."""
+"""The reader of each kind. The first reader that accepts an entry is used. The reader of URLs therefore precedes the
+reader of paths."""
 
 
 def read_sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:

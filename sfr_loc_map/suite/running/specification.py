@@ -43,7 +43,10 @@ class SuiteSettings:
     repeats: int = param(1, doc="Number of times that each job is run.", low=1, high=1000)
     seed: int = param(0, doc="Seed that selects the pairs that a fault affects.", low=0, high=2**31 - 1)
     order_seed: int = param(
-        0, doc="Seed of the order in which sequential tests take the drives. 0: by their data.", low=0, high=2**31 - 1
+        0,
+        doc="Seed of the order in which sequential tests take the drives. 0: order of the hashes of their data.",
+        low=0,
+        high=2**31 - 1,
     )
     threads: int = param(1, doc="Number of threads of a job.", low=1, high=256)
     memory_mb: int = param(

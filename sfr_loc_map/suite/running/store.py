@@ -44,7 +44,7 @@ T = TypeVar("T")
 class KnownFacts(msgspec.Struct, frozen=True):
     """Facts of a source."""
 
-    stamp: str  #: Hash of the code and of the state of the files of the source, for which the facts apply.
+    stamp: str  #: Hash of the code and of the state of the source's files. The facts are valid only for this hash.
     facts: dict[str, Any]  #: `SourceFacts` as JSON values.
 
 
@@ -227,7 +227,7 @@ class Store:
         return tuple(found)
 
     def _description_in(self, path: Path) -> JobDescription:
-        """Return the description of the job of a result or of a failure; for an old failure, only its source."""
+        """Return the description of the job of a result or failure; only its source for an earlier version's failure."""
         if path.parent == self.failures:
             failure = _record(JobFailure, _read(path), path)
             return failure.description or JobDescription(source=failure.source)
@@ -244,7 +244,7 @@ class Store:
         write_text(json_line([*self.workers(), *records]), self.folder / WORKERS)
 
     def state(self, job: Job) -> JobState:
-        """Return the state of a job. A failure is newer than a result, because a later result deletes the failure."""
+        """Return the state of a job. A failure precedes a result: it is newer, because a later result deletes it."""
         name = f"{job.key}.json"
         if (self.failures / name).is_file():
             return JobState.FAILED

@@ -9,7 +9,7 @@ from sfr_loc_map.metrics.table.catalogue import statistic_title, title_of
 
 SCHEMA = "sfr-search/2"
 LOST_RATIO = 2.0
-"""Smallest ratio that is shown, and told to the sampler, for a drive without the figure, whose ratio is unknown."""
+"""Smallest ratio that is shown, and reported to the sampler, for a drive without the figure. Its ratio is unknown."""
 
 
 class PointRecord(msgspec.Struct, frozen=True):

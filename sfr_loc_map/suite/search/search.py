@@ -225,7 +225,7 @@ def case_file(result: SearchResult) -> str:
 
 
 def _limits_of(chosen: SearchSettings, condition: str) -> dict[str, Any]:
-    """Return the limit of a search as limits of a suite; empty if a suite has no limit on the searched number."""
+    """Return the limit of a search as limits of a suite; empty if a suite cannot limit the searched figure."""
     for section, numbers in LIMITED_NUMBERS.items():
         for name, number in numbers.items():
             part = "" if number.part is None else str(number.part)

@@ -69,7 +69,7 @@ class Parameter:
         return min(DIGITS + max(0, math.floor(decades)), DIGITS_OF_FLOAT)
 
     def rounded(self, value: float) -> float:
-        """Return a value as the scenario uses it: an integer, or a number of `digits`."""
+        """Return a value as the scenario uses it: an integer, or a number with `digits` significant digits."""
         return float(round(value)) if self.is_whole else float(f"{value:.{self.digits}g}")
 
     def drawn(self, value: float) -> float:
@@ -116,7 +116,7 @@ class SearchSpecification:
     scoring: TrajectoryScoreConfig
     settings: SearchSettings
     running: SuiteSettings  #: Settings of the jobs; those in `WITHOUT_EFFECT` have their defaults.
-    code: str  #: Fingerprint of the code at the start of the search, so that a change of the code runs no point again.
+    code: str  #: Fingerprint of the code at the start of the search, so that later changes repeat no point.
 
     @property
     def usual(self) -> Point:

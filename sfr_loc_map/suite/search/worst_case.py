@@ -24,9 +24,9 @@ WITHOUT_FIGURE = math.inf
 """Ratio of a drive that lacks the figure, for example a lost drive: worse than any drive that has the figure."""
 BISECTIONS = 4  #: Number of bisections between the usual value and the found value.
 CELLS = 3  #: Number of cells per range in the coverage.
-MAX_SLICED = 3  #: Maximum number of parameters that are combined to slices.
+MAX_SLICED = 3  #: Maximum number of parameters that are combined into slices.
 Evaluate = Callable[[Sequence[Point]], Sequence[float | None]]
-"""Runs points and returns the ratio of each: the figure divided by its limit, of the worst seed; `WITHOUT_FIGURE` if a
+"""Runs points and returns the ratio of each: the figure of the worst seed divided by the limit; `WITHOUT_FIGURE` if a
 drive lacks the figure; None if the scenario cannot be run."""
 
 

@@ -6,7 +6,7 @@ signs (Fisher 1935), exactly for up to 14 drives and with random choices for mor
 distribution of the errors, and a single bad drive cannot decide the outcome.
 
 A drive whose error is missing in one of the suites, because the estimate was lost, counts in the test as the largest
-change of all drives, in favour of the other suite. Otherwise a method that loses its difficult drives would be better.
+change of all drives, in favour of the other suite. Otherwise a method that loses difficult drives would appear better.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`sfr suite plan`: the number of drives that a requirement needs, from its terms and observed errors."""
+"""`sfr suite plan`: the number of drives required to prove a requirement, from its terms and from observed errors."""
 
 from __future__ import annotations
 

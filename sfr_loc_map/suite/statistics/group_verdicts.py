@@ -156,8 +156,8 @@ def proof_over_drives(
     """Return the verdict over drives on a limit with a probability and a confidence.
 
     A sequential test uses the drives before the first drive without a result or with missing errors, so that the
-    verdict does not depend on the order in which drives finish. If the test is then undecided, or if a drive of another
-    proof lacks errors, the verdict is incomplete instead of a pass.
+    verdict does not depend on the order in which drives finish. If drives lack errors, the verdict is incomplete
+    in two cases: a sequential test is undecided, or a proof without a sequential test would pass.
     """
     samples, without_errors = samples_by_drive(limit, results)
     used = samples

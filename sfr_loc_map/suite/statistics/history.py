@@ -47,7 +47,8 @@ class Change:
 
     night: str  #: First night after the change.
     before_night: str  #: Last night before the change in which a changed job has the figure.
-    #: Commits of `before_night` and of `night`. A commit after the first, up to the second, made the change.
+    #: Commits of `before_night` and of `night`. The change is due to a commit after the first, up to and including the
+    #: second.
     commits: tuple[str | None, str | None]
     kind: ComparedKind
     figure: str  #: Name with unit.
@@ -165,7 +166,7 @@ def _means_of_nights(values: FloatArray, scale: Scale) -> tuple[float | None, ..
 
 
 def _figure_tables(nights: Sequence[Night], keys: Sequence[PairKey]) -> dict[FigureName, FloatArray]:
-    """Return the values `(job, night)` of each figure, NaN if missing, and whether a job has no result."""
+    """Return the values `(job, night)` of each figure, NaN if missing; a further figure: a job has no result."""
     names = sorted({name for night in nights for figures in night.figures.values() for name in figures})
     tables = {
         name: np.array([[night.figures.get(key, {}).get(name, np.nan) for night in nights] for key in keys])

@@ -17,7 +17,7 @@ from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
 from sfr_loc_map.suite.statistics.pairing import PairKey, without_configuration
 from sfr_loc_map.suite.statistics.summary import SCHEMA
 
-MAX_NUMBER = 1e100  #: Maximum number of a figure; its squares and sums are finite.
+MAX_NUMBER = 1e100  #: Largest accepted value of a figure; squares and sums of such values are finite.
 
 
 class JobOfNight(msgspec.Struct, frozen=True):

@@ -20,7 +20,7 @@ class FoundChange(Shift):
     night: int  #: First night after the change.
     last_before: int  #: Last night before the change in which a changed job has a value.
     detected: int  #: Night at which the change was detected.
-    nights_before: tuple[int, int]  #: First night of the values before the change, and the night after the last night.
+    nights_before: tuple[int, int]  #: First night of the values before the change, and the night after their last.
     nights_after: tuple[int, int]  #: The same for the values after the change.
     is_return: bool = False  #: Whether the figure returned to its level before the previous change.
 

@@ -20,7 +20,7 @@ from sfr_loc_map.suite.statistics.figures import ComparedKind
 MIN_REFERENCE = 5  #: Minimum number of reference nights to estimate their scatter.
 MIN_JOBS_OF_SCATTER = 6  #: Minimum number of jobs whose scatter replaces that of too few nights.
 MAX_FREEDOM = 5.0  #: Upper bound of the degrees of freedom: nights have heavier tails than a normal distribution.
-FALSE_NAMES = 0.1  #: Probability that an alarm names any job that did not change.
+FALSE_NAMES = 0.1  #: Probability that an alarm names at least one unchanged job.
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class Shift:
 def is_last_night_tested(x: FloatArray, scale: Scale) -> bool:
     """Return whether the scatter of values `(D, T)` of jobs and nights is known, so that the last night is tested."""
     jobs = _JobShifts.of(x[:, :-1], x[:, -1:], scale)
-    return bool(len(jobs.indices)) and bool(np.isfinite(jobs.scatter_ofknown_mean(scale)[0]))
+    return bool(len(jobs.indices)) and bool(np.isfinite(jobs.scatter_of_mean(scale)[0]))
 
 
 def compare_nights(before: FloatArray, after: FloatArray, scale: Scale, false_alarm_rate: float) -> Shift | None:
@@ -85,7 +85,7 @@ def compare_nights(before: FloatArray, after: FloatArray, scale: Scale, false_al
     count = len(jobs.indices)
     if not count:
         return None
-    sigma, freedom = jobs.scatter_ofknown_mean(scale)
+    sigma, freedom = jobs.scatter_of_mean(scale)
     has_mean_changed = abs(float(jobs.shifts.mean())) > sigma * float(_quantile(false_alarm_rate / 2, freedom))
     if not has_mean_changed and not jobs.exceeding(false_alarm_rate / 2).any():
         return None
@@ -155,7 +155,7 @@ class _JobShifts:
         sizes = np.where(self.nights >= MIN_REFERENCE, np.abs(self.shifts) / self.sigmas, 0.0)
         return np.asarray(sizes > _quantile(false_alarm_rate / len(self.indices), self.nights - 1.0))
 
-    def scatter_ofknown_mean(self, scale: Scale) -> tuple[float, float]:
+    def scatter_of_mean(self, scale: Scale) -> tuple[float, float]:
         """Return the standard deviation of the mean shift and its degrees of freedom; infinity if unknown.
 
         The scatter follows from the reference nights, or from the jobs if there are too few nights. The scatter of

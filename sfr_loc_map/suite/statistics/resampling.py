@@ -16,7 +16,7 @@ SEED = 20260101
 
 @lru_cache(maxsize=8)
 def drawn_weights(drives: int) -> FloatArray:
-    """Return how often each drive is drawn `(RESAMPLES, D)`; deterministic for a number of drives."""
+    """Return how often each drive is drawn `(RESAMPLES, D)`; equal numbers of drives give equal weights."""
     rng = np.random.default_rng([SEED, drives])
     return rng.multinomial(drives, np.full(drives, 1.0 / drives), RESAMPLES).astype(np.float64)
 

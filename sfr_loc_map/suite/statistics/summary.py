@@ -196,7 +196,7 @@ class Summary:
 
     @property
     def not_run(self) -> tuple[str, ...]:
-        """Labels of the jobs without which sequential tests have decided all limits."""
+        """Labels of the jobs that were not run because sequential tests had decided all limits."""
         return self.waiting_jobs if self.is_decided else ()
 
     @property
@@ -252,7 +252,7 @@ class SequentialDecision:
         self._scored = {job.key: read_scored_job(job, store, limits) for job in done}
 
     def add(self, job: Job) -> None:
-        """Read the result of an ended job."""
+        """Read the result of a finished job."""
         if self._store.state(job) is JobState.DONE:
             self._scored[job.key] = read_scored_job(job, self._store, self._limits)
         else:
@@ -324,7 +324,7 @@ def _of_all_results(sentences: Sequence[str], results: Sequence[ScoredJob]) -> I
 
 
 def common_deviations(results: Sequence[ScoredJob]) -> tuple[CommonDeviation, ...]:
-    """Return the deviations of all results, and of several results without a named item under test.
+    """Return the deviations of all results, and a deviation if several results do not name their item under test.
 
     Sentences that differ only in numbers are one deviation.
     """
@@ -344,7 +344,7 @@ def _unnamed_items(results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
     """Yield a deviation if several results do not name their item under test, because their items may differ."""
     unnamed = [result for result in results if result.score.method is None]
     if len(unnamed) > 1:
-        text = "The results do not name their item under test. They may be of different items (calls name the item)."
+        text = "The results do not name their item under test. Their items may differ (the calls name the item)."
         yield CommonDeviation(text=text, results=len(unnamed), of=unnamed[0].job.label)
 
 
