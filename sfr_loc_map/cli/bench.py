@@ -152,7 +152,7 @@ def faults(
 ) -> None:
     """Localise data with injected faults and compare the errors with the reported sigmas.
 
-    Exit with 1 for silent errors, and with 3 if no pair with a fault can be compared with the ground truth.
+    Exit with 1 for silent errors, which no state reports, and with 3 if no pair with a fault has a ground truth.
     """
     from sfr_loc_map.bench.fault_benchmark import FAULTS, benchmark_faults
     from sfr_loc_map.io.registry import open_source

@@ -52,7 +52,7 @@ def check(
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
-    """Check whether runs over a drive, and maps of several pairs, agree as predicted, without ground truth.
+    """Check whether runs over a drive, and maps of several pairs, agree as their covariances predict; without truth.
 
     The check detects errors or gives a lower bound of the error. It never proves an accuracy, because errors that all
     runs share, such as those of the calibration, stay hidden.

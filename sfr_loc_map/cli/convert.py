@@ -31,7 +31,7 @@ PAIRS = ".sfrp"  #: Suffix of a file of pairs for a target board.
 
 
 class Conversion(StrEnum):
-    """What is converted, in the words of a refused option."""
+    """What is converted, as stated in the message about an option that does not apply."""
 
     CLOUD = "a cloud"
     TRAJECTORY = "a trajectory"
@@ -112,9 +112,9 @@ def convert(
 
 
 def _conversion_of(source: Path, destination: Path, layout: str | None) -> Conversion:
-    """Return the conversion by both paths; `layout` is the value of `--to`.
+    """Return the conversion that both paths and the layout (`--to`) imply.
 
-    A file that is neither a cloud nor a bag is a table of poses if its suffix, or that of the output, is one of poses.
+    A file other than a cloud or a bag is a table of poses if its suffix or the suffix of the output is that of a table.
     """
     from sfr_loc_map.io.bag.files import is_bag
     from sfr_loc_map.io.clouds.cloud_file import SUFFIXES as CLOUDS
@@ -155,7 +155,7 @@ def _convert_source(
     with room as place, naming(source), pairs_progress("converting", sum(map(len, parts))) as progress:
         count = run(opened, place, options, progress)
     say(f"{count} pairs: {destination}", err=True)
-    propose("sfr", "info", destination, why="is it complete")
+    propose("sfr", "info", destination, why="checks that it is complete")
 
 
 def _convert_cloud(source: Path, destination: Path, *, overwrite: bool) -> None:

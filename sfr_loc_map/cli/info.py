@@ -73,7 +73,7 @@ def info(
     can_write = path is None or not is_ros_parameter_file(path)
     if write and not can_write:
         raise ConfigError(
-            f"'{path}' is a ROS parameter file, whose other parameters --write would remove: write an sfr.yaml by "
+            f"'{path}' is a ROS parameter file, and --write would remove its other parameters: write an sfr.yaml by "
             f"sfr init DIR --from {source}"
         )
     given = configuration_of(source, path, calibration, settings, remap)

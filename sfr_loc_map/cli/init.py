@@ -43,8 +43,8 @@ def init(
     Each parameter is listed with its description, unit, range and default. sfr replay, localise and map
     accept the configuration unchanged (--config). sfr score and replay accept the limits (--limits).
 
-    With --from the configuration is DIR/sfr.yaml. It states how SRC is read, and from what each line was inferred. Exit
-    1 if values are missing that only you know.
+    With --from the configuration is DIR/sfr.yaml. It states how SRC is read, and what each value was inferred from.
+    Exit 1 if values are missing that only you know.
     """
     if source is not None:
         given = configuration_of(source, None, calibration, settings, remap)

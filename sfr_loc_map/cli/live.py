@@ -47,7 +47,7 @@ def live(
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
 
-    The command prints the address of the page when it is ready, and never delays the nodes. In a terminal, q ends it.
+    The command prints the address of the page when it is ready, and never delays the nodes. With --terminal, q ends it.
     """
     from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.live.state import LiveState

@@ -107,7 +107,7 @@ def localise(
 def _localised(
     sequence: LocSequence, how: LocalisationConfig | UnderTest, start: StartPose, watch: FrameObserver | None
 ) -> DriveRun:
-    """Return the run over a drive while a progress bar counts the pairs; after an interruption, the finished pairs."""
+    """Localise a drive with a progress bar, and return the run; after an interruption, return the finished pairs."""
     from sfr_loc_map.runs.localiser_run import run_localiser
 
     with pairs_progress("localising", len(sequence)) as progress:

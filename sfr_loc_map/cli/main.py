@@ -1,7 +1,7 @@
 """The command `sfr`: prints errors in one line and returns exit codes.
 
-The modules of subcommands import NumPy and what requires it inside their functions, so that `sfr --help` is fast. They
-raise `SfrError`. Only this module prints errors and exits, with the code of the error (`errors.ExitCode`).
+The modules of subcommands import NumPy, and modules that require NumPy, inside their functions, so that `sfr --help` is
+fast. They raise `SfrError`. Only this module prints errors and exits, with the code of the error (`errors.ExitCode`).
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def _run() -> int:
         hold()  # a second signal must not interrupt the message
         code = ExitCode.INTERRUPTED
     except Exception as error:
-        if not isinstance(error.__cause__, KeyboardInterrupt):  # else an import failed by an interrupt
+        if not isinstance(error.__cause__, KeyboardInterrupt):  # otherwise the interrupt made an import fail
             return _reported(error)
         code = ExitCode.INTERRUPTED
     if code == ExitCode.INTERRUPTED:

@@ -52,7 +52,7 @@ def map_cloud(
         ),
     ] = None,
     covariance: Annotated[
-        bool, Option("--covariance", help="Also write C.covariance.npz: 3 x 3 of each point, in cloud order.")
+        bool, Option("--covariance", help="Also write C.covariance.npz: a 3 x 3 matrix for each point, in cloud order.")
     ] = False,
     refine_poses: Annotated[
         bool | None,

@@ -176,7 +176,7 @@ def announced_config(source: Path, config: Path | None, remap: list[str] | None 
     """Return how a source is read: by the file of `--config`, by default the file beside the source, and `--remap`.
 
     The use of the file beside the source is reported. A command reads the configuration only here, before it checks its
-    outputs: the file is an input of the command. `io.registry.open_source` then opens the source.
+    outputs, because no output may replace this file. `io.registry.open_source` then opens the source.
     """
     from sfr_loc_map.io.source_settings import source_config
 

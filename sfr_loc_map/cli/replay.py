@@ -137,7 +137,7 @@ def replay(
         Option(
             metavar="PARENT,CHILD",
             rich_help_panel=UNDER_TEST,
-            help="Required frame ids of the answers; others are not used (default: as in the first answer).",
+            help="Required frame ids; answers with other frame ids are not used (default: as in the first answer).",
         ),
     ] = "",
     answer_timeout: Annotated[

@@ -46,7 +46,7 @@ DRAWN = "Page of trajectories"
 
 
 class ResultKind(StrEnum):
-    """Kind of the given results, in the words of a refused option."""
+    """Kind of the given results, as stated in the message about an option that does not apply."""
 
     SCORES = "scores"
     SUITES = "suites"
@@ -255,7 +255,7 @@ def _sign(
     """Write the test report, the JUnit file and the control document, each if requested.
 
     `heading` has the title, the number and the issue of the test report. The evidence is read before a file is written,
-    because it may be refused.
+    because invalid evidence is refused.
     """
     from sfr_loc_map.report.test_report import render_test_report
     from sfr_loc_map.suite.pages.evidence_files import read_evidence

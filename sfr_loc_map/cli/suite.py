@@ -225,7 +225,7 @@ def report(
 def drives(
     context: Context,
     folder: Annotated[
-        Path | None, Argument(metavar="DIR", help="Folder of a suite: for the limits of this suite.")
+        Path | None, Argument(metavar="DIR", help="Folder of a suite, whose limits define the requirements.")
     ] = None,
     prob: Annotated[
         float | None, Option(metavar="P", help="Fraction of drives that must meet the limit; default: 0.9973.")
@@ -238,7 +238,7 @@ def drives(
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Compute how many independent drives a requirement with a probability and a confidence needs."""
+    """Compute the number of independent drives required to prove a limit with a probability and a confidence."""
     from sfr_loc_map.metrics.judging.limits_file import terms_of
     from sfr_loc_map.suite.pages.tables import drive_count_table
     from sfr_loc_map.suite.statistics.drive_count import count_without_suite, drive_counts
@@ -302,7 +302,7 @@ def history(
 
 
 def _open_store(folder: Path) -> tuple[Store, list[str]]:
-    """Return the folder of a suite, and what of its plan could not be compared with the suite, which is warned of."""
+    """Return the folder of a suite, and warnings about parts of its plan that could not be compared with the suite."""
     from sfr_loc_map.suite.running.plan_check import check_plan
     from sfr_loc_map.suite.running.store import Store
 

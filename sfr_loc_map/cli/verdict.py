@@ -116,9 +116,9 @@ def _failures_of(score: Score) -> Iterator[str]:
 
 
 def conclude_all(scores: Mapping[str, Score], *, requires_common_verdict: bool, lenient: bool) -> None:
-    """Raise the error of the verdicts of scores, given by file; missed limits precede missing judgements.
+    """Raise the error that corresponds to the verdicts of scores, by file; missed limits precede missing judgements.
 
-    Scores without limits are ignored. If a common verdict is required, they count as not judged.
+    Scores without limits are ignored, unless a common verdict is required: they then count as not judged.
     """
     from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
     from sfr_loc_map.metrics.judging.several_scores import common_verdict

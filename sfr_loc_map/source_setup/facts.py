@@ -98,7 +98,7 @@ def _facts_of_pairs(source: Source) -> dict[str, Any]:
 
 
 def _facts_of_stamps(stamps_ns: IntArray) -> dict[str, Any]:
-    """Return duration, rate and gaps of stamps; None for a rate or a longest gap of fewer than two stamps."""
+    """Return duration, rate and gaps of stamps; rate and longest gap are None for fewer than two stamps."""
     steps_s = np.diff(stamps_ns) / NS_PER_S
     if not len(steps_s):
         return {"duration_s": 0.0, "rate_hz": None, "gaps": 0, "longest_gap_s": None}

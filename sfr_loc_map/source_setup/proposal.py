@@ -35,7 +35,7 @@ from sfr_loc_map.suite_names import SIDES, Task
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
 SHORT_M = 12.0  #: Shorter drives, m, have too few sub-trajectories of 5 m, so 1 m is proposed.
-FEWEST_STAMPS = 3  #: Smallest number of stamps of a side from which an offset is inferred.
+FEWEST_STAMPS = 3  #: Minimum number of left, and of right, stamps from which an offset is inferred.
 RIGS = tuple(task.rig for task in Task)
 STEADY = 0.1  #: Largest variation of a constant offset of the right stamps, as a fraction of the period.
 
@@ -53,7 +53,7 @@ class TruthComponents(NamedTuple):
 
     has_attitude: bool = True
     has_height: bool = True
-    has_tilt: bool = True  #: Whether it has roll and pitch.
+    has_tilt: bool = True  #: Whether the poses have roll and pitch.
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,7 +313,7 @@ def _extrinsics(loc: LocSequence, given: SourceConfig) -> Findings:
         Value(Key("extrinsics", "translation_m"), T_rb_sb.translation.tolist(), reason),
         Value(Key("extrinsics", "quat_xyzw"), T_rb_sb.quat_xyzw.tolist(), reason),
     )
-    remark = f"extrinsics are from {mount.text}: --set frames.base=NAME"
+    remark = f"extrinsics are from {mount.text}: if RB is another frame, give --set frames.base=NAME"
     return Findings(values, remarks=(remark,) if mount.other_bases else ())
 
 

@@ -299,10 +299,10 @@ def _texts(image: SeenTopic) -> list[tuple[_Basis, str]]:
 
 
 def _candidates(image: SeenTopic) -> Iterator[_Candidate]:
-    """Yield the candidates for the right image if an image is the left one.
+    """Yield the candidates for the right image of an image that may be a left image.
 
-    The side word is replaced in one place (`/stereo/left/image_left` is the pair of `/stereo/left/image_right`), or
-    everywhere (`/left/image_left` is the pair of `/right/image_right`).
+    The side word is replaced in one place (`/stereo/left/image_left` and `/stereo/left/image_right` are a pair), or
+    everywhere (`/left/image_left` and `/right/image_right` are a pair).
     """
     for basis, text in _texts(image):
         found = [*(NUMBERS if basis is _Basis.NUMBER else SIDE_WORDS).finditer(text)]
@@ -334,9 +334,9 @@ def _can_be_pair(left: SeenTopic, right: SeenTopic) -> bool:
 def _infos(rig: _Rig, image: SeenTopic, seen: Sequence[SeenTopic]) -> list[SeenTopic]:
     """Return the camera_info of an image of a rig; empty if none belongs to the image.
 
-    The name of the chosen camera_info shares more initial words with the image than the image of the other side does,
-    and as many as possible. If there is no such camera_info, one in the folder of the image with the same side word is
-    chosen. A camera_info whose last side word is that of the other side is never chosen.
+    The name of the chosen camera_info shares as many initial words with the name of the image as possible, and more
+    words than the image of the other side shares. If there is no such camera_info, one in the folder of the image with
+    the same side word is chosen. A camera_info whose last side word is that of the other side is never chosen.
     """
     own_word, other, other_word = rig.word, rig.right, RIGHT_OF[rig.word]
     if image == rig.right:

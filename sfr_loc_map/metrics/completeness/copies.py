@@ -37,8 +37,8 @@ EXACT_SHARE = 1e-5  #: Relative error of a motion that no odometry reaches: 10 u
 RESOLUTIONS_M = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  #: Resolutions of positions that are recognised, m.
 FINEST_M = RESOLUTIONS_M[-1]  #: Resolution that is assumed for files with more decimals than are recognised, m.
 COARSEST_OF_COPIES_M = 1e-3
-"""Resolution at which positions are compared that lie on the same coarser grid as the true positions, m. A copy then
-equals the truth exactly, and the grid may be that of the drive and not that of the file."""
+"""Resolution, m, for the comparison of estimated and true positions that are on one coarser grid. A copy then equals
+the truth exactly, and the grid may come from the drive instead of the rounding in a file."""
 ROUNDED_IN_A_ROW = 50  #: Number of consecutive rounded true poses that an estimate does not reach by chance.
 ROUNDED_PATH = 2000.0
 """Minimum path of these poses, in units of the resolution: an error of 0.05 % over 2 m equals a resolution of 1 mm."""
@@ -51,7 +51,7 @@ class Tested(NamedTuple):
     is_copy: Mask  #: Only testable poses or motions are copies.
 
     def either(self, other: Tested) -> Tested:
-        """Return which are testable, and which are copies, by one of two tests."""
+        """Return which are testable, and which are copies, by at least one of two tests."""
         return Tested(self.is_testable | other.is_testable, self.is_copy | other.is_copy)
 
     def where(self, is_chosen: Mask) -> Tested:
@@ -82,7 +82,7 @@ def judged_of_truth(frames: Frames, judged: Iterable[tuple[IntArray, IntArray]])
     """Return the row of the judged motions that equal the true motions, for the condition with the largest fraction.
 
     `judged` contains starts and ends of the sub-trajectories of each condition. This detects an estimate that equals
-    the truth only at these starts and ends, where no two successive poses are true.
+    the truth only at these starts and ends, so that no two successive poses are copies.
     """
     resolution_m = resolution_of_copies(frames.position, frames.true_position)
     worst = figure_row("errors_of_truth", n=0)
@@ -164,7 +164,7 @@ def ends_true_motion(frames: Frames, true_pos: FloatArray, resolution_m: float) 
 
 
 def least_motion_m(resolution_m: float) -> float:
-    """Return the shortest motion that can be tested: over it, the rounding is as small as `EXACT_SHARE` of the motion.
+    """Return the shortest motion that can be tested, m: its rounding is as small as `EXACT_SHARE` of the motion.
 
     It is 0.17 m for a resolution of 1 um or finer.
     """

@@ -199,7 +199,7 @@ class Coverage(NamedTuple):
 
     expected_ns: IntArray  #: `(E,)`
     has_estimate: Mask  #: `(E,)`
-    has_truth: Mask  #: `(E,)` with a ground truth with which the estimate, if there is one, is compared.
+    has_truth: Mask  #: `(E,)`: whether there is a ground truth with which an estimate at this stamp is compared.
 
     @property
     def expected(self) -> int:

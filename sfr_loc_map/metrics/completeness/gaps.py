@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.frames.association import nearness_ns, unique_rows
 GAP_PERIODS = 5  #: A gap is a time of more than this number of median periods between neighbouring poses.
 
 SAME_PERIOD = 1.5  #: Largest ratio of the median periods of images and true poses that have the same period.
-MOST_IMAGES = 0.9  #: Smallest fraction of the images with a true pose, for which each true pose is that of an image.
+MOST_IMAGES = 0.9  #: If this fraction of the images has a true pose, each true pose belongs to an image.
 
 
 class TruePath(NamedTuple):

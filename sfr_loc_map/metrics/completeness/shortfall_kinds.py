@@ -2,8 +2,9 @@
 
 `SHORTFALLS` states for each kind the figure, the largest value of the figure with which the result is complete, with
 and without limits, the text, and what accepts the shortfall. `judging.incomplete` compares the row of the figure with
-this value (`above_most`); the kinds in its table `FINDERS` depend on more than the row, or have a text that depends on
-more. Limits on completeness, the deviations of a test report and the table of docs/metrics.md follow from this table.
+this value (`above_most`); for the kinds in its table `FINDERS`, the result or the text depends on more than
+the row. Limits on completeness, the deviations of a test report and the table of docs/metrics.md follow from
+`SHORTFALLS`.
 
 A shortfall is accepted by the limit on its figure, by the limits in `accepted_by`, and by `--partial` if `partial`.
 
@@ -41,7 +42,7 @@ def same_fraction(bound: float) -> float:
 
 
 def rest(bound: float) -> float:
-    """Return 1 minus the bound of a limit, which requires at least the other part of the items."""
+    """Return 1 minus the bound of a limit that requires at least this fraction of the items."""
     return 1.0 - bound
 
 
@@ -110,7 +111,7 @@ class ShortfallKind(NamedTuple):
 
 
 BEYOND = 3.0
-"""Multiple of the largest usual judged error, or of a limit, above which an error is far larger."""
+"""An error is far larger if it exceeds this multiple of the largest usual judged error, or of a limit."""
 BEYOND_MOST = 0.02  #: Largest fraction of frames whose errors far exceed the judged errors, as in a short loss.
 STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories that a stationary rover adds.
 IMAGES = "images, or true poses if the images are unknown"

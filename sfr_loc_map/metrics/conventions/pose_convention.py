@@ -1,7 +1,7 @@
 """The convention of the poses of an estimate, and the conversion to poses of RB in DS.
 
 Each setting declares one difference. The differences are corrected in this order: stamps, quaternions, unit, mirroring,
-inversion, frame of the rover (`converted`), world frame (`aligned`). Values without a difference stay bit-identical.
+inversion, frame of the rover (`converted`), world frame (`aligned`). Values that need no correction stay bit-identical.
 `converted_estimates` converts poses with their covariances.
 
 `metrics.diagnosis.convention_diagnosis` finds a difference that is not declared.

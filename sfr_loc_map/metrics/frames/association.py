@@ -274,7 +274,7 @@ def matched_frames(estimate: Trajectory, truth: Trajectory, matches: Matches) ->
 def interpolated_frames(
     estimate: Trajectory, truth: Trajectory, alone: Rows, true_rows: Rows, max_gap_s: float
 ) -> tuple[Frames, IntArray]:
-    """Return the frames of estimates between two true poses at most `max_gap_s` apart, and these gaps of the truth."""
+    """Return the frames of estimates between true poses at most `max_gap_s` apart, and the gaps between these poses."""
     true_stamps = truth.stamps_ns[true_rows]
     after = np.searchsorted(true_stamps, estimate.stamps_ns[alone])
     is_between = (after > 0) & (after < len(true_stamps))

@@ -34,7 +34,7 @@ ERROR_FUNCTIONS: dict[Reading, ErrorFunction] = {
 """The function that computes the errors by each reading of the requirements document; see `Reading`."""
 MIN_TILT_DEG, TILT_GAIN = 0.1, 3.0
 """Smallest tilt of z, deg, and smallest reduction of the residual for which the complete rotation is fitted."""
-ROLL_GAIN = 1.1  #: Smallest reduction of the residual for which a rotation about the line of the drive is fitted.
+ROLL_GAIN = 1.1  #: Smallest reduction of the residual for which a rotation about a straight path is fitted.
 
 
 class Placement(NamedTuple):

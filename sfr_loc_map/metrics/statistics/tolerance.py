@@ -1,7 +1,7 @@
 """Statements about the distribution of all errors from a sample: tolerance bounds, confidence, number of drives.
 
 A tolerance bound exceeds a fraction `prob` of all errors with a given `confidence`. For normal errors a small sample
-suffices, and the bound is `norm(mean) + k norm(sigma)`, as the document's mean + 3 sigma. For other errors the bound is
+suffices, and the bound is `norm(mean) + k norm(sigma)`, a generalised mean + 3 sigma. For other errors the bound is
 an order statistic: the largest of n values exceeds the fraction p of all errors with the confidence `1 - p^n` (Wilks
 1941). n is the number of independent values. For the factor n need not be an integer; for the order statistic n is the
 length of the shortest series (`Sample.series_count`).
@@ -53,12 +53,12 @@ class BoundMethod(StrEnum):
 
 
 def zero_failure_count(prob: float, confidence: float) -> int:
-    """Return how many independent values without a failure prove a fraction: 59 for 95 % with 95 % confidence."""
+    """Return how many independent values without a failure demonstrate the fraction `prob`: 59 for 95 % at 95 %."""
     return math.ceil(round(math.log(1.0 - confidence) / math.log(prob), 9))
 
 
 def allowed_failures(count: int, prob: float, confidence: float) -> int:
-    """Return how many of `count` values may fail if the fraction is to be proved; -1 if there are too few values."""
+    """Return how many of `count` values may fail if they are to demonstrate `prob`; -1 if there are too few."""
     from scipy.special import bdtr
 
     if count < zero_failure_count(prob, confidence):
@@ -74,7 +74,7 @@ def allowed_failures(count: int, prob: float, confidence: float) -> int:
 
 
 def is_disproved(failures: int, count: int, prob: float, confidence: float) -> bool:
-    """Return whether this number of failures excludes the fraction with this confidence."""
+    """Return whether this number of failures excludes the fraction `prob` with this confidence."""
     from scipy.special import bdtrc
 
     return failures > 0 and bool(bdtrc(failures - 1, count, 1.0 - prob) <= 1.0 - confidence)
@@ -149,7 +149,7 @@ def _sample_points() -> FloatArray:
 
 @lru_cache(maxsize=256)
 def radius_of(prob: float, shape: tuple[float, ...]) -> float:
-    """Return the radius that contains a fraction of zero-mean normal errors with these sigmas, at most three."""
+    """Return the radius that contains the fraction `prob` of zero-mean normal errors with up to 3 sigmas `shape`."""
     from scipy.special import ndtri
 
     if np.count_nonzero(shape) == 1:
@@ -181,7 +181,7 @@ def vector_factor(count: float, shape: tuple[float, ...], prob: float, confidenc
 
 
 def _needed_factors(count: float, shape: tuple[float, ...], prob: float) -> tuple[FloatArray, FloatArray]:
-    """Return the factors `(DRAWS,)` with which samples just reach a fraction, for a zero mean and for a dominant mean.
+    """Return the factors `(DRAWS,)` with which the bounds just contain `prob`, for a zero and for a dominant mean.
 
     Sigmas are divided by the largest sigma, because the factors depend only on their ratios.
     """
@@ -308,7 +308,7 @@ def method_of(sample: Sample, known: Moments | None, *, is_normal: bool) -> Boun
 
 
 def tolerance_bound(sample: Sample, prob: float, confidence: float, *, is_normal: bool = False) -> ToleranceBound:
-    """Return the bounds of a fraction of the errors: by a normal factor if allowed, otherwise by order statistics."""
+    """Return the bounds of the quantile `prob`: by a normal factor if allowed, otherwise by order statistics."""
     upper, lower = order_bounds(sample, prob, confidence)
     known = moments(sample)
     method = method_of(sample, known, is_normal=is_normal)
@@ -326,7 +326,7 @@ def normal_factor(count: float, shape: tuple[float, ...], prob: float, confidenc
 
 
 def order_bounds(sample: Sample, prob: float, confidence: float) -> tuple[float | None, float | None]:
-    """Return the bounds of a fraction of the errors by order statistics of their sizes, None if there are too few.
+    """Return the bounds of the quantile `prob` by order statistics of the sizes, None if there are too few errors.
 
     Overlapping errors are divided into series of errors that do not overlap. The number of failures that a series may
     have follows from the length of the shortest series. The result is the largest upper bound and the smallest lower
@@ -344,14 +344,14 @@ def order_bounds(sample: Sample, prob: float, confidence: float) -> tuple[float 
 
 @lru_cache(maxsize=1024)
 def disproving_failures(count: int, prob: float, confidence: float) -> int | None:
-    """Return the smallest number of failures that excludes a fraction, None if there is no such number."""
+    """Return the smallest number of failures that excludes the fraction `prob`, None if there is no such number."""
     return next((n for n in range(1, count + 1) if is_disproved(n, count, prob, confidence)), None)
 
 
 def count_needed(
     sample: Sample, limit: float, prob: float, confidence: float, *, is_normal: bool = False
 ) -> int | None:
-    """Return how many independent values like these prove a fraction within a limit; None if no number does."""
+    """Return how many independent values like the sample demonstrate `prob` within a limit; None if no number does."""
     series = sample.sizes[:: sample.step]
     by_order = count_for_rate(int(np.count_nonzero(series > limit)), max(len(series), 1), prob, confidence)
     known = moments(sample)

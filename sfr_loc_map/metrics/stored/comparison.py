@@ -6,7 +6,7 @@ series are resampled in the same blocks, which preserves the pairing (circular b
 `metrics.statistics.intervals`).
 
 The stamps of sub-trajectories are stored with the data of the plots, which have every n-th sub-trajectory of a long
-drive. A comparison of long drives is therefore one of samples, and `PairedDifference.every` states n.
+drive. A comparison of long drives therefore uses samples, and `PairedDifference.every` states n.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class PairedDifference(Record, frozen=True, kw_only=True, omit_defaults=False):
     condition: str  #: Condition that ends the sub-trajectories.
     figure: str  #: Figure of the catalogue whose mean + 3 sigma is compared.
     unit: str  #: Unit of the figure.
-    #: n, if every n-th sub-trajectory of both scores is compared, the larger n of the two scores; 1 for all of them.
+    #: Every n-th sub-trajectory of both scores is compared, with the larger n of the two scores; 1 if all are compared.
     every: int
     count: int  #: Number of these sub-trajectories that are common, by their first and last stamp.
     left_out: tuple[int, int]  #: Number of these sub-trajectories that only the first or only the other score has.

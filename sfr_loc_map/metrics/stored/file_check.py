@@ -28,11 +28,11 @@ from sfr_loc_map.metrics.table.rows import Figure, number_text
 
 ROUNDING = 1e-9  #: Relative tolerance between a stored and a derived number.
 ASCENDING = ((*QUANTILES, "max"), ("mean", "rmse", "max"), ("low95", "high95"))
-"""Statistics of a row that ascend if they are given; of the mean its absolute value."""
+"""Statistics of a row that ascend if they are given; for the mean, the absolute value is meant."""
 SIZES = ("sigma", "rmse", *QUANTILES, "max")  #: Statistics that are not negative.
 COUNTED = (Subject.MAP, Subject.TIMING, Subject.MEMORY, Subject.COMPLETENESS)
 """Subjects whose figures with a single number are not negative."""
-SHARES = ("coverage", "within_period")  #: Fractions from 0 to 1 beside those of completeness.
+SHARES = ("coverage", "within_period")  #: Fractions from 0 to 1 in addition to those of completeness.
 
 
 class ContradictionError(ValueError):
@@ -120,7 +120,7 @@ def fault_of_counts(score: Score) -> str | None:
 
 
 def fault_of_verdicts(score: Score, derived: Score) -> str | None:
-    """Return the first difference of a score from the one whose bounds and verdicts were derived again; None if equal.
+    """Return the first difference of a score from `derived`, whose bounds and verdicts were derived again, or None.
 
     The texts of missing data are not compared.
     """

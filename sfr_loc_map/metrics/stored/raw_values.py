@@ -1,8 +1,8 @@
 """Check that the table of figures follows from the raw values in the same score.
 
 A score contains the errors of sub-trajectories, a sample of the map points, and the times of calls, for plots and for
-tolerance bounds. If the score contains all values, the statistics are recomputed. If the score contains every n-th
-value, the statistics must be consistent with this sample.
+tolerance bounds. If the score contains all values, the statistics are recomputed. If the score contains only every
+n-th value, the statistics must be consistent with this sample.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def _of_points(score: Score) -> Iterator[str]:
 def _of_calls(score: Score) -> Iterator[str]:
     """Yield the contradictions between time and memory of calls and the data of the plots."""
     for kind, plots in () if score.details is None else score.details.calls.items():
-        is_stated = score.external is not None and kind == score.external.task  # its other row has latencies
+        is_stated = score.external is not None and kind == score.external.task  # the row of the host has latencies
         row = score.figure(kind, part=RowPart(place=Place.STATED) if is_stated else None)
         if row is not None:
             yield from _of_times(row, plots)

@@ -98,7 +98,7 @@ def _required_details(score: Score) -> Iterator[str]:
 
 
 def _of_judged(score: Score) -> Iterator[str]:
-    """Yield that rows of completeness are absent, and the contradictions between these rows and `judged`."""
+    """Yield a text for absent rows of completeness, and the contradictions between these rows and `judged`."""
     for row in score.rows(JUDGED):
         part = RowPart.of(row.part)
         if row.value is None:
@@ -197,7 +197,7 @@ def _of_parts(row: Figure, parts: Sequence[Figure]) -> Iterator[str]:
     derived["rmse"] = float(np.sqrt(sum((part.n or 0) * (part.rmse or 0.0) ** 2 for part in known) / count))
     for name, value in derived.items():
         stored = row.statistic(name)
-        scale = max(value, derived["rmse"]) if name == "mean" else value  # a mean may cancel
+        scale = max(value, derived["rmse"]) if name == "mean" else value  # errors of opposite signs cancel in a mean
         if stored is not None and abs(stored - value) > EXACT * abs(scale):
             yield f"'{name}' of '{row.label}' is {stored:.9g}, but its parts give {value:.9g}"
 

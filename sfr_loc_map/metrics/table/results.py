@@ -1,7 +1,7 @@
 """The results of the three parts of a score: the trajectory, the map and the calls.
 
 `errors.trajectory_score`, `errors.map_score` and `calls.call_score` compute them, `scoring.score_parts` adds
-warnings, and `scoring.assembly` combines them to a score. A result has no figures if the run does not have this part.
+warnings, and `scoring.assembly` combines them into a score. A result has no figures if the run does not have this part.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class TrajectoryResult(PartResult):
     truth: TruthRecord | None = None  #: None without estimates.
     alignment: Alignment | None = None  #: How APE and RPE were computed; None if they were not requested.
     contradiction: str | None = None  #: Convention mismatch of estimate and truth; None if there is none.
-    unjudged: tuple[str, ...] = ()  #: Warnings of frames without a judged error whose errors are far larger.
+    unjudged: tuple[str, ...] = ()  #: Warnings about unjudged frames (`other frames`) with far larger errors.
     errors: tuple[ErrorRows, ...] = ()  #: All errors of the figures that limits require.
     details: TrajectoryDetails | None = None  #: Data of the plots; with the frames only if they are requested.
 

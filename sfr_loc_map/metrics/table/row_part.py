@@ -75,13 +75,13 @@ CALLS_IN_WORDS = {
     CallKind.FUSION: "fusion calls",
 }
 PLACES_IN_WORDS = {Place.HOST: "", Place.TARGET: " on the target", Place.STATED: " as reported by the node"}
-"""Places of calls, which follow the words of the calls."""
+"""Places of calls in words, appended to the kind of call."""
 
 
 class RowPart(NamedTuple):
     """The part of a row."""
 
-    what: str = ""  #: The part without call and place, for a row `judged` the scope; may be empty.
+    what: str = ""  #: The part without call and place, which may be empty; in a row `judged`, the scope.
     call: CallKind | None = None  #: Kind of call; None if the part names no call.
     place: Place = Place.HOST  #: Where the calls were measured.
 

@@ -71,7 +71,7 @@ class Figure(RowNumbers, frozen=True):
 
     @property
     def is_one_number(self) -> bool:
-        """Whether the row has a single number: by its numbers, or without any number by its kind."""
+        """Whether the row has a single number, according to its numbers, or to its figure if it has no numbers."""
         if self.value is not None or self.mean is not None:
             return self.mean is None
         return self.figure in KINDS and KINDS[self.figure].is_one_number
