@@ -185,7 +185,7 @@ class Condition:
         """How a stationary rover adds sub-trajectories, as the rest of a sentence about them."""
         if self.is_of_time:
             return "have a stationary rover"
-        return "begin at the place of the one before, because the rover is stationary"
+        return "begin where the previous one begins, because the rover is stationary"
 
     @property
     def label(self) -> str:

@@ -186,7 +186,7 @@ def sigma_of_vectors(errors: FloatArray) -> float:
 
 
 def mean_plus_3sigma(mean: Number, sigma: Number) -> Number:
-    """Return |mean| + 3 sigma, because the mean of the heading error is signed [4.2.3.3]."""
+    """Return |mean| + 3 sigma. The absolute value matters for the heading error, whose mean is signed [4.2.3.3]."""
     return abs(mean) + 3.0 * sigma
 
 
@@ -214,7 +214,9 @@ def heading(attitude: FloatArray) -> FloatArray:
 def heading_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
     """Return estimated minus actual heading, signed and wrapped to (-180, 180], degrees; the inputs are in radians."""
     error = np.degrees(estimated - actual)
-    is_wrapped = (error > -180.0) & (error <= 180.0)  # kept to the bit, because rounding could move it out of the range
+    is_wrapped = (error > -180.0) & (
+        error <= 180.0
+    )  # not wrapped again, because rounding could move it out of the range
     return np.where(is_wrapped, error, error - 360.0 * np.ceil((error - 180.0) / 360.0))
 
 

@@ -62,7 +62,8 @@ class Measure(NamedTuple):
     def next_frames(self, starts: IntArray, ends: IntArray) -> IntArray:
         """Return the ends that reach the threshold, and in place of the others the earliest frames that can reach it.
 
-        By the triangle inequality, the quantity grows from one end to another at most by the sum over their steps.
+        By the triangle inequality, the quantity grows between two ends at most by the sum of the
+        quantity over the steps between them.
         """
         reached = self.between(starts, ends)
         missing = (1.0 - ROUNDING) * self.threshold - reached

@@ -208,7 +208,7 @@ def test_a_stop_does_not_dilute_errors_over_a_distance(tmp_path: Path, sfr: Sfr)
         done = sfr("score", *paths, "--limits", rules)
         told = done.out + done.err
         assert done.code == code, told
-        assert ("over 2 m begin at the place of the one before" in told) == (frames > 0), told
+        assert ("over 2 m begin where the previous one begins" in told) == (frames > 0), told
 
 
 @pytest.mark.parametrize("frames", [0, 150])

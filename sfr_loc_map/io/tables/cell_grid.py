@@ -1,7 +1,7 @@
 """The cells of many rows of a table, which are found and read without a loop over the rows.
 
-All numbers are decoded together, as one list of JSON. JSON has only decimal numbers, so that each accepted cell is a
-number for `number_text`, too, and is read to the same bits.
+All numbers are decoded together, as one list of JSON. JSON has only decimal numbers, so that `number_text`
+accepts each of these cells, too, and returns a bit-identical number.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ from sfr_loc_map.io.tables.table_head import TableHead, is_number, is_time
 from sfr_loc_map.message_stamps import NS_PER_S
 
 REQUIRED = ((STAMP, SECONDS, FRAME), ("x",), ("y",), ("z", DOWN))
-"""Columns of a position with a stamp; one of each is required."""
+"""Columns of a stamped position, as groups of alternatives; one column of each group is required."""
 
 
 def detect_columns(lines: Sequence[str], name: str, columns: str, option: str) -> PoseColumns:
@@ -68,8 +68,8 @@ def _check_units(found: PoseColumns, head: TableHead) -> None:
     without_unit = [key for key in found.position_keys if key in found and not found.units.get(key)]
     if scaled and without_unit:
         raise InputError(
-            f"{head.name}: {scaled[0]} is in {found.units[scaled[0]]}, but {without_unit[0]} has no unit: name its "
-            f"unit in the header, or {head.named_by('t=...,x=...[mm],y=...[mm],z=...[mm]')}"
+            f"{head.name}: {scaled[0]} is in {found.units[scaled[0]]}, but {without_unit[0]} has no unit: add this "
+            f"unit to the header, or {head.named_by('t=...,x=...[mm],y=...[mm],z=...[mm]')}"
         )
     fractions = [unit for unit, unit_ns in TIMES.items() if unit_ns < NS_PER_S]
     known = {STAMP: (*TIMES, UTC_UNIT, ""), NANOSECONDS: (*fractions, "")}

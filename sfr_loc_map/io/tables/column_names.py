@@ -46,7 +46,7 @@ FAMILIES: tuple[dict[str, tuple[str, ...]], ...] = (
     {"x": _EAST, "y": _NORTH, DOWN: (DOWN,)},
     {"x": ("yned",), "y": ("xned",), DOWN: ("zned",)},
 )
-"""Names of the three columns of a position. A height below `x` and `y` is of a left-handed frame and thus not read."""
+"""Names of the three columns of a position. `x`, `y` and `down` form no family, because their frame is left-handed."""
 NAMES |= {key: tuple(name for family in FAMILIES for name in family.get(key, ())) for key in ("x", "y", "z", DOWN)}
 NAMES |= {
     f"q{axis}": (f"q{axis}", f"quat{axis}", f"quaternion{axis}", f"orientation{axis}", f"rotation{axis}", f"qrs{axis}")
@@ -167,9 +167,10 @@ def _check_names_differ(cells: Sequence[str], found: Mapping[str, int], head: Ta
 
 
 def _check_names_are_complete(cells: Sequence[str], found: Mapping[str, int], head: TableHead, number: int) -> None:
-    """Raise InputError if the header names two positions, or only some of the columns of a row without attitude.
+    """Raise InputError if the header names two positions, or has fewer names than the rows have columns.
 
-    Attitudes would not be rotations if the names were shifted against the columns.
+    The second check is not required for tables with attitudes: if their names were shifted against the columns, the
+    attitudes would not be rotations.
     """
     problem = ""
     if len(named_positions(cells)) > 1:
@@ -219,7 +220,7 @@ def _of_header(cells: Sequence[str], found: Mapping[str, int], below: Sequence[s
         index_of[STAMP], units[STAMP] = index_of.pop(SECONDS), "s"
     if {SECONDS, NANOSECONDS} <= index_of.keys():
         index_of.pop(STAMP, None)
-    if DOWN in index_of:  # attitudes in NED are of another body
+    if DOWN in index_of:  # attitudes in NED describe a body with other axes
         index_of = {key: index for key, index in index_of.items() if key not in QUATERNION}
     units = {key: unit for key, unit in units.items() if key in index_of and unit}
     ignored = tuple(cell for index, cell in enumerate(cells) if index not in index_of.values())
@@ -278,7 +279,7 @@ def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
 def _header_above(head: TableHead) -> list[str]:
     """Return the cells of the last line before the rows that has a title for most columns and is not a line of units.
 
-    Otherwise the cells of the longest line; empty without lines before the rows.
+    If there is no such line, return the cells of the longest line; empty without lines before the rows.
     """
     lines = [head.cells_of(line) for line in head.before]
     titles = [cells for cells in lines if 2 * sum(map(bool, cells)) > head.width and not _are_units(_as_units(cells))]

@@ -27,7 +27,7 @@ class DecimalMarks:
     def __init__(self, small_unit: str = "") -> None:
         """Judge numbers of which some are in `small_unit`, a unit below a metre; empty if all are in larger units."""
         self._small_unit = small_unit
-        self._with_comma = ""  # the first number with a comma, likewise for the others
+        self._with_comma = ""  # the first number with a comma; the two below: with a point, and below 1000
         self._with_point = ""
         self._below_thousand = ""
         self._may_be_thousands = True

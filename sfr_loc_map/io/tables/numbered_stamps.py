@@ -16,7 +16,9 @@ from sfr_loc_map.io.tables.text_table import Table, parse_table
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import counted
 
-LONGEST_TIME_STEP_NS = 10 * NS_PER_S  #: Longest step of whole seconds in a file of times; longer steps are of ms or us.
+LONGEST_TIME_STEP_NS = (
+    10 * NS_PER_S
+)  #: Longest step, ns, of whole seconds in a file of times; longer steps indicate ms or us.
 
 
 class NumberedStamps(NamedTuple):

@@ -37,7 +37,7 @@ LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps
 EARLIEST_DAY = 1e4  #: Days of Excel, MATLAB and Julian dates are larger numbers.
 LONGEST_STEP_DAY = 1e-4  #: Longest step of a sensor, days (9 s).
 FRACTION_DIGITS = (6, 9)  #: Numbers of digits of microseconds and nanoseconds in a second.
-SURELY_UNPADDED = 50  #: Number of decimal fractions of which one would begin with 0 (with a probability of 99.5 %).
+SURELY_UNPADDED = 50  #: At least one of so many padded fractions begins with 0 (probability 99.5 %).
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 _BELOW_MICROSECONDS = re.compile(r"[.,][0-9]{6}([0-9]{1,3})")
 
@@ -153,8 +153,8 @@ def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
 
     Stamps of a clock are between 1979 and 2116 in only one unit. Other stamps are in seconds if they have nine
     decimals, or decimals and steps below 1. Whole numbers are in the only unit in which their steps are those of a
-    sensor. Decimals with longer steps do not determine the unit, because smaller units may have decimals, too, unless
-    the layout prescribes seconds. Day numbers are recognised by their short steps.
+    sensor. Unless the layout prescribes seconds, decimals with longer steps do not determine the unit, because smaller
+    units may have decimals, too. Day numbers are recognised by their short steps.
     `is_seconds`: the layout prescribes seconds.
     """
     numbers = np.array([number_or_nan(text) for text in texts])

@@ -165,7 +165,7 @@ class _Rows(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _RowReader:
-    """Reads the cells of all rows of a block at once, which fails if a single row is invalid, or of one row."""
+    """Reads the cells of all rows of a block at once or, if this fails because a row is invalid, row by row."""
 
     name: str
     form: str

@@ -48,7 +48,7 @@ from sfr_loc_map.message_stamps import NS_PER_S
 
 MAX_NEGATIVE = 1e-6  #: Largest negative eigenvalue of a covariance by rounding, as a fraction of its largest variance.
 CONJUGATED = np.array([-1.0, -1.0, -1.0, 1.0])
-"""Signs that conjugate a quaternion: `att_q_DsToRb` to the orientation in ROS messages, and back."""
+"""Signs that conjugate a quaternion, which converts `att_q_DsToRb` to the orientation in ROS messages and back."""
 ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.COLUMNS, TrajectoryFormat.MATRIX)
 """Formats that commands report when they detect them."""
 COLUMNS_OPTION = "--columns 'COLUMNS'"
@@ -131,8 +131,8 @@ class LoadedTrajectory:
 def read_trajectory_file(path: Path, columns: str = "", option: str = COLUMNS_OPTION) -> LoadedTrajectory:
     """Read a trajectory; the format is given by its header, else by the layout that the rows fit (`column_detection`).
 
-    Stamps may be in any order, but not of several runs of the same time. `columns` names the columns if the file does
-    not. Messages say that the user can name them by `option`.
+    Stamps may be in any order, but the times of several runs must not overlap. `columns` names the columns if the file
+    does not. Messages recommend `option` for naming the columns.
     """
     path = Path(path)
     name = f"'{path}'"
@@ -189,7 +189,7 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseC
 
 
 def _check_whole_seconds(table: Table) -> None:
-    """Raise InputError if stamps that are the seconds of a column `nsec` have a fraction of their own."""
+    """Raise InputError if the column of seconds has decimals although a column `nsec` contains the fraction."""
     if (has_fraction := table.stamps_ns % NS_PER_S != 0).any():
         first = int(np.argmax(has_fraction))
         stamp = seconds_text(int(table.stamps_ns[first]))

@@ -1,4 +1,4 @@
-"""What numbers mean by the motion of a vehicle: the order of its quaternions, and a heading in place of a height."""
+"""Meaning of numbers, inferred from a vehicle's motion: order of quaternions, and a heading in place of a height."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ LEVEL = 0.5  #: Smallest vertical component of the upward axis of a level vehicl
 FORWARD = 0.5  #: Smallest mean component along the path of the forward axis of a vehicle that drives forward.
 CHORDS = 50  #: Number of parts of a path; their chords are longer than the position noise.
 HEADING_FIT = 0.1  #: Largest deviation of headings from the path, as a fraction of the deviation of a straight line.
-LEVEL_IF_FIRST = 0.9  #: Smallest fraction of level poses, if the scalar is first, of a vehicle.
-LEVEL_IF_LAST = 0.5  #: The same if the scalar is last. Fewer are required, because this order is that of the layout.
+LEVEL_IF_FIRST = 0.9  #: Smallest fraction of level poses of a vehicle, read with the scalar first.
+LEVEL_IF_LAST = 0.5  #: The same with the scalar last. It is smaller, because this order is that of the layout.
 
 
 def problem_of_scalar_last(positions: FloatArray, quats_xyzw: FloatArray) -> str:
     """Return the problem of attitudes `(N, 4)` at positions `(N, 3)` that only the other order of quaternions avoids.
 
-    The attitudes are read with the scalar last, and would be those of a vehicle with the scalar first. The text is
-    empty otherwise. A vehicle is level. If it is level in both orders, its forward axis decides, which points along the
-    path. The axes may also be those of a camera, whose y-axis points down and whose z-axis points forward.
+    The attitudes are read with the scalar last, but describe a vehicle only with the scalar first. The text is empty
+    if there is no such problem. A vehicle is level. If it is level in both orders, its forward axis decides,
+    which points along the path. The axes may also be those of a camera, whose y-axis points down and whose z-axis points forward.
     """
     if not quats_xyzw.any():  # positions without attitude
         return ""

@@ -23,7 +23,7 @@ from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_stamps import NS_PER_S
 
 _log = logging.getLogger(__name__)
-UNIT_NORM = 1e-9  #: Deviation of a quaternion's norm from 1 that is rounding of its last digits.
+UNIT_NORM = 1e-9  #: Deviation of a quaternion's norm from 1 that is attributed to rounding.
 
 
 def truth_of_rb(

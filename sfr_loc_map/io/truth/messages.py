@@ -111,7 +111,7 @@ TRUTH_TYPES: Mapping[str, Callable[[TruthReader, Any], Iterator[TrueRow]]] = {
 def first_pose_ns(raw: bytes) -> int | None:
     """Return the stamp of the first pose of a serialised path, ns (CDR, XTypes 1.3, 7.4); None if it has no pose.
 
-    A truncated message has no pose, too.
+    A truncated message counts as a path without a pose.
     """
     order = "<" if raw[1:2] and raw[1] & 1 else ">"
     try:

@@ -108,7 +108,7 @@ def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
 def _last_path(bag: Bag, topic: Topic, where: str) -> list[Any]:
     """Return the last path that has poses, or an empty list; only this path is deserialised.
 
-    A warning reports that this path begins after earlier paths, because earlier poses are then missing.
+    A warning is logged if this path begins later than earlier paths, because poses of these are then missing.
     """
     last, begins_ns = None, list[int]()
     for _, _, raw in bag.stream([topic]):

@@ -1,4 +1,4 @@
-"""Checks of true paths: which poses are possible beside the others, and which components are known.
+"""Checks of true paths: which poses are possible given the others, and which components are known.
 
 The checks apply to every file and topic. An impossible pose has a stray stamp or an unreachable position; it is ignored
 and counted. `geometry.plausibility` has already decided whether each single pose is valid. An attitude that never
@@ -125,8 +125,8 @@ def has_no_tilt(poses: Trajectory) -> bool:
 def path_turns(positions: FloatArray) -> bool:
     """Return whether a path `(N, 3)` turns; driving backwards along the same line is not a turn.
 
-    The path is divided into `PARTS` of equal length. It turns if the lines along two parts differ also without any
-    single part, which may contain position noise, a jump or a change of lanes.
+    The path is divided into `PARTS` of equal length. It turns if the lines along two parts differ, whichever
+    single part is omitted, because one part may contain position noise, a jump or a change of lanes.
     """
     along_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1)))
     if not along_m[-1] >= SHORTEST_M:
@@ -221,8 +221,8 @@ def known_components(recorded: RecordedTruth) -> tuple[bool, bool]:
 def marked_as_unknown(variances: FloatArray) -> tuple[bool, bool]:
     """Return whether variances `(N, 6)` mark the height, and roll and pitch, as unknown.
 
-    Unknown components have the variance of a lost pose or a negative variance. Tools that estimate poses on a plane
-    send zeros for z, roll and pitch beside positive variances of x, y and yaw.
+    Unknown components have the variance of a lost pose or a negative variance. Tools that estimate planar
+    poses send zero variances of z, roll and pitch, and positive variances of x, y and yaw.
     """
     if not len(variances):
         return False, False
