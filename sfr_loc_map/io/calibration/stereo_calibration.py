@@ -66,15 +66,20 @@ class StereoCalibration:
             )
 
     def with_baseline(self, baseline_m: float) -> StereoCalibration:
-        """Return the calibration with the right camera's P[3] from a baseline; raise InputError if P contradicts it."""
+        """Return the calibration with the right camera's P[3] from a baseline; raise InputError if P contradicts it.
+
+        P[3] / P[0] is the offset of a camera along x, m. That of the left camera is not 0 if a third camera is the
+        reference.
+        """
         left, right = self.cameras
-        stated_m = (left.p[3] - right.p[3]) / right.p[0] if right.p[0] else 0.0
+        left_m, right_m = (camera.p[3] / camera.p[0] if camera.p[0] else 0.0 for camera in (left, right))
+        stated_m = left_m - right_m
         if stated_m and abs(stated_m - baseline_m) > BASELINE_TOLERANCE * abs(stated_m):
             raise InputError(
                 f"calibration.baseline_m is {baseline_m:g} m, but P of {self.text} states {stated_m:g} m: omit "
                 "calibration.baseline_m, or correct the calibration"
             )
-        p = (*right.p[:3], -right.p[0] * baseline_m, *right.p[4:])
+        p = (*right.p[:3], right.p[0] * (left_m - baseline_m), *right.p[4:])
         return replace(self, cameras=(left, replace(right, p=p)))
 
 

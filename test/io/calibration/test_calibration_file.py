@@ -25,6 +25,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.calibration.calibration_file import StereoCalibration, read_calibration
+from sfr_loc_map.io.calibration.rectification import RectifiableCamera
 
 SIZE = (200, 160)
 D = {
@@ -356,6 +357,24 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "half an XML": (text_file("<?xml version='1.0'?><opencv_storage><M1>", "a.xml"), "no element found"),
     "another rig.json": (text_file('{"baseline_m": 0.1, "fx": 3}', "rig.json"), "rig.json"),
 }
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [((1000.0, 0.0), (1000.0, 0.0)), ((1000.0, -100.0), (1000.0, -220.0)), ((1000.0, -100.0), (900.0, -198.0))],
+)
+def test_a_baseline_is_the_distance_of_the_cameras_also_if_a_third_camera_is_the_reference(
+    left: tuple[float, float], right: tuple[float, float]
+) -> None:
+    cameras = (
+        RectifiableCamera.of_rectified(SIZE, np.array((fx, 0.0, 99.0, shift, 0.0, fx, 79.0, 0.0, 0.0, 0.0, 1.0, 0.0)))
+        for fx, shift in (left, right)
+    )
+    calibration = StereoCalibration((next(cameras), next(cameras)), True, None, "camera_info")
+    assert calibration.with_baseline(0.12).rig("loc")[0].baseline_m == pytest.approx(0.12, abs=1e-12)
+    if any((left[1], right[1])):
+        with pytest.raises(InputError, match=r"states 0\.12 m"):
+            calibration.with_baseline(0.22)
 
 
 @pytest.mark.parametrize(("baseline_m", "is_reported"), [(0.4, False), (3.34, True)])
