@@ -34,9 +34,22 @@ def stamps_by_number(path: Path, table: Table, columns: PoseColumns) -> Numbered
     rows = len(table.lines) + len(table.skipped_lines)
     if columns.stamp_key is None:
         return _stamps_of_frames(path, table.row_numbers, "line", rows)
+    _check_frame_numbers(table)
     numbers = table.stamps_ns // NS_PER_S
     is_consecutive = len(numbers) > 0 and int(numbers[-1]) + 1 == rows
     return _stamps_of_frames(path, numbers, "frame", rows if is_consecutive else None)
+
+
+def _check_frame_numbers(table: Table) -> None:
+    """Raise InputError if a frame number is negative or not whole; the table has frame numbers in place of seconds."""
+    is_invalid = (table.stamps_ns < 0) | (table.stamps_ns % NS_PER_S != 0)
+    if is_invalid.any():
+        first = int(np.argmax(is_invalid))
+        frame = int(table.stamps_ns[first]) / NS_PER_S
+        raise InputError(
+            f"{table.name} line {table.lines[first]}: the frame number is {frame:.9g}: a whole number "
+            "that is 0 or larger is required"
+        )
 
 
 def _stamps_of_frames(path: Path, numbers: IntArray, numbers_of: str, count: int | None) -> NumberedStamps:

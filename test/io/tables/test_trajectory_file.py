@@ -119,6 +119,22 @@ def test_poses_without_stamps_name_what_is_numbered(tmp_path: Path, number: str,
     assert read_trajectory_file(file).stamps == f"{numbers_of} numbers, 1 s apart"
 
 
+@pytest.mark.parametrize("has_times", [True, False])
+@pytest.mark.parametrize(("row", "number"), [(0, "-1"), (7, "6.5"), (12, "0.000000001")])
+def test_frame_numbers_that_are_negative_or_not_whole_are_refused(
+    tmp_path: Path, row: int, number: str, has_times: bool
+) -> None:
+    file, numbers = tmp_path / "poses.txt", [str(k) for k in range(20)]
+    if has_times:
+        (tmp_path / "times.txt").write_text("".join(f"{0.1 * k:.1f}\n" for k in range(20)))
+    file.write_text("".join(f"{k} {k} 1 2\n" for k in numbers))
+    assert len(read_trajectory_file(file, "frame,x,y,z").trajectory) == 20
+    numbers[row] = number
+    file.write_text("".join(f"{k} {k} 1 2\n" for k in numbers))
+    with pytest.raises(InputError, match=f"line {row + 1}: the frame number is"):
+        read_trajectory_file(file, "frame,x,y,z")
+
+
 def test_stamps_of_kitti_poses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     poses, times = tmp_path / "poses" / "07.txt", tmp_path / "sequences" / "07" / "times.txt"
     poses.parent.mkdir()
