@@ -63,7 +63,7 @@ def _check_complete(found: PoseColumns, head: TableHead) -> None:
 
 
 def _check_units(found: PoseColumns, head: TableHead) -> None:
-    """Raise InputError if a unit is unknown, or if only some components of the position have a unit."""
+    """Raise InputError if a unit is not supported, or if only some components of the position have a unit."""
     scaled = [key for key in found.position_keys if METRES.get(found.units.get(key, ""), 1.0) != 1.0]
     without_unit = [key for key in found.position_keys if key in found and not found.units.get(key)]
     if scaled and without_unit:
@@ -72,14 +72,16 @@ def _check_units(found: PoseColumns, head: TableHead) -> None:
             f"unit to the header, or {head.named_by('t=...,x=...[mm],y=...[mm],z=...[mm]')}"
         )
     fractions = [unit for unit, unit_ns in TIMES.items() if unit_ns < NS_PER_S]
+    seconds = [unit for unit, unit_ns in TIMES.items() if unit_ns == NS_PER_S]
     known = {STAMP: (*TIMES, UTC_UNIT, ""), NANOSECONDS: (*fractions, "")}
+    known[SECONDS] = (*seconds, "") if NANOSECONDS in found else known[STAMP]
     known |= dict.fromkeys((*POSITION, DOWN), tuple(METRES))
     for key, unit in found.units.items():
         if key in known and unit not in known[key]:
             units = ", ".join(unit for unit in known[key] if unit)
             raise InputError(
-                f"{head.name}: the unit of {key} is '{unit[:20]}', which is unknown: convert the column to one of "
-                f"{units}"
+                f"{head.name}: the unit of {key} is '{unit[:20]}', which is not supported: convert the column to "
+                f"one of {units}"
             )
 
 

@@ -217,7 +217,8 @@ def _of_header(cells: Sequence[str], found: Mapping[str, int], below: Sequence[s
     if below:
         units = {key: unit or below[index_of[key]] for key, unit in units.items()}
     if SECONDS in index_of and NANOSECONDS not in index_of and STAMP not in index_of:
-        index_of[STAMP], units[STAMP] = index_of.pop(SECONDS), "s"
+        index_of[STAMP] = index_of.pop(SECONDS)
+        units[STAMP] = units.pop(SECONDS) or "s"
     if {SECONDS, NANOSECONDS} <= index_of.keys():
         index_of.pop(STAMP, None)
     if DOWN in index_of:  # attitudes in NED describe a body with other axes

@@ -125,7 +125,8 @@ class PoseColumns:
 
     def stamp_parser(self) -> Callable[[str], int]:
         """Return the function that converts the text of a stamp to nanoseconds."""
-        unit = self.units.get(STAMP, "s")
+        key = SECONDS if self.stamp_key == SECONDS else STAMP
+        unit = self.units.get(key, "s")
         if unit == UTC_UNIT:
             return parse_utc
         unit_ns = TIMES[unit]

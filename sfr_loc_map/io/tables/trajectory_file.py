@@ -140,10 +140,12 @@ def read_trajectory_file(path: Path, columns: str = "", option: str = COLUMNS_OP
     first = next(rest, b"")
     blocks = chain((first,), rest)
     lines = split_lines(first.removeprefix(BOM).decode("utf-8", "replace"))
-    header = next((line.strip().replace(" ", "") for line in lines if line.strip()), "")
+    header_index = next((index for index, line in enumerate(lines) if line.strip()), 0)
+    header = "".join(lines[header_index : header_index + 1]).strip().replace(" ", "")
     if header == CSV_HEADER and not columns:
+        skip = header_index + 1
         table = parse_table(
-            blocks, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=1, tolerant=True
+            blocks, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=skip, tolerant=True
         )
         return _loaded(path, table, TrajectoryFormat.CSV, signs=CONJUGATED)
     return _read_columns(path, blocks, name, detect_columns(lines, name, columns, option))

@@ -173,6 +173,44 @@ def test_the_detected_columns_of_a_table_without_a_header_are_named(tmp_path: Pa
     assert "t.txt: t x y z, 5 positions" in read_trajectory_file(tmp_path / "t.txt").text
 
 
+UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("name", ["sec", "stamp.sec", "t"])
+@pytest.mark.parametrize("place", ["header", "line of units", "columns"])
+def test_a_unit_applies_to_each_name_of_a_stamp(tmp_path: Path, place: str, name: str, unit: str) -> None:
+    key = "t" if name == "t" else "sec"
+    lines = {"header": [f"{name} [{unit}],x,y,z"], "line of units": [f"{name},x,y,z", f"{unit},m,m,m"], "columns": []}[
+        place
+    ]
+    lines += [f"{100 * k},{k},0,0" for k in range(20)]
+    (tmp_path / "t.csv").write_text("\n".join(lines) + "\n")
+    read = read_trajectory_file(tmp_path / "t.csv", f"{key}[{unit}],x,y,z" if place == "columns" else "")
+    assert read.trajectory.stamps_ns.tolist() == [round(100 * k * UNITS[unit] * 1e9) for k in range(20)]
+
+
+@pytest.mark.parametrize(("unit", "is_read"), [("s", True), ("ms", False), ("m", False)])
+def test_only_whole_seconds_have_a_column_of_their_fraction(tmp_path: Path, unit: str, is_read: bool) -> None:
+    rows = "".join(f"{k},5,{k},0,0\n" for k in range(20))
+    (tmp_path / "t.csv").write_text(f"sec [{unit}],nsec,x,y,z\n{rows}")
+    if is_read:
+        assert read_trajectory_file(tmp_path / "t.csv").trajectory.stamps_ns[1] == 10**9 + 5
+        return
+    with pytest.raises(InputError, match="unit of sec"):
+        read_trajectory_file(tmp_path / "t.csv")
+
+
+@pytest.mark.parametrize("before", ["", "\n", "\n \n", "\ufeff", "\ufeff\n"])
+def test_blank_lines_before_the_header_of_the_suite_hide_no_pose(tmp_path: Path, before: str) -> None:
+    save_trajectory(tmp_path / "t.csv", curve(3))
+    text = (tmp_path / "t.csv").read_text()
+    (tmp_path / "t.csv").write_text(before + text, encoding="utf-8")
+    read = read_trajectory_file(tmp_path / "t.csv")
+    assert read.format is TrajectoryFormat.CSV
+    assert len(read.trajectory) == 3
+
+
 def text_of(stamps_s: np.ndarray) -> str:
     return "".join(f"{stamp:.6f} {k} 2 3 0 0 0 1\n" for k, stamp in enumerate(stamps_s.tolist()))
 
