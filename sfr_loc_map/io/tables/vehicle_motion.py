@@ -20,7 +20,8 @@ def problem_of_scalar_last(positions: FloatArray, quats_xyzw: FloatArray) -> str
 
     The attitudes are read with the scalar last, but describe a vehicle only with the scalar first. The text is empty
     if there is no such problem. A vehicle is level. If it is level in both orders, its forward axis decides,
-    which points along the path. The axes may also be those of a camera, whose y-axis points down and whose z-axis points forward.
+    which points along the path. The axes may also be those of a camera, whose y-axis points down and whose z-axis
+    points forward.
     """
     if not quats_xyzw.any():  # positions without attitude
         return ""
