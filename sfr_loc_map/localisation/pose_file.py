@@ -16,17 +16,18 @@ from sfr_loc_map.geometry.plausibility import is_plausible_covariance
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_bytes
-from sfr_loc_map.localisation.estimate import StartPose
+from sfr_loc_map.localisation.estimate import MAX_GIVEN_M, StartPose
 
 SCHEMA = "sfr-resume/1"
 MAX_BYTES = 100_000
+MAX_STAMP_NS = 2**63 - 1  #: Maximum stamp of 64 bits, ns.
 REPLACED = "the run starts at its first pose, and the file is replaced"
 
 
 class _Content(msgspec.Struct):
     schema: Literal["sfr-resume/1"]
     rig: str
-    stamp_ns: Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
+    stamp_ns: Annotated[int, msgspec.Meta(ge=0, le=MAX_STAMP_NS)]
     translation_m: tuple[float, float, float]
     quat_xyzw: tuple[float, float, float, float]
     covariance: Annotated[list[float], msgspec.Meta(min_length=36, max_length=36)]
@@ -52,6 +53,10 @@ class PoseFile:
         A loss of power may have truncated the file.
         """
         check_output(self._path)
+        self._check_content()
+
+    def _check_content(self) -> None:
+        """Raise OutputError if the file has other content than a saved pose, complete or truncated."""
         try:
             data = read_bytes(self._path, MAX_BYTES)
         except FileNotFoundError:
@@ -81,13 +86,17 @@ class PoseFile:
         return saved if 0.0 < age_s <= self._max_age_s else None
 
     def save(self, known: StartPose, rig: StereoRig) -> None:
-        """Save a pose with its stamp, unless its covariance is invalid or too large."""
-        if not is_plausible_covariance(np.asarray(known.covariance)):
+        """Save a pose with its stamp, unless `load` would refuse the pose, its covariance or its stamp.
+
+        OutputError if the file cannot be written, or if the file has other content than a saved pose.
+        """
+        if known.stamp_ns is None or not _is_loadable(known, known.stamp_ns):
             return
+        self._check_content()
         content = {
             "schema": SCHEMA,
             "rig": rig.fingerprint,
-            "stamp_ns": known.stamp_ns,
+            "stamp_ns": int(known.stamp_ns),
             "translation_m": known.T_ds_rb.translation.tolist(),
             "quat_xyzw": known.T_ds_rb.quat_xyzw.tolist(),
             "covariance": np.asarray(known.covariance).reshape(-1).tolist(),
@@ -103,3 +112,9 @@ class PoseFile:
             raise OutputError(
                 f"cannot write resume_file '{self._path}': {error.strerror}; a restart would resume at an older pose"
             ) from error
+
+
+def _is_loadable(known: StartPose, stamp_ns: int) -> bool:
+    """Return whether `PoseFile.load` accepts a pose with a stamp."""
+    is_near = bool((np.abs(known.T_ds_rb.translation) <= MAX_GIVEN_M).all())
+    return is_near and 0 <= stamp_ns <= MAX_STAMP_NS and is_plausible_covariance(np.asarray(known.covariance))

@@ -215,6 +215,23 @@ def test_a_pose_comes_back_to_the_last_digit_while_it_is_young(tmp_path: Path) -
         assert (file.load(S + age_ns, RIG_ON_ROVER) is not None) == taken
 
 
+@pytest.mark.parametrize(
+    ("pose", "is_saved"),
+    [
+        (StartPose(KEPT, COVARIANCE, np.int64(S)), True),  # type: ignore[arg-type]
+        (StartPose(KEPT, COVARIANCE, None), False),
+        (StartPose(KEPT, COVARIANCE, -1), False),
+        (StartPose(KEPT, COVARIANCE, 2**63), False),
+        (StartPose(at(6e8), COVARIANCE, S), False),
+        (StartPose(KEPT, np.full((6, 6), np.nan), S), False),
+    ],
+)
+def test_what_is_saved_can_be_loaded(tmp_path: Path, pose: StartPose, *, is_saved: bool) -> None:
+    file = file_in(tmp_path)
+    file.save(pose, RIG_ON_ROVER)
+    assert (file.load(S + 1, RIG_ON_ROVER) is not None) == is_saved
+
+
 def test_a_broken_file_is_reported(tmp_path: Path) -> None:
     path, file = tmp_path / "pose.json", file_in(tmp_path)
     file.save(StartPose(KEPT, COVARIANCE, S), RIG_ON_ROVER)
@@ -236,10 +253,14 @@ def test_damaged_poses_are_replaced_and_other_files_never(tmp_path: Path) -> Non
     for ours in (whole, whole[:100], whole[:5], b"", bytes(4096)):
         path.write_bytes(ours)
         file.check()
+        file.save(StartPose(KEPT, COVARIANCE, S), RIG_ON_ROVER)
+        assert path.read_bytes() == whole
     for strange in (b"{}", b'{"width": 512}', b"years of work", b"\x89PNG", b"x" * 200_000):
         path.write_bytes(strange)
         with pytest.raises(OutputError, match=r"has no saved pose|larger than"):
             file.check()
+        with pytest.raises(OutputError, match=r"has no saved pose|larger than"):
+            file.save(StartPose(KEPT, COVARIANCE, S), RIG_ON_ROVER)
         assert path.read_bytes() == strange
     (tmp_path / "folder").mkdir()
     os.mkfifo(tmp_path / "pipe")
