@@ -143,7 +143,8 @@ def localise(
         done = run_localiser(drive, how, first)
     if isinstance(how, UnderTest):
         _warn(unstamped_start_warning(first, drive))
-    _warn(tracking_warning(done.records, opened.path), *_findings(method, done.records))
+    is_ours = not isinstance(how, UnderTest)
+    _warn(tracking_warning(done.records, opened.path, is_ours=is_ours), *_findings(method, done.records))
     return api_types.Trajectory.of(done.trajectory, records=tuple(done.records), method=done.method)
 
 

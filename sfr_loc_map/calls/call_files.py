@@ -29,7 +29,7 @@ import numpy as np
 
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.calls.call_findings import findings_of
-from sfr_loc_map.calls.call_record import CallRecord, bounded, check_variances
+from sfr_loc_map.calls.call_record import CallRecord, bounded, check_uncertainty
 from sfr_loc_map.calls.call_stats import CallStats, positions_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
@@ -42,7 +42,7 @@ from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import METHOD
 from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, STATE_KINDS, STATED_CLOCK, USAGE_NAMES, Calls, stage_of
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.frames.covariance import DIAGONAL, UPPER
+from sfr_loc_map.metrics.frames.covariance import DIAGONAL, UPPER, check_variances, step_variances
 from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.suite_names import Task
 
@@ -86,8 +86,12 @@ def save_stats(
 ) -> None:
     """Write one row per call and per finding. Each row names the method of its task, if given.
 
-    With an estimate, each call has the estimated position at its stamp.
+    With an estimate, each call has the estimated position at its stamp. InputError if a call has an invalid covariance
+    or step, because such a file cannot be read.
     """
+    for record in records:
+        with refusing(f"call of stamp {record.stamp_ns}"):
+            check_uncertainty(record)
     positions = {} if estimate is None else positions_of(estimate)
     groups = _column_groups(records, methods, positions)
     rows_of_findings = [
@@ -162,10 +166,10 @@ def _column_of_statistic(name: str) -> str:
 
 
 def _cell(value: object) -> object:
-    """Return the cell of a value: numbers in the shortest exact form, and texts without control characters."""
+    """Return the cell of a value: numbers in the shortest exact form, texts in one line without control characters."""
     if isinstance(value, float):  # numbers of NumPy, too
         return repr(float(value))
-    return printable(value) if isinstance(value, str) else value
+    return printable(value).replace("\n", "\\n").replace("\t", "\\t") if isinstance(value, str) else value
 
 
 def _call_cells(record: CallRecord, method: MethodRecord | None) -> dict[str, object]:
@@ -338,17 +342,21 @@ class _Table:
             return None
         for line, variances in zip(self.lines, covariance[:, DIAGONAL], strict=True):
             with refusing(f"statistics '{self.path}' line {line}"):
-                check_variances(variances)
+                check_variances("covariance", variances)
         return covariance
 
     def steps(self) -> FloatArray | None:
-        """Return the steps `(N, 48)` between the poses; None if missing."""
+        """Return the steps `(N, 48)` between the poses, None if missing; InputError if a variance is negative."""
         motion, noise = self.matrix(MOTION_NAMES), self.matrix(NOISE_NAMES)
         if motion is None:
             return None
         if noise is None:  # written by a version without pose noise
             noise = np.zeros((len(motion), len(NOISE_NAMES)))
-        return np.hstack((motion, noise))
+        steps = np.hstack((motion, noise))
+        for line, variances in zip(self.lines, step_variances(steps), strict=True):
+            with refusing(f"statistics '{self.path}' line {line}"):
+                check_variances("step", variances)
+        return steps
 
     def matrix(self, names: Sequence[str]) -> FloatArray | None:
         """Return columns `(N, names)` of numbers, NaN where a cell is empty; None if a column is missing."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
@@ -22,7 +23,7 @@ from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, is_statistic, statistic_range
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.frames.covariance import DIAGONAL, STEP_SIZE
+from sfr_loc_map.metrics.frames.covariance import DIAGONAL, STEP_SIZE, check_variances, step_variances
 from sfr_loc_map.suite_names import Task
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ DEFAULT_STATE = {Task.LOCALISATION: "", Task.MAPPING: MappingState.MAPPED.value}
 MAX_CALL_S = 1e6
 MANY = 0.05  #: Minimum fraction of lost or degraded pairs for a warning.
 MAX_STATISTICS = 500  #: Maximum number of statistics of a received call; each has a column in the file of the calls.
+ASYMMETRY = 1e-6  #: Maximum difference of symmetric numbers of a covariance, relative to its largest number.
 Stamp = Annotated[int, Meta(ge=0, lt=STAMP_LIMIT)]
 Bytes = Annotated[int, Meta(ge=0, le=int(MAX_NUMBER))]
 Name = Annotated[str, Meta(max_length=100)]
@@ -67,7 +69,9 @@ class CallRecord:
     fused: bool | None = None  #: Whether the cloud contains each surface once; None if the mapper does not report it.
     #: Times around the call, s: decoding, latencies. `times` and `counts` are shown live but not written to files.
     times: Mapping[str, float] = field(default_factory=dict)
-    counts: Mapping[str, int] = field(default_factory=dict)  #: Messages dropped since the configuration, by cause.
+    counts: Mapping[str, Annotated[int, Meta(ge=0)]] = field(
+        default_factory=dict
+    )  #: Messages dropped since the configuration, by cause.
     version: Text = ""  #: Version of the method, if a node reports it.
     task: Task = Task.LOCALISATION  #: Task of the node that made the call.
 
@@ -186,17 +190,19 @@ def states_text(records: Sequence[CallRecord]) -> str:
     return f"{counts[TrackingState.LOST]} lost" + (f", {degraded} degraded" if degraded else "")
 
 
-def tracking_warning(records: Sequence[CallRecord], source: object) -> str | None:
-    """Return a warning with the most frequent reason if many pairs are lost or degraded, None otherwise."""
+def tracking_warning(records: Sequence[CallRecord], source: object, *, is_ours: bool = True) -> str | None:
+    """Return a warning with the most frequent reason if many pairs are lost or degraded, None otherwise.
+
+    `is_ours` is whether the calls are those of the suite's localiser, whose tracks a video can show.
+    """
     bad = [record for record in records if record.state in (TrackingState.LOST, TrackingState.DEGRADED)]
     if not bad or len(bad) < MANY * len(records):
         return None
     reason, count = Counter(record.reason for record in bad).most_common(1)[0]
     why = f"most often ({count} pairs) because of '{reason}'" if reason else "without a stated reason"
-    return (
-        f"{states_text(records)} of {len(records)} pairs, {why}: inspect with sfr info {source}, or "
-        f"sfr localise {source} -o again.csv --video tracks.avi"
-    )
+    path = shlex.quote(str(source))
+    video = f", or sfr localise {path} -o again.csv --video tracks.avi" if is_ours else ""
+    return f"{states_text(records)} of {len(records)} pairs, {why}: inspect with sfr info {path}{video}"
 
 
 def encode_call(record: CallRecord) -> str:
@@ -226,7 +232,7 @@ def _finite_or_none(values: FloatArray | None) -> FloatArray | None:
 def decode_call(text: str, task: Task) -> CallRecord:
     """Return the call in the JSON of a node; `task` is the task of the topic, and determines the default state.
 
-    InputError if a key is missing or a value has another type or range.
+    Unknown keys are ignored. InputError if a key is missing or a value has another type or range.
     """
     with refusing(f"call of {task}", "publish a JSON object with stamp_ns and processing_time_s for each call"):
         if len(text) > MAX_TEXT_BYTES:
@@ -242,7 +248,7 @@ def decode_call(text: str, task: Task) -> CallRecord:
             _check_array("step", record.step, (STEP_SIZE,))
         if record.covariance is not None:
             _check_array("covariance", record.covariance, (6, 6))
-            check_variances(np.diag(record.covariance))
+        check_uncertainty(record)
     time_s = record.processing_time_s or math.nan  # 0 is unknown, because JSON has no NaN
     return replace(record, processing_time_s=time_s, state=record.state or DEFAULT_STATE[task])
 
@@ -267,11 +273,14 @@ def _check_array(name: str, values: FloatArray, shape: tuple[int, ...]) -> None:
         raise ValueError(f"'{name}' contains the number {largest:g}: at most {MAX_NUMBER:g} is allowed")
 
 
-def check_variances(variances: FloatArray) -> None:
-    """Raise ValueError if one of the variances of a pose is negative; NaN is an unknown variance."""
-    negative = variances[variances < 0.0]
-    if len(negative):
-        raise ValueError(f"a variance of 'covariance' is {negative.min():g}: at least 0 is required")
+def check_uncertainty(record: CallRecord) -> None:
+    """Raise ValueError if the covariance of a call is not symmetric, or if it or the step has a negative variance."""
+    if (covariance := record.covariance) is not None:
+        check_variances("covariance", np.diag(covariance))
+        if (np.abs(covariance - covariance.T) > ASYMMETRY * np.abs(covariance).max()).any():
+            raise ValueError("'covariance' is not symmetric: a symmetric matrix of 6 x 6 is required")
+    if record.step is not None:
+        check_variances("step", step_variances(record.step))
 
 
 def _to_plain(value: Any) -> Any:  # noqa: ANN401 - an array or a number of NumPy

@@ -96,7 +96,7 @@ def localise(
     say(f"{len(done.steps)} poses, {states_text(done.records)}: {output}", err=True)
     again = given_words(context, "stats", *(("config",) if theirs is None else ()))
     propose("sfr", "score", output, truth, *again, why="against the truth")
-    if (text := tracking_warning(done.records, source)) is not None:
+    if (text := tracking_warning(done.records, source, is_ours=theirs is None)) is not None:
         warn(text)
     count = len(done.steps)
     if count < len(sequence):

@@ -19,6 +19,7 @@ from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.method_process import ProcessSettings
 from sfr_loc_map.methods.registry import Method, MethodLimits
+from sfr_loc_map.metrics.frames.covariance import UPPER, check_variances, step_variances, symmetric
 from sfr_loc_map.metrics.table.records import FindingKind
 
 COVARIANCE_TOLERANCE = 1e-6
@@ -133,6 +134,8 @@ def _covariance(numbers: list[float] | None) -> FloatArray | None:
     if not is_symmetric or np.linalg.eigvalsh(scaled).min() < -COVARIANCE_TOLERANCE:
         text = "the covariance is not symmetric and positive semi-definite"
         raise MethodFailureError(FindingKind.INVALID_RESULT, text)
+    covariance = symmetric(covariance[UPPER])
+    np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))  # variances that are negative by rounding
     return covariance
 
 
@@ -140,7 +143,14 @@ def _step(numbers: list[float] | None) -> FloatArray | None:
     if numbers is None:
         return None
     step = _array(numbers, (STEP_NUMBERS,), "uncertainty of the step")
-    return None if np.isnan(step).all() else _finite(step, "uncertainty of the step")
+    if np.isnan(step).all():
+        return None
+    _finite(step, "uncertainty of the step")
+    try:
+        check_variances("step", step_variances(step))
+    except ValueError as error:
+        raise MethodFailureError(FindingKind.INVALID_RESULT, str(error)) from error
+    return step
 
 
 def _state(text: str) -> TrackingState:

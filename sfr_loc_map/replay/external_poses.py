@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sfr_loc_map.calls.call_record import CallRecord, bounded
+from sfr_loc_map.calls.call_record import CallRecord, bounded, is_covariance_reported
 from sfr_loc_map.calls.call_rows import stats_of
 from sfr_loc_map.calls.call_stats import estimates_of
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -77,7 +77,13 @@ def _converted_call(call: CallRecord, estimates: Estimates, row: int | None, off
 
 
 def _full_covariance(estimates: Estimates, row: int) -> FloatArray | None:
-    """Return the covariance `(6, 6)` of a pose; None if unknown. The conversion can enlarge numbers."""
+    """Return the covariance `(6, 6)` of a pose; None if unknown.
+
+    The conversion can enlarge numbers. It can also give negative variances if the published matrix is not positive
+    semi-definite; the covariance is then unknown.
+    """
     if estimates.covariance is None or not np.isfinite(estimates.covariance[row]).all():
+        return None
+    if not is_covariance_reported(estimates.covariance[row][None]).all():
         return None
     return symmetric(bounded(estimates.covariance[row]))

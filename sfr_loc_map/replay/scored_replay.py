@@ -72,7 +72,7 @@ def replay_and_score(
         result,
         score,
         remarks=(*_remarks(result), *states),
-        warning=tracking_warning(localised, source.path),
+        warning=tracking_warning(localised, source.path, is_ours=options.external_task is not Task.LOCALISATION),
         interrupted=_played_part(source, options, result) if replayed.was_interrupted else "",
     )
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from sfr_loc_map.calls.call_files import COVARIANCE_NAMES, load_call_stats, save_stats
-from sfr_loc_map.calls.call_record import CallRecord, decode_call, encode_call
+from sfr_loc_map.calls.call_record import CallRecord, decode_call, encode_call, tracking_warning
 from sfr_loc_map.calls.call_rows import CallRows, stats_of
 from sfr_loc_map.calls.call_stats import CallStats, estimates_of
 from sfr_loc_map.errors import InputError
@@ -45,7 +45,7 @@ def test_a_call_comes_back_to_the_last_bit() -> None:
         statistics={"inliers": np.float64(1 / 3), "unknown": np.nan},
         covariance=(half := rng.normal(size=(6, 6)) / 3.0) @ half.T,
         reason="few_landmarks",
-        step=rng.normal(size=48) / 3.0,
+        step=np.abs(rng.normal(size=48)) / 3.0,
         finding="late: 3 s",
         pair_stamps_ns=(1, 2, 3),
         fused=True,
@@ -93,7 +93,7 @@ RECORDS = st.builds(
     ),
     covariance=optional(arrays_of(6, 6).map(lambda half: half @ half.T)),
     reason=st.sampled_from(["", "few_landmarks", "line\rof\nlines", "zero\0"]),
-    step=optional(arrays_of(48)),
+    step=optional(arrays_of(48).map(np.abs)),
     finding=st.sampled_from(["", "crashed: ended, with code 3", "missing answer: none"]),
 )
 METHODS = [None, *(MethodRecord(name="x", version="1", kind=kind) for kind in (MethodKind.EXTERNAL, MethodKind.PYTHON))]
@@ -157,7 +157,41 @@ def test_the_texts_of_a_node_do_not_break_the_rows_of_a_file(tmp_path: Path, tex
     assert read.calls.states == ["lost"]
     assert [finding.kind for finding in read.findings] == [FindingKind.CRASHED, FindingKind.LATE]
     assert read.method is not None
-    assert read.method.version == printable(text)
+    assert read.method.version == printable(text).replace("\n", "\\n")
+    assert len((tmp_path / "s.csv").read_text().splitlines()) == 3
+
+
+LOWER = np.eye(6)
+LOWER[3, 0] = 0.5
+
+
+@pytest.mark.parametrize(
+    ("field", "values"),
+    [("covariance", LOWER), ("covariance", -np.eye(6)), ("step", np.full(48, -1.0)), ("step", -np.eye(48)[27])],
+)
+def test_an_invalid_uncertainty_is_refused_in_a_message_and_in_a_file(
+    tmp_path: Path, field: str, values: np.ndarray
+) -> None:
+    record = CallRecord(1, 0.1, "tracking", **{field: values})
+    with pytest.raises(InputError, match=field):
+        decode_call(encode_call(record), Task.LOCALISATION)
+    with pytest.raises(InputError, match=field):
+        save_stats(tmp_path / "s.csv", [record])
+    assert not (tmp_path / "s.csv").exists()
+
+
+def test_a_negative_variance_of_a_step_in_a_file_is_refused(tmp_path: Path) -> None:
+    save_stats(tmp_path / "s.csv", [CallRecord(1, 0.1, "tracking", step=np.full(48, 0.25))])
+    text = (tmp_path / "s.csv").read_text()
+    (tmp_path / "s.csv").write_text(text.replace("0.25", "-0.25"))
+    with pytest.raises(InputError, match="line 2: a variance of 'step'"):
+        load_call_stats(tmp_path / "s.csv")
+
+
+def test_the_warning_of_lost_poses_quotes_the_path() -> None:
+    records = [CallRecord(1, 0.1, "lost")]
+    assert (tracking_warning(records, "/a b", is_ours=False) or "").endswith("sfr info '/a b'")
+    assert "sfr localise '/a b'" in (tracking_warning(records, "/a b") or "")
 
 
 LARGEST = int(MAX_NUMBER)
@@ -174,7 +208,7 @@ LARGEST = int(MAX_NUMBER)
         ("statistics", [], [{"stage_x_s": -1.0}, {"cpu_s": -1.0}, {"x": 1e19}, {"x": -1e19}, {"x\0": 1.0}]),
         ("statistics", [{f"x{k}": 1 for k in range(500)}], [{f"x{k}": 1 for k in range(501)}, {"x" * 101: 1.0}]),
         ("covariance", [(1e18 * np.eye(6)).tolist()], [(1e30 * np.eye(6)).tolist(), (-np.eye(6)).tolist()]),
-        ("step", [[-1e18] * 48], [[1e30] * 48, [-1e30] * 48]),
+        ("step", [[1e18] * 48], [[1e30] * 48, [-1e30] * 48, [-1.0] * 48]),
         ("reason", ["a\rb", "a\0b", "\x1b[31m", "x" * 2000], ["x" * 2001]),
         ("finding", ["crashed: a\rb"], ["x" * 2001]),
         ("pair_stamps_ns", [[0, 1]], [[-1], [STAMP_LIMIT], [1, 1]]),

@@ -150,14 +150,23 @@ def answering(answer: Answer, arrays: dict[str, bytes]) -> Callable[..., tuple[M
     return lambda *_, **__: (MethodCall(USAGE, (LEAK,)), Returned({"seconds": 7.5, "result": answer}, arrays))
 
 
-def test_a_non_finite_uncertainty_of_the_step_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("last", "finding"),
+    [
+        (math.inf, ("not finite", "the uncertainty of the step contains a non-finite number")),
+        (-1.0, ("invalid result", "a variance of 'step' is -1: at least 0 is required")),
+    ],
+)
+def test_an_invalid_uncertainty_of_the_step_is_a_finding(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, last: float, finding: tuple[str, str]
+) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
     method = find_method(f"{tmp_path}/classes.py:Replying", Task.LOCALISATION)
     pose = true_pose(0).matrix.ravel().tolist()
     with IsolatedLocaliser(method, LOC_RIG, true_pose(0), hidden=()) as localiser:
-        monkeypatch.setattr(MethodProcess, "call", answering({"T_ds_rb": pose, "step": [0.0] * 47 + [math.inf]}, {}))
+        monkeypatch.setattr(MethodProcess, "call", answering({"T_ds_rb": pose, "step": [0.0] * 47 + [last]}, {}))
         estimate, call = localiser.localise(loc_pair(0))
-    assert call.findings[0] == ("not finite", "the uncertainty of the step contains a non-finite number")
+    assert call.findings[0] == finding
     assert (call.step, call.usage, estimate.state.value) == (None, USAGE, "lost")
 
 

@@ -154,7 +154,7 @@ def recorded(path: Path, calls: Mapping[str, Sequence[str]]) -> Path:
 
 
 def test_a_bag_has_the_states_and_steps_of_its_node(tmp_path: Path) -> None:
-    step = np.random.default_rng(0).normal(size=48) / 3.0
+    step = np.abs(np.random.default_rng(0).normal(size=48)) / 3.0
     degraded = CallRecord(3, 0.1, "degraded", step=step)
     calls = {
         "/rover/localisation_node/call": [encode_call(CallRecord(1, 0.1, "tracking")), encode_call(degraded)],

@@ -26,6 +26,19 @@ def symmetric(upper: FloatArray) -> FloatArray:
     return full
 
 
+def step_variances(step: FloatArray) -> FloatArray:
+    """Return the variances `(..., 12)` of steps `(..., 48)`: 6 of the motion and 6 of the pose noise."""
+    motion, noise = step[..., :COVARIANCE_SIZE], step[..., -COVARIANCE_SIZE:]
+    return np.concatenate((motion[..., DIAGONAL], noise[..., DIAGONAL]), axis=-1)
+
+
+def check_variances(name: str, variances: FloatArray) -> None:
+    """Raise ValueError if one of the variances of a field is negative; NaN is an unknown variance."""
+    negative = variances[variances < 0.0]
+    if len(negative):
+        raise ValueError(f"a variance of '{name}' is {negative.min():g}: at least 0 is required")
+
+
 def lost_by_covariance(covariance: FloatArray) -> Mask:
     """Return which covariances `(N, 21)` mark the pose as lost: all variances are at least 9999."""
     return np.asarray((covariance[:, DIAGONAL] >= LOST_VARIANCE).all(axis=1))
