@@ -1,4 +1,4 @@
-"""The input files of a score, each with its state before reading, so that a file that changed since is not hashed."""
+"""The input files of a score, each with its state before reading. The hash of a file that changed since is refused."""
 
 from __future__ import annotations
 

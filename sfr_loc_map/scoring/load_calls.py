@@ -96,7 +96,7 @@ def estimates_of_calls(
 def calls_of_poses(
     trajectory: Trajectory, stats: Sequence[CallStats] = (), target: CallStats | None = None
 ) -> CallStats | None:
-    """Return the calls of an estimate; None, with a warning if calls were given, if no call has the stamp of a pose.
+    """Return the calls of an estimate, or None if no call has the stamp of a pose, with a warning if there are calls.
 
     The calls are those of all files of this host. If these contain no call of a pose, the calls of the target are used.
     """

@@ -166,7 +166,7 @@ def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
     images = [topic for topic in seen if topic.msgtype in IMAGES and not NO_IMAGE.search(plain_name(topic.name))]
     images.sort(key=_order_of)
     pairs = sorted(_pairs(images), key=lambda rig: (rig.basis, _order_of(rig.left)), reverse=True)
-    rigs = list({rig.prefix: rig for rig in pairs}.values())  # the last pair with a prefix is the best
+    rigs = list({rig.prefix: rig for rig in pairs}.values())  # of several pairs with one prefix, the last is the best
 
     choices = _Choices()
     loc, nav = _by_task(rigs)

@@ -100,7 +100,7 @@ def _separator_of_row(text: str) -> str | None:
 
 
 def _are_numbers(cells: Sequence[str]) -> bool:
-    """Return whether at least half of two or more cells are numbers or empty."""
+    """Return whether there are two or more cells, of which at least half are numbers or empty."""
     return len(cells) > 1 and 2 * sum(is_number(cell) or not cell for cell in cells) >= len(cells)
 
 

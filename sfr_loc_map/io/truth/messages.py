@@ -1,7 +1,7 @@
 """True poses from the messages of a topic, live or in a bag.
 
-Odometry and PoseWithCovariance in bags are read by `bag.poses.read_odometry`. Invalid poses in bags of all types are
-skipped.
+Odometry and PoseWithCovariance in bags are read by `bag.poses.read_odometry`. Invalid poses in a bag are skipped,
+whatever the type of the messages.
 """
 
 from __future__ import annotations

@@ -180,7 +180,7 @@ def wrong_calls(part: str | None, given: IntArray, expected: IntArray) -> Iterat
 def answers_completeness(node: ExternalScore) -> Iterator[Figure]:
     """Yield the completeness of the calls of an external node, from its answers and the published pairs.
 
-    A missing or repeated answer is missing or repeated in the calls and also in the drive or the map. The calls and the
+    A missing or repeated answer counts in the calls and also in the drive or the map. The calls and the
     drive or map have separate figures, because other limits accept the shortfall of the calls (`shortfall_kinds`).
     """
     kind = CallKind(node.task)

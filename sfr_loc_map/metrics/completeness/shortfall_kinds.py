@@ -118,7 +118,7 @@ IMAGES = "images, or true poses if the images are unknown"
 MISSING = "missing_max_share"  #: Limit that also accepts shortfalls whose cause is missing estimates.
 OF_TRUTH = "equal those of the ground truth more closely than any measurement: give the estimate of the item under test"
 UNKNOWN_FIGURE = "the fraction of {title} is unknown"
-"""Why a scope is incomplete by a figure that is unknown although there are items."""
+"""Text if a scope is incomplete because a figure is unknown although there are items."""
 UNKNOWN_ITEMS = ShortfallKind(JUDGED, None, "expected items, which are unknown", 1.0, is_limited=False)
 """The shortfall of a scope whose expected items are unknown (`judging.incomplete.unknown_items`)."""
 

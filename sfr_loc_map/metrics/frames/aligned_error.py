@@ -1,7 +1,8 @@
 """Absolute and relative pose error (APE, RPE) after an alignment.
 
-APE and RPE are defined as in Sturm et al. 2012 (IROS, section IV) and in evo. The errors equal those of evo for the
-same files, but the standard deviation of evo divides by n. docs/metrics.md describes how poses are paired.
+APE and RPE are defined as in Sturm et al. 2012 (IROS, section IV) and in evo. For the same files, the errors
+equal those of evo, except for the standard deviation, which evo computes with the divisor n. docs/metrics.md describes
+how poses are paired.
 """
 
 from __future__ import annotations

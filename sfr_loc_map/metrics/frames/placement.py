@@ -159,7 +159,7 @@ def associate_positions(
         translation = true_middle - turn @ middle
         attitude = quat_multiply(quat_from_matrix(turn), frames.attitude)
         frames = frames._replace(position=frames.position @ turn.T + translation, attitude=attitude)
-    known = replace(estimates, trajectory=poses, covariance=None, steps=None)  # no covariance of aligned poses
+    known = replace(estimates, trajectory=poses, covariance=None, steps=None)  # both do not apply to the aligned poses
     yaw_deg = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
     return known, frames, matching, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
 
@@ -170,9 +170,9 @@ def fitted_rotation(
     """Return the rotation that aligns centred estimates `(F, 3)` with the truth, and the tilt of z, None for a yaw.
 
     Three rotations are fitted: a yaw, the yaw with the smallest tilt that aligns the principal directions of the paths,
-    and the complete rotation. The complete rotation is preferred to the second if it reduces the residual by
-    `ROLL_GAIN`, because the roll about a nearly straight path is undetermined. Without true heights only a yaw is
-    fitted.
+    and the complete rotation. The complete rotation is preferred to the yaw with the tilt if it reduces the
+    residual by `ROLL_GAIN`, because the roll about a nearly straight path is undetermined. Without true heights only a
+    yaw is fitted.
     """
     x, y, _ = estimated.T
     true_x, true_y, _ = true.T

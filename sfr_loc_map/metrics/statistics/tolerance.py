@@ -27,7 +27,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 
 THREE_SIGMA = 0.9973  #: Fraction of normal errors on one axis that are within 3 sigma (ECSS-E-ST-60-10C).
-CONFIDENCE = 0.9  #: Default confidence for this fraction; requires 852 drives without a failure.
+CONFIDENCE = 0.9  #: Default confidence for `THREE_SIGMA`; requires 852 drives without a failure.
 DRAWS = 1 << 15  #: Number of samples from which factors and confidences are computed.
 NORMALS = 1 << 15  #: Number of sampled errors for the radius that contains a fraction of all errors.
 MIN_TESTED = 200
@@ -58,7 +58,7 @@ def zero_failure_count(prob: float, confidence: float) -> int:
 
 
 def allowed_failures(count: int, prob: float, confidence: float) -> int:
-    """Return how many of `count` values may fail if they are to demonstrate `prob`; -1 if there are too few."""
+    """Return the maximum number of failures among `count` values that demonstrate `prob`; -1 for too few values."""
     from scipy.special import bdtr
 
     if count < zero_failure_count(prob, confidence):

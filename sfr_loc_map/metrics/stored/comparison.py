@@ -206,7 +206,7 @@ class CommonRows(NamedTuple):
 
 
 def _spans(rows: SubTrajectoryRows, step: int) -> dict[tuple[int, int], int]:
-    """Return the number of each `step`-th row by its first and last stamp."""
+    """Return the index of every `step`-th row, by the first and last stamp of the row."""
     stamps = zip(rows.start_stamp_ns, rows.end_stamp_ns, strict=True)
     return {span: number for number, span in enumerate(stamps) if number % step == 0}
 

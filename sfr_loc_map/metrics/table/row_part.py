@@ -50,7 +50,7 @@ NUMBER = r"(\d+(?:\.\d+)?(?:e[+-]\d+)?|inf)"  #: Pattern of a number >= 0 in the
 
 
 class Scope(StrEnum):
-    """A part of a score that has expected items."""
+    """A part of a score that has expected items. The comments name the part and, after a colon, these items."""
 
     DRIVE = "drive"  #: The trajectory: images, or true poses if the images are unknown.
     MAP = "map"  #: The cloud: mapping pairs.

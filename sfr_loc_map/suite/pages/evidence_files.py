@@ -1,7 +1,7 @@
 """Additional evidence for a test report, read from the outputs of other commands.
 
-A check without ground truth, the error budget of a suite, and a search for the worst case are shown in this order. They
-support a verdict but never change it.
+A check without ground truth, the error budget of a suite, and a search for the worst case are shown in this order. This
+evidence supports a verdict but never changes it.
 """
 
 from __future__ import annotations

@@ -144,7 +144,7 @@ def search_worst(chooser: Chooser, evaluate: Evaluate, count: int, batch: int) -
 
 
 def reduced(found: TriedPoint, parameters: Sequence[Parameter], evaluate: Evaluate) -> TriedPoint:
-    """Return the smallest change of the scenario that still misses the limit; `found` if it meets the limit.
+    """Return the smallest change of the scenario that still misses the limit, or `found` if `found` meets the limit.
 
     First, each parameter in turn is reset to its usual value if the case still fails with that value. Then each
     remaining parameter is moved towards its usual value by bisection.

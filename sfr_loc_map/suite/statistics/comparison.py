@@ -150,7 +150,7 @@ def _by_pair_key(*suites: Summary) -> list[dict[PairKey, ScoredJob]]:
 def _compared(
     ratios: Mapping[tuple[str, FigureName], Mapping[str, Sequence[DriveRatio]]], baseline: str
 ) -> Iterator[FigureComparison]:
-    """Yield the comparison of each figure of each group; `ratios` are by drive, with its repeats and copies.
+    """Yield the comparison of each figure of each group; `ratios` has those of the repeats and copies of each drive.
 
     The ratios of one drive are averaged, because the largest of them would be biased although nothing has changed.
     """

@@ -157,7 +157,7 @@ class Summary:
 
     @property
     def counts(self) -> JobCounts:
-        """Number of all, done, failed and waiting jobs."""
+        """Numbers of all, done, failed and waiting jobs."""
         done, failed = len(self.results), len(self.failures)
         return JobCounts(jobs=self.jobs, done=done, failed=failed, waiting=self.waiting)
 
