@@ -33,6 +33,7 @@ OF_CLOUD = (LimitSection.MAP, LimitSection.COMPLETENESS)  #: Sections with the l
 class MapToScore(NamedTuple):
     """A map whose truth is complete."""
 
+    stamp_ns: int  #: Stamp of the last pair.
     cloud: PointCloud
     truths: list[PairTruth]  #: Truth of each pair of the cloud, in the order of the points' `pair`.
     expected_pairs: int  #: Number of pairs that the map must contain: those since the previous map.
@@ -55,13 +56,19 @@ class MapInputs:
         """
         self._fusions = Latest[int, CallRecord](MAX_KEPT)  # fusions by the stamp of their cloud
         self.pair_stamps_ns = set[int]()  # stamps of received mapping pairs, which the maps of the run must contain
-        self._scored_ns = set[int]()  # stamps of the last pairs of the scored maps
+        self._taken_ns = set[int]()  # stamps of the last pairs of the scored and refused maps
+        self._refused = dict[int, int]()  # number of pairs of each refused map by the stamp of its last pair
+
+    @property
+    def refused_pairs(self) -> int:
+        """Number of mapping pairs whose map was refused."""
+        return sum(self._refused.values())
 
     @property
     def unmapped_pairs(self) -> int:
-        """Number of mapping pairs after the last scored map."""
-        last_ns = max(self._scored_ns, default=-1)
-        return sum(stamp_ns > last_ns for stamp_ns in self.pair_stamps_ns)
+        """Number of mapping pairs after the last map, and of pairs whose map was refused."""
+        last_ns = max(self._taken_ns, default=-1)
+        return self.refused_pairs + sum(stamp_ns > last_ns for stamp_ns in self.pair_stamps_ns)
 
     def set_rig(self, rig: StereoRig) -> None:
         """Set the rig of the following pairs."""
@@ -104,13 +111,18 @@ class MapInputs:
             truths = [PairTruth(self._true_points[s], self._poses[s] @ T_sb_left, self.rig) for s in wanted_ns]
             cloud = replace(self._clouds.pop(stamp_ns), fused=fusion.is_fused, pair_stamps_ns=wanted_ns)
             expected_pairs = max(self._pairs_since_previous_map(last_ns), len(set(wanted_ns)))
-            self._scored_ns.add(last_ns)
-            yield MapToScore(cloud, truths, expected_pairs)
+            self._taken_ns.add(last_ns)
+            self._refused.pop(last_ns, None)
+            yield MapToScore(last_ns, cloud, truths, expected_pairs)
+
+    def refuse(self, made: MapToScore) -> None:
+        """Count the pairs of a map that cannot be scored as unmapped, until another map ends with the same pair."""
+        self._refused[made.stamp_ns] = made.expected_pairs
 
     def _pairs_since_previous_map(self, last_ns: int) -> int:
-        """Return the number of pairs up to `last_ns` since the previous map, which is scored or waits for its truth."""
+        """Return the number of pairs up to `last_ns` since the previous map, which was taken or waits for its truth."""
         waiting_ns = self._clouds.keys() & self.pair_stamps_ns
-        begin_ns = max((stamp for stamp in self._scored_ns | waiting_ns if stamp < last_ns), default=-1)
+        begin_ns = max((stamp for stamp in self._taken_ns | waiting_ns if stamp < last_ns), default=-1)
         return sum(begin_ns < stamp <= last_ns for stamp in self.pair_stamps_ns)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from array import array
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,6 +12,7 @@ import numpy as np
 
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.calls.call_stats import CallStats
+from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.io.truth.config import RB_ITSELF, TrackedBodyConfig
 from sfr_loc_map.metrics.completeness.expected_items import with_unmapped_pairs
@@ -18,12 +20,15 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.errors.map_score import score_map
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.results import MapResult
 from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch
 from sfr_loc_map.scoring.inputs import DriveToScore, Run
-from sfr_loc_map.scoring.live.live_maps import LiveMaps, MapInputs
+from sfr_loc_map.scoring.live.live_maps import LiveMaps, MapInputs, MapToScore
 from sfr_loc_map.scoring.live.live_score import ENDED, LiveData, LiveRun, score_so_far
 from sfr_loc_map.scoring.live.received_rows import ReceivedRows
 from sfr_loc_map.suite_names import Task
+
+_log = logging.getLogger(__name__)
 
 DIAGNOSED_GROWTH = 1.2  #: A diagnosis is repeated once the number of poses has grown by this factor.
 
@@ -51,6 +56,8 @@ class MonitorScore:
         self.map_inputs.begin_run()
         self.rows = ReceivedRows(self._body)
         self.maps = LiveMaps(self._limits, partial=self._config.trajectory.partial)
+        self._refused_maps = 0
+        self._refusal = ""  # reason why the latest of these maps was refused
         self._diagnosis = LastDiagnosis()
         self._images_ns = array("q")  # stamps of the images before the first estimate, 8 bytes each
 
@@ -81,12 +88,32 @@ class MonitorScore:
         self.map_inputs.add_call(record)
 
     def score_maps(self) -> bool:
-        """Score the clouds whose inputs are complete. Return whether a cloud was scored."""
-        scored = False
-        for cloud, truths, expected_pairs in self.map_inputs.take_complete():
-            self.maps.add(score_map(cloud, truths, self._config.map, expected_pairs=expected_pairs))
-            scored = True
-        return scored
+        """Score the clouds whose inputs are complete. Return whether any inputs were complete.
+
+        The pairs of a cloud that cannot be scored have no map, which a warning and a caveat report.
+        """
+        was_taken = False
+        for made in self.map_inputs.take_complete():
+            was_taken = True
+            try:
+                self.maps.add(self._map_result(made))
+            except MetricsError as error:
+                self.map_inputs.refuse(made)
+                self._refused_maps += 1
+                self._refusal = f"the map of stamp {made.stamp_ns} ns cannot be scored: {error}"
+                _log.warning(self._refusal)
+        return was_taken
+
+    def _map_result(self, made: MapToScore) -> MapResult:
+        """Return the score of the finite points of a map; MetricsError if the cloud is not of these pairs."""
+        finite = np.asarray(np.isfinite(made.cloud.xyz).all(axis=1))
+        return score_map(
+            made.cloud.select(finite),
+            made.truths,
+            self._config.map,
+            expected_pairs=made.expected_pairs,
+            not_finite=int(np.count_nonzero(~finite)),
+        )
 
     def result(self, live: LiveRun = ENDED) -> Score:
         """Return the current score with the errors of its sub-trajectories; by default, also the data of all plots.
@@ -98,7 +125,7 @@ class MonitorScore:
         is_under_way = live.in_flight_s > 0.0
         stats = self.rows.calls.stats(stated_tasks=tuple(Task))
         drive = self._drive(stats, is_under_way=is_under_way)
-        unmapped = 0 if is_under_way else self.map_inputs.unmapped_pairs
+        unmapped = self.map_inputs.refused_pairs if is_under_way else self.map_inputs.unmapped_pairs
         surface = self.maps.result
         if surface is not None and unmapped:
             surface = replace(surface, figures=with_unmapped_pairs(surface.figures, unmapped))
@@ -111,7 +138,13 @@ class MonitorScore:
         )
         finding = self._convention_finding(drive)
         received = LiveData(run=run, messages=self.rows.messages, map=surface, convention_finding=finding)
-        return score_so_far(received, live, self._config, self._limits)
+        score = score_so_far(received, live, self._config, self._limits)
+        if not self._refused_maps:
+            return score
+        return score.with_caveat(
+            f"pairs of maps that cannot be scored count as pairs without a map; number of these maps: "
+            f"{self._refused_maps}, the latest reason: {self._refusal}"
+        )
 
     def _convention_finding(self, drive: DriveToScore | None) -> ConventionFinding | None:
         """Return the convention mismatch of estimate and truth that the last diagnosis has found.

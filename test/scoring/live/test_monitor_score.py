@@ -376,7 +376,7 @@ def test_a_new_run_forgets_which_pairs_the_maps_of_the_run_before_contain() -> N
             monitor.map_inputs.add_true_points(stamp_ns, points)
         monitor.add_call(CallRecord(3, 0.1, "fused", pair_stamps_ns=mapped, task=Task.MAPPING))
         monitor.map_inputs.add_cloud(3, PointCloud.empty())
-        expected += [count for _, _, count in monitor.map_inputs.take_complete()]
+        expected += [made.expected_pairs for made in monitor.map_inputs.take_complete()]
     assert expected == [3, 3]
 
 
@@ -400,7 +400,7 @@ def test_a_cloud_of_the_run_before_is_not_judged_in_the_new_run(is_fused_late: b
         maps.add_true_points(stamp_ns, points)
     monitor.add_call(CallRecord(1, 0.1, "fused", pair_stamps_ns=(1,), task=Task.MAPPING))
     maps.add_cloud(1, PointCloud.empty())
-    assert [count for _, _, count in maps.take_complete()] == [1]
+    assert [made.expected_pairs for made in maps.take_complete()] == [1]
     assert maps.unmapped_pairs == 1
 
 
@@ -516,3 +516,57 @@ def test_pairs_after_the_last_map_are_missing_once_the_run_is_over(later: int) -
         assert score.number("pairs_without_cloud", part="count") == missing
         assert score.number("judged", "n", part="map") == 2 + missing
         assert (score.incomplete is not None) == bool(missing)
+
+
+def monitor_with_maps(clouds: Sequence[PointCloud]) -> MonitorScore:
+    """A monitor that has received a map of one pair for each cloud."""
+    monitor, made = (
+        MonitorScore(ScoreConfig(), parse_limits({"map": {"point_error_mean_m": 0.05}}, "limits")),
+        nav_pair(0),
+    )
+    monitor.map_inputs.set_rig(NAV_RIG)
+    for number, cloud in enumerate(clouds):
+        stamp_ns = made.pair.stamp_ns + number * 10**9
+        monitor.map_inputs.add_pose(stamp_ns, made.T_lm_navsb)
+        monitor.map_inputs.add_true_points(stamp_ns, made.truth)
+        monitor.add_call(CallRecord(stamp_ns, 0.1, "fused", pair_stamps_ns=(stamp_ns,), fused=False, task=Task.MAPPING))
+        monitor.map_inputs.add_cloud(stamp_ns, replace(cloud, fused=None, pair_stamps_ns=None))
+        assert monitor.score_maps()
+    return monitor
+
+
+def with_first(cloud: PointCloud, name: str, value: float) -> PointCloud:
+    """The cloud with another value of its first point."""
+    values = getattr(cloud, name).copy()
+    values[0] = value
+    return replace(cloud, **{name: values})
+
+
+@pytest.mark.parametrize("order", ["good bad", "bad good", "bad", "good bad good"])
+@pytest.mark.parametrize(("column", "value"), [("u", NAV_RIG.width), ("v", NAV_RIG.height), ("pair", 7)])
+def test_the_pairs_of_a_live_map_that_cannot_be_scored_have_no_map(order: str, column: str, value: int) -> None:
+    good = true_cloud(0)
+    bad = with_first(good, column, value)
+    monitor = monitor_with_maps([good if word == "good" else bad for word in order.split()])
+    for live in (LiveRun(in_flight_s=5.0), LiveRun()):
+        score = from_json(to_json(monitor.result(live)))
+        assert score.number("pairs_without_cloud", part="count") == 1
+        assert score.incomplete is not None
+        assert score.verdict != "pass"
+        assert any("cannot be scored" in caveat for caveat in score.caveats)
+    monitor.map_inputs.add_cloud(max(monitor.map_inputs.pair_stamps_ns), good)
+    if order.endswith("bad"):
+        assert monitor.score_maps()
+        assert monitor.map_inputs.unmapped_pairs == 0, "the map was published again with valid points"
+    monitor.restart()
+    assert not monitor.result().caveats
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_points_of_a_live_map_that_are_not_finite_are_counted_as_those_of_a_file(value: float) -> None:
+    good = true_cloud(0)
+    score = monitor_with_maps([good, with_first(good, "xyz", value)]).result()
+    assert score.number("points_not_finite", part="count") == 1
+    assert score.number("points_not_finite") == pytest.approx(1.0 / len(good))
+    assert score.incomplete is not None
+    assert (score.verdict, score.number("pairs_without_cloud", part="count")) == ("incomplete", 0)
