@@ -98,11 +98,30 @@ def content_of(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
             root = ET.fromstring(text)
         except ET.ParseError as error:
             raise ValueError(f"it is not complete XML: {error}") from error
-        return {item.tag: {part.tag: part.text for part in item} if len(item) else item.text for item in root}
+        return {name: _xml_value(item) for name, item in _elements_in(root).items()}
     try:
         return parse_opencv_yaml(text.removesuffix("---"))  # `ros2 topic echo` ends messages by `---`
     except yaml.YAMLError as error:
         raise ValueError(f"it is not YAML, JSON or XML: {error}") from error
+
+
+def _xml_value(element: ET.Element) -> dict[str, str | None] | str | None:
+    """Return the texts of the elements in an element by their names, or its text if it contains no element."""
+    parts = _elements_in(element)
+    return {name: part.text for name, part in parts.items()} if parts else element.text
+
+
+def _elements_in(parent: ET.Element) -> dict[str, ET.Element]:
+    """Return the elements in an element by their names; raise ValueError if a name occurs twice.
+
+    Only `_` may occur several times, because OpenCV gives this name to each item of a list.
+    """
+    found: dict[str, ET.Element] = {}
+    for element in parent:
+        if element.tag in found and element.tag != "_":
+            raise ValueError(f"it has '{element.tag[:40]}' twice: give it once")
+        found[element.tag] = element
+    return found
 
 
 def named_values(file: Path) -> dict[str, Any]:
@@ -120,11 +139,20 @@ def parse_opencv_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
 
 
 def numbers_of(content: Mapping[str, Any], *names: str) -> tuple[float, ...]:
-    """Return the numbers, row by row, of the first matrix of `names` in the content; raise ValueError without one."""
-    name = next((name for name in names if plain_name(name) in content), None)
-    if name is None:
+    """Return the numbers, row by row, of the matrix that has one of `names` in the content.
+
+    Raises ValueError if the matrix is missing or invalid, or if matrices of several names differ.
+    """
+    found = {name: _numbers_in(content[plain_name(name)], name) for name in names if plain_name(name) in content}
+    if not found:
         raise ValueError(f"it has no {alternatives(names)}")
-    item = content[plain_name(name)]
+    if len(set(found.values())) > 1:
+        raise ValueError(f"{' and '.join(found)} differ: give one of them")
+    return next(iter(found.values()))
+
+
+def _numbers_in(item: Any, name: str) -> tuple[float, ...]:  # noqa: ANN401 - any YAML
+    """Return the numbers, row by row, of a matrix; raise ValueError, which contains its name, if it is invalid."""
     if isinstance(item, dict) and "data" not in item:
         raise ValueError(f"{name} has no data")
     value = item["data"] if isinstance(item, dict) else item

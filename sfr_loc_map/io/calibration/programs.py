@@ -17,6 +17,8 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.calibration.camera_info import check_centre, projection
 from sfr_loc_map.io.calibration.opened_file import (
+    HEIGHTS,
+    WIDTHS,
     OpenedFile,
     content_of,
     is_colmap_list,
@@ -41,6 +43,10 @@ PINHOLE_MODELS = ("radtan", "radial-tangential", "plumb_bob", "equidistant", "eq
 """Distortion models of Kalibr and EuRoC."""
 MODEL_NAMES = ("model", "distortionmodel", "cameramodel", "lensmodel")
 """Plain names (`plain_name`) of the lens model in files of OpenCV."""
+OPENCV_MATRICES = ("m", "k", "cameramatrix", "d", "distcoeffs", "distortioncoefficients", "r", "p", "t")
+"""Plain names (`plain_name`) of the matrices in files of OpenCV, without the number of the camera."""
+IMAGE_SIZES = ("imagesize", *map(plain_name, (*WIDTHS, *HEIGHTS)))
+"""Plain names of the image size in files of OpenCV."""
 SAME_POSE = 1e-3  #: Largest difference, m and rad, between two stated poses of the right camera that is not reported.
 ONE_FOCAL = {"SIMPLE_PINHOLE": 3, "SIMPLE_RADIAL": 4, "RADIAL": 5, "SIMPLE_RADIAL_FISHEYE": 4, "RADIAL_FISHEYE": 5}
 TWO_FOCALS = {"PINHOLE": 4, "OPENCV": 8, "FULL_OPENCV": 12, "OPENCV_FISHEYE": 8}
@@ -317,10 +323,7 @@ def _is_kannala_brandt(content: Mapping[str, Any]) -> bool:
 def _opencv(opened: OpenedFile) -> CameraPair:
     """Read M1, D1, M2, D2 with R1, P1, R2, P2, or else with R and T, from one file or two."""
     files = [opened.file, *([opened.other] if opened.other else [])]
-    values: dict[str, Any] = {}
-    for file in reversed(files):
-        with refusing(f"calibration '{file}'"):
-            values |= named_values(file)
+    values = _opencv_values(files)
     text = "OpenCV " + " and ".join(f"'{file.name}'" for file in files)
     stated = _states_fisheye(values)
     is_fisheye = bool(stated)
@@ -360,6 +363,25 @@ def _opencv(opened: OpenedFile) -> CameraPair:
         for k, d, pose in zip(ks, ds, (Transform.identity(), T_right_left.inverse()), strict=True)
     ]
     return CameraPair(*rectified_cameras(text, *cameras), text)
+
+
+def _opencv_values(files: Sequence[Path]) -> dict[str, Any]:
+    """Return the values of one file or two by their plain names; ValueError if two files contradict each other."""
+    values: dict[str, Any] = {}
+    for file in files:
+        with refusing(f"calibration '{file}'"):
+            found = named_values(file)
+        for name in sorted(values.keys() & found.keys()):
+            if values[name] != found[name] and _is_read(name):
+                raise ValueError(f"{name} differs between '{files[0]}' and '{file}': rename or remove one of the files")
+        values |= found
+    return values
+
+
+def _is_read(name: str) -> bool:
+    """Return whether the value with a plain name is read from files of OpenCV; others, such as dates, may differ."""
+    is_matrix = name.rstrip("12") in OPENCV_MATRICES
+    return is_matrix or name in (*MODEL_NAMES, *IMAGE_SIZES) or "fisheye" in name
 
 
 def _states_fisheye(values: Mapping[str, Any]) -> bool | None:

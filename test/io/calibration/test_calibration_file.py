@@ -269,6 +269,21 @@ def two_baselines(folder: Path) -> Path:
 
 
 ORB_SLAM = "Camera.fx: 150\nCamera.fy: 150\nCamera.cx: 100\nCamera.cy: 80\nCamera.bf: 18\n"
+
+
+def opencv_in_two_contradictory_files(changed: str, named: str) -> Callable[[Path], Path]:
+    """Return what writes two complete calibrations of OpenCV, as intrinsics.yml and extrinsics.yml; `named` is read."""
+
+    def make(folder: Path) -> Path:
+        pair = Pair()
+        values = {**lenses(pair), **apart(pair), "calibration_time": "Monday"}
+        storage(folder / "intrinsics.yml", values)
+        storage(folder / "extrinsics.yml", values | {changed: 2.0 * values[changed], "calibration_time": "Tuesday"})
+        return folder / named
+
+    return make
+
+
 REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "one camera of Kalibr": (edited(kalibr, ("cam1:", "imu0:")), "it has only cam0"),
     "an unknown lens of Kalibr": (
@@ -349,6 +364,20 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
         "the cameras of 'cameras.txt' differ",
     ),
     "a foreign file": (text_file("a: 1\nb: 2\n"), "the file has a, b; a file of"),
+    "a second complete calibration of OpenCV": (
+        opencv_in_two_contradictory_files("M1", "intrinsics.yml"),
+        "m1 differs between",
+    ),
+    "another baseline of OpenCV": (opencv_in_two_contradictory_files("T", "extrinsics.yml"), "t differs between"),
+    "a matrix with two names": (
+        edited(opencv("yml"), ("M1: !!opencv", "K1: [1, 0, 0, 0, 1, 0, 0, 0, 1]\nM1: !!opencv")),
+        "M1 and K1 differ",
+    ),
+    "a matrix of XML twice": (edited(opencv("xml"), ("<K1 ", "<K1>1 0 0 0 1 0 0 0 1</K1>\n<K1 ")), "it has 'K1' twice"),
+    "the numbers of a matrix of XML twice": (
+        edited(opencv("xml"), ("</data></K1>", "</data><data>1</data></K1>")),
+        "it has 'data' twice",
+    ),
     "no file": (lambda folder: folder / "left.yaml", "No such file or directory"),
     "an empty folder": (lambda folder: folder, "the folder has no calibration file; give the path"),
     "an empty file": (text_file(""), "the file has no known structure"),
