@@ -74,7 +74,7 @@ class TerrainGrid:
     #: `(R, C)` float32, root of the mean squared difference of these heights from the plane.
     roughness_m: FloatArray32
     #: `(R, C)` float32, largest difference, relative to that plane, between the high and the low heights of the cells
-    #: within `STEP_RADIUS_M`.
+    #: within `STEP_RADIUS_M`. Without a plane, the difference is that of the heights of the cell itself.
     step_m: FloatArray32
     #: `(R, C)` int8, 100 if a criterion reaches its limit, otherwise the largest ratio to a limit in percent; -1 where
     #: unknown.
@@ -251,10 +251,12 @@ def _fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> Planes:
 
 @jit_rows
 def _steps(outer: OuterHeights, planes: Planes, window: IntArray, cell_m: float) -> FloatArray:
-    """Return the step of each cell `(R, C)`, metres, NaN without a plane.
+    """Return the step of each cell `(R, C)`, metres, NaN without heights.
 
     The step is the largest high height minus the smallest low height (`_outer_heights`) of the cells of a window, both
-    relative to the plane of the footprint, so that a slope alone is not a step.
+    relative to the plane of the footprint, so that a slope alone is not a step. Without a plane, the slope of the
+    ground is unknown, and cells cannot be compared. The step is then the difference within the cell, so that an
+    isolated obstacle is a hazard.
     """
     low = outer.low
     high = outer.high
@@ -265,6 +267,7 @@ def _steps(outer: OuterHeights, planes: Planes, window: IntArray, cell_m: float)
             a = planes.slope_x[row, column]
             b = planes.slope_y[row, column]
             if np.isnan(a):
+                step[row, column] = high[row, column] - low[row, column]
                 continue
             lowest = np.inf
             highest = -np.inf

@@ -117,6 +117,26 @@ def test_what_was_not_seen_is_not_known_unless_a_step_is_near() -> None:
     assert at(shadow, shadow.hazard, 1.45, 0.05) == -1
 
 
+@pytest.mark.parametrize(("height_m", "is_hazard"), [(1.0, True), (0.3, True), (0.1, False), (-1.0, True)])
+@pytest.mark.parametrize("gap_m", [0.0, 0.2, 0.6, 1.2])
+def test_a_rock_or_a_hole_beyond_a_gap_is_a_hazard(height_m: float, gap_m: float, *, is_hazard: bool) -> None:
+    """The side of a rock of 0.3 x 0.3 m is observed, at all heights in each of its cells."""
+    flat = ground(lambda x, y: 0.0 * x, keep=lambda x, y: x < 0.0)
+    rng = np.random.default_rng(0)
+    rock = np.column_stack(
+        (rng.uniform(gap_m, gap_m + 0.3, 300), rng.uniform(0.0, 0.3, 300), rng.uniform(0.0, 1.0, 300) * height_m)
+    )
+    xyz = np.concatenate((flat.xyz, rock.astype(np.float32)))
+    zeros, sigma = np.zeros(len(xyz), np.uint16), np.full(len(xyz), 0.005, np.float32)
+    grid = terrain_grid(PointCloud(xyz, sigma, sigma, zeros, zeros, zeros.astype(np.uint8)), CONFIG, CAMERA)
+    steps = [at(grid, grid.step_m, gap_m + x, 0.15) for x in (0.05, 0.15, 0.25)]
+    assert np.isfinite(steps).all()
+    hazards = [at(grid, grid.hazard, gap_m + x, 0.15) for x in (0.05, 0.15, 0.25)]
+    assert (hazards == [100.0] * 3) == is_hazard
+    unknown = np.isnan(grid.slope_rad) & (grid.hazard < 100)
+    assert (grid.hazard[unknown] == -1).all()
+
+
 def test_poses_bound_the_range_and_lower_the_sigma() -> None:
     cloud = ground(lambda x, y: 0.0 * x)
     near = terrain_grid(cloud, replace(CONFIG, range_m=1.0), CAMERA)
