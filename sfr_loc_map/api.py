@@ -228,8 +228,9 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
     - `convention`: convention of the poses: `["frame=left_optical", "world=first_pose"]`.
     - `apply_diagnosis`: correct the convention mismatch that explains the errors.
     - `align`: also compute APE and RPE after the alignment `none`, `origin`, `se3` or `sim3`.
-    - `max_difference`: maximum difference of stamps that are paired for APE and RPE, s; None selects 0.01 s.
-    - `rpe_delta`: interval of the RPE, `frames=N` or `distance=M`; None selects `frames=1`.
+    - `max_difference`: maximum difference of stamps that are paired for APE and RPE, s; None selects 0.01 s. Requires
+      `align`.
+    - `rpe_delta`: interval of the RPE, `frames=N` or `distance=M`; None selects `frames=1`. Requires `align`.
 
     Of clouds:
 

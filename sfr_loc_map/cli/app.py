@@ -117,6 +117,11 @@ def propose(*words: str | Path, why: str = "") -> None:
     current_run().next_line = f"{line}    # {why}" if why else line
 
 
+def propose_page(page: str | Path, more: str = "") -> None:
+    """Propose to open a page in a browser, and more in words."""
+    propose(f"open {shlex.quote(str(page))} in a browser{more}")
+
+
 # ---- the application
 
 

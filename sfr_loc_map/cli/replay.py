@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Context, Option
 
-from sfr_loc_map.cli.app import app, examples, propose
+from sfr_loc_map.cli.app import app, examples, propose, propose_page
 from sfr_loc_map.cli.live_option import LiveOption, PortOption, live_page
 from sfr_loc_map.cli.options import (
     CONVENTION,
@@ -169,6 +169,8 @@ def replay(
         if external is None and method == "sfr":
             of_external = of_panels(context, UNDER_TEST, CONVENTION)
             refuse_given(context, of_external, "applies only to external nodes: give --external TASK, too")
+        if external is not None and method == "sfr":
+            refuse_given(context, ("method",), "contradicts --external: omit one of both options")
         from sfr_loc_map.io.registry import open_source
         from sfr_loc_map.metrics.stored.score_json import to_json
         from sfr_loc_map.replay.files import ReplayFiles
@@ -286,5 +288,7 @@ def _report_files(outcome: ScoredReplay, files: ReplayFiles | None) -> None:
         propose("... --out out", why="keeps report, estimate and cloud")
         return
     page = files.page if files.page.exists() else files.report
+    if not page.exists():
+        return  # the score could not be written
     say(f"report: {page}")
-    propose(f"open {page} in a browser")
+    propose_page(page)

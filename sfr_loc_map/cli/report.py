@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Context, Option
 
 from sfr_loc_map.atomic import write_text
-from sfr_loc_map.cli.app import app, examples, propose
+from sfr_loc_map.cli.app import app, examples, propose, propose_page
 from sfr_loc_map.cli.options import (
     Align,
     JsonOption,
@@ -241,7 +241,7 @@ def _write_score(score: Score, page: Path, json_path: str | None) -> None:
         show(to_dict(score), json_path, ())
     say(f"report: {page}", err=json_path is not None)
     if suffix_of(page) in HTML_SUFFIXES:
-        propose(f"open {page} in a browser")
+        propose_page(page)
 
 
 def _sign(
@@ -269,7 +269,7 @@ def _sign(
         with secondary_output():
             write_text(render_test_report(in_order, *heading, found), test_report)
             say(f"test report: {test_report}")
-            propose(f"open {test_report} in a browser, print it for the signatures")
+            propose_page(test_report, ", print it for the signatures")
     if control is not None:
         with secondary_output():
             _, number, issue = heading
@@ -302,7 +302,7 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
     if page is not None:
         banner, plots = Banner.without_verdict(*summary_of(result)), methods_plots(scores, names)
         write_text(render_overview("Comparison of scores", banner, tables, plots, FIRST_TABLES), page)
-        propose(f"open {page} in a browser")
+        propose_page(page)
     else:
         propose("... -o comparison.html", why="the same as a page with figures")
     shown = [table for table in tables if table.name != "provenance"]  # too wide for a terminal; the page has it
@@ -327,7 +327,7 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
     tables = comparison_tables(result)
     if page is not None:
         write_text(render_overview("Comparison of suites", Banner.without_verdict("tables", ""), tables), page)
-        propose(f"open {page} in a browser")
+        propose_page(page)
     else:
         propose("sfr", "suite", "history", *folders, why="when and where the figures got worse")
     show(result.to_dict(), json_path, tables)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Context, Option
 
-from sfr_loc_map.cli.app import app, current_run, examples, propose
+from sfr_loc_map.cli.app import app, current_run, examples, propose, propose_page
 from sfr_loc_map.cli.options import (
     ASSOCIATION,
     CLOUDS,
@@ -339,7 +339,7 @@ def _propose_next(context: Context, result: Score) -> None:
             why="finds the convention mismatch and its correction",
         )
     elif html is not None:
-        propose(f"open {html} in a browser")
+        propose_page(html)
     elif not result.verdicts:
         propose(f"{again} --limits limits.yaml --html report.html", why="sfr init writes limits to fill in")
     elif json_path is not None:

@@ -96,6 +96,7 @@ def test_no_answer_counts_before_its_question_after_its_time_or_of_a_node_that_c
     [
         (["--command", "true"], "applies only to external nodes"),
         (["--convention", "frame=left"], "applies only to external nodes"),
+        (["--external", "localisation", "--method", "sfr"], "contradicts --external"),
         (["--external", "mapping"], "the source has no pairs for this task"),
         (["--external", "localisation", "--command", "no-such-program-here"], "cannot start 'no-such-program-here'"),
     ],
