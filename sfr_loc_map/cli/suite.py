@@ -325,7 +325,7 @@ def _present(
     *,
     lenient: bool,
 ) -> None:
-    """Print the tables and the verdict; raise an error if a limit was missed, a job failed or a limit is not judged.
+    """Print the tables and the verdict; raise an error if a limit was missed or not judged, or if a job failed.
 
     The lines in `told`, which the run has printed, are not repeated.
     """

@@ -9,14 +9,14 @@ Each of the first four folders returns rows or a finding, and no function of thi
 `Score`. The package `scoring` reads the inputs, calls these functions, and assembles their results
 (`scoring.assembly.score_of_parts`). It also calls `judging` for the verdicts.
 
-The rows of completeness are made with the figures that they belong to: `errors` and `calls` pass what they were given,
-what they expect and what they judged to `completeness`. A shortfall has its row in the table of figures, its rule in
-`completeness.shortfall_kinds`, and its finder in `judging.incomplete`.
+The rows of completeness are made with the figures that they belong to: `errors` and `calls` pass to `completeness`
+what they were given, what they expect and what they judged. A shortfall has its row in the table of figures, its rule
+in `completeness.shortfall_kinds`, and its finder in `judging.incomplete`.
 
 `frames` and `errors` also read the truth. `statistics` are used by `errors`, `judging` and `stored`.
 
-The modules beside the folders: `formulas` is the one page of formulas, in the order of the clauses of the
-specification. `formulas_beside` has the formulas of figures that the specification does not define. `sub_trajectories`
+The modules beside the folders: `formulas` contains the formulas of the specification in the order of its
+clauses. `formulas_beside` has the formulas of figures that the specification does not define. `sub_trajectories`
 defines the errors of a condition, and `config` the settings and words of all folders.
 
 The folders, from the bottom (`METRICS_FLOORS` in `test/test_layers.py`). A folder imports only lower folders:

@@ -134,7 +134,7 @@ def propose_config(source: Path, given: Configuration, before: Configuration = N
         loc = _opened_drive(source, proposal.config)
     except CalibrationError:
         raise
-    except SfrError as error:  # a missing value is the cause if there is one
+    except SfrError as error:  # if values are missing, they are the cause, and the error is not reported
         return proposal if proposal.missing else proposal.adding(Findings(missing=(str(error),)))
     if loc is None:
         return proposal
@@ -265,9 +265,9 @@ def _sync(bag: Bag, given: SyncConfig) -> Findings:
 def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: int) -> Iterator[tuple[str, float, str]]:
     """Yield the setting of `sync` that pairs left and right stamps, with its value and reason; at most one.
 
-    A difference within the tolerance requires no setting. A difference of half a period is ambiguous, because a right
-    image is then as near to the next left image, so that no setting is proposed. A constant smaller difference is an
-    offset of the right stamps. A varying difference requires a larger tolerance.
+    A difference within the tolerance requires no setting. No setting is proposed for a difference of half a period,
+    because a right image is then equally near to two left images. A constant smaller difference is an offset of the
+    right stamps. A varying difference requires a larger tolerance.
     """
     period_ns = float(min(np.median(np.diff(side)) for side in (left_ns, right_ns)))
     difference_ns = right_ns[nearest_stamps(left_ns, right_ns)[0]] - left_ns

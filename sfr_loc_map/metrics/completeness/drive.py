@@ -148,8 +148,9 @@ class TruthCoverage(NamedTuple):
 
         A frame is an estimate paired with a true pose (docs/metrics.md). No figure contains the error of an estimate
         that is not a frame. With an interpolated truth, every estimate is expected to be a frame. With a matched truth,
-        every estimate at a true pose is expected to be a frame: every estimate unless the truth is sparser than the
-        images. The ends of the truth are excluded, because a file may have rounded the stamp of an estimate outwards.
+        every estimate at a true pose is expected to be a frame; unless the truth is sparser than the images, this holds
+        for all estimates. The ends of the truth are excluded, because a file may have rounded the stamp of an estimate
+        outwards.
         """
         true_ns = self.stamps_ns
         if not len(true_ns):
@@ -260,7 +261,7 @@ def rows_without_poses(images: int) -> Iterator[Figure]:
 
 
 def gaps_between_images(coverage: Coverage) -> DriveGaps:
-    """Return the gaps of a drive whose images are known. All are evident; their share is the missing fraction."""
+    """Return the gaps of a drive whose images are known. All gaps are evident."""
     gaps = gaps_of(coverage.expected_ns, ~coverage.has_estimate)
     return DriveGaps(gaps, gaps, share_of(coverage.missing, coverage.expected))
 

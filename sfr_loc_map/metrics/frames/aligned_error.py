@@ -36,7 +36,7 @@ from sfr_loc_map.stamp_pairing import nearest_stamps
 
 RANK_TOLERANCE = 1e-12
 """Smallest ratio of the second to the first singular value that determines a rotation. Singular values are products of
-extents, so a path whose width is below a millionth of its length is straight: its width is rounding of the file."""
+extents, so a path whose width is below a millionth of its length is straight; such a width is only rounding."""
 
 
 class Similarity(NamedTuple):

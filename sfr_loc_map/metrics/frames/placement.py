@@ -159,7 +159,7 @@ def associate_positions(
         translation = true_middle - turn @ middle
         attitude = quat_multiply(quat_from_matrix(turn), frames.attitude)
         frames = frames._replace(position=frames.position @ turn.T + translation, attitude=attitude)
-    known = replace(estimates, trajectory=poses, covariance=None, steps=None)  # both do not apply to the aligned poses
+    known = replace(estimates, trajectory=poses, covariance=None, steps=None)  # neither applies to the aligned poses
     yaw_deg = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
     return known, frames, matching, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
 

@@ -6,7 +6,7 @@ bootstrap, Politis and Romano 1992). The bias of block resampling is corrected f
 falls linearly to 0 over L starts:
 
 - Blocks of length l underestimate the variance by the factor r = sum (1 - |h|/l)(1 - |h|/L) / sum (1 - |h|/L), over the
-  lags |h| < L. A number of m blocks underestimates the variance by the factor (m - 1) / m.
+  lags |h| < L. Resampling m blocks underestimates the variance by the factor (m - 1) / m.
 - The sample variance is too small by the factor (1 - 1/m) / (1 - 1/n). The norm of a mean vector is too large because
   of the scatter of the mean. The interval is centred on the figure after both corrections.
 - The scatter of the resampled figures is scaled by Student's t on a logarithmic scale, because the figure is positive.

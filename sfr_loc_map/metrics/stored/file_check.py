@@ -1,9 +1,9 @@
 """Check that a stored score does not contradict itself.
 
-Rows must have statistics that values can have, and the keys and the unit of a figure of the catalogue. No two rows may
-have the same keys. Mean + 3 sigma must follow from mean and sigma, the figures from the raw values (`raw_values`) and
-related rows (`related_rows`), and tolerance bounds and verdicts from figures and rules. `score_json` also compares the
-hash of the values of a file.
+The statistics of a row must be possible for some values, and its keys and unit must be those of a figure of the
+catalogue. No two rows may have the same keys. Mean + 3 sigma must follow from mean and sigma, the figures from the raw
+values (`raw_values`) and related rows (`related_rows`), and tolerance bounds and verdicts from figures and rules.
+`score_json` also compares the hash of the values of a file.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def fault_of_rows(score: Score) -> str | None:
 
 
 def fault_of_numbers(score: Score) -> str | None:
-    """Return the first numbers of a row that no values can have; None if there are none.
+    """Return the first impossible number of a row; None if there is none.
 
     Quantiles and the maximum ascend, sizes, counts, times and sigma are not negative, fractions are at most 1, and
     |mean| <= rmse <= max. Sigma is given with mean + 3 sigma. The bounds of an interval are in order.

@@ -182,7 +182,7 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
     for name, percent in QUANTILES.items():
         rank = percent / 100.0 * (row.n - 1)  # among the sorted times, between two of them
         low, high = (edges[np.searchsorted(reached, int(each), "right")] for each in (np.floor(rank), np.ceil(rank)))
-        high *= edges[1] / edges[0]  # all bins have this ratio of their edges
+        high *= edges[1] / edges[0]  # the ratio of upper to lower edge is the same for all bins
         value = getattr(row, name)
         if value is not None and not low * (1.0 - 1e-6) <= value <= high * (1.0 + 1e-6):
             yield f"'{name}' of '{row.label}' is {value:.9g}, but the histogram gives {low:.9g} to {high:.9g}"

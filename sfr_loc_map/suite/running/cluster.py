@@ -59,7 +59,7 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
         "distributed.scheduler.allowed-failures": 0,  # attempts are counted in this module, which resubmits jobs
         **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},
         "distributed.worker.memory.terminate": 1.0,
-        # a missing worker may be restarting, so Dask never gives it up; `SuiteWorkers` limits the waiting time
+        # Dask waits for a missing worker, which may be restarting; `SuiteWorkers` limits the waiting time
         "distributed.deploy.lost-worker-timeout": "1000 days",
         "distributed.worker.profile.enabled": False,
         "distributed.worker.preload": ["sfr_loc_map.suite.running.worker_start"],

@@ -227,7 +227,7 @@ class Store:
         return tuple(found)
 
     def _description_in(self, path: Path) -> JobDescription:
-        """Return the description of the job of a result or failure; only the source if an earlier version failed."""
+        """Return the description of the job in a result or failure; only the source for a failure in an old format."""
         if path.parent == self.failures:
             failure = _record(JobFailure, _read(path), path)
             return failure.description or JobDescription(source=failure.source)

@@ -15,7 +15,7 @@ LOST_RATIO = 2.0
 class PointRecord(msgspec.Struct, frozen=True):
     """A point of a search."""
 
-    ratio: float | None  #: Figure divided by its limit, of the worst seed; None if a drive lacks the figure.
+    ratio: float | None  #: Figure of the worst seed divided by the limit; None if a drive lacks the figure.
     point: dict[str, float]  #: Values of the parameters by name.
     jobs: list[str] = []  #: Keys of the jobs.
 
