@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -14,7 +15,8 @@ from msgspec.structs import replace
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.message_text import one_line
-from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, LimitSection
+from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, LimitedNumber, LimitSection, fault_of_bound
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobState
@@ -41,6 +43,8 @@ from sfr_loc_map.suite.search.worst_case import (
     search_worst,
     slices_of,
 )
+
+_log = logging.getLogger(__name__)
 
 CASE = "case.yaml"
 RunWaitingJobs = Callable[[Sequence[Job]], None]
@@ -204,7 +208,10 @@ def _check_host(store: Store, jobs: Sequence[Job]) -> None:
 
 
 def case_file(result: SearchResult) -> str:
-    """Return the text of a suite file that repeats the found case with its worst seed, and judges the case."""
+    """Return the text of a suite file that repeats the found case with its worst seed, and judges the case.
+
+    A warning reports that a suite cannot limit the searched number, so that the case is not judged.
+    """
     specification, point = result.specification, result.case.point
     chosen = specification.settings
     settings = {**specification.changes, **specification.settings_at(point)}
@@ -219,6 +226,11 @@ def case_file(result: SearchResult) -> str:
         content |= {"perturb": [faults], "nominal": False}
     if limits := _limits_of(chosen, specification.scoring.conditions[0]):
         content["limits"] = limits
+    else:
+        _log.warning(
+            f"{specification.path}: a suite has no limit {chosen.limit:g} on {chosen.figure} {chosen.statistic} "
+            f"{chosen.part or 'of the judged part'}: the file {CASE} repeats the case without a verdict"
+        )
     ratio = ratio_text(None if result.case.is_lost else result.case.ratio)
     head = f"# Found by a search for {chosen.figure} {chosen.statistic}, limit {chosen.limit:g}: {ratio}.\n"
     return head + yaml.safe_dump(content, sort_keys=False)
@@ -226,12 +238,20 @@ def case_file(result: SearchResult) -> str:
 
 def _limits_of(chosen: SearchSettings, condition: str) -> dict[str, Any]:
     """Return the limit of a search as limits of a suite; empty if a suite cannot limit the searched figure."""
+    if fault_of_bound(chosen.figure, chosen.limit) is not None:
+        return {}
     for section, numbers in LIMITED_NUMBERS.items():
         for name, number in numbers.items():
-            part = "" if number.part is None else str(number.part)
-            if (number.figure, number.statistic, part) == (chosen.figure, chosen.statistic, chosen.part):
+            if (number.figure, number.statistic, _part_of(number)) == (chosen.figure, chosen.statistic, chosen.part):
                 block: dict[str, Any] = {name: chosen.limit}
                 if section is LimitSection.TRAJECTORY:
                     return {"minimum_independent": 1, section.value: [{"condition": condition, **block}]}
                 return {section.value: block}
     return {}
+
+
+def _part_of(number: LimitedNumber) -> str:
+    """Return the part of a limited number of a localised drive; empty for the judged row."""
+    if number.is_of_worst_call:
+        return CallKind.LOCALISATION  # the only kind of call of the drive
+    return "" if number.part is None else number.part.text or ""

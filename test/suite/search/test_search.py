@@ -113,6 +113,38 @@ def test_the_case_repeats_the_faults_and_the_settings_of_the_jobs(tmp_path: Path
     assert [job.key for job in planned] == [job.key for job in searched]
 
 
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        ({}, "position_mean_plus_3sigma_m"),
+        ({"figure": "localisation", "statistic": "p95"}, "localisation_p95_s"),
+        ({"figure": "peak", "statistic": "value", "part": "localisation"}, "localisation_peak_bytes"),
+        ({"figure": "heap_peak", "statistic": "value", "part": "localisation"}, "localisation_heap_peak_bytes"),
+        ({"figure": "missing", "statistic": "value"}, "missing_max_share"),
+        ({"figure": "calls_missing", "statistic": "value", "part": "localisation"}, "calls_missing_max_share"),
+        ({"figure": "missing", "statistic": "value", "limit": 2.0}, None),
+        ({"figure": "position", "part": "along"}, None),
+        ({"figure": "processor_share", "statistic": "value"}, None),
+    ],
+)
+def test_the_case_has_the_limit_of_the_search_or_a_warning(
+    specification: SearchSpecification,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    settings: dict[str, object],
+    expected: str | None,
+) -> None:
+    store = Store(tmp_path / "out")
+    result = find_worst_case(specification, store, Host(store).run)
+    file = specification.path
+    file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | settings))
+    (tmp_path / "case.yaml").write_text(case_file(replace(result, specification=load_search(file))))
+    limits = load_specification(tmp_path / "case.yaml").limits
+    found = [] if limits is None else [(limit.name, limit.limit) for limit in limits.limits]
+    assert found == ([] if expected is None else [(expected, 0.1)])
+    assert ("without a verdict" in caplog.text) == (expected is None)
+
+
 @pytest.mark.parametrize("name", ["repeats", "stop_when_decided", "order_seed", "nominal"])
 def test_settings_without_effect_in_a_search_are_refused(specification: SearchSpecification, name: str) -> None:
     file = specification.path
