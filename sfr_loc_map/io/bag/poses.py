@@ -49,14 +49,15 @@ def read_frame_tree(bag: Bag) -> FrameTree:
     parents: dict[str, str] = {}
     for _, _, message in () if topic is None else bag.messages([topic]):
         for item in message.transforms:
-            parent = parents.setdefault(item.child_frame_id, item.header.frame_id)
-            if parent != item.header.frame_id:
+            child, parent = item.child_frame_id.strip("/"), item.header.frame_id.strip("/")
+            earlier = parents.get(child, parent)
+            parents[child] = parent
+            if earlier != parent:
                 _log.warning(
-                    f"/tf_static of bag '{bag.path}': '{item.child_frame_id}' has the parents '{parent}' and "
-                    f"'{item.header.frame_id}': the last is used"
+                    f"/tf_static of bag '{bag.path}': '{child}' has the parents '{earlier}' and '{parent}': the last "
+                    "is used"
                 )
-                parents[item.child_frame_id] = item.header.frame_id
-            with refusing(f"/tf_static of bag '{bag.path}': '{item.child_frame_id}'", "record it again"):
+            with refusing(f"/tf_static of bag '{bag.path}': '{child}'", "record it again"):
                 add_transform(frames, item)
     return frames
 

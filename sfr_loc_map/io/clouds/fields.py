@@ -101,19 +101,21 @@ def number_table(lines: Sequence[bytes], width: int) -> FloatArray:
     if not lines or not width:
         return np.zeros((len(lines), width))
     text = PLAIN_NAN.sub(b"nan", b"\n".join(lines))
+    if b"#" in text and len(text_lines(text)) < len(lines):  # loadtxt would ignore the comment
+        raise ValueError(_invalid_line(text, width))
     try:
         table = np.loadtxt(io.BytesIO(text), np.float64, ndmin=2)
     except ValueError as error:
         raise ValueError(_invalid_line(text, width)) from error
     if table.shape != (len(lines), width):
-        raise ValueError(f"its data has {table.shape[1]} numbers in a line: {width} are required")
+        raise ValueError(_invalid_line(text, width))
     return table
 
 
 def _invalid_line(text: bytes, width: int) -> str:
     """Return a text about the first line of a table that does not have `width` numbers."""
     for number, line in enumerate(text.splitlines(), 1):
-        words = line.decode("utf-8", "replace").split()
+        words = line.decode("utf-8", "replace").partition("#")[0].split()
         if len(words) != width:
             return f"point {number} has {counted(len(words), 'number')}: {width} are required"
         for word in words:

@@ -95,8 +95,11 @@ def test_frames_that_do_not_apply_are_reported(tmp_path: Path, world: World, cap
 def test_a_frame_with_two_parents_is_reported(tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture) -> None:
     first = messages.static_transforms(1, world.loc_rig)
     item = first.transforms[0]
-    other = replace(first, transforms=[replace(item, header=replace(item.header, frame_id="other"))])
-    bag = Bag(write_messages(tmp_path / "b", [("/tf_static", 1, first), ("/tf_static", 2, first)]))
+    header = replace(item.header, frame_id="other")
+    other = replace(first, transforms=[replace(item, header=header, child_frame_id=f"/{item.child_frame_id}")])
+    header = replace(item.header, frame_id=f"/{item.header.frame_id}")
+    slashed = replace(first, transforms=[replace(item, header=header)])
+    bag = Bag(write_messages(tmp_path / "b", [("/tf_static", 1, first), ("/tf_static", 2, slashed)]))
     read_frame_tree(bag)
     assert "parents" not in caplog.text
     read_frame_tree(Bag(write_messages(tmp_path / "c", [("/tf_static", 1, first), ("/tf_static", 2, other)])))

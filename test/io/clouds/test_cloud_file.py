@@ -120,6 +120,8 @@ PLY = f"ply\nformat ascii 1.0\ncomment sfr pair_stamps_ns 5\nelement vertex 1\n{
         (PCD, "DATA ascii\n1 2 3", "DATA binary\n1234", "bytes: 1 points"),
         (PLY, "vertex 1", "vertex -1", "'-1' is not a count"),
         (PLY, "1 2 3\n", "1\n", "are required"),
+        (PLY, "1 2 3\n", "# 1 2 3\n", "point 1 has 0 numbers: 3 are required"),
+        (PLY, "1 2 3\n", "1 2 3 4\n", "point 1 has 4 numbers: 3 are required"),
         (PLY, "float z\nend_header\n1 2 3", "list uchar int z\nend_header\n1 2 0", "no field z"),
         (PLY, "float z\nend_header\n1 2 3", "float z\nproperty list uchar int n\nend_header\n1 2 1_0 0", "1_0"),
         (PLY, "stamps_ns 5", "stamps_ns 5.5", "is not an integer number of nanoseconds"),
