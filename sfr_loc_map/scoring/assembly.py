@@ -114,7 +114,7 @@ def _partial_warnings(score: Score) -> Iterator[str]:
 
 def _convention_warnings(convention: ConventionRecord | None) -> Iterator[str]:
     if convention is not None and convention.diagnosed is not None:
-        fitted = "; it was fitted to the truth, which makes the figures optimistic" if convention.fitted else ""
+        fitted = "; the conversion was fitted to the truth, so the figures are optimistic" if convention.fitted else ""
         yield f"--apply-diagnosis converted the estimate by {convention.diagnosed} before scoring it{fitted}"
 
 

@@ -50,7 +50,7 @@ def _check_positions(of_estimates: FloatArray, of_calls: FloatArray) -> None:
     if is_other.any():
         raise InputError(
             f"the calls (--stats) belong to another estimate: at {np.count_nonzero(is_other)} of {len(is_other)} "
-            f"stamps their position differs by up to {apart_m.max():.3g} m: give the calls of the run that produced "
+            f"stamps the two positions differ, by up to {apart_m.max():.3g} m; give the calls of the run that produced "
             "the estimate"
         )
 
