@@ -31,6 +31,7 @@ SECTIONS = (
 
 `topics` contains the name in the bag by name in the suite; `--remap FOUND:=EXPECTED` has the inverse order.
 """
+TOPICS = "topics"  #: Section of the names of topics.
 ALIAS, ALIASED = NODE_SECTIONS["extrinsics"].prefix, "extrinsics"
 """Second name of a section, which is that of its node parameters, and the name of the section."""
 
@@ -43,8 +44,13 @@ class Key(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> Key:
-        """Return the key of a text `SECTION.NAME` or `SECTION`; the section may be unknown."""
+        """Return the key of a text `SECTION.NAME` or `SECTION`; the section may be unknown.
+
+        A slash at the beginning or end of a name in `topics` is removed, because names of the suite are relative.
+        """
         section, _, name = text.partition(".")
+        if section == TOPICS:
+            name = name.strip("/")
         return cls(ALIASED if section == ALIAS else section, name)
 
     def __str__(self) -> str:
@@ -88,6 +94,8 @@ def _sections_of_file(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
         if not key.name and is_empty(value):
             continue
         check_form(key, value, f"{path}: '{name}'")
+        if key.value_in(sections) is not None:
+            raise ConfigError(f"{path}: '{key}' is given twice: give it once")
         key.put(value, sections)
     return sections
 

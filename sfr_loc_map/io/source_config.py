@@ -177,8 +177,7 @@ class SourceConfig:
     @classmethod
     def of(cls, given: Configuration) -> SourceConfig:
         """Build the configuration from its sections, with absolute names of files. Raises ConfigError."""
-        topics = given.section("topics")
-        _check_topics(topics, given.origin)
+        topics = _topics_by_name(given.section("topics"), given.origin)
         types = get_type_hints(cls)
         sections = [item.name for item in fields(cls) if item.name in SECTIONS]
         parts = {name: given.build(types[name], name) for name in sections}
@@ -192,21 +191,28 @@ class SourceConfig:
         )
 
 
-def _check_topics(topics: Mapping[str, object], origin: str) -> None:
-    """Raise ConfigError if a value is no name of a topic, or if two names of the suite have one topic.
+def _topics_by_name(topics: Mapping[str, object], origin: str) -> dict[str, str]:
+    """Return the topics of the source by name in the suite, without a slash at the beginning or end of the names.
 
-    A message is read under one name only.
+    Raises ConfigError if a value is no name of a topic, if two names of the suite have one topic, because a message is
+    read under one name only, or if a name of the suite has two topics.
     """
+    found: dict[str, str] = {}
     name_of: dict[str, str] = {}
-    for name, topic in topics.items():
+    for given_name, topic in topics.items():
+        name = given_name.strip("/")
         if not isinstance(topic, str) or not topic:
             raise ConfigError(f"{origin}: topics.{name}: the name of a topic of the source is required")
+        if name in found:
+            raise ConfigError(f"{origin}: 'topics.{name}' is given twice: give it once")
+        found[name] = topic
         other = name_of.setdefault(topic.strip("/"), name)
         if other != name:
             raise ConfigError(
                 f"{origin}: topics.{other} and topics.{name} are both '{topic}': a topic is read under one name; omit "
                 "one of them, and use a second configuration for the other task"
             )
+    return found
 
 
 DEFAULT_SOURCE = SourceConfig()  #: The source is read by its own topics and files.

@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import flatten, suggestion
+from sfr_loc_map.config import flatten, is_empty, suggestion
 from sfr_loc_map.config_file import SECTIONS, Configuration, Key, check_form, check_one_name
-from sfr_loc_map.errors import ConfigError, SfrError
+from sfr_loc_map.errors import ConfigError, SfrError, naming_key
 from sfr_loc_map.inputs import parent_of
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig, file_in, file_or_topic
@@ -53,6 +53,9 @@ def with_settings(
 ) -> Configuration:
     """Return a configuration with changed values, whose names are `SECTION.KEY` or `SECTION`.
 
+    A mapping changes the values that it contains, and keeps the other values of its section or group. If several
+    settings contain a value, the last of them applies. `remap` is applied before the settings.
+
     File names in `values` and `calibration` are relative to the working directory. ConfigError if a section is unknown,
     or if a value does not have the form of its section.
     """
@@ -64,20 +67,16 @@ def with_settings(
         settings["calibration.file"] = str(calibration)
     check_one_name(settings, "settings")
     for name, value in settings.items():
-        key = Key.parse(name)
-        if key.section not in SECTIONS:
-            raise ConfigError(f"setting '{name}': no section '{key.section}'{suggestion(key.section, SECTIONS)}")
-        check_form(key, value, f"setting '{name}'")
-        for place, item in _single_values(key, value).items():
-            place.put(_in_working_directory(place, item), sections)
+        with naming_key(f"setting '{name}'"):
+            flat = flatten({name: value}, keeps_empty=True)
+        for dotted, item in flat.items():
+            key = Key.parse(dotted)
+            if key.section not in SECTIONS:
+                raise ConfigError(f"setting '{dotted}': no section '{key.section}'{suggestion(key.section, SECTIONS)}")
+            check_form(key, item, f"setting '{dotted}'")
+            if key.name or not is_empty(item):
+                key.put(_in_working_directory(key, item), sections)
     return replace(given, sections=sections)
-
-
-def _single_values(key: Key, value: object) -> dict[Key, object]:
-    """Return a value by its key, or the values of a group, such as `localisation.motion`, by their dotted names."""
-    if not key.name or not isinstance(value, Mapping):
-        return {key: value}
-    return {Key(key.section, name): item for name, item in flatten(value, f"{key.name}.").items()}
 
 
 def copied(sections: Mapping[str, Any]) -> dict[str, Any]:
@@ -109,8 +108,6 @@ def _renamed_topics(topics: Mapping[str, Any], remap: Mapping[str, str]) -> dict
 
 def _in_working_directory(key: Key, value: Any) -> Any:  # noqa: ANN401 - any value of a setting
     """Return the value of a setting with the absolute paths of the files that it names (`FILE_SETTINGS`)."""
-    if isinstance(value, Mapping):
-        return {name: _in_working_directory(Key(key.section, name), item) for name, item in value.items()}
     path_of = FILE_SETTINGS.get(key)
     return value if path_of is None or not isinstance(value, str) else path_of(value, Path())
 

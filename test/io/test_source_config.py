@@ -44,7 +44,7 @@ def test_an_orientation_of_the_head_that_is_not_a_rotation_is_refused() -> None:
         of({"frames": {"head_to_navsb_quat_xyzw": [0.5, 0.0, 0.0, 0.0]}})
 
 
-def test_settings_of_sections_replace_them() -> None:
+def test_settings_of_sections_add_them() -> None:
     settings: dict[str, Any] = {"conditions": ["distance=5"], "limits": "/l.yaml", "sync": {"stamps": "record"}}
     assert with_settings(FOR_TIME, settings).sections == settings
 
@@ -61,6 +61,26 @@ def test_a_remapped_topic_loses_its_former_name() -> None:
     changed = with_settings(Configuration(None, sections), {}, remap={"/zed/left": "nav/left/image_rect"})
     assert changed.sections["topics"] == {"loc/right/image_rect": "/zed/right", "nav/left/image_rect": "/zed/left"}
     assert SourceConfig.of(changed).remap == {"/zed/left": "nav/left/image_rect", "/zed/right": "loc/right/image_rect"}
+
+
+@pytest.mark.parametrize("given_name", ["loc/left/image_raw", "/loc/left/image_raw"])
+@pytest.mark.parametrize("new_name", ["loc/left/image_raw", "/loc/left/image_raw"])
+@pytest.mark.parametrize("is_remapped", [True, False])
+def test_a_slash_before_a_name_of_the_suite_makes_no_second_name(
+    tmp_path: Path, given_name: str, new_name: str, is_remapped: bool
+) -> None:
+    (tmp_path / "sfr.yaml").write_text(f"topics: {{{given_name}: /old}}\n")
+    given = Configuration.read(tmp_path / "sfr.yaml")
+    remap, settings = ({"/new": new_name}, {}) if is_remapped else (None, {f"topics.{new_name}": "/new"})
+    assert SourceConfig.of(with_settings(given, settings, remap=remap)).remap == {"/new": "loc/left/image_raw"}
+
+
+def test_two_topics_of_one_name_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "sfr.yaml").write_text("topics: {/loc/left/image_raw: /old, loc/left/image_raw: /new}\n")
+    with pytest.raises(ConfigError, match=r"'topics.loc/left/image_raw' is given twice"):
+        Configuration.read(tmp_path / "sfr.yaml")
+    with pytest.raises(ConfigError, match=r"'topics.loc/left/image_raw' is given twice"):
+        of({"topics": {"/loc/left/image_raw": "/old", "loc/left/image_raw": "/new"}})
 
 
 @pytest.fixture
@@ -125,13 +145,31 @@ def test_the_parameters_are_those_of_the_time_when_the_file_was_read(
     [
         {"localisation.motion.max_speed_m_s": 2.0},
         {"localisation.motion": {"max_speed_m_s": 2.0}},
-        {"localisation": {"motion": {"max_speed_m_s": 2.0}, "max_features": 300}},
+        {"localisation": {"motion": {"max_speed_m_s": 2.0}}},
+        {"localisation": {"motion.max_speed_m_s": 2.0, "motion": {}}},
+        {"localisation": {"motion": {"max_speed_m_s": 3.0}}, "localisation.motion.max_speed_m_s": 2.0},
+        {"localisation": {}, "localisation.motion": {"max_speed_m_s": 2.0}},
     ],
 )
 def test_a_setting_replaces_the_value_of_a_file_however_it_is_nested(settings: dict[str, Any]) -> None:
     given = Configuration(None, {"localisation": {"motion.max_speed_m_s": 1.0, "max_features": 300}})
     found = with_settings(given, settings).build(LocalisationConfig, "localisation")
     assert (found.motion.max_speed_m_s, found.max_features) == (2.0, 300)
+
+
+@pytest.mark.parametrize(
+    "settings", [{"extrinsics.translation_m": [1, 2, 3]}, {"T_rb_locsb": {"translation_m": [1, 2, 3]}}]
+)
+def test_a_mapping_keeps_the_other_values_of_its_section(settings: dict[str, Any]) -> None:
+    given = Configuration(None, {"extrinsics": {"translation_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 1]}})
+    changed = with_settings(given, settings)
+    assert changed.sections == {"extrinsics": {"translation_m": [1, 2, 3], "quat_xyzw": [0, 0, 0, 1]}}
+
+
+def test_a_value_that_one_setting_contains_twice_is_refused() -> None:
+    settings = {"localisation": {"motion.max_speed_m_s": 1.0, "motion": {"max_speed_m_s": 2.0}}}
+    with pytest.raises(ConfigError, match=r"^setting 'localisation': '.*max_speed_m_s' is given twice"):
+        with_settings(Configuration(), settings)
 
 
 @pytest.mark.parametrize("section", ["extrinsics", "T_rb_locsb"])
