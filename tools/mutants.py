@@ -90,7 +90,7 @@ FORMULAS, SCORE = "metrics/formulas.py", "metrics/errors/trajectory_errors.py"
 SHORTFALLS = "metrics/completeness/shortfall_kinds.py"
 EXPECTED_ITEMS, DRIVE = "metrics/completeness/expected_items.py", "metrics/completeness/drive.py"
 GAPS = "metrics/completeness/gaps.py"
-CALL_CHECKS, CALL_STATS = "scoring/call_checks.py", "calls/call_stats.py"
+CALL_CHECKS, CALL_POSES = "scoring/call_checks.py", "calls/call_poses.py"
 DRIVES, JOB = "suite/running/drive_copies.py", "suite/running/job.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
@@ -538,7 +538,7 @@ MUTATIONS = (
     # calls of the run, and what limits allow
     Mutation(CALL_CHECKS, "apart_ns <= nearness_ns(stamps_ns)", "apart_ns == 0"),
     Mutation(
-        CALL_STATS,
+        CALL_POSES,
         "lost = (states == TrackingState.LOST) | initialises_again(",
         "lost = states == TrackingState.LOST  # (",
     ),

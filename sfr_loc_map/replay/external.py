@@ -61,11 +61,6 @@ class ExternalNode:
         self._publishers = PublisherCheck(peer, options.topic, watch)
 
     @property
-    def task(self) -> Task:
-        """Task of the node."""
-        return self._options.task
-
-    @property
     def timeout_s(self) -> float:
         """Timeout of the answer to a pair, s."""
         return self._options.timeout_s

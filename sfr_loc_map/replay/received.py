@@ -224,6 +224,7 @@ class Received:
 
     drive: ReceivedDrive = field(default_factory=ReceivedDrive)
     maps: ReceivedMaps = field(default_factory=ReceivedMaps)
+    external_task: Task | None = None  #: Task of the external node; None without one.
     refused_calls: RefusedCalls | None = None  #: Invalid calls of an external node; None without any.
 
     @classmethod
@@ -231,14 +232,7 @@ class Received:
         """Return the start of a replay in which an external node has a task; None without one."""
         drive = ExternalDrive() if external_task is Task.LOCALISATION else ReceivedDrive()
         maps = ExternalMaps() if external_task is Task.MAPPING else ReceivedMaps()
-        return cls(drive, maps)
-
-    @property
-    def external_task(self) -> Task | None:
-        """Task of the external node; None without one."""
-        if isinstance(self.drive, ExternalDrive):
-            return Task.LOCALISATION
-        return Task.MAPPING if isinstance(self.maps, ExternalMaps) else None
+        return cls(drive, maps, external_task)
 
     def refuse_call(self, problem: str) -> None:
         """Count an invalid call of an external node."""

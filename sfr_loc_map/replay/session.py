@@ -56,9 +56,10 @@ class Participants(NamedTuple):
 
     def result(self) -> ReplayResult:
         """Return what was received; called while an external node runs, because its process is measured until then."""
-        if self.external is None:
+        task = self.received.external_task
+        if self.external is None or task is None:
             return self.received.result(None)
-        version = self.received.of(self.external.task).version
+        version = self.received.of(task).version
         return self.received.result(self.external.result(version))
 
 

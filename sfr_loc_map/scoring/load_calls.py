@@ -11,7 +11,8 @@ import msgspec
 import numpy as np
 
 from sfr_loc_map.calls.call_files import load_call_stats
-from sfr_loc_map.calls.call_stats import CallStats, estimates_of, united, with_stamps_of_poses
+from sfr_loc_map.calls.call_poses import estimates_of, with_stamps_of_poses
+from sfr_loc_map.calls.call_stats import CallStats, united
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_text, refusing
@@ -87,7 +88,7 @@ def estimates_of_calls(
     """Return estimated poses with the states, covariances and steps of their calls.
 
     `published` `(N, 6, 6)` are the covariances of the poses in their file or bag (m^2, rad^2, ROS order). A published
-    covariance takes precedence over the covariance of the call, and can report a loss (`call_stats.estimates_of`).
+    covariance takes precedence over the covariance of the call, and can report a loss (`call_poses.estimates_of`).
     """
     upper = None if published is None else published[:, *UPPER]
     return estimates_of(trajectory, calls_of_poses(trajectory, stats, target), upper)

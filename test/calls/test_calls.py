@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from sfr_loc_map.calls.call_files import COVARIANCE_NAMES, load_call_stats, save_stats
+from sfr_loc_map.calls.call_poses import estimates_of
 from sfr_loc_map.calls.call_record import CallRecord, decode_call, encode_call, tracking_warning
 from sfr_loc_map.calls.call_rows import CallRows, stats_of
-from sfr_loc_map.calls.call_stats import CallStats, estimates_of
+from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.tables.stamps import STAMP_LIMIT
 from sfr_loc_map.message_text import printable

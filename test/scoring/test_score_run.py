@@ -17,9 +17,9 @@ from helpers.made_scene import NAV_RIG, nav_pair, write_folder
 from helpers.message_bags import write_messages
 from helpers.scored_drives import PERIOD_NS, straight
 from sfr_loc_map.calls.call_files import load_call_stats, save_stats
+from sfr_loc_map.calls.call_poses import estimates_of
 from sfr_loc_map.calls.call_record import CallRecord, encode_call
 from sfr_loc_map.calls.call_rows import stats_of
-from sfr_loc_map.calls.call_stats import estimates_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth

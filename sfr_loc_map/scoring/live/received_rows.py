@@ -9,9 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from sfr_loc_map.calls.call_poses import estimates_of
 from sfr_loc_map.calls.call_record import CallRecord, is_covariance_reported
 from sfr_loc_map.calls.call_rows import CallRows
-from sfr_loc_map.calls.call_stats import CallStats, estimates_of
+from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from helpers.made_scene import NAV_RIG, nav_pair, true_cloud
 from helpers.message_bags import write_messages
 from helpers.random_drives import as_score
+from sfr_loc_map.calls.call_poses import estimates_of
 from sfr_loc_map.calls.call_record import CallRecord, decode_call, encode_call
 from sfr_loc_map.calls.call_rows import stats_of
-from sfr_loc_map.calls.call_stats import estimates_of
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
