@@ -171,7 +171,7 @@ class Run:
     nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source; None if they are unknown.
     unmapped_pairs: int = 0  #: Number of mapping pairs that are in no cloud, if no cloud can be scored.
     convention: ConventionRecord | None = None  #: Conversion of the poses or of the map; None if nothing was converted.
-    caveats: tuple[str, ...] = ()  #: Warnings that given files may belong to another run.
+    caveats: tuple[str, ...] = ()  #: Warnings about given files that may belong to another run.
 
     @property
     def all_calls(self) -> list[CallStats]:

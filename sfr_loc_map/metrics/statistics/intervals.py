@@ -143,7 +143,7 @@ def joined(parts: SeriesMoments) -> SeriesMoments:
 def resampled(
     groups: SeriesMoments, mean: FloatArray, overlap: float, size: int = 1
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return mean vectors `(B, d)` and figures `(B,)` of resampled series, with their fraction of the variance.
+    """Return resampled mean vectors `(B, d)` and figures `(B,)`, and the fraction of the variance that they have.
 
     `groups` are the result of `group_moments` for `size` offsets from the mean. The draws depend only on the number of
     groups, because the seed is fixed.
