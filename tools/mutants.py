@@ -264,7 +264,10 @@ MUTATIONS = (
     Mutation("metrics/judging/limits_file.py", "not 1 <= independent < 1e9", "not 0 <= independent < 1e9"),
     Mutation("metrics/score/limits.py", "MINIMUM_INDEPENDENT = 5.0", "MINIMUM_INDEPENDENT = 4.0"),
     Mutation("metrics/judging/limits_file.py", "{**of_all, **entry}", "{**entry, **of_all}"),
-    Mutation("metrics/judging/limits_file.py", "minimum_independent=float(independent))", ")"),
+    Mutation("metrics/judging/limits_file.py", "minimum_independent=float(independent), ", ""),
+    Mutation("metrics/judging/limits_file.py", ", data_set_sha256=hashes", ""),
+    Mutation("metrics/judging/data_set.py", "    for role in present:", "    for role in present[:1]:"),
+    Mutation("metrics/judging/judge.py", "if (fault := fault_of_data_set(ruled)) is not None:", "if False:"),
     Mutation("metrics/score/limits.py", "name: limited.of_target() for", "name: limited for"),
     # completeness of a drive, a map, calls, a live run
     Mutation(DRIVE, "self.has_estimate & self.has_truth", "self.has_estimate"),
@@ -375,7 +378,7 @@ MUTATIONS = (
     Mutation("metrics/stored/raw_values.py", "        yield from _of_memory(score, kind, plots)\n", ""),
     Mutation("metrics/stored/related_rows.py", 'for name in ("lost", "degraded"):', 'for name in ("degraded",):'),
     Mutation("scoring/input_files.py", "if _states_of(self.path) != self.states:", "if False:"),
-    Mutation("scoring/provenance.py", "if given != (limits.limits,", "if given == (limits.limits,"),
+    Mutation("scoring/provenance.py", "partial=rules.partial) != rules:", "partial=rules.partial) == rules:"),
     # inputs besides the poses
     Mutation(
         "scoring/inputs.py", "[*self.stats, *([] if self.target is None else [self.target.calls])]", "[*self.stats]"
@@ -432,12 +435,9 @@ MUTATIONS = (
     Mutation("metrics/completeness/copies.py", "resolution_of(true_pos) < resolution_m", "False"),
     Mutation("metrics/completeness/copies.py", "is_enough(slice(None))), is_copy)", "True), is_copy)"),
     # the table against the raw values of a file
-    Mutation(
-        "metrics/stored/file_check.py",
-        "CHECKS = (fault_of_rows, fault_of_counts, fault_of_raw_values, fault",
-        "CHECKS = (fault_of_rows, fault_of_counts, fault",
-    ),
-    Mutation("metrics/stored/file_check.py", "fault_of_related_rows, fault_of_numbers)", "fault_of_related_rows)"),
+    Mutation("metrics/stored/file_check.py", "    fault_of_raw_values,\n", ""),
+    Mutation("metrics/stored/file_check.py", "    fault_of_numbers,\n", ""),
+    Mutation("metrics/stored/file_check.py", "    fault_of_data_set,\n", ""),
     Mutation(
         "metrics/stored/raw_values.py", "DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5", "DIGITS_M, POINT_DIGITS_M = 1e-2, 5e-2"
     ),

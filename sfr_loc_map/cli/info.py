@@ -61,11 +61,12 @@ def info(
     from sfr_loc_map.doctor.fixes import with_fix
     from sfr_loc_map.doctor.observation import observe
     from sfr_loc_map.io.bag.files import is_bag
-    from sfr_loc_map.io.registry import check_source_exists
+    from sfr_loc_map.io.registry import check_source_exists, open_source
     from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.io.source_settings import config_beside
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.mapping.config import MappingConfig
+    from sfr_loc_map.scoring.provenance import data_set_hashes
     from sfr_loc_map.source_setup.facts import facts_of, facts_tables
 
     path = config or config_beside(source)
@@ -96,6 +97,9 @@ def info(
     is_unreadable = is_bag(source) and not facts["topics"]  # no topic could be read
     if "cannot be read" in facts and (is_unreadable or not found.blocking):
         raise InputError(facts["cannot be read"])
+    if "cannot be read" not in facts:
+        hashes = data_set_hashes(open_source(source, how), how)
+        facts |= {f"{role}_sha256": sha256 for role, sha256 in hashes.items()}
     start = ["--start", "truth"] if seen.truth_has_attitude else []
     after = ["sfr", "replay", str(source), *given_words(context, "config"), *start, "--out", "out"]
     found.propose(after, why="plays it to the nodes and scores the results")

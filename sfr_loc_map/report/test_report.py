@@ -242,7 +242,7 @@ def _open_points(score: Score) -> Iterator[str]:
         "The figures were not computed again from the inputs; the verdicts were derived again from the figures. The "
         "command of the procedure computes the figures."
     )
-    if score.active_rules.limits:
+    if score.active_rules.limits and not score.active_rules.data_set_sha256:
         yield (
             "The limits name no data set. The hashes of the inputs identify the data that were judged: compare them "
             "with those of the agreed data set."

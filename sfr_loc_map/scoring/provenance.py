@@ -14,13 +14,18 @@ from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth
 from sfr_loc_map.hashes import hash_arrays, hash_path
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits
+from sfr_loc_map.metrics.score.limits import Rules
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import InputFile, Provenance
 from sfr_loc_map.package_commit import package_commit
-from sfr_loc_map.scoring.input_files import ReadFile
+from sfr_loc_map.scoring.input_files import ReadFile, read_files
 from sfr_loc_map.scoring.inputs import IN_MEMORY, Run
 
 
@@ -82,8 +87,7 @@ def limits_not_seen(score: Score, origin: str) -> str | None:
     if not path.is_file() or hash_path(path) != file.sha256:
         return f"the limits file '{file.path}' of {origin} is missing or was changed: its limits were not compared"
     limits = load_limits(path)
-    given = (rules.limits, rules.minimum_count, rules.minimum_independent)
-    if given != (limits.limits, limits.minimum_count, limits.minimum_independent):
+    if Rules.of(limits, partial=rules.partial) != rules:
         raise InputError(
             f"{origin} contradicts itself: its limits differ from those in its limits file '{file.path}'; score "
             "the estimate again"
@@ -108,13 +112,33 @@ def host_facts() -> dict[str, str]:
 
 
 def _images_sha256(run: Run) -> str | None:
-    """Return the hash of the rig and the stamps of the images that an estimate must cover; None if unknown."""
+    """Return the hash of the images that an estimate must cover; None if they are unknown."""
     drive = run.drive
-    if drive is None or drive.image_stamps_ns is None:
-        return None
-    values: list[NDArray[np.generic]] = [drive.image_stamps_ns]
-    if (rig := drive.rig) is not None:
+    return None if drive is None or drive.image_stamps_ns is None else hash_of_images(drive.image_stamps_ns, drive.rig)
+
+
+def hash_of_images(stamps_ns: IntArray, rig: StereoRig | None) -> str:
+    """Return the SHA-256 of the stamps of images and of their rig, if it is known; pixels are not hashed."""
+    values: list[NDArray[np.generic]] = [stamps_ns]
+    if rig is not None:
         values.append(np.array([rig.width, rig.height, rig.fx, rig.fy, rig.cx, rig.cy, rig.baseline_m]))
         if rig.T_rb_sb is not None:
             values += [rig.T_rb_sb.rotation, rig.T_rb_sb.translation]
     return hash_arrays(values)
+
+
+def data_set_hashes(source: Source, how: SourceConfig) -> dict[str, str]:
+    """Return the hashes of the inputs of a source that a score states, by role; limits can name them."""
+    has_truth = source.loc is not None and source.loc.ground_truth is not None
+    files = read_files(
+        {
+            "truth": source.path if has_truth else None,
+            "truth_file": how.truth.file,
+            "map_truth": None if source.nav is None else source.path,
+        }
+    )
+    sha256s = {path: hash_path(path) for path in {file.path for file in files.values()}}
+    found = {role: sha256s[file.path] for role, file in files.items()}
+    if source.loc is not None:
+        found["images"] = hash_of_images(source.expected_loc_ns(), source.loc.rig)
+    return found

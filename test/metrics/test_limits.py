@@ -207,6 +207,10 @@ def test_several_requirements_may_limit_one_number(blocks: list[dict[str, Any]])
             },
             "'position_mean_m' over time=5 has two different limits, 0 and 1",
         ),
+        ({"data_set_sha256": "0" * 64, "map": {"coverage_min": 0.8}}, "a list of SHA-256"),
+        ({"data_set_sha256": [], "map": {"coverage_min": 0.8}}, "a list of SHA-256"),
+        ({"data_set_sha256": ["12ab"], "map": {"coverage_min": 0.8}}, "contains .12ab."),
+        ({"data_set_sha256": [10**63], "map": {"coverage_min": 0.8}}, "64 hexadecimal digits"),
         ({}, "no limit"),
     ],
 )

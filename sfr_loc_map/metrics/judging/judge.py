@@ -21,8 +21,10 @@ from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.completeness.shortfall_kinds import OF_LIMIT
 from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
+from sfr_loc_map.metrics.judging.data_set import fault_of_data_set
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.limit_scope import needed_part
 from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
@@ -45,8 +47,14 @@ class ProvedBound(NamedTuple):
 
 
 def judged_by(score: Score, limits: Limits | None, *, partial: bool = False) -> Score:
-    """Return a score with its rules, the verdict on each limit, and the verdict over all limits."""
-    return with_verdicts(struct_replace(score, rules=Rules.of(limits, partial=partial)))
+    """Return a score with its rules, the verdict on each limit, and the verdict over all limits.
+
+    InputError if the limits name another data set.
+    """
+    ruled = struct_replace(score, rules=Rules.of(limits, partial=partial))
+    if (fault := fault_of_data_set(ruled)) is not None:
+        raise InputError(fault)
+    return with_verdicts(ruled)
 
 
 def with_verdicts(score: Score) -> Score:

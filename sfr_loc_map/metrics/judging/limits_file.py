@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -45,13 +46,14 @@ def load_limits(path: Path) -> Limits:
 
 def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     """Return the limits of a mapping in the form of the file; ConfigError, which names the origin, if it is invalid."""
-    _check_keys(content, ("minimum_count", "minimum_independent", *LimitSection), origin)
+    _check_keys(content, ("minimum_count", "minimum_independent", "data_set_sha256", *LimitSection), origin)
     minimum = content.get("minimum_count", MINIMUM_COUNT)
     if not isinstance(minimum, int) or isinstance(minimum, bool) or minimum < 2:
         raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number of at least 2 is required")
     independent = content.get("minimum_independent", MINIMUM_INDEPENDENT)
     if not isinstance(independent, int | float) or isinstance(independent, bool) or not 1 <= independent < 1e9:
         raise ConfigError(f"{origin}: 'minimum_independent' is {independent!r}: a number of at least 1 is required")
+    hashes = _data_set_in(content, origin)
     entries = content.get("trajectory", [])
     if not isinstance(entries, list):
         raise ConfigError(
@@ -78,7 +80,23 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     if not limits:
         raise ConfigError(f"{origin}: the file has no limit: give at least one under {', '.join(LimitSection)}")
     _check_unique(limits, origin)
-    return Limits(limits=tuple(limits), minimum_count=minimum, minimum_independent=float(independent))
+    return Limits(
+        limits=tuple(limits), minimum_count=minimum, minimum_independent=float(independent), data_set_sha256=hashes
+    )
+
+
+def _data_set_in(content: Mapping[str, Any], origin: str) -> tuple[str, ...]:
+    """Return the hashes of the data set, in lower case; empty without the key. ConfigError if one is malformed."""
+    if "data_set_sha256" not in content:
+        return ()
+    value = content["data_set_sha256"]
+    needed = "a list of SHA-256 hashes, each of 64 hexadecimal digits, is required (sfr info SRC shows them)"
+    if not isinstance(value, list) or not value:
+        raise ConfigError(f"{origin}: 'data_set_sha256' is {value!r:.80}: {needed}")
+    for item in value:
+        if not isinstance(item, str) or re.fullmatch("[0-9a-fA-F]{64}", item) is None:
+            raise ConfigError(f"{origin}: 'data_set_sha256' contains {item!r:.80}: {needed}")
+    return tuple(item.lower() for item in value)
 
 
 def _check_unique(limits: Sequence[Limit], origin: str) -> None:

@@ -246,6 +246,7 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
     minimum_count: int = MINIMUM_COUNT  #: Minimum number of values for a verdict.
     #: Minimum number of independent sub-trajectories for a verdict.
     minimum_independent: float = MINIMUM_INDEPENDENT
+    data_set_sha256: tuple[str, ...] = ()  #: Hashes of the inputs that the limits accept; empty for any data set.
 
     def has_enough_values(self, count: int | None) -> bool:
         """Return whether a number of values suffices for a verdict; None is that of a figure with a single number."""
@@ -285,6 +286,7 @@ class Rules(Limits, frozen=True, kw_only=True, omit_defaults=False):
             limits=limits.limits,
             minimum_count=limits.minimum_count,
             minimum_independent=limits.minimum_independent,
+            data_set_sha256=limits.data_set_sha256,
             partial=partial,
         )
 

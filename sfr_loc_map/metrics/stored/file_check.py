@@ -16,6 +16,7 @@ from msgspec.structs import asdict, fields, replace
 
 from sfr_loc_map.metrics.config import is_written_condition
 from sfr_loc_map.metrics.formulas import QUANTILES, mean_plus_3sigma
+from sfr_loc_map.metrics.judging.data_set import fault_of_data_set
 from sfr_loc_map.metrics.judging.judge import with_verdicts
 from sfr_loc_map.metrics.score.limits import BOUND
 from sfr_loc_map.metrics.score.score import Score
@@ -180,5 +181,12 @@ def _text(value: object) -> str:
     return "null" if value is None else f"'{value}'" if isinstance(value, str) else f"{value}"
 
 
-CHECKS = (fault_of_rows, fault_of_counts, fault_of_raw_values, fault_of_related_rows, fault_of_numbers)
-"""The checks of the figures, in the order in which their faults are reported."""
+CHECKS = (
+    fault_of_rows,
+    fault_of_counts,
+    fault_of_raw_values,
+    fault_of_related_rows,
+    fault_of_numbers,
+    fault_of_data_set,
+)
+"""The checks of the figures and of the data set, in the order in which their faults are reported."""

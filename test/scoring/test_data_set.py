@@ -1,0 +1,103 @@
+"""Limits that name their data set (`data_set_sha256`): every command refuses a score of other data."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+import yaml
+
+from helpers.cli_result import Sfr
+from helpers.made_scene import write_folder
+from sfr_loc_map.metrics.stored.score_json import hash_of_values
+
+PAIRS, KEPT = 40, 25
+OPEN_POINT = "name no data set"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write_folder(tmp_path / "data", PAIRS, 0)
+
+
+def cropped(folder: Path, copy: Path) -> Path:
+    """Return a copy of a folder with the first pairs and true poses only."""
+    shutil.copytree(folder, copy)
+    for name in ("pairs.csv", "groundtruth.csv"):
+        path = next(copy.rglob(name))
+        path.write_text("\n".join(path.read_text().splitlines()[: KEPT + 1]) + "\n")
+    return copy
+
+
+def hashes_of(sfr: Sfr, folder: Path) -> dict[str, str]:
+    """Return the hashes that `sfr info` shows, by role."""
+    facts = json.loads(sfr("info", folder, "--json", "-").out)
+    return {name.removesuffix("_sha256"): value for name, value in facts.items() if name.endswith("_sha256")}
+
+
+def limits_of(path: Path, hashes: Sequence[object]) -> Path:
+    limited = {"condition": "frames=1", "position_mean_m": 1.0}
+    path.write_text(yaml.safe_dump({"trajectory": [limited], "data_set_sha256": list(hashes)}))
+    return path
+
+
+def estimate_of(folder: Path) -> Path:
+    """Return a file of the true poses of a folder as an estimate."""
+    return Path(shutil.copyfile(next(folder.rglob("groundtruth.csv")), folder.with_suffix(".csv")))
+
+
+def test_info_shows_the_hashes_of_the_score(sfr: Sfr, folder: Path) -> None:
+    made = json.loads(sfr("score", estimate_of(folder), folder, "--json", "-").out)
+    inputs = made["provenance"]["inputs"]
+    assert hashes_of(sfr, folder) == {role: inputs[role]["sha256"] for role in ("truth", "images")}
+
+
+def test_a_score_of_other_data_than_the_limits_name_is_refused(sfr: Sfr, folder: Path, tmp_path: Path) -> None:
+    part = cropped(folder, tmp_path / "crop")
+    named, other = hashes_of(sfr, folder), hashes_of(sfr, part)
+    assert not set(named.values()) & set(other.values())
+    limits = limits_of(tmp_path / "limits.yaml", [each.upper() for each in named.values()])
+    made, page = tmp_path / "made.json", tmp_path / "report.html"
+    words = ("--limits", limits, "--json", made, "--overwrite")
+    assert sfr("score", estimate_of(folder), folder, *words).code != 2
+    assert sfr("report", made, "--test-report", page).code != 2
+    assert OPEN_POINT not in page.read_text()
+    refused = sfr("score", estimate_of(part), part, *words)
+    assert refused.code == 2
+    assert refused.err.strip().count("\n") == 0
+    assert other["truth"] in refused.err
+    assert named["truth"] in refused.err
+    assert (
+        sfr("score", estimate_of(part), part, "--limits", limits_of(limits, [*named.values(), *other.values()])).code
+        != 2
+    )
+    only_truth = sfr("score", estimate_of(folder), folder, "--limits", limits_of(limits, [named["truth"]]))
+    assert only_truth.code == 2, "the images are part of the data set"
+    assert named["images"] in only_truth.err
+
+
+def test_a_stored_score_of_other_data_is_refused(sfr: Sfr, folder: Path, tmp_path: Path) -> None:
+    limits = limits_of(tmp_path / "limits.yaml", hashes_of(sfr, folder).values())
+    made = tmp_path / "made.json"
+    sfr("score", estimate_of(folder), folder, "--limits", limits, "--json", made)
+    content = json.loads(made.read_text())
+    content["provenance"]["inputs"]["images"]["sha256"] = "0" * 64
+    del content["content_sha256"]
+    made.write_text(json.dumps({**content, "content_sha256": hash_of_values(content)}))
+    refused = sfr("report", made, "-o", tmp_path / "r.html")
+    assert refused.code == 2
+    assert "0" * 64 in refused.err
+
+
+def test_a_suite_refuses_results_of_other_data(sfr: Sfr, folder: Path, tmp_path: Path) -> None:
+    part = cropped(folder, tmp_path / "crop")
+    hashes = [*hashes_of(sfr, folder).values()]
+    source = {"estimate": str(estimate_of(part)), "truth": str(part)}
+    limits_of(tmp_path / "limits.yaml", hashes)
+    (tmp_path / "suite.yaml").write_text(yaml.safe_dump({"sources": [source], "limits": "limits.yaml"}))
+    refused = sfr("suite", "run", tmp_path / "suite.yaml", "--out", tmp_path / "suite")
+    assert refused.code == 2, refused.err
+    assert hashes[0] in refused.err
