@@ -17,6 +17,9 @@ OPTICAL_IN_BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
 """Rotation from optical axes (x right, y down, z forward) to axes x forward, y left, z up, such as SB [3.2.3]."""
 SAME_PX = 0.01
 """Rigs are equal if camera matrix and largest disparity differ by less than this, pixels."""
+MIN_SIDE_PX = 16
+"""Minimum width and height of images that are localised or mapped, pixels. The coarsest level of an image pyramid then
+has a side of at least two pixels."""
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")  #: Fields of a rig without its pose.
 
 
@@ -101,6 +104,17 @@ class StereoRig:
         largest_disparity_change_px = self.width * (other.baseline_m / self.baseline_m - 1.0)
         changes_px = (other.fx - self.fx, other.fy - self.fy, other.cx - self.cx, other.cy - self.cy)
         return all(abs(change_px) < SAME_PX for change_px in (*changes_px, largest_disparity_change_px))
+
+
+def check_rig(rig: object) -> None:
+    """Check the rig of a localiser or mapper; GeometryError for another object, or if its images are too small."""
+    if not isinstance(rig, StereoRig):
+        raise GeometryError(f"the rig has the type {type(rig).__name__}: a StereoRig is required")
+    if min(rig.width, rig.height) < MIN_SIDE_PX:
+        raise GeometryError(
+            f"the images of the rig are {rig.width} x {rig.height} px: at least {MIN_SIDE_PX} x {MIN_SIDE_PX} px are "
+            "required"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

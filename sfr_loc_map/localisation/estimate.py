@@ -31,8 +31,10 @@ limit of all positions."""
 def check_given(T_a_b: Transform, name: str) -> None:
     """Check an external pose, or a motion from another source, by its name in messages.
 
-    GeometryError if the rotation is invalid, or if a coordinate exceeds `MAX_GIVEN_M`.
+    GeometryError for another object, if the rotation is invalid, or if a coordinate exceeds `MAX_GIVEN_M`.
     """
+    if not isinstance(T_a_b, Transform):
+        raise GeometryError(f"{name} has the type {type(T_a_b).__name__}: a Transform is required")
     if not plausible_rotations(T_a_b.rotation):
         raise GeometryError(f"{name} has an invalid rotation: {T_a_b.rotation.tolist()}")
     if not (np.abs(T_a_b.translation) <= MAX_GIVEN_M).all():

@@ -56,7 +56,7 @@ from sfr_loc_map.config import checked
 from sfr_loc_map.errors import LocalisationError
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig, check_rig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation import guards, stale_images, trajectory, warm_up
 from sfr_loc_map.localisation.backend.online_calibration import DriftEstimate, OnlineCalibration
@@ -145,9 +145,11 @@ class Localiser:
     ) -> None:
         """Start at a pose of RB in DS. A pose without a stamp is valid at the first pair.
 
-        GeometryError if the rig has no extrinsics, or if the pose is invalid (`StartPose.of`). ConfigError if a value
-        of the configuration is invalid, if a mask cannot be read, or if its size is not the rig's.
+        GeometryError if the rig is another object, has no extrinsics or too small images (`check_rig`), or if the pose
+        is invalid (`StartPose.of`). ConfigError if a value of the configuration is invalid, if a mask cannot be read,
+        or if its size is not the rig's.
         """
+        check_rig(rig)
         config = checked(config)
         self._rig = rig
         self._config = config
@@ -225,9 +227,9 @@ class Localiser:
         The odometry, for example from wheels, is the motion `T_before_now` of RB since `known_ns`. The odometry is an
         initial guess only. The images are copied, so that the caller may reuse their memory.
 
-        LocalisationError, and no change, if the size of the images is not the rig's, or if the stamp of the pair is not
-        later than that of the previous pair. GeometryError, and no change, if the odometry has an invalid rotation or a
-        coordinate above `MAX_GIVEN_M`.
+        LocalisationError, and no change, if the pair is another object, if the size of the images is not the rig's, or
+        if the stamp of the pair is not later than that of the previous pair. GeometryError, and no change, if the
+        odometry has an invalid rotation or a coordinate above `MAX_GIVEN_M`.
         """
         self._check_pair(pair)
         if odometry is not None:
@@ -566,6 +568,8 @@ class Localiser:
     # ---- before and after the stages
 
     def _check_pair(self, pair: StereoPair) -> None:
+        if not isinstance(pair, StereoPair):
+            raise LocalisationError(f"the pair has the type {type(pair).__name__}: a StereoPair is required")
         before_ns = self._state.path.arrived_ns
         if before_ns is not None and pair.stamp_ns <= before_ns:
             raise LocalisationError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -41,6 +42,18 @@ def check_index(index: int) -> None:
         raise MappingError(f"pair index is {index}: an integer from 0 to {MAX_PAIRS - 1} is required")
 
 
+def check_pair(pair: StereoPair) -> None:
+    """Raise MappingError if a pair is another object."""
+    if not isinstance(pair, StereoPair):
+        raise MappingError(f"the pair has the type {type(pair).__name__}: a StereoPair is required")
+
+
+def check_items(items: Sequence[object], kind: type) -> None:
+    """Raise MappingError unless the items are a sequence of objects of one type."""
+    if not isinstance(items, Sequence) or not all(isinstance(item, kind) for item in items):
+        raise MappingError(f"a sequence of {kind.__name__} is required, for example a list")
+
+
 def check_pair_count(count: int) -> None:
     """Raise MappingError if a map cannot be fused from this number of pairs."""
     if not 1 <= count <= MAX_PAIRS:
@@ -48,7 +61,11 @@ def check_pair_count(count: int) -> None:
 
 
 def check_pose(stamp_ns: int, T_lm_navsb: Transform) -> None:
-    """Raise MappingError if the rotation of a pose is invalid, or if the pose is far from the origin of LM."""
+    """Raise MappingError if a pose is another object, has an invalid rotation, or is far from the origin of LM."""
+    if not isinstance(T_lm_navsb, Transform):
+        raise MappingError(
+            f"the pose of stamp {stamp_ns} has the type {type(T_lm_navsb).__name__}: a Transform is required"
+        )
     if not plausible_rotations(T_lm_navsb.rotation):
         raise MappingError(
             f"the pose of stamp {stamp_ns} has an invalid rotation: {T_lm_navsb.rotation.tolist()}: an orthonormal "

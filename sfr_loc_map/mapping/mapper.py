@@ -67,16 +67,24 @@ import numpy as np
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import checked
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig, check_rig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.calibration_sigma import largest_of, sigma_of_calibration
-from sfr_loc_map.mapping.checks import check_images, check_index, check_matches, check_pair_count, check_pose
+from sfr_loc_map.mapping.checks import (
+    check_images,
+    check_index,
+    check_items,
+    check_matches,
+    check_pair,
+    check_pair_count,
+    check_pose,
+)
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
 from sfr_loc_map.mapping.disparity.right_camera import measure_right_rotation, without_roll
 from sfr_loc_map.mapping.disparity.validity import within_range
-from sfr_loc_map.mapping.maps import FusedMap, MappedPair, fusion_input_of, warnings_of_pairs
+from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairMap, fusion_input_of, warnings_of_pairs
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.registration import register_views
@@ -92,7 +100,12 @@ class Mapper:
     version = __version__
 
     def __init__(self, rig: StereoRig, config: MappingConfig = MappingConfig()) -> None:  # noqa: B008 - frozen
-        """Prepare for a rig; raises ConfigError if the parameters are inconsistent or do not suit the rig."""
+        """Prepare for a rig.
+
+        Raises GeometryError for another object or a rig with too small images. Raises ConfigError if the parameters are
+        inconsistent or do not suit the rig.
+        """
+        check_rig(rig)
         self._rig = rig
         self._config = checked(config)
         self._search = search_range_of(rig, self._config)
@@ -122,6 +135,7 @@ class Mapper:
 
         Raises MappingError under the same conditions as `process` and `fuse`.
         """
+        check_items(pairs, PosedStereoPair)
         check_pair_count(len(pairs))
         maps = [self.process(posed.pair, posed.T_lm_navsb, index) for index, posed in enumerate(pairs)]
         fused = self.fuse(maps)
@@ -133,11 +147,12 @@ class Mapper:
         The index only distinguishes the points of several maps that are used without a fusion. `fuse` ignores the
         index and assigns new indices.
 
-        Raises MappingError if the index is out of range, the rotation of the pose is invalid, the pose is farther than
-        `checks.MAX_LM_M` from the origin of LM, the images do not have the rig's size, an image is textureless, both
-        images are identical, or they do not match (`check_matches`).
+        Raises MappingError if an argument has another type, the index is out of range, the rotation of the pose is
+        invalid, the pose is farther than `checks.MAX_LM_M` from the origin of LM, the images do not have the rig's
+        size, an image is textureless, both images are identical, or they do not match (`check_matches`).
         """
         check_index(index)
+        check_pair(pair)
         check_pose(pair.stamp_ns, T_lm_navsb)
         check_images(pair, self._rig)
         estimated = estimate_disparity(pair, self._rig.camera, self._search.count)
@@ -170,6 +185,7 @@ class Mapper:
         cloud, random sigma, pose or disparities were replaced, and for a map of other cameras than those of this
         mapper.
         """
+        check_items(maps, PairMap)
         check_pair_count(len(maps))
         inputs = [fusion_input_of(item, self._rig) for item in maps]
         cleaned = without_fixed_content([item.view for item in inputs], self._rig)

@@ -20,11 +20,16 @@ def point_covariances(cloud: PointCloud, poses_lm_left: Sequence[Transform], foc
     distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. The pair index of a point is that of
     its pose.
 
-    Raises MappingError if a pose is missing, or if the focal length f, `focal_px`, is not positive.
+    Raises MappingError if a pose is missing, if a point is at its camera, or if the focal length f, `focal_px`, is not
+    positive and finite.
     """
-    if not focal_px > 0.0:
-        raise MappingError(f"focal_px is {focal_px}: a positive number is required")
+    if not 0.0 < focal_px < np.inf:
+        raise MappingError(f"focal_px is {focal_px}: a positive, finite number is required")
+    if not len(cloud):
+        return np.zeros((0, 3, 3), F)
     ray = rays_from_cameras(cloud.xyz, cloud.pair, poses_lm_left)
+    if not ray.any(axis=1).all():
+        raise MappingError("the cloud has a point at the position of its camera, which has no ray: remove this point")
     axes = np.stack([pose.rotation[:, 2] for pose in poses_lm_left])[cloud.pair]
     depth = np.einsum("ij,ij->i", ray, axes)
     ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]

@@ -11,6 +11,7 @@ from concurrent.futures import Future
 from dataclasses import fields, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -104,6 +105,35 @@ def test_a_caller_may_overwrite_what_was_given_and_returned(estimates: list[Pose
         ):
             if isinstance(array, np.ndarray) and array.flags.writeable:
                 array[:] = 7
+
+
+@pytest.mark.parametrize("wrong", [3, None, "x"])
+def test_an_argument_of_another_type_is_refused(wrong: Any) -> None:
+    started = localiser()
+    calls: list[tuple[type[Exception], Callable[[], object]]] = [
+        (GeometryError, lambda: Localiser(wrong)),
+        (GeometryError, lambda: Localiser(LOC_RIG, start=wrong)),
+        (GeometryError, lambda: started.set_pose(wrong)),
+        (GeometryError, lambda: started.reset(StartPose(wrong))),
+        (LocalisationError, lambda: started.process(wrong)),
+    ]
+    if wrong is not None:
+        calls.append((GeometryError, lambda: started.process(DRIVE[0], wrong)))
+    for error, call in calls:
+        with pytest.raises(error, match=f"has the type {type(wrong).__name__}"):
+            call()
+    assert started.process(DRIVE[0]).state is TrackingState.INITIALISING
+
+
+@pytest.mark.parametrize(("width", "height"), [(2, 100), (100, 2), (15, 100), (100, 15), (16, 16), (17, 100)])
+def test_small_images_are_refused_or_processed(width: int, height: int) -> None:
+    rig = replace(LOC_RIG, width=width, height=height, fx=100.0, fy=100.0, cx=width / 2, cy=height / 2)
+    if min(width, height) < 16:
+        with pytest.raises(GeometryError, match="at least 16 x 16 px"):
+            Localiser(rig)
+        return
+    images = np.random.default_rng(0).integers(0, 255, (2, height, width), dtype=np.uint8)
+    assert Localiser(rig).process(StereoPair(0, *images)).state is TrackingState.LOST
 
 
 @pytest.mark.parametrize("at", [2, 5])

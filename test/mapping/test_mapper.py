@@ -15,10 +15,10 @@ import pytest
 from helpers import ROOT
 from helpers.disparity_world import hills, make_world, slope
 from helpers.hazard_truth import hazard_accuracy
-from sfr_loc_map.errors import MappingError
+from sfr_loc_map.errors import GeometryError, MappingError
 from sfr_loc_map.geometry.cloud import COLUMNS
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
@@ -290,6 +290,44 @@ def test_a_pose_that_is_no_rotation_or_far_from_the_origin_is_refused(
     pair = PosedStereoPair(made.pair, Transform(rotation, np.array(position)))
     with pytest.raises(MappingError, match=message):
         Mapper(made.rig).map([pair])
+
+
+@pytest.mark.parametrize("wrong", [3, None, "x", [3]])
+def test_an_argument_of_another_type_is_refused(wrong: Any) -> None:
+    rig = StereoRig(64, 48, 60.0, 60.0, 31.5, 23.5, 0.2)
+    image = np.random.default_rng(0).integers(0, 255, (48, 64), dtype=np.uint8)
+    pair = StereoPair(0, image, np.roll(image, -3, axis=1))
+    mapper = Mapper(rig)
+    with pytest.raises(GeometryError, match="a StereoRig is required"):
+        Mapper(wrong)
+    calls: list[tuple[str, Callable[[], object]]] = [
+        ("a StereoPair", lambda: mapper.process(wrong, Transform.identity())),
+        ("a Transform", lambda: mapper.process(pair, wrong)),
+        ("a sequence of PosedStereoPair", lambda: mapper.map(wrong)),
+        ("a sequence of PairMap", lambda: mapper.fuse(wrong)),
+    ]
+    for required, call in calls:
+        with pytest.raises(MappingError, match=f"{required} is required"):
+            call()
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (8, 8), (100, 15), (15, 100), (16, 16), (100, 16), (33, 17)])
+@pytest.mark.parametrize("right", ["shifted", "negative"])
+def test_small_images_are_refused_or_processed(width: int, height: int, right: str) -> None:
+    side = max(width, height)
+    rig = StereoRig(width, height, side, side, width / 2, height / 2, 0.1)
+    if min(width, height) < 16:
+        with pytest.raises(GeometryError, match="at least 16 x 16 px"):
+            Mapper(rig)
+        return
+    image = np.random.default_rng(2).integers(0, 255, (height, width), dtype=np.uint8)
+    second = np.roll(image, -2, axis=1) if right == "shifted" else 255 - image
+    try:
+        found = Mapper(rig).process(StereoPair(0, image, second), Transform.identity())
+    except MappingError as error:
+        assert "do not match" in str(error)  # noqa: PT017
+    else:
+        assert found.disparity_px.shape == (height, width)
 
 
 def test_rounding_of_points_is_small_at_the_largest_distance_from_the_origin() -> None:

@@ -76,7 +76,7 @@ def conjugate_gradient_step(
         for _ in range(iterations):
             state = state._replace(direction=state.previous_direction, previous_direction=state.direction)
             curvature = _update_direction(information, weights, preconditioner, F(beta), state)
-            if curvature <= 0.0 or math.isnan(curvature):
+            if delta <= 0.0 or curvature <= 0.0 or math.isnan(curvature):
                 break
             new_delta = _update_step(state, preconditioner, F(delta / curvature))
             beta = new_delta / delta

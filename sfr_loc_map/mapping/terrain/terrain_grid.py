@@ -18,6 +18,7 @@ from numba import prange
 from numpy.typing import NDArray
 
 from sfr_loc_map.config import checked
+from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
@@ -40,6 +41,8 @@ MIN_FOOTPRINT_FRACTION = 0.5
 """Minimum fraction of the footprint's cells with a height for slope and roughness. At the edge of the mapped ground,
 half of the footprint has heights, so that the plane is interpolated and not extrapolated. Chosen by hand."""
 MIN_RADIUS_CELLS = 1.5  #: Minimum radius of a window in which a plane is fitted, cells: a cell and its neighbours.
+MAX_FOOTPRINT_CELLS = 100
+"""Maximum radius of the footprint, cells. A plane is then fitted to at most 31 400 cells around each cell."""
 MIN_DETERMINANT = 1e-6
 """Minimum determinant of the covariance of the cells' positions, in units of cell_m^4: 0 if all cells are on a line."""
 ROUNDING = 1e-9  #: Added to a squared radius, in cells, so that cells on the circle are inside despite rounding.
@@ -103,17 +106,23 @@ def terrain_grid(
     cell then counts anywhere in the footprint.
 
     Raises ConfigError if a value of the configuration is invalid. Raises MappingError if the cloud has no points within
-    the range, a coordinate is not finite, the grid would have too many cells, `random_sigma` has another length than
-    the cloud, or the pose of a point is missing.
+    the range, a coordinate is not finite, the grid or the footprint would have too many cells, `random_sigma` has
+    another length than the cloud, or the pose of a point is missing.
     """
     config = checked(config)
     cell_m = config.cell_m
+    footprint_cells = config.footprint_radius_m / cell_m
+    if footprint_cells > MAX_FOOTPRINT_CELLS:
+        raise MappingError(
+            f"the footprint of {config.footprint_radius_m} m has a radius of {footprint_cells:.4g} cells of {cell_m} "
+            f"m: at most {MAX_FOOTPRINT_CELLS} are allowed; use larger cells or a smaller footprint (terrain.cell_m, "
+            "terrain.footprint_radius_m)"
+        )
     poses = poses_lm_left or None  # an empty sequence means no poses
     cells = CellGrid.over(cloud.xyz, cell_m, None if poses is None else _mapped_square(poses, config))
     cell_of_point = cells.cell_of(cloud.xyz)
     model = _without_sparse_cells(elevation_model(cloud, cells, cell_of_point, poses, random_sigma))
     outer = _outer_heights(cell_of_point, cloud.xyz[:, 2], model.count)
-    footprint_cells = config.footprint_radius_m / cell_m
     planes = _fit_planes(model.height_m.astype(np.float64), _disc(max(footprint_cells, MIN_RADIUS_CELLS)), cell_m)
     slope_rad = np.arctan(np.hypot(planes.slope_x, planes.slope_y)).astype(F)
     roughness_m = planes.residual_m.astype(F)

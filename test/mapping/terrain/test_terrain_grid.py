@@ -153,6 +153,32 @@ def test_a_configuration_that_was_not_checked_is_refused(change: dict[str, float
         terrain_grid(ground(lambda x, y: 0.0 * x), replace(CONFIG, **change), CAMERA)
 
 
+def test_the_footprint_has_a_limited_number_of_cells() -> None:
+    cloud = ground(lambda x, y: 0.0 * x)
+    fine = replace(CONFIG, cell_m=0.01, range_m=0.5)
+    with pytest.raises(MappingError, match="radius of 101 cells"):
+        terrain_grid(cloud, replace(fine, footprint_radius_m=1.01), CAMERA)
+    assert terrain_grid(cloud, replace(fine, footprint_radius_m=1.0), CAMERA).hazard.shape == (101, 101)
+
+
+@pytest.mark.parametrize("poses", [[], CAMERA])
+def test_an_empty_cloud_has_no_covariances(poses: list[Transform]) -> None:
+    cloud = ground(lambda x, y: 0.0 * x)
+    assert point_covariances(cloud.select(np.zeros(len(cloud), bool)), poses, 400.0).shape == (0, 3, 3)
+
+
+@pytest.mark.parametrize("is_exact", [True, False])
+def test_a_point_at_its_camera_has_no_covariance(*, is_exact: bool) -> None:
+    cloud = ground(lambda x, y: 0.0 * x)
+    centre = cloud.xyz[0].astype(np.float64) + (0.0 if is_exact else 1e-6)
+    at_point = [Transform(np.eye(3), centre)]
+    if is_exact:
+        with pytest.raises(MappingError, match="at the position of its camera"):
+            point_covariances(cloud, at_point, 400.0)
+    else:
+        assert np.isfinite(point_covariances(cloud, at_point, 400.0)).all()
+
+
 def test_a_missing_pose_or_sigma_of_a_point_is_refused() -> None:
     cloud = ground(lambda x, y: 0.0 * x)
     second = replace(cloud, pair=np.ones(len(cloud), np.uint8))
@@ -162,7 +188,7 @@ def test_a_missing_pose_or_sigma_of_a_point_is_refused() -> None:
         point_covariances(second, CAMERA, 400.0)
     with pytest.raises(MappingError, match="random_sigma has 3 values"):
         terrain_grid(cloud, CONFIG, CAMERA, np.ones(3, np.float32))
-    for focal_px in (0.0, -1.0, float("nan")):
+    for focal_px in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(MappingError, match="focal_px"):
             point_covariances(cloud, CAMERA, focal_px)
     assert point_covariances(second, CAMERA * 2, 400.0).shape == (len(cloud), 3, 3)
