@@ -152,9 +152,9 @@ def find_rows(
 ) -> Iterator[Figure]:
     """Yield the rows that have these keys, in the order of the table.
 
-    ConfigError if the catalogue has no such figure, and MetricsError if the condition is invalid.
+    ConfigError if neither the catalogue nor a row has this figure, and MetricsError if the condition is invalid.
     """
-    if figure != ANY and figure not in KINDS:
+    if figure != ANY and figure not in KINDS and not any(row.figure == figure for row in figures):
         raise ConfigError(f"there is no figure '{figure}'{suggestion(figure, KINDS)}: give one that exists")
     if isinstance(part, RowPart):
         part = part.text
