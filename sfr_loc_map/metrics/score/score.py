@@ -92,7 +92,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     ) -> list[Figure]:
         """Return the rows of the table of figures that have these keys, in the order of the table.
 
-        ConfigError if the catalogue has no such figure, and MetricsError if the condition is invalid.
+        ConfigError if neither the catalogue nor the table has this figure. MetricsError if the condition is invalid.
         """
         return list(find_rows(self.figures, figure, subject=subject, condition=condition, part=part))
 
@@ -106,9 +106,9 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     ) -> Figure | None:
         """Return the row of a figure and a part, or without `part` the judged row; None if there is no such row.
 
-        Without `condition` the first condition is used. ConfigError if the catalogue has no such figure, or, naming the
-        available parts, if `part` is not given and no row of the figure is judged. MetricsError if the condition is
-        invalid.
+        Without `condition` the first condition is used. ConfigError if neither the catalogue nor the table has this
+        figure, or, naming the available parts, if `part` is not given and no row of the figure is judged. MetricsError
+        if the condition is invalid.
         """
         if part != JUDGED_ROW:
             return next(find_rows(self.figures, figure, subject=subject, condition=condition, part=part), None)
