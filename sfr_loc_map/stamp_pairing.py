@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 T = TypeVar("T")
 STAMP_TOLERANCE_S = 0.01
 """Default of the largest stamp difference of a pair, s. The tolerance is also kept below half a period."""
+MAX_TOLERANCE_S = 0.5  #: Largest accepted tolerance of stamps, s.
 PERIODS = 15  #: Maximum number of gaps between the last stamps of a stream, whose median is the period of the stream.
 WAITING = 1000  #: Queue depth of each stream if all stamps are known in advance.
 

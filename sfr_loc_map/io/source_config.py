@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
+from sfr_loc_map.stamp_pairing import MAX_TOLERANCE_S, STAMP_TOLERANCE_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ class SyncConfig:
         unit="s",
         doc="Largest difference between the stamps of left and right, always below half a period. 0: equal stamps.",
         low=0.0,
-        high=0.5,
+        high=MAX_TOLERANCE_S,
     )
     stamps: str = param(
         "header",

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
-from sfr_loc_map.config import flatten
+from sfr_loc_map.config import build, flatten
 from sfr_loc_map.config_file import NOTHING_GIVEN, Configuration, Key
 from sfr_loc_map.config_yaml import yaml_text
-from sfr_loc_map.errors import SfrError
+from sfr_loc_map.errors import ConfigError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.bag.bag import Bag, Topic
@@ -30,7 +30,7 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 from sfr_loc_map.metrics.config import SPACING_FRAMES
 from sfr_loc_map.source_setup.topic_guess import guess_topics, seen_topics
-from sfr_loc_map.stamp_pairing import below_half_period, nearest_stamps
+from sfr_loc_map.stamp_pairing import MAX_TOLERANCE_S, below_half_period, nearest_stamps
 from sfr_loc_map.suite_names import SIDES, Task
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
@@ -78,18 +78,26 @@ class Proposal:
     truth: TruthComponents | None = None  #: Components of the ground truth; None without ground truth.
 
     def adding(self, findings: Findings) -> Proposal:
-        """Return the proposal with the findings of a step; values that it already contains are kept."""
+        """Return the proposal with the findings of a step; values that it already contains are kept.
+
+        A value outside of the range of its parameter is reported as missing.
+        """
         sections = copied(self.sections)
         reasons = dict(self.reasons)
+        refused: list[str] = []
         for key, value, reason in findings.values:
-            if key.value_in(sections) is None:
-                key.put(value, sections)
-                reasons[key] = reason
+            if key.value_in(sections) is not None:
+                continue
+            if problem := _problem_of(key, value):
+                refused.append(f"{problem} ({reason})")
+                continue
+            key.put(value, sections)
+            reasons[key] = reason
         return replace(
             self,
             configuration=replace(self.configuration, sections=sections),
             reasons=reasons,
-            missing=(*self.missing, *findings.missing),
+            missing=(*self.missing, *findings.missing, *refused),
             remarks=(*self.remarks, *findings.remarks),
             truth=findings.truth or self.truth,
         )
@@ -117,6 +125,18 @@ class Proposal:
                     reason = self.reasons.get(Key(section, name), "given")
                     lines.append(f"  {name}: {yaml_text(value)}  # {reason}")
         return "\n".join(lines) + "\n"
+
+
+def _problem_of(key: Key, value: object) -> str:
+    """Return why the parameter with a key cannot have a value; empty for a valid value or a key of no parameter."""
+    config_type = get_type_hints(SourceConfig).get(key.section)
+    if not isinstance(config_type, type) or not is_dataclass(config_type):
+        return ""
+    try:
+        build(config_type, {key.name: value}, origin=key.section)
+    except ConfigError as error:
+        return str(error)
+    return ""
 
 
 def propose_config(source: Path, given: Configuration, before: Configuration = NOTHING_GIVEN) -> Proposal:
@@ -220,7 +240,10 @@ def _origin_of_stamps(bag: Bag) -> Findings:
 
 
 def _calibration(bag: Bag, given: CalibrationConfig) -> Findings:
-    """Propose the baseline from /tf_static if camera_info has none; report a calibration that is missing."""
+    """Propose the baseline from /tf_static if camera_info has none; report a calibration that is missing.
+
+    Two frames at one position have no baseline.
+    """
     infos = [bag.find(f"loc/{side}/camera_info", CAMERA_INFO) for side in SIDES]
     messages = bag.first([topic for topic in infos if topic is not None])
     if image_name(bag, "loc") is None or given.file:
@@ -232,7 +255,7 @@ def _calibration(bag: Bag, given: CalibrationConfig) -> Findings:
     if right.p[3] != 0 or left.p[3] != 0 or given.baseline_m:
         return Findings()
     joined = read_frame_tree(bag).find(left.header.frame_id.strip("/"), right.header.frame_id.strip("/"))
-    if joined is None:
+    if joined is None or not joined.translation.any():
         return Findings(missing=("P[3] of the right camera_info is 0: give --set calibration.baseline_m=METRES",))
     baseline = float(round(np.linalg.norm(joined.translation), 9))
     reason = "P[3] is 0; from /tf_static, left to right frame; sure"
@@ -281,8 +304,9 @@ def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: in
         text = f"right stamps are {late}, within {spread_ns / NS_PER_S:.2g} s, modulo the period"
         yield "right_offset_s", round(-typical_ns / NS_PER_S, 6), text
     else:
-        tolerance_s = round(1.5 * largest_ns / NS_PER_S, 4)
-        yield "stamp_tolerance_s", tolerance_s, f"stamps vary by {spread_ns / NS_PER_S:.2g} s"
+        largest_s = largest_ns / NS_PER_S
+        tolerance_s = max(largest_s, min(1.5 * largest_s, MAX_TOLERANCE_S))
+        yield "stamp_tolerance_s", round(tolerance_s, 4), f"stamps vary by {spread_ns / NS_PER_S:.2g} s"
 
 
 def _opened_drive(source: Path, config: SourceConfig) -> LocSequence | None:

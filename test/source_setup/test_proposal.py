@@ -15,6 +15,7 @@ from helpers.message_bags import write_messages
 from sfr_loc_map.config_file import Configuration, Key
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import messages
+from sfr_loc_map.io.source_config import SyncConfig
 from sfr_loc_map.source_setup.proposal import Findings, Proposal, Value, propose_config
 
 
@@ -53,6 +54,35 @@ def test_the_stamps_are_compared_as_the_source_uses_them(tmp_path: Path) -> None
     assert propose_config(place, Configuration()).sections["sync"] == {"right_offset_s": -0.04}
     for given in ({"stamps": "record"}, {"right_offset_s": -0.039}, {"stamp_tolerance_s": 0.045}):
         assert propose_config(place, Configuration(None, {"sync": given})).sections["sync"] == given
+
+
+@pytest.mark.parametrize(("spread_s", "expected_s"), [(0.3, 0.45), (0.4, 0.5), (0.5, 0.5), (0.6, None)])
+def test_a_proposed_tolerance_is_in_the_range_of_its_parameter(
+    tmp_path: Path, spread_s: float, expected_s: float | None
+) -> None:
+    """Every second right image is late; the period is 1.5 s."""
+    image = np.zeros((16, 24), np.uint8)
+    entries = []
+    for number in range(40):
+        left_ns = 10**9 + number * 1_500_000_000
+        late_ns = round(spread_s * 10**9) * (number % 2)
+        for side, stamp_ns in (("left", left_ns), ("right", left_ns + late_ns)):
+            entries.append((f"/loc/{side}/image_raw", stamp_ns, messages.image(stamp_ns, image, "loc", side)))
+    found = propose_config(write_messages(tmp_path / "x", entries), Configuration())
+    assert found.config.sync.stamp_tolerance_s == pytest.approx(expected_s or SyncConfig().stamp_tolerance_s)
+    assert any("stamp_tolerance_s" in text for text in found.missing) == (expected_s is None)
+
+
+def test_values_that_their_parameters_cannot_have_are_reported() -> None:
+    values = (
+        Value(Key("calibration", "baseline_m"), 150.0, "from /tf_static"),
+        Value(Key("sync", "right_offset_s"), -2e4, "late"),
+        Value(Key("extrinsics", "translation_m"), [0.0, 0.0, 1.0], "from /tf_static"),
+        Value(Key("conditions"), ["distance=5"], "length"),
+    )
+    found = Proposal(Path("x"), Configuration()).adding(Findings(values))
+    assert found.sections == {"extrinsics": {"translation_m": [0.0, 0.0, 1.0]}, "conditions": ["distance=5"]}
+    assert [text.split(":")[0] for text in found.missing] == ["calibration", "sync"]
 
 
 def unstamped(topic: str, number: int, message: Any) -> Any:

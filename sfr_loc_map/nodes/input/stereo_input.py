@@ -27,7 +27,7 @@ from sfr_loc_map.ros.messages import check_image
 from sfr_loc_map.ros.qos import RELIABILITIES, profile
 from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.run_order import RunOrder
-from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
+from sfr_loc_map.stamp_pairing import MAX_TOLERANCE_S, STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.suite_names import SIDES, Side
 from sfr_loc_map.topics import COMPRESSED_END
 from sfr_loc_map.transport_issues import MUCH_LOST, doubled_publishers, loss_fix
@@ -75,7 +75,7 @@ class StereoInputConfig:
         unit="s",
         doc="Maximum stamp difference of left and right image, always less than half a period. 0: equal stamps.",
         low=0.0,
-        high=0.5,
+        high=MAX_TOLERANCE_S,
     )
 
     @property
