@@ -237,10 +237,9 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
     - `scored_range`: range interval of the true points that count for coverage, m.
     - `fused`: whether the cloud is fused, for a file without this information.
 
-    ConfigError for an invalid argument, for `limits` that are invalid, and for an argument that does not apply to the
-    kind of estimate. InputError for a file that is missing or invalid. MetricsError for an invalid condition, and if
-    figures cannot be computed, for example from poses without common stamps. A missed limit is no error: see
-    `Score.verdict`.
+    ConfigError for an invalid argument, for an invalid condition or `limits`, and for an argument that does not apply
+    to the kind of estimate. InputError for a file that is missing or invalid. MetricsError if figures cannot be
+    computed, for example from poses without common stamps. A missed limit is no error: see `Score.verdict`.
 
     A UserWarning reports what the command prints about a file: an inferred format or unit, and skipped rows.
     """

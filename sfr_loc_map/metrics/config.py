@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from sfr_loc_map.config import build, check_parameters, param
-from sfr_loc_map.errors import ConfigError, MetricsError
+from sfr_loc_map.errors import ConfigError, MetricsError, naming_key
 
 MAX_VALUE = 1e9  #: Maximum metres, seconds or frames of a condition; this many seconds fit 64 bits of nanoseconds.
 VALUES_OF_CONDITIONS = (
@@ -137,8 +137,12 @@ class Condition:
     def __post_init__(self) -> None:
         """Check the condition, and sort its parts by kind, so that conditions with the same parts are equal.
 
-        MetricsError if the value is invalid, or if two parts have the same kind or a part has parts.
+        The kind may be given by its name. MetricsError if the kind or the value is invalid, or if two parts have the
+        same kind or a part has parts.
         """
+        if self.kind not in list(ConditionKind):
+            raise MetricsError(f"'{self.kind}={self.value:g}' is not a condition: {VALUES_OF_CONDITIONS}")
+        object.__setattr__(self, "kind", ConditionKind(self.kind))
         largest = 180.0 if self.kind is ConditionKind.TURN else MAX_VALUE
         is_countable = self.kind is not ConditionKind.FRAMES or self.value % 1.0 == 0.0
         if not 0.0 < self.value <= largest or not is_countable:
@@ -269,6 +273,9 @@ class TrajectoryScoreConfig:
     def __post_init__(self) -> None:
         """Check the settings; ConfigError if a value is invalid."""
         check_parameters(self)
+        with naming_key("'conditions'"):
+            for text in self.conditions:
+                Condition.parse(text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,6 +295,10 @@ class AlignedErrorConfig:
     def __post_init__(self) -> None:
         """Check the settings; ConfigError if a value is invalid."""
         check_parameters(self)
+        with naming_key("'rpe_delta'"):
+            delta = Condition.parse(self.rpe_delta)
+        if delta.others or delta.kind not in (ConditionKind.FRAMES, ConditionKind.DISTANCE):
+            raise ConfigError(f"'rpe_delta' is '{self.rpe_delta}': frames=NUMBER or distance=METRES is required")
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from helpers.trajectory_pairs import PAIRS, TENTHS
-from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import AlignedErrorConfig
@@ -78,8 +78,8 @@ def test_nothing_in_common_and_wrong_lengths() -> None:
     with pytest.raises(MetricsError, match="increase the option max_difference"):
         aligned_errors(late, TENTHS, AlignedErrorConfig())
     for delta in ("time=3", "turn=5", "displacement=1", "frames=1,distance=1"):
-        with pytest.raises(MetricsError, match="is not defined: give frames=NUMBER or distance=METRES"):
-            aligned_errors(TENTHS, TENTHS, AlignedErrorConfig(rpe_delta=delta))
+        with pytest.raises(ConfigError, match="frames=NUMBER or distance=METRES is required"):
+            AlignedErrorConfig(rpe_delta=delta)
     far = aligned_errors(TENTHS, TENTHS, AlignedErrorConfig(rpe_delta="distance=1000"))
     row = Score(figures=far.figures).figure("rpe", part="translation")
     assert (row.n, row.rmse) == (0, None)

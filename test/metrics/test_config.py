@@ -24,6 +24,9 @@ DISTANCE, TIME = ConditionKind.DISTANCE, ConditionKind.TIME
         (lambda: TrajectoryScoreConfig(spacing=-1), "'spacing' is -1"),
         (lambda: TrajectoryScoreConfig(spacing=0), "'spacing' is 0"),
         (lambda: TrajectoryScoreConfig(rebase="yaw_aligned"), "'rebase' is 'yaw_aligned': one of pose"),
+        (lambda: TrajectoryScoreConfig(conditions=("distance=5", "foo")), "'conditions': 'foo' is not a condition"),
+        (lambda: TrajectoryScoreConfig(conditions=("distance=-5",)), "'distance=-5' is not a condition"),
+        (lambda: AlignedErrorConfig(rpe_delta="foo"), "'rpe_delta': 'foo' is not a condition"),
         (lambda: AssociationConfig(truth="nearest"), "'truth' is 'nearest'"),
         (lambda: AssociationConfig(tolerance_s=-1.0), "'tolerance_s' is -1"),
         (lambda: AlignedErrorConfig(align="yaw"), "'align' is 'yaw'"),
@@ -50,6 +53,13 @@ def test_a_setting_out_of_range_is_refused(make: Callable[[], object], words: st
 def test_parts_that_are_nested_or_repeated_are_refused(others: tuple[Condition, ...], words: str) -> None:
     with pytest.raises(MetricsError, match=words):
         Condition(DISTANCE, 5.0, others)
+
+
+def test_the_kind_of_a_condition_may_be_given_by_its_name() -> None:
+    assert Condition("distance", 5.0) == Condition(DISTANCE, 5.0)
+    assert Condition("distance", 5.0).label == "5 m"
+    with pytest.raises(MetricsError, match="'miles=5' is not a condition"):
+        Condition("miles", 5.0)
 
 
 def test_conditions_with_the_same_parts_are_equal() -> None:

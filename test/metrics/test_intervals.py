@@ -54,6 +54,11 @@ def test_joined_moments_are_those_of_all_values(offset: float) -> None:
     assert np.sqrt(repeated.squares).max() <= 1e-15 * max(offset, 10.0)
 
 
+@pytest.mark.parametrize("shape", [(0,), (0, 3), (1,), (1, 3)])
+def test_fewer_than_two_errors_have_no_interval(shape: tuple[int, ...]) -> None:
+    assert interval95(np.zeros(shape), 1.0, unsigned=False) is None
+
+
 def test_an_interval_needs_two_independent_sub_trajectories_and_shrinks_with_more() -> None:
     rng = np.random.default_rng(1)
     errors = rng.normal(0, 1, (40 * MAX_BLOCKS + 7, 3))

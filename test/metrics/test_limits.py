@@ -191,6 +191,10 @@ def test_several_requirements_may_limit_one_number(blocks: list[dict[str, Any]])
             "'position_bound_m': 'certain' is not accepted",
         ),
         ({"minimum_count": 1, "map": {"coverage_min": 0.8}}, "minimum_count"),
+        ({"minimum_count": 10**400, "map": {"coverage_min": 0.8}}, "minimum_count"),
+        ({"minimum_independent": 10**400, "map": {"coverage_min": 0.8}}, "minimum_independent"),
+        ({"map": {"point_error_mean_m": 10**400}}, "'point_error_mean_m' is an integer above"),
+        ({"map": {"coverage_min": 16**5000}}, "'coverage_min' is an integer above"),
         (
             {"map": [{"coverage_min": 0.8}, {"coverage_min": 0.9}]},
             "'coverage_min' has two different limits, 0.8 and 0.9",

@@ -71,7 +71,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
 
     Without true attitudes, rotation errors are unknown, and relative errors are those of displacements in DS.
     MetricsError if the estimate has no attitudes, if the truth has no heights, if no stamps are within
-    `max_difference`, if the alignment is undetermined, or if `rpe_delta` is neither frames nor a distance.
+    `max_difference`, or if the alignment is undetermined.
     """
     known = as_truth(truth)
     if not known.has_height:
@@ -179,8 +179,6 @@ def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Sim
 
 
 def _ends(positions: FloatArray, delta: Condition) -> NDArray[np.intp]:
-    if delta.others or delta.kind not in (ConditionKind.FRAMES, ConditionKind.DISTANCE):
-        raise MetricsError(f"a relative error over {delta} is not defined: give frames=NUMBER or distance=METRES")
     if delta.kind is ConditionKind.FRAMES:
         return np.arange(0, len(positions), int(delta.value), dtype=np.intp)
     ends, travelled = [0], 0.0

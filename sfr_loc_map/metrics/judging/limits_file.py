@@ -48,8 +48,8 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     """Return the limits of a mapping in the form of the file; ConfigError, which names the origin, if it is invalid."""
     _check_keys(content, ("minimum_count", "minimum_independent", "data_set_sha256", *LimitSection), origin)
     minimum = content.get("minimum_count", MINIMUM_COUNT)
-    if not isinstance(minimum, int) or isinstance(minimum, bool) or minimum < 2:
-        raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number of at least 2 is required")
+    if not isinstance(minimum, int) or isinstance(minimum, bool) or not 2 <= minimum < 1e9:
+        raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number from 2 to below 1e9 is required")
     independent = content.get("minimum_independent", MINIMUM_INDEPENDENT)
     if not isinstance(independent, int | float) or isinstance(independent, bool) or not 1 <= independent < 1e9:
         raise ConfigError(f"{origin}: 'minimum_independent' is {independent!r}: a number of at least 1 is required")

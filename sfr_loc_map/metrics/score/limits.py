@@ -18,6 +18,7 @@ template, and the scope that must be complete for a pass (`metrics.judging.limit
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -85,6 +86,8 @@ def fault_of_terms(given: Mapping[str, Any]) -> str | None:
 
 def fault_of_bound(figure: str, bound: object) -> str | None:
     """Return why a value cannot be the bound of a limit on a figure, None if it is valid."""
+    if isinstance(bound, int) and bound > sys.float_info.max:
+        return f"is an integer above {sys.float_info.max:g}: a smaller number is required, in the unit of its name"
     if isinstance(bound, bool) or not isinstance(bound, int | float) or not 0 <= bound < math.inf:
         return f"is {bound!r}: a number >= 0 is required, in the unit of its name"
     if KINDS[figure].unit == "1" and bound > 1:

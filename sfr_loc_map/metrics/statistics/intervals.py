@@ -56,11 +56,11 @@ def interval95(errors: FloatArray, overlap: float, *, unsigned: bool) -> Interva
 
     `overlap` is the mean number of starts within one sub-trajectory. Unsigned errors cannot be negative.
     """
-    vectors = errors.reshape(len(errors), -1)
-    count = len(vectors)
+    count = len(errors)
     independent = count / max(overlap, 1.0)
-    if count < 2 or independent < MIN_INDEPENDENT or not np.isfinite(np.sum(vectors)):
+    if independent < MIN_INDEPENDENT or not np.isfinite(np.sum(errors)):
         return None
+    vectors = errors.reshape(count, -1)
     mean = np.mean(vectors, axis=0)
     offsets = vectors - mean
     variances = np.sum(np.square(offsets), axis=0) / (count - 1.0)

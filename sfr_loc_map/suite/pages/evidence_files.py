@@ -131,9 +131,10 @@ def read_file(path: Path) -> CheckFile | BudgetFile | SearchFile:
     """Return the content of a file by its schema; raise InputError for an unknown schema."""
     try:
         content = msgspec.json.decode(read_text(path, MAX_JSON_BYTES), type=dict[str, Any])
-        kind = KINDS.get(content.get("schema", ""))
+        schema = content.get("schema")
+        kind = KINDS.get(schema) if isinstance(schema, str) else None
         if kind is None:
-            raise ValueError(f"its schema is {content.get('schema')!r}: one of {', '.join(KINDS)} is required")
+            raise ValueError(f"its schema is {schema!r}: one of {', '.join(KINDS)} is required")
         return msgspec.convert(content, kind)
     except (OSError, ValueError) as error:
         problem = error.strerror if isinstance(error, OSError) else error

@@ -118,6 +118,8 @@ def test_evidence_without_a_problem_leaves_no_point_open(tmp_path: Path) -> None
     [
         ("{", "JSON"),
         ('{"schema": "sfr-score/2"}', "sfr-score/2"),
+        ('{"schema": []}', r"its schema is \[\]"),
+        ("{}", "its schema is None"),
         ("[]", "object"),
         ('{"schema": "sfr-search/2"}', "figure"),
         ('{"schema": "sfr-search/1"}', "sfr-search/1"),
