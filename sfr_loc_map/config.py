@@ -111,6 +111,8 @@ def is_empty(value: object) -> bool:
 MAPPING = "a mapping of names to values"  #: The form of a section or group in a message.
 _KINDS: Mapping[type, str] = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 """Words for the types of parameters in a message."""
+_ITEMS: Mapping[type, str] = {bool: "Booleans", int: "whole numbers", float: "numbers", str: "texts"}
+"""Words for the types of the items of a list in a message."""
 
 
 def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "configuration") -> C:
@@ -191,16 +193,18 @@ def _without_numpy(value: Any) -> Any:  # noqa: ANN401 - any parameter type
 def _kind_of(parameter_type: type, name: str) -> str:
     """Return the type of a parameter in words; `tuple[float, float, float]` is a list of 3 numbers.
 
-    TypeError if the type is neither in `_KINDS` nor a tuple of these types.
+    TypeError if the type is neither in `_KINDS` nor a tuple of one of these types.
     """
     is_list = get_origin(parameter_type) is tuple
     items = get_args(parameter_type) if is_list else (parameter_type,)
-    if unknown := [item for item in items if item not in _KINDS and item is not Ellipsis]:
+    types = {item for item in items if item is not Ellipsis}
+    if len(types) != 1 or not types <= _KINDS.keys():
         known = ", ".join(kind.__name__ for kind in _KINDS)
-        raise TypeError(f"the parameter {name} has the type {unknown[0]}: {known}, or a tuple of one is required")
+        raise TypeError(f"the parameter {name} has the type {parameter_type}: {known}, or a tuple of one is required")
     if not is_list:
         return _KINDS[parameter_type]
-    return "a list" if Ellipsis in items else f"a list of {len(items)} numbers"
+    words = _ITEMS[items[0]]
+    return f"a list of {words}" if Ellipsis in items else f"a list of {len(items)} {words}"
 
 
 def checked(config: C) -> C:

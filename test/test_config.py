@@ -36,6 +36,7 @@ class Whole:
     ranges_m: tuple[float, ...] = param((1.0, 2.0), unit="m", doc="Bounds of ranges.", low=0.0, high=100.0)
     centre_m: tuple[float, float] = param((0.0, 0.0), unit="m", doc="Centre.", low=-1.0, high=1.0)
     labels: tuple[str, ...] = param(("a",), doc="Words.")
+    ends: tuple[str, str] = param(("a", "b"), doc="First and last word.")
     matcher: Matcher = field(default_factory=Matcher)
 
 
@@ -82,8 +83,10 @@ def test_nested_names_in_both_forms_and_whole_numbers_where_they_mean_the_same()
         ({"matcher.method": "block"}, "'matcher.method' is 'block': one of blocks, pixels"),
         ({"ranges_m": [1.0, -1.0]}, "'ranges_m' is -1.0: 0.0 to 100.0 m is required"),
         ({"voxel_m": 10**400}, "a number is required"),
-        ({"ranges_m": 1.0}, "a list is required"),
+        ({"ranges_m": 1.0}, "a list of numbers is required"),
         ({"centre_m": [1.0]}, "'centre_m' is [1.0]: a list of 2 numbers is required"),
+        ({"ends": ["a"]}, "'ends' is ['a']: a list of 2 texts is required"),
+        ({"labels": [1]}, "'labels' is [1]: a list of texts is required"),
         ({"matcher": 5}, "'matcher' is 5: a mapping of names to values is required"),
         ({"matchr": {}}, "unknown key 'matchr' (did you mean 'matcher.method'?)"),
         ({"voxel_m": {}}, "'voxel_m' is {}: a number is required"),

@@ -1,7 +1,7 @@
 """Reads MCAP files (mcap.dev/spec) of any profile, and limits the data that are decompressed at the same time.
 
 A complete file is read by the index in its summary. A file without an index, or one that was not closed, is read
-record by record. `RecoveringMcapFile` reads a file that was not closed, up to the last complete record.
+record by record. A file that was not closed is read up to the last complete record, if the caller permits this.
 """
 
 from __future__ import annotations
@@ -74,11 +74,13 @@ class LooseMessage(NamedTuple):
 class McapFile:
     """Connections, metadata and messages of one file: a storage plugin of `rosbags.rosbag2.Reader`."""
 
-    recovers = False  #: Whether a file that was not closed is read up to its last complete record.
+    def __init__(self, path: Path, *, recovers: bool = False) -> None:
+        """Set the path of the file that `open` opens.
 
-    def __init__(self, path: Path) -> None:
-        """Set the path of the file that `open` opens."""
+        `recovers`: a file that was not closed is read up to the last complete record. Otherwise `open` raises an error.
+        """
         self.path = Path(str(path))
+        self._recovers = recovers
         self.connections: list[Connection] = []
         self.metadata = NO_MESSAGES
         self._file: BinaryIO | None = None
@@ -167,18 +169,12 @@ class McapFile:
         if head is None or head[0] != HEADER:
             raise ReaderError("its first record is incomplete or is not the header")
         start = head[1] + head[2]
-        if self.recovers and is_unfinished(self.path):
+        if self._recovers and is_unfinished(self.path):
             return _scanned(file, start, size, is_cut_off=True)
         end = size - len(MCAP_MAGIC) - FOOTER_SIZE
         summary_start = _summary_start(file, start, end)
         found = _summary(file, summary_start, end) if summary_start else None
         return found or _scanned(file, start, summary_start or end, is_cut_off=False)
-
-
-class RecoveringMcapFile(McapFile):
-    """Reads a file that was not closed, up to the last complete record."""
-
-    recovers = True
 
 
 class _Contents:

@@ -23,7 +23,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag.encoding import OLD_TYPES, cdr_of_ros1
 from sfr_loc_map.io.bag.files import BagFiles, is_ros1_bag
-from sfr_loc_map.io.bag.mcap_file import McapFile, RecoveringMcapFile
+from sfr_loc_map.io.bag.mcap_file import McapFile
 from sfr_loc_map.io.bag.unpacking import unpack_bz2, unpack_lz4, unpack_zstd, unpack_zstd_file
 from sfr_loc_map.suffixes import suffix_of
 
@@ -108,7 +108,7 @@ def _reader_of(path: Path, *, is_finished: bool) -> BagReader:
     if is_ros1_bag(path):
         return Ros1Reader(path)
     if suffix_of(path) == ".mcap":
-        return McapFile(path) if is_finished else RecoveringMcapFile(path)
+        return McapFile(path, recovers=not is_finished)
     if suffix_of(path) == ".db3":
         return Sqlite3Reader(path)
     raise InputError(f"'{path.name}' ends in '{path.suffix}': .mcap, .db3 or .bag is required")

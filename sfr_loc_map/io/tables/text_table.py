@@ -11,9 +11,10 @@ import csv
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
@@ -105,20 +106,27 @@ def parse_table(
     """
     marks = DecimalMarks(small_unit)
     reader = _RowReader(name, form, tuple(columns), stamp, separator, more, tolerant, marks)
-    table = Table(name, np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, reader.value_count)))
+    row_lines, stamps_ns = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    values = np.zeros((0, reader.value_count))
     line_count, missing, broken, skipped = 0, 0, list[str](), list[int]()
     for block in blocks:
         plain, lines, line_count = _rows_of(block.removeprefix(BOM) if not line_count else block, line_count, skip)
         rows = reader.read(plain, lines)
-        for column, part in ((table.lines, rows.lines), (table.stamps_ns, rows.stamps_ns), (table.values, rows.values)):
-            end = len(column)  # in place: concatenating all parts takes twice the memory
-            column.resize((end + len(part), *column.shape[1:]), refcheck=False)
-            column[end:] = part
+        _append(row_lines, rows.lines)
+        _append(stamps_ns, rows.stamps_ns)
+        _append(values, rows.values)
         missing += len(rows.skipped) - len(rows.broken)
         broken += rows.broken
         skipped += rows.skipped
     marks.check(name)
-    return replace(table, missing=missing, broken=tuple(broken), skipped_lines=tuple(skipped)).checked()
+    return Table(name, row_lines, stamps_ns, values, missing, tuple(broken), tuple(skipped)).checked()
+
+
+def _append(array: NDArray[Any], part: NDArray[Any]) -> None:
+    """Append rows to an array in place, because the concatenation of all parts takes twice the memory."""
+    end = len(array)
+    array.resize((end + len(part), *array.shape[1:]), refcheck=False)
+    array[end:] = part
 
 
 def _rows_of(block: bytes, line_count: int, skip: int) -> tuple[bytes, IntArray, int]:

@@ -12,13 +12,13 @@ from helpers.made_worlds import World, write_bag
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import expansion_limit
 from sfr_loc_map.io.bag.files import MCAP_MAGIC
-from sfr_loc_map.io.bag.mcap_file import FOOTER_SIZE, Chunk, McapFile, RecoveringMcapFile, _check_overlaps
+from sfr_loc_map.io.bag.mcap_file import FOOTER_SIZE, Chunk, McapFile, _check_overlaps
 
 Message = tuple[str, int, bytes]
 
 
-def messages_of(path: Path, kind: type[McapFile] = McapFile, start: int | None = None) -> list[Message]:
-    file = kind(path)
+def messages_of(path: Path, *, recovers: bool = False, start: int | None = None) -> list[Message]:
+    file = McapFile(path, recovers=recovers)
     file.open()
     try:
         counts = {each.id: each.msgcount for each in file.connections}
@@ -69,7 +69,7 @@ def test_a_file_that_was_not_closed_gives_its_complete_chunks(path: Path) -> Non
     found: set[int] = set()
     for size in range(len(content) - 1, len(content) // 2, -(len(content) // 40)):
         path.write_bytes(content[:size])
-        some = messages_of(path, RecoveringMcapFile)
+        some = messages_of(path, recovers=True)
         assert some == expected[: len(some)]
         found.add(len(some))
         with pytest.raises(Exception, match="footer"):
