@@ -33,7 +33,7 @@ A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, a
 - A guard for a new window is called in `_check_window`. The gap before a window is checked in `_begin`. If there was no
   map, the findings of the images and of the last adjustment apply to the new window as well.
 - The memory of a guard is a field of `State`. A memory that learns from poses is passed to `_accept` by the `Candidate`
-  and changes only there. The memory of the ground is passed by `Ground`.
+  and changes only there. The memory of the ground is passed by `Ground`, and may learn from a refused pair as well.
 
 A guard for the ground's motion is a case in `ground.cases`.
 """
@@ -109,7 +109,8 @@ class Inflation(Flag):
     #: the next accepted pose no longer includes this term, unless a window began at this pose.
     UNOBSERVED = auto()
     #: The largest of three sizes: the distance to the pose of the other motion, the estimated motion since the last
-    #: pose, and this motion treated as unobserved. The covariances of all later poses include this term.
+    #: pose, and this motion treated as unobserved. The covariances of later poses include this term until the next
+    #: external pose.
     AMBIGUITY = auto()
 
 
@@ -133,7 +134,7 @@ class Degradation(NamedTuple):
 RULES: Final[dict[Finding, Refusal | Degradation]] = {
     Finding.REPEATED_PAIR: Refusal(Action.KEEP, StateReason.REPEATED_IMAGES),
     Finding.IDENTICAL_IMAGES: Refusal(Action.REJECT, StateReason.NO_STEREO),
-    # Before the findings of too few landmarks, because swapped images have few landmarks.
+    # Before the findings of too few landmarks, because a window of swapped images has few landmarks.
     Finding.SWAPPED: Refusal(Action.REJECT, StateReason.NO_STEREO),
     Finding.UNTEXTURED: Refusal(Action.RESTART, StateReason.UNTEXTURED_IMAGES),
     Finding.FROZEN_AND_FEW: Refusal(Action.RESTART, StateReason.REPEATED_IMAGES),
@@ -175,7 +176,18 @@ RULES: Final[dict[Finding, Refusal | Degradation]] = {
 }
 """Consequences of each finding, in the order of precedence.
 
-The order is the only precedence between the findings of the guards. The selection of the ground contributes at most
+The findings are collected in five steps, and each step ends the evaluation if its findings refuse the pair:
+
+1. the images (`check_images`, `check_wiring`);
+2. the number of landmarks of the map (`check_landmarks`);
+3. the motion of the ground and the pose (`ground.cases`, `check_tracks`, `check_pose`);
+4. all other guards of a pose (`check_sides`, `check_gap`, `check_calibration`, `check_shear`), which require a valid
+   pose;
+5. the guards of a window that begins with the pair instead (`check_gap`, `check_landmarks`, `check_order`).
+
+A finding of a later step is therefore unknown if an earlier step refuses the pair, even if it precedes in the table.
+Each step includes the findings of the earlier steps, and the order of the table decides between them. A window that
+replaces a map does not include the findings about the pose in this map. The selection of the ground contributes at most
 one finding, that of its case (`ground.cases`), because a covariance shall not grow by the inflation of several cases.
 
 The published reason is that of the first finding, with two exceptions. A pair that is kept while the localiser is lost

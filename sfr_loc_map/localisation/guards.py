@@ -3,8 +3,8 @@
 Each guard is a pure function `check_*` that takes values and returns findings. One table lists the consequences of all
 findings (`findings.RULES`). A guard that compares a pair with earlier pairs takes the result as an argument: the
 comparison of the images (`stale_images.compare`), or the running mean of the shear (`ShearMean`). `check_sides` takes
-the tracker, because it tracks all landmarks again in swapped images. `check_order` takes the landmarks of two windows,
-the second of which begins with the swapped images. Findings about the ground's motion come from
+the tracker, because it tracks all landmarks again in swapped images. `check_order` takes the landmarks of a new
+window, and their number in a window that begins with the swapped images. Findings about the ground's motion come from
 `ground.cases.findings_of`.
 """
 
@@ -36,7 +36,7 @@ MAX_ADJUSTMENT: Final = MotionSize(1.0, 1.0)
 """A bundle adjustment has diverged if it displaces the newest pose by more than this, m and rad. Chosen by hand, far
 above the usual displacement of millimetres, or of centimetres with a correction of the yaw."""
 
-MIN_CONTRAST: Final = 1.0
+MIN_DEVIATION: Final = 1.0
 """Minimum standard deviation of the grey levels of a textured image at full resolution. Rounding to whole grey levels
 causes at most 0.5."""
 MIN_STEREO_FRACTION: Final = 0.3
@@ -80,7 +80,7 @@ def check_images(images: ImageComparison, *, has_map: bool) -> Findings:
 
 def check_wiring(pair: StereoPair) -> Findings:
     """Report a pair whose left and right image are the same textured image."""
-    is_one_image = are_equal(pair.left, pair.right) and float(np.std(pair.left)) > MIN_CONTRAST
+    is_one_image = are_equal(pair.left, pair.right) and float(np.std(pair.left)) > MIN_DEVIATION
     return _found(Finding.IDENTICAL_IMAGES, is_one_image)
 
 
@@ -92,16 +92,16 @@ def check_landmarks(frame: StereoFrame, landmarks: Landmarks, min_tracked: int) 
     return frozenset() if len(landmarks.rows) >= min_tracked else _too_few(frame)
 
 
-def check_order(landmarks: Landmarks, if_swapped: Landmarks, min_tracked: int) -> Findings:
+def check_order(landmarks: Landmarks, count_if_swapped: int, min_tracked: int) -> Findings:
     """Report swapped images at the start of a window.
 
     Args:
         landmarks: Landmarks that were triangulated from the images.
-        if_swapped: Landmarks that were triangulated from the images after an exchange of left and right.
+        count_if_swapped: Number of landmarks that are triangulated after an exchange of left and right.
         min_tracked: Minimum number of landmarks of a window.
     """
     enough = max(min_tracked, SWAPPED_FACTOR * len(landmarks.rows))
-    return _found(Finding.SWAPPED, len(if_swapped.rows) >= enough)
+    return _found(Finding.SWAPPED, count_if_swapped >= enough)
 
 
 def check_tracks(frame: StereoFrame, tracks: Tracks) -> Findings:

@@ -131,13 +131,26 @@ class KeyframeMaker:
         The first pose of a window is fixed (gauge), because otherwise each relinearisation would move the whole window.
         """
         start = time.perf_counter()
-        empty = SlidingWindow.empty(self._camera, self._config.window_keyframes)
-        nothing_observed = StereoObservations(np.zeros((0, 4)), np.zeros((0, 2, 3)))
-        window = empty.with_keyframe(pose, np.zeros(0, np.intp), nothing_observed)
-        window, calibration = self._with_landmarks(window, frame, calibration.after_restart(), ground_mask)
+        window, calibration = self._first_window(frame, pose, calibration, ground_mask)
         window = window.adjusted(ADJUSTMENT_ITERATIONS)
         seconds = time.perf_counter() - start
         return KeyframeResult(LandmarkMap.prepared(window), calibration, has_yaw_step=False, seconds=seconds)
+
+    def landmark_count(
+        self, frame: StereoFrame, pose: Pose, calibration: OnlineCalibration, ground_mask: ImageMask | None
+    ) -> int:
+        """Return the number of landmarks of a window that begins with a pair, which the adjustment does not change."""
+        window, _ = self._first_window(frame, pose, calibration, ground_mask)
+        return int(np.count_nonzero(window.active))
+
+    def _first_window(
+        self, frame: StereoFrame, pose: Pose, calibration: OnlineCalibration, ground_mask: ImageMask | None
+    ) -> tuple[SlidingWindow, OnlineCalibration]:
+        """Return a window of one keyframe before its adjustment, and the calibration from its matches."""
+        empty = SlidingWindow.empty(self._camera, self._config.window_keyframes)
+        nothing_observed = StereoObservations(np.zeros((0, 4)), np.zeros((0, 2, 3)))
+        window = empty.with_keyframe(pose, np.zeros(0, np.intp), nothing_observed)
+        return self._with_landmarks(window, frame, calibration.after_restart(), ground_mask)
 
     def make(self, job: KeyframeJob) -> KeyframeResult:
         """Add a tracked pair to the window as a keyframe, and adjust the window."""

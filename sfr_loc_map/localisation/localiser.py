@@ -522,7 +522,8 @@ class Localiser:
         verdict = decide(findings)
         if not verdict.can_be_reference:  # checked first: with a blanked image, no landmark is triangulated
             return self._lose(state, verdict.reason, TrackingStatistics(inliers=0), tracks)
-        result = self._first_keyframe(state, frame)
+        pose = Pose.of(state.path.last.T_world_left)
+        result = self._keyframes.begin(frame, pose, state.calibration, state.ground_memory.excluded.mask)
         landmarks = result.landmark_map.landmarks
         statistics = TrackingStatistics(features=len(landmarks.rows))
         verdict = decide(findings | self._check_window(state, frame, landmarks))
@@ -539,7 +540,7 @@ class Localiser:
             calibration=result.calibration,
             recovery=RecoveryImages.of_first_keyframe(frame.image, landmarks),
             failed_recoveries=0,
-            ground_memory=state.ground_memory.in_new_window(frame, Pose.of(state.path.last.T_world_left)),
+            ground_memory=state.ground_memory.in_new_window(frame, pose),
             keyframes=keyframes,
             clean_from_keyframe=clean_from,
             has_diverged=False,
@@ -548,22 +549,19 @@ class Localiser:
         )
         return Outcome(state, statistics, tracks, step)
 
-    def _first_keyframe(self, state: State, frame: StereoFrame) -> KeyframeResult:
-        """Return a window that begins at the last known pose with a pair."""
-        pose = Pose.of(state.path.last.T_world_left)
-        return self._keyframes.begin(frame, pose, state.calibration, state.ground_memory.excluded.mask)
-
     def _check_window(self, state: State, frame: StereoFrame, landmarks: Landmarks) -> Findings:
         """Apply the guards for the landmarks of a new window.
 
-        If the window has few landmarks, a window of the swapped images shows whether the order is the cause.
+        If the window has few landmarks, those of the swapped images show whether the order is the cause.
         """
         min_tracked = self._config.min_tracked
         findings = guards.check_landmarks(frame, landmarks, min_tracked)
         if len(landmarks.rows) >= max(min_tracked, guards.ORDER_TESTED_RATIO * self._max_corners):
             return findings
-        if_swapped = self._first_keyframe(state, frame.swapped()).landmark_map.landmarks
-        return findings | guards.check_order(landmarks, if_swapped, min_tracked)
+        pose = Pose.of(state.path.last.T_world_left)
+        ground_mask = state.ground_memory.excluded.mask
+        count_if_swapped = self._keyframes.landmark_count(frame.swapped(), pose, state.calibration, ground_mask)
+        return findings | guards.check_order(landmarks, count_if_swapped, min_tracked)
 
     # ---- before and after the stages
 

@@ -4,7 +4,7 @@ Each call takes a state and returns the next one. A pair changes these parts of 
 
 | pair | changes |
 |---|---|
-| accepted (`_accept`) | all but `clean_from_keyframe` and `has_diverged`; the state learns from poses only here |
+| accepted (`_accept`) | all but `clean_from_keyframe` and `has_diverged` |
 | kept (`_keep`) | path (covariance and step), status, reason |
 | lost (`_lose`) | path (a standstill is predicted), memory of the ground (identification restarts), status, reason |
 | | number of failed recoveries (after a good image) |
@@ -23,7 +23,8 @@ Five other events change the state:
 - `reset` is called: all.
 
 Two memories also change with refused pairs. `image_memory` changes with every pair that does not repeat the previous
-pair. `ground_memory` changes with every pair that has stale rows, whose image contradicts its pose, or that is lost. If
+pair. `ground_memory` changes with every pair that has stale rows, whose image contradicts its pose, or that is lost. A
+pair whose image contradicts its pose is the only refused pair from which a memory learns (`outlasts_refusal`). If
 the localiser is already lost, a pair that would otherwise be kept is lost as well, and counts as a failed recovery if
 its images are new and good.
 

@@ -51,8 +51,8 @@ def torn(new: StereoPair, old: StereoPair, row: int) -> StereoPair:
 def test_images_are_swapped_if_an_exchange_gives_enough_and_many_more_landmarks(
     landmarks: int, if_swapped: int, *, is_swapped: bool
 ) -> None:
-    counts: list[Any] = [SimpleNamespace(rows=np.zeros(count)) for count in (landmarks, if_swapped)]
-    assert (Finding.SWAPPED in check_order(*counts, min_tracked=25)) == is_swapped
+    of_window: Any = SimpleNamespace(rows=np.zeros(landmarks))
+    assert (Finding.SWAPPED in check_order(of_window, if_swapped, min_tracked=25)) == is_swapped
 
 
 def test_frozen_pair_with_new_noise_is_degraded_with_a_covariance_that_contains_the_motion() -> None:

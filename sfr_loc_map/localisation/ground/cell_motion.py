@@ -112,7 +112,7 @@ def _around(values: FloatArray, row: int, column: int, reach: int) -> _Neighbour
     return _Neighbourhood(total, smallest)
 
 
-class _Pixel(NamedTuple):
+class _ProjectedPixel(NamedTuple):
     """Projection of a landmark into the left image, pixels; NaN behind the camera."""
 
     u: float
@@ -120,7 +120,7 @@ class _Pixel(NamedTuple):
 
 
 @jit_fast_ir_inline
-def _project(pose: Pose, landmarks: LandmarkEstimates, n: int, camera: StereoCamera) -> _Pixel:
+def _project(pose: Pose, landmarks: LandmarkEstimates, n: int, camera: StereoCamera) -> _ProjectedPixel:
     """Project a landmark. Its inverse depth is at least `MIN_INVERSE_DEPTH`."""
     inverse_depth = max(landmarks.inverse_depth[n], MIN_INVERSE_DEPTH)
     host_ray = rotated_ray(landmarks.hosts.rotations[n], landmarks.rays[n, 0], landmarks.rays[n, 1])
@@ -131,7 +131,7 @@ def _project(pose: Pose, landmarks: LandmarkEstimates, n: int, camera: StereoCam
         depth = np.nan
     u = camera.fx * component(pose.rotation, 0, point) / depth + camera.cx
     v = camera.fy * component(pose.rotation, 1, point) / depth + camera.cy
-    return _Pixel(u, v)
+    return _ProjectedPixel(u, v)
 
 
 class _LandmarkMotion(NamedTuple):

@@ -74,7 +74,7 @@ class _Workspace(NamedTuple):
     columns: FloatArray  #: `(5, S * S)` columns `SHOWN` to `IMAGE`.
 
 
-class _Pixel(NamedTuple):
+class _MappedPixel(NamedTuple):
     """A pixel of full size."""
 
     u: float
@@ -82,12 +82,12 @@ class _Pixel(NamedTuple):
 
 
 @jit_fast_inline
-def _mapped(h: FloatArray, u: float, v: float) -> _Pixel:
+def _mapped(h: FloatArray, u: float, v: float) -> _MappedPixel:
     """Return the pixel to which a homography maps a pixel; NaN at infinity."""
     w = h[2, 0] * u + h[2, 1] * v + h[2, 2]
     if w == 0.0:
-        return _Pixel(np.nan, np.nan)
-    return _Pixel((h[0, 0] * u + h[0, 1] * v + h[0, 2]) / w, (h[1, 0] * u + h[1, 1] * v + h[1, 2]) / w)
+        return _MappedPixel(np.nan, np.nan)
+    return _MappedPixel((h[0, 0] * u + h[0, 1] * v + h[0, 2]) / w, (h[1, 0] * u + h[1, 1] * v + h[1, 2]) / w)
 
 
 @jit_fast_inline
@@ -101,7 +101,7 @@ def _fill_inverse(h: FloatArray, inverse: FloatArray) -> None:
 
 
 @jit_fast_inline
-def _level_sample(image: FloatImage, at: _Pixel) -> np.float32:
+def _level_sample(image: FloatImage, at: _MappedPixel) -> np.float32:
     """Return a level of an image at a pixel of full size; NaN outside."""
     height, width = image.shape
     x = (at.u + 0.5) / (1 << MIXTURE_LEVEL) - 0.5
@@ -125,7 +125,7 @@ def _fill_columns(image: FloatImage, hosted: _Hosted, n: int, work: _Workspace) 
             shown[j, i] = _level_sample(hosted.image, _mapped(work.inverse, at.u, at.v))
             if 1 <= i <= MIXTURE_SIDE and 1 <= j <= MIXTURE_SIDE:
                 k = (j - 1) * MIXTURE_SIDE + i - 1
-                columns[OTHER, k] = _level_sample(hosted.image, _Pixel(u, v))
+                columns[OTHER, k] = _level_sample(hosted.image, _MappedPixel(u, v))
                 columns[IMAGE, k] = _level_sample(image, at)
     for j in range(MIXTURE_SIDE):
         for i in range(MIXTURE_SIDE):

@@ -20,7 +20,7 @@ SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used; 100 000 sa
 HALF_WEIGHT_SIGMAS = 2.0
 """Residuals of this many standard deviations have half the weight (`cauchy_weight`). The value is below 2.385, which
 has an efficiency of 95 %, because wrong disparities are outliers."""
-MIN_RESIDUAL_SIGMA = 1e-3
+MIN_GREY_SIGMA = 1e-3
 """Added to the standard deviation of residuals, grey levels, which is a divisor. The value is far below the rounding
 noise of images (0.3)."""
 DAMPING = 1e-9
@@ -96,7 +96,7 @@ def fit_vertical_disparity(
     slope = _sampled_slopes(left, residual)[usable].astype(np.float64)
     right_column = np.float64(SAMPLING_STRIDE) * column - disparity_px[sampled][usable].astype(np.float64)
     right_row = np.float64(SAMPLING_STRIDE) * row
-    sigma = mad_sigma(r) + MIN_RESIDUAL_SIGMA
+    sigma = mad_sigma(r) + MIN_GREY_SIGMA
     x, y = _normalised(right_column, right_row, camera)
     terms = np.column_stack((np.ones(len(x)), x, y, x * y, y * y)[:term_count])
     design = terms * slope[:, None]

@@ -49,7 +49,7 @@ and a translation explain the residuals equally well, the ratio of their standar
 POSE_HALF_WEIGHT_SIGMAS = 3.0
 """Residuals of this many standard deviations have half the weight (`cauchy_weight`). The value exceeds 2.385, which has
 an efficiency of 95 %, because the residuals of a wrong pose are large."""
-MIN_RESIDUAL_SIGMA = 1e-6
+SIGMA_OFFSET = 1e-6
 """Added to the standard deviation of residuals, which is a divisor: about 1 for range differences divided by their
 sigma, and a few grey levels for grey level differences."""
 MIN_COVERAGE = F(1e-3)  #: Lower bound of the fraction of a window with points, which is a divisor and must not be 0.
@@ -195,7 +195,7 @@ def _gauss_newton_step(
             return None
         r = residual[known]
         j = derivative[known]
-        sigma = mad_sigma(r) + MIN_RESIDUAL_SIGMA
+        sigma = mad_sigma(r) + SIGMA_OFFSET
         weighted = j * (cauchy_weight(r, POSE_HALF_WEIGHT_SIGMAS * sigma) / sigma**2)[:, None]
         normal = normal + weighted.T @ j
         rhs = rhs - weighted.T @ r
