@@ -387,7 +387,7 @@ MUTATIONS = (
     Mutation("scoring/load_calls.py", "            return self.here\n", "            return []\n"),
     Mutation("scoring/call_checks.py", "SAME_POSITION_M = 0.002", "SAME_POSITION_M = 0.0"),
     Mutation("scoring/load_calls.py", "    check_one_method(here, on_target)\n", ""),
-    Mutation("scoring/score_run.py", "fitted_unit(run.convention) or ", ""),
+    Mutation("scoring/score_run.py", "finding = fitted_unit(run.convention)", "finding = None"),
     Mutation("metrics/conventions/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
     Mutation(
         DRIVE, "estimates_ns[~is_covered]", "estimates_ns[(estimates_ns < true_ns[0]) | (estimates_ns > true_ns[-1])]"

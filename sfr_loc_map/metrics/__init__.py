@@ -1,13 +1,14 @@
 """The metrics of the specification: errors, time and memory, and the verdicts on them.
 
     poses ─► conventions ─► frames ─► errors (trajectory_score) ──┐
-    cloud, truth of pairs ──────────► errors (map_score) ─────────┤
-    times, memory ──────────────────► calls (call_score) ─────────┼─► rows (table) ─► score ─► judging ─► stored
-    poses, truth ───────────────────► diagnosis ──────────────────┘     limits file ──────────────┘
+    cloud, truth of pairs ──────────► errors (map_score) ─────────┼─► rows (table) ─► score ─► judging ─► stored
+    times, memory ──────────────────► calls (call_score) ─────────┘                              ▲
+    poses, truth ───────────────────► diagnosis ───────────────────────────► finding ────────────┤
+    limits file ─────────────────────────────────────────────────────────────────────────────────┘
 
-Each of the first four folders returns rows or a finding, and no function of this package goes from all inputs to a
-`Score`. The package `scoring` reads the inputs, calls these functions, and assembles their results
-(`scoring.assembly.score_of_parts`). It also calls `judging` for the verdicts.
+`conventions` and `frames` return poses, `errors` and `calls` return rows, and `diagnosis` returns a finding. No
+function of this package goes from all inputs to a `Score`. The package `scoring` reads the inputs, calls these
+functions, and assembles their results (`scoring.assembly.score_of_parts`). It also calls `judging` for the verdicts.
 
 The rows of completeness are made with the figures that they belong to: `errors` and `calls` pass to `completeness`
 what they were given, what they expect and what they judged. A shortfall has its row in the table of figures, its rule

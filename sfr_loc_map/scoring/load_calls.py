@@ -30,9 +30,9 @@ TARGET_SCHEMA = "sfr-target/1"
 class RunCalls(NamedTuple):
     """The calls of a run, except those of a bag."""
 
-    given: list[CallStats]  #: Calls read from files.
-    here: list[CallStats]  #: Calls on this host: those from files and those in memory.
-    target: TargetCalls | None  #: Calls on a target; None if there are none.
+    given: Sequence[CallStats] = ()  #: Calls read from files.
+    here: Sequence[CallStats] = ()  #: Calls on this host: those from files and those in memory.
+    target: TargetCalls | None = None  #: Calls on a target; None if there are none.
 
     @property
     def on_target(self) -> CallStats | None:
@@ -40,7 +40,7 @@ class RunCalls(NamedTuple):
         return None if self.target is None else self.target.calls
 
     @property
-    def of_estimate(self) -> list[CallStats]:
+    def of_estimate(self) -> Sequence[CallStats]:
         """The calls that must belong to the estimate: those on this host, and those on a target during the same run."""
         if self.target is None or self.target.other_run is not None:
             return self.here

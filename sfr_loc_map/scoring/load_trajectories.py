@@ -27,7 +27,7 @@ def _truth_at(path: Path) -> ReadTruth:
 
 
 def _drive_of(estimate: Path, true: ReadTruth) -> DriveToScore:
-    return read_drive(ScoreInputs(estimate=estimate), InMemory(), true, RunCalls([], [], None)).drive
+    return read_drive(ScoreInputs(estimate=estimate), InMemory(), true, RunCalls()).drive
 
 
 def load_estimates(path: Path) -> Estimates:

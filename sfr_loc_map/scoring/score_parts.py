@@ -46,6 +46,7 @@ from sfr_loc_map.metrics.score.caveats import truth_caveats
 from sfr_loc_map.metrics.table.records import Association, MethodKind, TargetRun
 from sfr_loc_map.metrics.table.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.table.row_part import Place
+from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, TargetCalls
 from sfr_loc_map.suite_names import Task
@@ -203,9 +204,11 @@ def calls_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detai
 
 def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool) -> CallsResult:
     """Return the figures of the calls on this host; an external node is measured from outside."""
-    calls = [concatenated([item.calls for item in run.stats])] if run.stats else []
-    scored = score_calls(calls[0], clocks_of(run.stats), details=details) if calls else CallsResult()
-    expected = [*completeness_rows(calls, expected_ns)]
+    scored, expected = CallsResult(), list[Figure]()
+    if run.stats:
+        calls = concatenated([item.calls for item in run.stats])
+        scored = score_calls(calls, clocks_of(run.stats), details=details)
+        expected = [*completeness_rows(calls, expected_ns)]
     if (node := run.external) is None:
         stated = kinds_of_external_nodes(run.stats)
         of_host = [at_place(row, Place.STATED) if row.call in stated else row for row in scored.figures]
@@ -251,7 +254,7 @@ def with_target(
     )
     record = struct_replace(record, about=target.about)
     expected_ns = expected_ns if calls.has_stamps else {}  # calls without stamps cannot be assigned to pairs
-    expected = completeness_rows([calls.calls], expected_ns, Place.TARGET)
+    expected = completeness_rows(calls.calls, expected_ns, Place.TARGET)
     figures = (*of_host.figures, *rows, *expected)
     return replace(of_host, figures=figures, target=record, caveats=tuple(_target_caveats(record)))
 

@@ -11,7 +11,7 @@ from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.results import MapResult, TrajectoryResult
 from sfr_loc_map.scoring.assembly import figures_with_all_errors, score_of_parts, with_conditions
-from sfr_loc_map.scoring.conversion import convention_mismatch, fitted_unit
+from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch, fitted_unit
 from sfr_loc_map.scoring.inputs import Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.provenance import provenance_of
@@ -44,20 +44,36 @@ def score_run(
     All errors are kept for `kept_errors` and for the figures of the trajectory that have a limit.
     """
     config = with_conditions(config, limits)
+    finding = _convention_finding(run, config)
+    all_kept = figures_with_all_errors(limits, kept_errors)
     parts = ScoreParts(
-        trajectory=_trajectory_part(run, config, aligned, figures_with_all_errors(limits, kept_errors)),
+        trajectory=_trajectory_part(run, config, finding, aligned, all_kept),
         map=_map_part(run, config),
         calls=calls_result(run, expected_calls(run)),
     )
     return score_of_parts(run, parts, provenance_of(run), config, limits)
 
 
+def _convention_finding(run: Run, config: ScoreConfig) -> ConventionFinding | None:
+    """Return why the poses of a run are not judged as they are; None without a reason.
+
+    The reason is a declared factor that is not a unit of length, or the result of a diagnosis of all conventions.
+    """
+    if run.drive is None:
+        return None
+    finding = fitted_unit(run.convention)
+    return convention_mismatch(run.drive, config) if finding is None else finding
+
+
 def _trajectory_part(
-    run: Run, config: ScoreConfig, aligned: AlignedErrorConfig | None, kept_errors: Collection[tuple[str, str]]
+    run: Run,
+    config: ScoreConfig,
+    finding: ConventionFinding | None,
+    aligned: AlignedErrorConfig | None,
+    kept_errors: Collection[tuple[str, str]],
 ) -> TrajectoryResult:
     if run.drive is None:
         return result_without_poses(run.unposed_images)
-    finding = fitted_unit(run.convention) or convention_mismatch(run.drive, config)
     result = drive_result(run.drive, config.trajectory, finding, kept_errors)
     return result if aligned is None else with_aligned_errors(result, run.drive, aligned)
 

@@ -213,5 +213,5 @@ def test_memory_that_was_measured_in_some_calls_alone_is_incomplete(figure: str)
     whole = Calls(stamps, np.ones(10), ["tracking"] * 10, memory, memory, heap_bytes=memory, stack_bytes=memory)
     partial = replace(whole, **{figure: np.where(stamps < 3, memory, np.nan)})
     for calls, share in ((whole, 1.0), (partial, 0.3)):
-        rows = completeness_rows([calls], {Task.LOCALISATION: stamps})
+        rows = completeness_rows(calls, {Task.LOCALISATION: stamps})
         assert Score(figures=tuple(rows)).number("judged", part=f"{Scope.MEMORY} localisation") == share

@@ -141,24 +141,19 @@ def has_memory(rows: Iterable[Figure]) -> bool:
 
 
 def completeness_rows(
-    calls: Sequence[Calls], expected_ns: Mapping[Task, IntArray | None], place: Place = Place.HOST
+    calls: Calls, expected_ns: Mapping[Task, IntArray | None], place: Place = Place.HOST
 ) -> Iterator[Figure]:
-    """Yield the rows that compare measured with expected calls.
-
-    Each kind of call is taken from the last item of `calls` that has the kind.
-    """
-    found: dict[CallKind, tuple[Calls, NDArray[np.intp]]] = {}
-    for item in calls:
-        kinds = item.kinds
-        for kind in CallKind:
-            if len(mine := np.flatnonzero(kinds == kind)):
-                found[kind] = item, mine
-    for kind, (item, mine) in found.items():
+    """Yield the rows that compare measured with expected calls, for each kind of call that was measured."""
+    kinds = calls.kinds
+    for kind in CallKind:
+        mine = np.flatnonzero(kinds == kind)
+        if not len(mine):
+            continue
         task = Task.LOCALISATION if kind is CallKind.LOCALISATION else Task.MAPPING
-        values = {Scope.CALLS: item.seconds[mine]}
-        if (memory := measured_memory(item, mine)) is not None:
+        values = {Scope.CALLS: calls.seconds[mine]}
+        if (memory := measured_memory(calls, mine)) is not None:
             values[Scope.MEMORY] = memory
-        yield from calls_completeness(kind, item.stamps_ns[mine], expected_ns.get(task), values, place)
+        yield from calls_completeness(kind, calls.stamps_ns[mine], expected_ns.get(task), values, place)
 
 
 def measured_memory(calls: Calls, mine: NDArray[np.intp]) -> FloatArray | None:
@@ -270,7 +265,7 @@ def score_target(
     scored = score_calls(calls, dict.fromkeys(CallKind, name), details=False)
     is_measured = has_memory(scored.figures)
     figures = [at_place(row, Place.TARGET) for row in scored.figures if row.subject is Subject.TIMING or is_measured]
-    method = calls.memory_method or f"as measured on {name}" if is_measured else None
+    method = (calls.memory_method or f"as measured on {name}") if is_measured else None
     return tuple(figures), TargetRun(name=name, matched_share=matched, other_run=other_run, memory_method=method)
 
 

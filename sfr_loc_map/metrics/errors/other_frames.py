@@ -20,11 +20,16 @@ from sfr_loc_map.metrics.table.rows import Figure, figure_row
 NAMED_FRAMES = 5  #: Maximum number of ranges of frames that a message names.
 
 
-def rows_of_other_frames(condition: str, judged: SubTrajectories, placed: PlacedFrames) -> Iterator[Figure]:
-    """Yield the errors at the other frames, and the fraction of frames whose error far exceeds the judged errors."""
+def rows_of_other_frames(
+    condition: str, judged: SubTrajectories, others: SubTrajectories, placed: PlacedFrames
+) -> Iterator[Figure]:
+    """Yield the errors at the other frames, and the fraction of frames whose error far exceeds the judged errors.
+
+    There are no rows without a judged sub-trajectory. `others` are those of `to_other_frames`.
+    """
     if not len(judged.starts):
         return
-    others, frames = to_other_frames(judged, placed), len(placed.frames.stamps_ns)
+    frames = len(placed.frames.stamps_ns)
     for kind in error_figures(has_height=placed.truth.has_height):
         yield error_row(kind, condition, OTHER_FRAMES, others)
         beyond = int(np.count_nonzero(beyond_the_judged(kind, others, judged)))
@@ -34,8 +39,11 @@ def rows_of_other_frames(condition: str, judged: SubTrajectories, placed: Placed
 def to_other_frames(judged: SubTrajectories, placed: PlacedFrames) -> SubTrajectories:
     """Return sub-trajectories that end at the other frames, each from the nearest frame of a judged sub-trajectory.
 
-    An error that neighbouring frames share cancels between these frames, but not relative to a judged frame.
+    An error that neighbouring frames share cancels between these frames, but not relative to a judged frame. The result
+    is empty without a judged sub-trajectory.
     """
+    if not len(judged.starts):
+        return judged
     known = np.union1d(judged.starts, judged.ends)
     ends = np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)
     after = np.minimum(np.searchsorted(known, ends), len(known) - 1)
@@ -66,20 +74,19 @@ def error_sizes(kind: FigureKind, sub_trajectories: SubTrajectories) -> FloatArr
 
 
 def unjudged_frames(
-    condition: str, judged: SubTrajectories, placed: PlacedFrames, rows: Sequence[Figure]
+    condition: str, judged: SubTrajectories, others: SubTrajectories, frames: int, rows: Sequence[Figure]
 ) -> Iterator[str]:
     """Yield a warning that names the other frames with a far larger error, if their fraction exceeds `BEYOND_MOST`."""
     many = {row.part for row in rows if row.figure == ERRORS_BEYOND and (row.value or 0.0) > BEYOND_MOST}
     kinds = [kind for kind in error_figures(has_height=False) if kind.name in many]
     if not kinds:
         return
-    others = to_other_frames(judged, placed)
     found = others.ends[np.logical_or.reduce([beyond_the_judged(kind, others, judged) for kind in kinds])]
     breaks = np.flatnonzero(np.diff(found) > 1) + 1
     parts = [f"{part[0]}-{part[-1]}" if len(part) > 1 else f"{part[0]}" for part in np.split(found, breaks)]
     more = " ..." if len(parts) > NAMED_FRAMES else ""
     yield (
-        f"{len(found)} of {len(placed.frames.stamps_ns)} frames are neither the start nor the end of a judged "
+        f"{len(found)} of {frames} frames are neither the start nor the end of a judged "
         f"sub-trajectory over {label_of(condition)}, and their errors are far above the judged errors: frames "
         f"{', '.join(parts[:NAMED_FRAMES])}{more}, counted from 0"
     )

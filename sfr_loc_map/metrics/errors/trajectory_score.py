@@ -20,7 +20,12 @@ from sfr_loc_map.metrics.completeness.copies import copy_rows, judged_of_truth
 from sfr_loc_map.metrics.completeness.drive import drive_completeness
 from sfr_loc_map.metrics.config import Condition, Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.consistency import StepSums, nees_rows, sums_of_steps
-from sfr_loc_map.metrics.errors.other_frames import largest_fraction_beyond, rows_of_other_frames, unjudged_frames
+from sfr_loc_map.metrics.errors.other_frames import (
+    largest_fraction_beyond,
+    rows_of_other_frames,
+    to_other_frames,
+    unjudged_frames,
+)
 from sfr_loc_map.metrics.errors.plot_columns import path_rows, sub_trajectory_rows
 from sfr_loc_map.metrics.errors.standing import largest_standing_fraction, rows_of_moving
 from sfr_loc_map.metrics.errors.three_sigma import confidence_rows
@@ -127,7 +132,8 @@ def result_of_condition(
     """Return the part of a score from the sub-trajectories of one condition."""
     name = condition.setting
     overlap = overlap_of(judged.starts, judged.ends, spacing)
-    of_other_frames = tuple(rows_of_other_frames(name, judged, placed))
+    others = to_other_frames(judged, placed)
+    of_other_frames = tuple(rows_of_other_frames(name, judged, others, placed))
     return ConditionResult(
         figures=(
             *error_rows(name, judged, overlap, placed),
@@ -137,7 +143,7 @@ def result_of_condition(
         ),
         rows=sub_trajectory_rows(name, judged, placed.frames.stamps_ns, placed.length_m),
         errors=tuple(error_columns(name, judged, kept_errors)),
-        unjudged=tuple(unjudged_frames(name, judged, placed, of_other_frames)),
+        unjudged=tuple(unjudged_frames(name, judged, others, len(placed.frames.stamps_ns), of_other_frames)),
     )
 
 
