@@ -353,6 +353,10 @@ MUTATIONS = (
     Mutation("suite/search/search.py", "if self._store.state(job) is JobState.FAILED]:", "if False]:"),
     Mutation("suite/search/search.py", "WITHOUT_FIGURE if ratio is None else ratio", "2.0 if ratio is None else ratio"),
     # copies of a drive count as one drive
+    Mutation(DRIVES, "MAX_BREAK_S = 10.0", "MAX_BREAK_S = 100.0"),
+    Mutation(DRIVES, "MAX_BREAK_S = 10.0", "MAX_BREAK_S = 1.0"),
+    Mutation(DRIVES, "if not begins_late or break_s >", "if break_s >"),
+    Mutation(DRIVES, "speed_m_s * break_s + SAME_M", "speed_m_s * MAX_BREAK_S"),
     Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.001"),
     Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.05"),
     Mutation(DRIVES, "SAME_GREY = 8", "SAME_GREY = 1"),

@@ -181,17 +181,18 @@ def group_table(groups: Sequence[Group]) -> Table:
 COPIES: tuple[RowColumn[Sequence[str]], ...] = (
     heads("drive", lambda names: names[0]),
     numbers("sources", len),
-    words("copies", lambda names: ", ".join(names[1:])),
+    words("copies or parts", lambda names: ", ".join(names[1:])),
 )
 
 
 def copies_table(copies: Sequence[Sequence[str]]) -> Table:
-    """Return the sources that are copies of one drive."""
+    """Return the sources that are copies or parts of one drive."""
     note = (
-        "The ground truths of these sources, and their first images if they have images, show one drive. The sources "
-        "count as one drive in intervals, tests and numbers of drives. Only the errors of the worst source are pooled."
+        "The ground truths of these sources, and their first images if they have images, show one drive, or the ground "
+        "truth of one source continues that of another one. The sources count as one drive in intervals, tests and "
+        "numbers of drives. Only the errors of the worst source are pooled."
     )
-    return table_of("copies", "Sources that are copies of one drive", COPIES, copies, note)
+    return table_of("copies", "Sources that are copies or parts of one drive", COPIES, copies, note)
 
 
 DEVIATIONS: tuple[RowColumn[CommonDeviation], ...] = (

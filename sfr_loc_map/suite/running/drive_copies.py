@@ -6,14 +6,19 @@ hardly the path, and because a short drive has too few steps. If the paths of tw
 windows of steps agree, their first left images must agree as well. Steps at constant speed and curvature are equal in
 different drives and are therefore no evidence of a copy. The same applies to the paths of two stationary rovers, which
 are copies only if their images or their simulated terrains agree.
+
+Parts of one recording also count as one drive: the ground truth of the later part begins when and where that of the
+earlier part ends.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +31,7 @@ from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.frames.motion import MOVING_SHARE
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.load import load_run
@@ -47,6 +53,51 @@ COMMON_SHARE = 0.5
 """Minimum fraction of the windows of the shorter drive that must agree for two sources to count as one drive."""
 LONG_STEP = 0.9  #: Quantile of the step lengths that is the length of a long step.
 MAX_STEPS = 20_000  #: Largest number of compared steps, which bounds memory and time.
+MAX_BREAK_S = 10.0
+"""Longest gap or overlap between two parts of one recording, s. Independent drives need a longer preparation."""
+SPEED_MARGIN = 2.0  #: Largest speed at a gap, as a multiple of the speed of a long step.
+
+
+class PartEnds(NamedTuple):
+    """Where and when the ground truth of a source begins and ends."""
+
+    start_ns: int
+    end_ns: int
+    start_m: tuple[float, ...]  #: x, y, z in the frame of the ground truth.
+    end_m: tuple[float, ...]  #: x, y, z in the frame of the ground truth.
+    period_s: float  #: Median time between two poses.
+    long_step_m: float  #: Length of a long step.
+
+    @classmethod
+    def of(cls, truth: Trajectory, steps_m: FloatArray) -> PartEnds | None:
+        """Return the ends of a ground truth; None with fewer than two poses or without a period."""
+        if len(truth) < 2:
+            return None
+        period_s = float(np.median(np.diff(truth.stamps_ns))) / NS_PER_S
+        if period_s <= 0.0:
+            return None
+        return cls(
+            int(truth.stamps_ns[0]),
+            int(truth.stamps_ns[-1]),
+            _rounded(truth.positions[0], 6),
+            _rounded(truth.positions[-1], 6),
+            period_s,
+            float(np.quantile(steps_m, LONG_STEP)),
+        )
+
+    def is_continued_by(self, later: PartEnds) -> bool:
+        """Return whether a later part begins when this one ends, as far away as the rover can drive meanwhile.
+
+        A part that begins in the first half of this one does not continue it: recordings whose stamps begin at 0, and
+        simulated drives, begin at the same time and place.
+        """
+        break_s = abs(later.start_ns - self.end_ns) / NS_PER_S
+        begins_late = 2 * later.start_ns > self.start_ns + self.end_ns and later.end_ns > self.end_ns
+        if not begins_late or break_s > MAX_BREAK_S + self.period_s:
+            return False
+        speed_m_s = max(self.long_step_m / self.period_s, later.long_step_m / later.period_s)
+        reach_m = SPEED_MARGIN * speed_m_s * break_s + SAME_M
+        return float(np.linalg.norm(np.subtract(later.start_m, self.end_m))) <= reach_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +110,7 @@ class DriveTrace:
     steps_m: tuple[float, ...] = ()  #: Distances between successive poses of the ground truth.
     bends_m: tuple[float, ...] = ()  #: Norms of the differences between successive steps.
     terrain: int | None = None  #: Seed of a simulated terrain; None for other sources.
+    ends: PartEnds | None = None  #: Where and when the ground truth begins and ends; None with fewer than two poses.
 
     @property
     def has_evidence(self) -> bool:
@@ -109,9 +161,12 @@ class StepWindows(NamedTuple):
 
 
 def drives_of(traces: Sequence[DriveTrace]) -> NDArray[np.intp]:
-    """Return the number of the drive of each trace. Copies, and copies of copies, have the same number."""
+    """Return the number of the drive of each trace.
+
+    Copies, copies of copies, and parts of one recording have the same number.
+    """
     drives = np.arange(len(traces))
-    for first, second in _copies(traces):
+    for first, second in chain(_copies(traces), _continuations(traces)):
         drives[drives == drives[second]] = drives[first]
     return drives
 
@@ -135,6 +190,20 @@ def _copies(traces: Sequence[DriveTrace]) -> Iterator[tuple[int, int]]:
             continue
         if not windows[first].starts_like(windows[second]) or have_same_image(first, second):
             yield first, second
+
+
+def _continuations(traces: Sequence[DriveTrace]) -> Iterator[tuple[int, int]]:
+    """Yield the pairs of traces of which the second one continues the first one."""
+    parts = [(number, trace.ends) for number, trace in enumerate(traces) if trace.ends is not None]
+    parts.sort(key=lambda part: part[1].start_ns)
+    starts_ns = [ends.start_ns for _, ends in parts]
+    for number, ends in parts:
+        longest_ns = int((MAX_BREAK_S + ends.period_s) * NS_PER_S)
+        begin = bisect_left(starts_ns, ends.end_ns - longest_ns)
+        end = bisect_right(starts_ns, ends.end_ns + longest_ns)
+        for later, later_ends in parts[begin:end]:
+            if later != number and ends.is_continued_by(later_ends):
+                yield number, later
 
 
 def _pairs_with_same_path(traces: Sequence[DriveTrace]) -> Iterator[tuple[int, int]]:
@@ -216,7 +285,8 @@ def _trace(truth: Trajectory, grey: tuple[int, ...] = ()) -> DriveTrace:
     steps = np.diff(truth.positions[: MAX_STEPS + 1], axis=0)
     steps_m = np.linalg.norm(steps, axis=1)
     bends_m = np.linalg.norm(np.diff(steps, axis=0), axis=1)
-    return DriveTrace(len(truth), _rounded(path_m, 6), grey, _rounded(steps_m, 9), _rounded(bends_m, 9))
+    ends = PartEnds.of(truth, steps_m)
+    return DriveTrace(len(truth), _rounded(path_m, 6), grey, _rounded(steps_m, 9), _rounded(bends_m, 9), ends=ends)
 
 
 def _rounded(values: FloatArray, digits: int) -> tuple[float, ...]:
@@ -226,7 +296,8 @@ def _rounded(values: FloatArray, digits: int) -> tuple[float, ...]:
 def with_drives(sources: Sequence[JobSource], traces: Sequence[DriveTrace]) -> list[JobSource]:
     """Return the sources with the hashes of their drives. Copies have the hash of the source with the smallest hash.
 
-    The hash of an estimate's drive is that of its ground truth. Copies of copies are copies. Simulated drives of a seed
+    The hash of an estimate's drive is that of its ground truth. Copies of copies are copies, and parts of one recording
+    are treated like copies. Simulated drives of a seed
     that occurs once are identified by their settings, so that their ground truth is not computed.
     """
     seeds = Counter(source.seed for source in sources if source.kind is SourceKind.SIMULATED)

@@ -150,7 +150,7 @@ class Summary:
     budgets: tuple[Budget, ...] = ()  #: Error budgets, by configuration and condition.
     waiting_jobs: tuple[str, ...] = ()  #: Labels of the jobs that were not run yet.
     planned_groups: tuple[GroupKey, ...] = ()  #: Groups of all planned jobs, also groups without a result.
-    copies: tuple[tuple[str, ...], ...] = ()  #: Names of the sources that are copies, for each drive with copies.
+    copies: tuple[tuple[str, ...], ...] = ()  #: Names of the sources that are copies or parts of one drive.
     replaced_truths: tuple[ReplacedTruth, ...] = ()
     deviations: tuple[CommonDeviation, ...] = ()
     limits: Limits | None = None  #: Limits of the suite; None if there are none.
@@ -298,7 +298,7 @@ def summarise(store: Store, unchecked: Sequence[str] = ()) -> Summary:
 
 
 def copies_in(jobs: Sequence[Job]) -> Iterator[tuple[str, ...]]:
-    """Yield the names of the sources that are copies of one drive, for each drive with copies."""
+    """Yield the names of the sources that are copies or parts of one drive, for each drive with several sources."""
     names: dict[object, dict[str, None]] = {}
     for job in jobs:
         of_drive = names.setdefault(job.source.drive_identity, {})

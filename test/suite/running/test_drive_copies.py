@@ -109,6 +109,31 @@ def test_copies_of_copies_are_one_drive() -> None:
     assert [item.drive for item in with_drives(sources, traces)] == ["a", "a", "a", "d"]
 
 
+@pytest.mark.parametrize(
+    ("waiting_s", "aside_m", "is_one_recording"),
+    [(0.1, 0.1, True), (5.0, 0.3, True), (-3.0, 0.0, True), (60.0, 0.0, False), (0.1, 5.0, False), (-20.0, 0.0, False)],
+)
+def test_parts_of_one_recording_are_one_drive(waiting_s: float, aside_m: float, is_one_recording: bool) -> None:
+    """The second part begins at a time and a distance after the end of the first part, which takes 20 s."""
+    other = straight(200, 0.01, 2)
+    stamps_ns = other.stamps_ns - other.stamps_ns[0] + TRUTH.stamps_ns[-1] + round(waiting_s * 1e9)
+    positions = other.positions - other.positions[0] + TRUTH.positions[-1] + [aside_m, 0.0, 0.0]
+    later = Trajectory(stamps_ns, positions, other.quats_xyzw)
+    assert are_copies(_trace(later, GREY[::-1]), ORIGINAL) is is_one_recording
+
+
+def test_parts_of_one_recording_without_common_poses_are_one_drive() -> None:
+    sources = [replace(JOB.source, sha256=sha256) for sha256 in "abcde"]
+    parts = [_trace(TRUTH[begin : begin + 40]) for begin in (80, 0, 160, 120, 40)]
+    assert {item.drive for item in with_drives(sources, parts)} == {"a"}
+
+
+def test_short_drives_that_begin_at_one_time_and_place_are_not_parts_of_one_recording() -> None:
+    """Each drive takes 5 s, and its stamps begin at 0."""
+    traces = [_trace(straight(50 + seed, 0.01, seed)) for seed in range(1, 4)]
+    assert drives_of(traces).tolist() == [0, 1, 2]
+
+
 def test_honest_drives_at_equal_speed_are_not_copies() -> None:
     traces = [_trace(straight(200, 0.001, seed)) for seed in range(1, 7)]
     sources = [replace(JOB.source, sha256=sha256) for sha256 in "abcdef"]
