@@ -26,6 +26,9 @@ def load_run(
     The calls of the run come from the bag of the estimate, from the files and from memory. Lost flags and covariances
     of an estimate come from its calls, and from its file or bag. Poses and cloud may be in memory. `fused` applies to
     clouds that do not declare whether they are fused. `command` is for provenance.
+
+    InputError if a file is missing or invalid, if the calls are not of the estimate, or if the source lacks a pair of
+    the cloud. ConfigError if `fused` contradicts the cloud. MetricsError if a pair of the cloud has no truth.
     """
     given = in_memory or InMemory()
     how = how_to_read(inputs)

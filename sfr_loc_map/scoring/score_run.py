@@ -28,7 +28,7 @@ from sfr_loc_map.scoring.score_parts import (
 
 
 def score_files(inputs: ScoreInputs, config: ScoreConfig, limits: Limits | None = None) -> Score:
-    """Return the score of files."""
+    """Return the score of files. The errors are those of `load_run` and `score_run`."""
     return score_run(load_run(inputs), config, limits)
 
 
@@ -41,7 +41,9 @@ def score_run(
 ) -> Score:
     """Return the score of a run, including conditions that only the limits name; with `aligned`, also APE and RPE.
 
-    All errors are kept for `kept_errors` and for the figures of the trajectory that have a limit.
+    All errors are kept for `kept_errors` and for the figures of the trajectory that have a limit. MetricsError if the
+    figures cannot be computed, as `score_trajectory`, `score_map`, `score_target` and `aligned_errors` state.
+    InputError if a file was changed while it was scored.
     """
     config = with_conditions(config, limits)
     finding = _convention_finding(run, config)

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.honest_drives import honest_drive
+from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -232,3 +233,16 @@ def test_a_long_estimate_is_decimated_to_the_maximum_number_of_poses() -> None:
     poses = Trajectory(np.arange(count), np.zeros((count, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
     compared = compared_poses(poses, poses, AssociationConfig(), None)
     assert (len(compared.estimate), len(compared.truth)) == (MAX_POSES, count)
+
+
+@pytest.mark.parametrize("has_attitude", [True, False])
+def test_a_truth_without_attitudes_has_no_diagnosis_and_other_truths_require_them_of_the_estimate(
+    has_attitude: bool,
+) -> None:
+    truth, _ = (Trajectory(*poses) for poses in rover(1))
+    bare = replace(truth, quats_xyzw=np.zeros_like(truth.quats_xyzw))
+    if has_attitude:
+        with pytest.raises(MetricsError, match="only positions"):
+            diagnose(bare, truth, AssociationConfig())
+    for estimate in () if has_attitude else (bare, truth):
+        assert diagnose(estimate, bare, AssociationConfig()).hypotheses == ()

@@ -93,6 +93,8 @@ def diagnose(
     """Find the single convention mismatch that explains the disagreement of estimate and truth (poses of RB in DS).
 
     With `every`, all hypotheses are tried even if estimate and truth agree. A score does not need these hypotheses.
+    The diagnosis of a truth without attitudes is empty. MetricsError if the truth has attitudes but the estimate has
+    only positions.
     """
     if not truth.has_attitude:  # the disagreement requires attitudes
         return NO_DIAGNOSIS

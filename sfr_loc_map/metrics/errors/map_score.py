@@ -49,10 +49,13 @@ def score_map(
     expected_pairs: int | None = None,
     not_finite: int = 0,
 ) -> MapResult:
-    """Return the score of a cloud in LM with known pixels; MetricsError if the cloud is not of this source.
+    """Return the score of a cloud in LM with known pixels.
 
     `expected_pairs` is the number of mapping pairs of the source, by default the number of truths. `not_finite` is the
     number of points that were dropped because a coordinate is not finite.
+
+    MetricsError if it is unknown whether the cloud is fused, if there is no truth, if a point is not finite, or if a
+    pixel or pair of the cloud is not of this source.
     """
     if cloud.fused is None:
         raise MetricsError(
@@ -98,7 +101,9 @@ def score_nearest(
 
     The nearest true point is rarely the observed point, so these distances underestimate the errors. Points at the
     position of an earlier point, points in excess of the number of pixels of all pairs, and points in excess of
-    `MOST_AT_TRUE_POINT` with the same nearest true point count as repeated. MetricsError if a point is not finite.
+    `MOST_AT_TRUE_POINT` with the same nearest true point count as repeated.
+
+    MetricsError if there is no truth, or if a point is not finite.
     """
     check_points(xyz, truths)
     from scipy.spatial import cKDTree  # slow to import, and nodes rarely need it

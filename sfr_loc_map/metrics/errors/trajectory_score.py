@@ -62,8 +62,11 @@ def score_trajectory(
 
     An estimate has to cover the images, or the true poses if the stamps of the images are unknown. Results of the last
     `in_flight_ns` are not required yet. `kept_errors` names the figures and conditions of which all errors are
-    kept. With `details`, the frames are kept for plots as well. MetricsError if a condition is invalid, or if no
-    estimate has a ground truth, unless the run `is_live`: what a live run received is always scored.
+    kept. With `details`, the frames are kept for plots as well.
+
+    MetricsError if there is no condition, if a condition `turn` has a truth without roll and pitch, if the estimate has
+    no attitudes, or if the estimate or the truth contains two runs. MetricsError also if no estimate has a ground
+    truth, unless the run `is_live`, because what a live run received is always scored.
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)
@@ -252,7 +255,7 @@ def sub_trajectory_table(
 
     Each row contains the errors by one reading of the specification (`ERROR_FUNCTIONS`). `start_frame` and `end_frame`
     are indices of frames. The error vector is the estimated displacement, as this reading compares it, minus the true
-    displacement. The columns are empty if no estimate has a ground truth. MetricsError if a condition is invalid, if
+    displacement. The columns are empty if no estimate has a ground truth. MetricsError if there is no condition, if
     the truth lacks the attitudes that a condition requires, or if the estimate has no attitudes.
     """
     conditions = parsed_conditions(config)
