@@ -93,17 +93,18 @@ def info(
         words = ["sfr", "info", str(source), "--write", *options]
         issues = with_fix(source, given, issues, words)
     found = IssueList(seen.subject, issues)
-    facts = {"configuration": None if path is None else str(path)} | facts_of(source, how)
-    is_unreadable = is_bag(source) and not facts["topics"]  # no topic could be read
-    if "cannot be read" in facts and (is_unreadable or not found.blocking):
-        raise InputError(facts["cannot be read"])
-    if "cannot be read" not in facts:
+    facts = facts_of(source, how)
+    is_unreadable = is_bag(source) and not facts.topics  # no topic could be read
+    if facts.problem and (is_unreadable or not found.blocking):
+        raise InputError(facts.problem)
+    shown = {"configuration": None if path is None else str(path)} | facts.json_values
+    if not facts.problem:
         hashes = data_set_hashes(open_source(source, how), how)
-        facts |= {f"{role}_sha256": sha256 for role, sha256 in hashes.items()}
+        shown |= {f"{role}_sha256": sha256 for role, sha256 in hashes.items()}
     start = ["--start", "truth"] if seen.truth_has_attitude else []
     after = ["sfr", "replay", str(source), *given_words(context, "config"), *start, "--out", "out"]
     found.propose(after, why="plays it to the nodes and scores the results")
-    found.show(json_path, facts, facts_tables(facts))
+    found.show(json_path, shown, facts_tables(shown))
 
 
 def _write(source: Path, given: Configuration) -> tuple[Path, SourceConfig]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,24 +27,36 @@ from sfr_loc_map.tables.model import Cell, Column, Table
 GAP = 1.5  #: Longest time between two pairs, in periods, that is not a gap.
 
 
-def facts_of(path: Path, config: SourceConfig) -> dict[str, Any]:
-    """Return the facts of a source by their names on the screen and in JSON.
+@dataclass(frozen=True, slots=True)
+class SourceFacts:
+    """The facts about a source."""
 
-    A source that cannot be opened with this configuration has the entry "cannot be read".
-    """
-    facts: dict[str, Any] = {"source": str(path)}
+    values: Mapping[str, Any]  #: Facts by their names on the screen and in JSON.
+    topics: Sequence[Mapping[str, Any]]  #: Topics of a bag, each with its properties by name; empty without a bag.
+    problem: str = ""  #: Why the source cannot be opened with its configuration; empty if it can be opened.
+
+    @property
+    def json_values(self) -> dict[str, Any]:
+        """All facts by their names in JSON."""
+        problem = {"cannot be read": self.problem} if self.problem else {}
+        return {**self.values, **problem, "topics": list(self.topics)}
+
+
+def facts_of(path: Path, config: SourceConfig) -> SourceFacts:
+    """Return the facts about a source; if it cannot be opened, its name, its topics and the problem."""
+    values: dict[str, Any] = {"source": str(path)}
     topics: list[dict[str, Any]] = []
     try:
         if is_bag(path):
             topics = _topics(Bag(path), config)
-        facts |= _facts_of_pairs(open_source(path, config))
+        values |= _facts_of_pairs(open_source(path, config))
     except SfrError as error:
-        facts["cannot be read"] = str(error)
-    return facts | {"topics": topics}
+        return SourceFacts(values, topics, str(error))
+    return SourceFacts(values, topics)
 
 
-def facts_tables(facts: dict[str, Any]) -> list[Table]:
-    """Return the facts, and the topics of a bag, as tables."""
+def facts_tables(facts: Mapping[str, Any]) -> list[Table]:
+    """Return facts by their names in JSON, and the topics of a bag, as tables."""
     topics: list[dict[str, Any]] = facts["topics"]
     shown = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in facts.items()}
     del shown["topics"]
@@ -58,8 +72,8 @@ def facts_tables(facts: dict[str, Any]) -> list[Table]:
 def _topics(bag: Bag, config: SourceConfig) -> list[dict[str, Any]]:
     """Return the topics of a bag, each with the name under which it is read.
 
-    If the configuration names topics wrongly, the topics are listed without the name under which they are read. The
-    fact "cannot be read" then states the reason.
+    If the configuration names topics wrongly, the topics are listed without the name under which they are read.
+    `SourceFacts.problem` then states the reason.
     """
     names = dict[str, str]()
     with suppress(SfrError):
