@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from msgspec.structs import replace as struct_replace
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, PointCloud2
@@ -23,7 +24,7 @@ from std_msgs.msg import String
 from sfr_loc_map import __version__
 from sfr_loc_map.calls.call_record import decode_call
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import ConfigError, InputError, MetricsError, SfrError
+from sfr_loc_map.errors import InputError, MetricsError, SfrError
 from sfr_loc_map.inputs import MAX_TEXT_BYTES
 from sfr_loc_map.io.calibration.rectification import rig_of_rectified_infos
 from sfr_loc_map.io.clouds.point_image import points_image
@@ -154,12 +155,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         config = self.config
         if config.limits_file:
             limits = load_limits(Path(config.limits_file))
-            if limits.data_set_sha256:
-                raise ConfigError(
-                    f"{config.limits_file}: 'data_set_sha256' names a recorded data set, but a live run has no source: "
-                    "remove the key, or score the recording with sfr score"
-                )
-            self._score = MonitorScore(config.score, limits, config.truth)
+            of_any_data = struct_replace(limits, data_set_sha256=())  # received messages have no recorded source
+            self._score = MonitorScore(config.score, of_any_data, config.truth)
         if self._score_file is not None:
             self._score_file.check()
             if config.save_period_s:
