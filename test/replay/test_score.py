@@ -374,5 +374,7 @@ def test_a_drive_with_several_answers_to_a_pair_is_incomplete(tmp_path: Path, do
     about = {"minimum_independent": 1, "trajectory": [{"condition": "frames=2", "position_mean_m": 1.0}]}
     verdict = score_replay(source, result, config, parse_limits(about, "limits")).verdict
     assert verdict == ("incomplete" if doubled else "pass")
+    with pytest.raises(InputError, match="another data set"):
+        score_replay(source, result, config, parse_limits({**about, "data_set_sha256": ["0" * 64]}, "limits"))
     accepted = {**about, "completeness": [{"calls_doubled_max_share": 0.3}]}
     assert score_replay(source, result, config, parse_limits(accepted, "limits")).verdict == "pass"

@@ -32,6 +32,6 @@ def fault_of_data_set(score: Score) -> str | None:
     for role in present:
         file = inputs[role]
         if file.sha256 not in accepted:
-            found = f"{DATA_SET_ROLES[role]} ('{file.path}') has the SHA-256 {file.sha256}"
+            found = f"the SHA-256 of {DATA_SET_ROLES[role]} ('{file.path}') is {file.sha256}"
             return f"another data set: {found}, but {required}"
     return None
