@@ -173,7 +173,10 @@ def _convert_cloud(source: Path, destination: Path, *, overwrite: bool) -> None:
 def _convert_pairs(
     source: Path, destination: Path, remap: list[str] | None, config: Path | None, *, overwrite: bool
 ) -> None:
-    """Write the pairs of a source for a target board; a drive starts at its first true pose, if known."""
+    """Write the pairs of a source for a target board, with the start pose of the drive.
+
+    The start pose is the true pose at the first pair, or the identity if the source has no true attitudes.
+    """
     from sfr_loc_map.io.layouts.board_file import write_pairs
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.runs.drive_start import true_start

@@ -199,14 +199,17 @@ OVERLAP_TABLE = CheckTable(
 
 
 def check_tables(figures: Sequence[Figure], advice: Mapping[str, str]) -> list[Table]:
-    """Return the tables of the figures of a check and of its advice by angle; tables without rows are omitted."""
+    """Return the tables of the figures of a check; tables without rows are omitted.
+
+    `advice` is the advice of the check for each angle of the right camera (roll, pitch, yaw).
+    """
     of_drive = (AGREEMENT_TABLE, REVISITED_TABLE, PREDICTED_TABLE, SCALE_TABLE, HAT_TABLE)
     tables = (*(item.of(figures) for item in of_drive), calibration_table(figures, advice), OVERLAP_TABLE.of(figures))
     return [table for table in tables if table.rows]
 
 
 def calibration_table(figures: Sequence[Figure], advice: Mapping[str, str]) -> Table:
-    """Return the offsets of the right camera as a table, with the advice of the check by angle."""
+    """Return the offsets of the right camera as a table. `advice` is the advice of the check for each angle."""
     rows = []
     for index, row in enumerate(figures):
         if row.figure in CALIBRATION_NAMES:

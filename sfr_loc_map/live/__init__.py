@@ -1,7 +1,7 @@
 """Views of a run in progress: the live page and the terminal.
 
-A run is a sequence of increasing stamps that the nodes process; if the stamps jump back, a new run begins. A record is
-a received message as values.
+A run is a sequence of increasing stamps that the nodes process; if the stamps jump back, a new run begins. A record
+contains the content of a received message, independent of ROS.
 
     nodes ──► feed, map_feed (thread of ROS)       nodes ◄── operator ◄── commands (the buttons of a page)
             │ records (`updates`)

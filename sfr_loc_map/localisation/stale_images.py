@@ -12,10 +12,10 @@
 - A partially transferred image consists of two exposures. The rows above a boundary are new and those below are from
   the previous pair, or vice versa.
 
-Stale parts are blanked, so that nothing is tracked in them. Rows that are stale in two pairs in a row are assumed to
-show something fixed to the camera (own body, sky), and are not blanked in the second pair. If two partial transfers in
-a row affect the same rows, the second pair is therefore not blanked, and is left to `ground.selection`. A frozen image
-between two exposures is skipped in this comparison, because all its rows are stale.
+Stale parts are blanked, so that nothing is tracked in them. Rows that are stale in two consecutive pairs are assumed to
+show something fixed to the camera (own body, sky), and are not blanked in the second pair. If two consecutive partial
+transfers affect the same rows, the second pair is therefore not blanked, and is left to `ground.selection`. A frozen
+image between two exposures is skipped in this comparison, because all its rows are stale.
 """
 
 from __future__ import annotations

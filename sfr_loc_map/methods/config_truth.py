@@ -17,7 +17,7 @@ STRIDES = (1, 4)
 matrices."""
 SAME_M = 0.001  #: Coordinates are rounded to 1 mm, the coarsest resolution of common files.
 MOST_POSITIONS = 10  #: Allowed number of true positions: a start, a goal and waypoints are legitimate settings.
-FAR_M = 1e9  #: Larger numbers, such as stamps, are not coordinates, and overflow 64 bits in mm.
+FAR_M = 1e9  #: Larger numbers are not coordinates but, for example, stamps. Stamps in ns would overflow 64 bits in mm.
 
 
 def units_of(positions: FloatArray) -> set[tuple[int, ...]]:

@@ -72,7 +72,8 @@ class PoseConverter:
         self._truth = loc.ground_truth
         self._in_own_world = replace(options.convention, world="ds")
         self._T_rb_child = options.convention.T_rb_child(loc.rig)
-        self._first: messages.OdometryRow | None = None  # pose with the earliest stamp, at which motions begin
+        # pose with the earliest stamp; a convention may state motions since this pose
+        self._first: messages.OdometryRow | None = None
         self._T_ds_world: Transform | None = None  # of the first pose, if the convention aligns the world with it
         self._publisher = peer.ros_node.create_publisher(Odometry, options.converted_topic, QoSProfile(depth=DEPTH))
 

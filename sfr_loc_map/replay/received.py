@@ -168,7 +168,10 @@ class ExternalMaps(ReceivedMaps):
 
     @property
     def mapped_ns(self) -> list[int]:
-        """Stamps of the published pairs that have a cloud, sorted. A cloud of all pairs is the cloud of each pair."""
+        """Stamps of the published pairs that have a cloud, sorted.
+
+        If the only cloud is the map of all pairs, every pair has a cloud.
+        """
         mapped = self._clouds_of_pairs
         if self._is_of_all_pairs(mapped):
             return sorted(self.sent_ns)

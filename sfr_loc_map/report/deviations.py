@@ -175,14 +175,14 @@ def _setting_text(value: object) -> str:
 
 
 def _calls(score: Score) -> Iterator[str]:
-    """Yield the limits on times and memory that were not measured as the specification requires."""
+    """Yield the deviations of the limits on times and memory."""
     is_stated = score.calls is not None and STATED_CLOCK in score.calls.clocks.values()
     for item in score.verdicts:
         yield from _calls_of(item, is_stated=is_stated)
 
 
 def _calls_of(item: Verdict, *, is_stated: bool) -> Iterator[str]:
-    """Yield one sentence if calls were not measured on the target, and one if the limit applies to a stage."""
+    """Yield a sentence on who measured the calls (host, node or target), and one if the limit applies to a stage."""
     is_on_calls = item.subject in (Subject.TIMING, Subject.MEMORY)
     if is_on_calls and not item.is_of_target:
         on_target = "the specification requires the target [4.2.1, 4.3.1]"

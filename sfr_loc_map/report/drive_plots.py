@@ -76,8 +76,9 @@ def drive_plots(score: Score) -> list[Plot]:
 def _traces_to(rows: SubTrajectoryRows) -> list[list[str | int]]:
     """Return condition, frames and stamps of each sub-trajectory, the `customdata` of its marks.
 
-    On a click, `page.js` shows the segment of a mark with these five values. The script moves the trace `chosen
-    sub-trajectory` of the plot `top-view` along the trace `truth`, which contains every n-th frame (`Page.every`).
+    On a click on a mark, `page.js` uses these five values to show the sub-trajectory in the view from above. The script
+    moves the trace `chosen sub-trajectory` of the plot `top-view` along the trace `truth`, which contains every n-th
+    frame (`Page.every`).
     """
     frames = zip(rows.start_frame, rows.end_frame, rows.start_stamp_ns, rows.end_stamp_ns, strict=True)
     return [[label_of(rows.condition), first, last, str(start), str(end)] for first, last, start, end in frames]

@@ -199,7 +199,7 @@ def _check_stated_order(head: TableHead, layout: Layout) -> None:
 
 
 def _check_scalar_is_last(head: TableHead, layout: Layout, table: FloatArray) -> None:
-    """Raise InputError if the attitudes are those of a vehicle only with the scalar of the quaternions first."""
+    """Raise InputError if the attitudes describe a vehicle when the scalar is read first, but not when read last."""
     if layout.keys[-4:] != QUATERNION:
         return
     rows = table[np.isfinite(table[:, : len(layout.keys)]).all(axis=1)]

@@ -285,7 +285,7 @@ def _loaded(
 
 
 def _check_stamps_differ(table: Table) -> None:
-    """Raise InputError if most stamps equal others, as stamps that were written with too few digits."""
+    """Raise InputError if a stamp has more than `MAX_EQUAL` poses on average, as when its last digits are missing."""
     stamps_ns = np.sort(table.stamps_ns)  # hundred times as fast as `np.unique`, which hashes integers
     count, different = len(stamps_ns), 1 + np.count_nonzero(np.diff(stamps_ns))
     if count > MAX_EQUAL * different:
@@ -296,10 +296,10 @@ def _check_stamps_differ(table: Table) -> None:
 
 
 def _check_one_run(table: Table) -> None:
-    """Raise InputError if a table has several runs of the same time, as of a restarted clock.
+    """Raise InputError if a table has several runs over the same time, for example because the clock was restarted.
 
-    A run is a part of the table with increasing stamps. A table may be sorted in descending
-    order, consist of runs whose times do not overlap, in any order, or have stray rows anywhere.
+    A run is a part of the table with increasing stamps. A table may be sorted in descending order, consist of runs
+    whose times do not overlap, in any order, or have stray rows anywhere.
     """
     steps = np.diff(table.stamps_ns)
     is_downwards = np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0)

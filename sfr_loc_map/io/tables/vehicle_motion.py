@@ -18,10 +18,10 @@ LEVEL_IF_LAST = 0.5  #: The same with the scalar last. It is smaller, because th
 def problem_of_scalar_last(positions: FloatArray, quats_xyzw: FloatArray) -> str:
     """Return the problem of attitudes `(N, 4)` at positions `(N, 3)` that only the other order of quaternions avoids.
 
-    The attitudes are read with the scalar last, but describe a vehicle only with the scalar first. The text is empty
-    if there is no such problem. A vehicle is level. If it is level in both orders, its forward axis decides,
-    which points along the path. The axes may also be those of a camera, whose y-axis points down and whose z-axis
-    points forward.
+    The attitudes are read with the scalar last, but describe a vehicle if the scalar is read first. The text is empty
+    if there is no such problem. A vehicle is level. If the vehicle is level in both orders, its forward axis decides,
+    which points along the path. With the scalar last, the axes may also be those of a camera, whose y-axis points down
+    and whose z-axis points forward.
     """
     if not quats_xyzw.any():  # positions without attitude
         return ""

@@ -249,7 +249,7 @@ class VerticalEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OnlineCalibration:
-    """Rotation error of the right camera: four estimates, in pixels.
+    """Errors of the right camera, in pixels: three estimates of its rotation error, and the residual lens errors.
 
     | estimate | is updated by | from |
     |---|---|---|

@@ -198,11 +198,11 @@ class PathErrors:
         return LocatedCovariance(position, self.before_window.at(position) + self.in_window)
 
     def drift(self, position: FloatArray) -> FloatArray:
-        """Return the covariance `(6, 6)` of the map at a position since the origin: the term `drift` of a pose.
+        """Return the covariance `(6, 6)` that the map has accumulated since the external pose: the term `drift`.
 
             drift = positive part of (shared - shared of the origin)
 
-        Both covariances are propagated to the position.
+        Both covariances are propagated to the position. The origin is the external pose.
         """
         return positive_part(self.shared(position).covariance - self.origin.shared.at(position))
 

@@ -241,7 +241,7 @@ def coverage_rows(coverage: Coverage) -> Iterator[Figure]:
 
 
 def pose_rows(placed: PlacedFrames, unique_estimates: int) -> Iterator[Figure]:
-    """Yield the rows that count frames and estimates. `unique_estimates` is the number of their different stamps."""
+    """Yield the rows of frames and estimates; `unique_estimates` is the number of distinct stamps of the estimates."""
     matching = placed.matching
     states = placed.states
     yield from share_rows("lost", states.lost, matching.matched)

@@ -2,10 +2,10 @@
 
 A gap is a run of expected stamps without an estimate (`gaps_of`). The true poses are no evidence of the images, because
 a ground truth may be denser than unknown images. If the images are unknown, only a time of more than five median
-periods between neighbouring estimates is therefore an evident gap (`long_gaps`). These periods are those of the item
-under test, so that evenly selected poses have no evident gap. Limits therefore require complete evidence, so that each
-true pose without an estimate is missing. Without limits there is no verdict, and only evident gaps are reported. See
-docs/metrics.md, "Completeness".
+periods between neighbouring estimates is therefore an evident gap (`long_gaps`). The median is that of the estimates'
+own periods, so an estimate that contains only every fifth pose, for example, has no evident gap. Limits therefore
+require complete evidence, so that each true pose without an estimate is missing. Without limits there is no verdict,
+and only evident gaps are reported. See docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations

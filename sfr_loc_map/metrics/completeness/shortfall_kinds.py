@@ -47,12 +47,15 @@ def rest(bound: float) -> float:
 
 
 def any_value(_: float) -> float:
-    """Return infinity for every bound, because the limit itself judges the items of the shortfall."""
+    """Return infinity: the limit accepts any shortfall, because the limit itself judges the same items."""
     return math.inf
 
 
 def any_value_if_some(bound: float) -> float:
-    """Return infinity for a bound above 0, because the limit counts other items than the shortfall; 0 for 0."""
+    """Return 0 for a bound of 0, and infinity otherwise.
+
+    A limit with a bound above 0 accepts any shortfall, because the limit counts other items than the shortfall.
+    """
     return math.inf if bound > 0.0 else 0.0
 
 

@@ -5,10 +5,12 @@ disagreement of each sub-trajectory that remains after its correction (`Tried.re
 hypothesis is found (`_explains`). Of the hypotheses found, that with the smallest mean disagreement is reported.
 
 A hypothesis competes with the explanations that presume less: that the estimate is correct as delivered, that it has
-the scale error of a method, and, if numbers were fitted, each hypothesis without fitted numbers. In nine tenths of the
-sub-trajectories, the disagreement that remains with the hypothesis must be at most `EXPLAINED`, and at most 1 / `GAIN`
-of the median that remains with each of these explanations. If less than `NEGLIGIBLE` remains with one of these
-explanations, no hypothesis is needed. An offset of the stamps must keep nine tenths of the poses.
+the scale error of a method, and, if numbers were fitted, each hypothesis without fitted numbers. In at least nine
+tenths of the sub-trajectories, the disagreement that the hypothesis leaves must meet two conditions. The disagreement
+must be at most `EXPLAINED`. It must also be at most 1 / `GAIN` (1 / `GAIN_FITTED` if numbers were fitted) of the median
+disagreement that each of these explanations leaves. If this median is below `NEGLIGIBLE` for one of these explanations,
+no hypothesis is needed. After the correction of an offset of the stamps, at least nine tenths of the estimates must be
+within the time span of the truth.
 """
 
 from __future__ import annotations

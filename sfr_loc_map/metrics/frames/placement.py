@@ -1,4 +1,4 @@
-"""Frames of estimate and ground truth, and the reading of the specification by which they are compared.
+"""Stamps with an estimate and a true pose, and the reading of the specification by which both poses are compared.
 
 An estimate is associated with the truth by its stamps. If the truth has no attitudes, the estimate is also aligned with
 the true positions.
@@ -46,7 +46,7 @@ class Placement(NamedTuple):
 
 
 class PlacedFrames(NamedTuple):
-    """The frames of an estimate and a truth in common axes, and the reading of the specification that judges them."""
+    """Stamps with an estimate and a true pose in common axes, and the reading of the specification that judges them."""
 
     frames: Frames
     matching: Matching

@@ -252,11 +252,11 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
     data_set_sha256: tuple[str, ...] = ()  #: Hashes of the inputs that the limits accept; empty for any data set.
 
     def has_enough_values(self, count: int | None) -> bool:
-        """Return whether a number of values suffices for a verdict; None is that of a figure with a single number."""
+        """Return whether a number of values suffices for a verdict. None, for a figure that is one number, suffices."""
         return count is None or count >= self.minimum_count
 
     def has_enough_independent(self, independent: float | None) -> bool:
-        """Return whether a number of independent sub-trajectories suffices for a verdict, if it is defined."""
+        """Return whether a number of independent sub-trajectories suffices for a verdict. None (undefined) suffices."""
         return independent is None or independent >= self.minimum_independent
 
     @property

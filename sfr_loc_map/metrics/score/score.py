@@ -184,7 +184,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
 
     @property
     def active_rules(self) -> Rules:
-        """The rules of the score, without limits and with defaults if it has none."""
+        """The rules of the score. If the score has no rules: the default rules, which have no limits."""
         return Rules() if self.rules is None else self.rules
 
     @property

@@ -72,7 +72,10 @@ class PairedDifference(Record, frozen=True, kw_only=True, omit_defaults=False):
 
 
 class SideBySide(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """One figure of whole runs, which have no sub-trajectories to pair: the value of each run, None if unknown."""
+    """One figure of complete runs, without values for sub-trajectories that could be paired.
+
+    `values` are the values of the runs, None if unknown.
+    """
 
     label: str = msgspec.field(name="figure")  #: Figure, part and statistic in one text.
     unit: str

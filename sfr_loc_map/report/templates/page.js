@@ -51,14 +51,15 @@
     });
   }
 
-  // Show the segment of a sub-trajectory in the view from above. The path has one row per `every` frames.
-  function mark(segment) {
+  // Show a sub-trajectory, given by the five values of its mark, in the view from above. The path has one row per
+  // `every` frames.
+  function mark(selected) {
     const view = document.getElementById("top-view");
     if (!view) return;
-    chosen = segment;
+    chosen = selected;
     const at = view.data.findIndex((trace) => trace.name === "chosen sub-trajectory");
     const truth = view.data.find((trace) => trace.name === "truth");
-    const from = Math.ceil(segment[1] / every), to = Math.floor(segment[2] / every) + 1;
+    const from = Math.ceil(selected[1] / every), to = Math.floor(selected[2] / every) + 1;
     Plotly.restyle(view, { x: [truth.x.slice(from, to)], y: [truth.y.slice(from, to)] }, [at]);
   }
 

@@ -64,7 +64,7 @@ class FigureComparison(Struct, frozen=True, kw_only=True):
     kind: ComparedKind
     figure: str  #: Name with unit.
     drives: int  #: Number of common drives that have the figure in at least one suite.
-    without: tuple[int, int]  #: Number of these drives that lack the figure in the first and in the second suite.
+    without: tuple[int, int]  #: Numbers of these drives without the figure in the first suite, and in the second.
     ratio: float | None  #: Geometric mean of other / first over the drives with both values; None without such a drive.
     ci95: Interval | None  #: 95 % confidence interval of the ratio, by resampling drives.
     p: float | None  #: p-value of the sign-flip test.

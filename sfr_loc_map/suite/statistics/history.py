@@ -1,10 +1,12 @@
 """Detect changes of a suite's figures from night to night (docs/decisions/0008-history.md).
 
-The last night and the mean of the last four nights are compared with up to 30 reference nights. Each figure of a job
-is divided by its mean over the reference nights (paired ratio). The mean over all jobs is divided likewise, so that a
-small change that is common to all jobs is detected. Each ratio has a prediction interval of Student's t from the
-scatter of the reference nights. A change is reported if the interval excludes 1. The level of the intervals is divided
-by the number of ratios of a night (Bonferroni), so that without a change at most one night in 365 raises an alarm.
+A night is one run of the suite. The last night and the mean of the last four nights are compared with up to 30
+reference nights. The shift of a figure of a job is its value minus its mean over the reference nights, on the scale of
+the figure (`SCALES`). On a logarithmic scale, a shift is a ratio. The shifts are also averaged over all jobs, so that a
+small change that is common to all jobs is detected. Each shift has a prediction interval of Student's t from the
+scatter of the reference nights. A change is reported if the interval excludes a shift of 0. The level of the intervals
+is divided by the number of shifts of a night (Bonferroni), so that without a change at most one night in 365 raises an
+alarm.
 
 A job is a source with its task, faults, configuration and repeat, which each night runs again.
 """
