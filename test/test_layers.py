@@ -13,7 +13,7 @@ PACKAGE = Path(sfr_loc_map.__file__).parent
 NAME = PACKAGE.name
 LAYERS = {
     "geometry": ("", "Values with frames and units: rotations, transforms, cameras, trajectories, clouds"),
-    "io": ("geometry", "Recorded data, between files or messages of any format and the values of the suite"),
+    "io": ("geometry", "Reading and writing of recorded data"),
     "localisation": ("geometry", "The trajectory of a drive from its stereo pairs"),
     "mapping": ("geometry", "A point cloud and the terrain from one to three stereo pairs"),
     "kernels": ("localisation mapping", "The compiled code of localiser and mapper, loaded or compiled in a process"),
