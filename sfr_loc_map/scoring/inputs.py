@@ -103,6 +103,7 @@ class DriveToScore:
     rig: StereoRig | None = None  #: Rig of the localisation cameras; None if it is unknown.
     image_stamps_ns: IntArray | None = None  #: Stamps of the images; None if they are unknown.
     notes: tuple[str, ...] = ()  #: Detected format of each file, one line each.
+    caveats: tuple[str, ...] = ()  #: Warnings about how the files were read.
 
     def converted(self, convention: PoseConvention) -> DriveToScore:
         """Return the drive with its estimates converted from a convention to poses of RB in DS."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -73,12 +73,23 @@ def read_drive(inputs: ScoreInputs, given: InMemory, true: ReadTruth, calls: Run
     bag = _read_bag(inputs.estimate, calls.here)
     of_bag = [] if bag is None else bag.all_calls
     found = _read_estimate(inputs, given.estimate, bag)
+    caveats = tuple(_without_stamps(found, true.poses))
     if found.by_index:
         found = found.with_stamps_of(true.poses)
     check_one_estimate(found.trajectory, calls.of_estimate)
     here = [*calls.here, *of_bag]
     estimates = estimates_of_calls(found.trajectory, here, calls.on_target, found.covariance)
-    return ReadDrive(_drive_of(found, estimates, true), of_bag)
+    return ReadDrive(replace(_drive_of(found, estimates, true), caveats=caveats), of_bag)
+
+
+def _without_stamps(*trajectories: LoadedTrajectory) -> Iterator[str]:
+    """Yield a caveat for each trajectory without stamps, whose poses are assigned by their numbers."""
+    for poses in trajectories:
+        if poses.by_index:
+            yield (
+                f"'{poses.path}' has no stamps: its poses were assigned to those of the other trajectory by their "
+                "numbers, so that a delay of the estimate is not measured"
+            )
 
 
 def _read_bag(path: Path | None, stats: Sequence[CallStats]) -> BagEstimate | None:

@@ -100,7 +100,7 @@ def drive_result(
     warnings = [] if finding is None else [finding.text]
     warnings += _sparse_truth(drive, association)
     warnings += truth_caveats(truth)
-    caveats = tuple(_uneven_estimates(drive, association))
+    caveats = (*drive.caveats, *_uneven_estimates(drive, association))
     contradiction = finding.text if finding is not None and finding.prevents_verdict else None
     return replace(scored, warnings=tuple(warnings), caveats=caveats, contradiction=contradiction)
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from helpers.made_scene import LOC_RIG
 from helpers.scored_drives import COUNT, PERIOD_NS, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.deviations import deviations_of
-from sfr_loc_map.scoring.inputs import DriveToScore, Run
+from sfr_loc_map.scoring.inputs import DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_run
 
 CONFIG = ScoreConfig(TrajectoryScoreConfig(conditions=("distance=5",)))
@@ -64,3 +69,21 @@ def test_images_that_are_missing_in_short_gaps_leave_path_without_images(
     estimate = Trajectory(images_ns, drive.positions[kept], drive.quats_xyzw[kept])
     found = scored(estimate, images_ns, truth).number("path_without_images")
     assert found == pytest.approx(share, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("without_stamps", "stated"), [((), 0), (("estimate",), 1), (("truth",), 1), (("estimate", "truth"), 2)]
+)
+def test_poses_that_are_assigned_by_their_numbers_are_a_deviation(
+    tmp_path: Path, without_stamps: tuple[str, ...], stated: int
+) -> None:
+    """An estimate with rows moved up by one has no delay in the figures."""
+    for name in ("estimate", "truth"):
+        save_trajectory(tmp_path / f"{name}.kitti", straight(), TrajectoryFormat.KITTI)
+    for name in without_stamps:
+        (tmp_path / f"{name}.times.txt").unlink()
+    run = load_run(ScoreInputs(estimate=tmp_path / "estimate.kitti", truth=tmp_path / "truth.kitti"))
+    score = score_run(run, CONFIG, None)
+    found = [text for text in deviations_of(score) if "has no stamps" in text]
+    assert len(found) == stated
+    assert {text[:-1] for text in found} <= set(score.warnings)
