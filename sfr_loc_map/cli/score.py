@@ -375,9 +375,13 @@ def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *
         )
     elif json_path != STANDARD_OUTPUT:
         disagreement = (
-            f"{diagnosis.disagreement:.3g} (position error per distance travelled, and attitude error in rad)"
+            f"{diagnosis.disagreement:.3g} (root sum of squares of the position error per distance travelled and the "
+            "attitude error in rad)"
         )
         if diagnosis.disagreement < NEGLIGIBLE:
             say(f"estimate and truth use the same conventions: their mean disagreement is {disagreement}")
         else:
-            say(f"no single convention mismatch explains the mean disagreement of {disagreement}")
+            say(
+                f"no single convention mismatch explains the mean disagreement of {disagreement}: the estimate has "
+                "errors, or several conventions differ"
+            )

@@ -168,7 +168,6 @@ def search(
     from sfr_loc_map.suite.pages.search_page import search_tables
     from sfr_loc_map.suite.run import run_search
     from sfr_loc_map.suite.running.store import Store
-    from sfr_loc_map.suite.search.record import ratio_text
     from sfr_loc_map.suite.search.search import CASE
     from sfr_loc_map.suite.search.specification import load_search
 
@@ -192,9 +191,11 @@ def search(
         say(one_line(f"skipped: {result.named(point)}: {reason}"), err=True)
     say(f"report: {store.folder / 'search.html'}", err=True)
     if result.found.fails:
+        number, ratio = f"{record.figure} {record.statistic}", record.found.ratio
+        worst = f"a drive has no {number}" if ratio is None else f"{number} is {ratio:.3g} times the limit"
         raise FailedVerdictError(
-            f"the worst point is {ratio_text(record.found.ratio)}; the smallest change of the scenario that misses the "
-            f"limit is in '{store.folder / CASE}'"
+            f"at the worst point, {worst}; the smallest change of the scenario that still misses the limit is in "
+            f"'{store.folder / CASE}'"
         )
 
 
@@ -268,16 +269,16 @@ def history(
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
-    """Find the nights and drives at which figures changed; exit code 1 if a figure became and stayed worse.
+    """Find the runs of a suite and the drives whose figures changed; exit code 1 if a figure became and stayed worse.
 
-    A planned job without a result in the last night counts as worse. Exit code 3 if no figure could be tested.
+    A planned job without a result in the last run counts as worse. Exit code 3 if no figure could be tested.
     """
     from sfr_loc_map.suite.pages.page import render_history
     from sfr_loc_map.suite.pages.tables import history_tables
     from sfr_loc_map.suite.statistics.history import find_changes
     from sfr_loc_map.suite.statistics.night import Night, check_order
 
-    propose("sfr report A B", why="compares two of these nights in full")
+    propose("sfr report A B", why="compares two of these runs in full")
     check_suffix(html, HTML_SUFFIXES)
     check_outputs(json_path, html, inputs=folders, overwrite=overwrite)
     nights = [Night.read(folder) for folder in folders]
@@ -290,12 +291,12 @@ def history(
     for change in result.worse:
         say(change.text, err=True)
     for label in result.without_result:
-        say(one_line(f"no result in the last night: {label}"), err=True)
+        say(one_line(f"no result in the last run of the suite: {label}"), err=True)
     failures = []
     if result.worse:
         failures.append(f"figures that got worse and did not recover: {len({item.figure for item in result.worse})}")
     if result.without_result:
-        failures.append(f"jobs without a result in the last night: {len(result.without_result)}")
+        failures.append(f"jobs without a result in the last run of the suite: {len(result.without_result)}")
     if failures:
         raise FailedVerdictError(f"{'; '.join(failures)}; the messages above name them")
     not_judged([result.shortage] if result.shortage else [], lenient=lenient)

@@ -15,6 +15,7 @@ from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.stamp_pairing import nearest_stamps
 from sfr_loc_map.suite_names import Task
 
+Identity = tuple[str, str | None, str | None]  #: Name, version and SHA-256 of a method.
 SAME_POSITION_M = 0.002  #: Tolerance, m, for equal positions that were each rounded to 1 mm.
 
 
@@ -61,7 +62,7 @@ def check_one_method(stats: Sequence[CallStats], target: CallStats | None) -> No
     The calls on a target must come from the same method as the calls on this host.
     """
     here = {_identity(item.method) for item in stats if item.method is not None}
-    names = ", ".join(f"{name} {version or ''}".strip() for name, version, _ in sorted(here, key=str))
+    names = ", ".join(_names(sorted(here, key=str)))
     if len(here) > 1:
         raise InputError(f"the calls (--stats) come from {len(here)} methods ({names}): give the calls of one method")
     for task in Task:
@@ -73,11 +74,21 @@ def check_one_method(stats: Sequence[CallStats], target: CallStats | None) -> No
                 "give the calls of one configuration"
             )
     if target is not None and target.method is not None and here and _identity(target.method) not in here:
+        on_target, on_host = _names([_identity(target.method), *here])
         raise InputError(
-            f"the calls on the target are of the method {target.method.name} {target.method.version or ''}, but the "
-            f"calls on this host are of {names}: give the calls of one method"
+            f"the calls on the target are of the method {on_target}, but the calls on this host are of {on_host}: give "
+            "the calls of one method"
         )
 
 
-def _identity(method: MethodRecord) -> tuple[str, str | None, str | None]:
+def _identity(method: MethodRecord) -> Identity:
     return method.name, method.version, method.sha256
+
+
+def _names(methods: Sequence[Identity]) -> list[str]:
+    """Return name and version of each method, with the hash of its code if two names and versions are equal."""
+    names = [f"{name} {version or ''}".strip() for name, version, _ in methods]
+    if len(set(names)) == len(names):
+        return names
+    hashes = [sha256[:8] if sha256 else "unknown" for _, _, sha256 in methods]
+    return [f"{name} with the code sha256 {sha256}" for name, sha256 in zip(names, hashes, strict=True)]

@@ -295,7 +295,7 @@ def test_a_limit_on_horizontal_errors_is_judged_by_each_reading() -> None:
         ("position_bound_m", {"prob": None}, "the limit requires prob"),
         ("position_bound_m", {"good": 0.001}, "the interpretation ensemble or mixed is required"),
         ("position_mean_m", {"prob": 0.9}, "only a tolerance bound has them"),
-        ("position_mean_m", {"condition": None}, "have a condition"),
+        ("position_mean_m", {"condition": None}, "has no condition"),
     ],
 )
 def test_the_terms_of_a_stored_limit_are_checked_as_in_a_limits_file(

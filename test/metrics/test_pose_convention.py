@@ -92,7 +92,7 @@ def test_what_is_not_declared_stays_and_rounded_quaternions_do_not_lengthen_the_
         (["extrinsics=1,2,3"], "seven numbers"),
         (["extrinsics=0,0,0,0,0,0,0"], "quaternion is zero"),
         (["inverse=true", "inverse_motion=true"], "exclude each other"),
-        (["frame=left", "extrinsics=0,0,0,0,0,0,1"], "and no frame=NAME"),
+        (["frame=left", "extrinsics=0,0,0,0,0,0,1"], "extrinsics and frame=left exclude each other"),
         (["frame=left_optical"], "extrinsics=x,y,z"),
     ],
 )

@@ -85,12 +85,12 @@ def _side_by_side(name: str, cameras: list[PosedCamera], names: list[str]) -> Ca
     return CameraPair(*rectified_cameras(name, *cameras), f"{name}, {left} and {right}", names=(left, right))
 
 
-def _two_files(opened: OpenedFile, names: str) -> list[Path]:
-    """Return the files of the two cameras; raise InputError if there is only one."""
+def _two_files(opened: OpenedFile, one: str, other: str) -> list[Path]:
+    """Return the files of the two cameras, whose paths differ in a word; raise InputError if there is only one file."""
     if opened.other is None:
         raise InputError(
-            f"calibration '{opened.file}' has one camera: add the file of the other camera beside it, at a path that "
-            f"differs only in {names}"
+            f"calibration '{opened.file}' has one camera: add the file of the other camera at the same path, with "
+            f"{other} in place of {one} or {one} in place of {other}"
         )
     return opened.files
 
@@ -226,7 +226,7 @@ def read_sensor_yaml(path: Path) -> PosedCamera:
 
 
 def _euroc(opened: OpenedFile) -> CameraPair:
-    files = _two_files(opened, "cam0 and cam1")
+    files = _two_files(opened, "cam0", "cam1")
     cameras = [read_sensor_yaml(path) for path in files]
     return _side_by_side("EuRoC", cameras, [f"'{path.parent.name}/{path.name}'" for path in files])
 
@@ -336,8 +336,8 @@ def _opencv(opened: OpenedFile) -> CameraPair:
     ds = [numbers_of(values, f"D{n}", f"distCoeffs{n}", f"distortion_coefficients_{n}") for n in (1, 2)]
     if stated is None and all(len(d) == 4 and any(d) for d in ds):
         _log.warning(
-            f"calibration '{opened.file}': 4 distortion coefficients are read as k1, k2, p1, p2: add 'fisheye: 1' to "
-            "the file if they are those of cv::fisheye, or 'fisheye: 0'"
+            f"calibration '{opened.file}': 4 distortion coefficients are read as k1, k2, p1, p2: if they are those of "
+            "cv::fisheye, add 'fisheye: 1' to the file; if not, add 'fisheye: 0'"
         )
     if values.keys() >= {"r1", "r2", "p1", "p2"}:
         left, right = (
@@ -397,7 +397,7 @@ def _states_fisheye(values: Mapping[str, Any]) -> bool | None:
 
 def _ros(opened: OpenedFile) -> CameraPair:
     """Read two files of camera_calibration, or two messages of camera_info as `ros2 topic echo` prints them."""
-    cameras, files = [], _two_files(opened, "left and right")
+    cameras, files = [], _two_files(opened, "left", "right")
     for path in files:
         with refusing(f"calibration '{path}'"):
             cameras.append(_ros_camera(path))

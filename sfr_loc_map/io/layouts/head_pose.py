@@ -61,11 +61,15 @@ def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, 
     if rig is None:
         return None
     for stamp, rig_at_stamp in zip(stamps_ns, rigs, strict=True):
-        if rig_at_stamp is None or rig_at_stamp.text != rig.text:
-            by = "unknown" if rig_at_stamp is None else f"from {rig_at_stamp.text}"
+        if rig_at_stamp is None:
             raise InputError(
-                f"bag '{bag.path}': the pose of the cameras on /tf is read from {rig.text}, but at stamp {stamp} "
-                f"it is {by}: record /tf {RECORDING}"
+                f"bag '{bag.path}': at stamp {stamp} the transforms on /tf from {rig.read_from}, which give the pose "
+                f"of the cameras, are incomplete: record /tf {RECORDING}"
+            )
+        if rig_at_stamp.text != rig.text:
+            raise InputError(
+                f"bag '{bag.path}': the pose of the cameras is given by the transforms on /tf from {rig.text}, but at "
+                f"stamp {stamp} by those from {rig_at_stamp.text}: record /tf {RECORDING}"
             )
     return [found.T_rb_sb for found in rigs if found is not None]
 

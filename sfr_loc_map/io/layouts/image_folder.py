@@ -100,7 +100,9 @@ def _check_one_clock(by_stamp: Mapping[int, Path]) -> None:
     """Raise InputError if only some stamps are those of a clock, because the names are then in several units."""
     times = sorted(by_stamp)
     if times and times[0] < EARLIEST_CLOCK_S * NS_PER_S <= times[-1]:
+        first, last = times[0], times[-1]
         raise InputError(
-            f"'{by_stamp[times[0]]}' and '{by_stamp[times[-1]].name}' are not stamps of one clock in one unit: rename "
-            "one of them"
+            f"'{by_stamp[first]}' is read as {first / NS_PER_S:.9g} s (a time since a start), but "
+            f"'{by_stamp[last].name}' as {last / NS_PER_S:.0f} s (a time of a clock): names in one unit and of one "
+            "clock are required; rename the images of one of the two kinds"
         )

@@ -50,12 +50,15 @@ def detect_columns(lines: Sequence[str], name: str, columns: str, option: str) -
 
 def _check_complete(found: PoseColumns, head: TableHead) -> None:
     """Raise InputError if a column of `REQUIRED`, or a part of a matrix or of a quaternion, is missing."""
-    for parts, of_what in ((MATRIX, "a matrix"), (QUATERNION, "a quaternion")):
+    for parts, complete, of_what in (
+        (MATRIX, MATRIX, "a matrix"),
+        (QUATERNION, ("x", "y", "z", *QUATERNION), "a quaternion"),
+    ):
         named = [key for key in parts if key in found]
         if 0 < len(named) < len(parts):
             raise InputError(
-                f"{head.name}: the columns contain only {', '.join(named)} of {of_what}: {', '.join(parts)}, or x, y, "
-                f"z alone, are required: {head.named_by('t=#NUMBER[s],x=#NUMBER,y=#NUMBER,z=#NUMBER')}"
+                f"{head.name} has only the columns {', '.join(named)} of {of_what}: either {', '.join(complete)}, or "
+                f"only x, y, z are required; {head.named_by_number(complete)}"
             )
     missing = [] if found.is_matrix else [keys[0] for keys in REQUIRED if not any(key in found for key in keys)]
     if missing:

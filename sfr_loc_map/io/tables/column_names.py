@@ -161,8 +161,7 @@ def _check_names_differ(cells: Sequence[str], found: Mapping[str, int], head: Ta
         if len(indices) > 1:
             numbers = " and ".join(f"#{other + 1}" for other in indices)
             raise InputError(
-                f"{head.name} line {number + 1}: columns {numbers} are both '{cells[index]}': "
-                f"{head.named_by('t=#NUMBER[s],x=#NUMBER,y=#NUMBER,z=#NUMBER')}"
+                f"{head.name} line {number + 1}: columns {numbers} are both '{cells[index]}': {head.named_by_number()}"
             )
 
 
@@ -180,10 +179,7 @@ def _check_names_are_complete(cells: Sequence[str], found: Mapping[str, int], he
     if filled and min(filled) > len(cells) and not set(QUATERNION) <= found.keys():
         problem = f"has {len(cells)} names, and the rows have {min(filled)} columns"
     if problem:
-        raise InputError(
-            f"{head.name} line {number + 1}: the header {problem}: "
-            f"{head.named_by('t=#NUMBER[s],x=#NUMBER,y=#NUMBER,z=#NUMBER')}"
-        )
+        raise InputError(f"{head.name} line {number + 1}: the header {problem}: {head.named_by_number()}")
 
 
 def _units_below(head: TableHead, number: int, count: int) -> list[str]:
@@ -254,7 +250,10 @@ def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
         if key == SKIPPED:
             continue
         if key in index_of:
-            raise InputError(f"{head.name}: the columns name {key} twice, the second time by '{item}': name it once")
+            raise InputError(
+                f"{head.name}: {head.option.replace('COLUMNS', columns)} names {key} twice, the second time by "
+                f"'{item}': name it once"
+            )
         width = max(head.width, len(header))
         if key not in {*NAMES, FRAME, *MATRIX} or index is None or not 0 <= index < width:
             shown = ", ".join(header) or f"{head.width} columns without a header"

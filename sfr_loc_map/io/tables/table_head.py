@@ -60,6 +60,11 @@ class TableHead:
         """Return the end of a message: the option with an example of columns."""
         return f"name the columns: {self.option.replace('COLUMNS', columns)}"
 
+    def named_by_number(self, keys: Sequence[str] = ("x", "y", "z")) -> str:
+        """Return the end of a message: the option with an example of columns by their numbers."""
+        columns = ",".join(("t=#1[s]", *(f"{key}=#{number}" for number, key in enumerate(keys, 2))))
+        return f"{self.named_by(columns)} with the numbers of the columns in the file"
+
 
 def header_cells(line: str, separator: str | None, width: int = NAMED_COLUMNS) -> list[str]:
     """Return the cells of a line that may be a header of `width` columns, without a comment sign."""

@@ -77,18 +77,19 @@ class PoseConvention:
     def __post_init__(self) -> None:
         """Check the settings; ConfigError if a value is invalid, or if settings exclude each other."""
         check_parameters(self)
-        if self.extrinsics and (self.frame != RB or len(self.extrinsics) != 7):
+        if self.extrinsics and len(self.extrinsics) != 7:
             raise ConfigError(
-                f"extrinsics require seven numbers x,y,z,qx,qy,qz,qw and no frame=NAME: found "
-                f"{len(self.extrinsics)} numbers and frame={self.frame}"
+                f"extrinsics has {len(self.extrinsics)} numbers: seven numbers, x,y,z,qx,qy,qz,qw, are required"
             )
+        if self.extrinsics and self.frame != RB:
+            raise ConfigError(f"extrinsics and frame={self.frame} exclude each other: give one of them")
         if self.extrinsics:
             try:
                 quat_normalised(self.extrinsics[3:])
             except GeometryError as error:
                 raise ConfigError(f"extrinsics: {error}") from error
         if self.inverse and self.inverse_motion:
-            raise ConfigError("convention: inverse and inverse_motion exclude each other: give one of them")
+            raise ConfigError("inverse and inverse_motion exclude each other: give one of them")
 
     @classmethod
     def parse(cls, texts: Sequence[str]) -> PoseConvention:

@@ -198,9 +198,13 @@ class Limit(Record, frozen=True, kw_only=True):
             raise ValueError(f"'{self.name}' {fault}")
         if self.condition is not None and not is_written_condition(self.condition):
             raise ValueError(f"'{self.condition}' is not a condition as scores write it, such as distance=5")
-        if (self.condition is not None) != (self.section is LimitSection.TRAJECTORY):
+        is_of_trajectory = self.section is LimitSection.TRAJECTORY
+        if is_of_trajectory and self.condition is None:
+            raise ValueError(f"'{self.name}' of the section '{self.section}' has no condition: one is required")
+        if not is_of_trajectory and self.condition is not None:
             raise ValueError(
-                f"'{self.name}': limits of the section trajectory have a condition, and other limits do not"
+                f"'{self.name}' of the section '{self.section}' has the condition '{self.condition}': only limits of "
+                f"the section '{LimitSection.TRAJECTORY}' may have one"
             )
         given = {name: value for name in Terms._fields if (value := getattr(self, name)) is not None}
         is_bound = self.limited.statistic == BOUND

@@ -95,7 +95,7 @@ class SearchFile(SearchRecord, frozen=True, kw_only=True):
             unchanged = " and in the unchanged scenario" if self.usual.fails else ""
             yield (
                 f"The limit is missed in {self.missed} of {len(self.points)} searched scenarios{unchanged}; "
-                f"the worst has {ratio_text(self.found.ratio)}."
+                f"the worst has {ratio_text(self.found.ratio)} ({self.title})."
             )
 
 

@@ -440,13 +440,13 @@ HISTORY: tuple[RowColumn[Change], ...] = (
 def history_tables(history: History) -> list[Table]:
     """Return the table of a history with every change of a figure."""
     note = (
-        f"Nights: {len(history.nights)}. Before and after: means over the named jobs. Without "
+        f"Runs of the suite (nights): {len(history.nights)}. Before and after: means over the named jobs. Without "
         f"changes, at most one night in {1.0 / history.false_alarm_rate:g} gives an alarm."
     )
     if len(history.nights) <= MIN_REFERENCE:
         note += f" With fewer than {MIN_REFERENCE + 1} nights, only changes of most jobs are detected."
     if history.without_result:
-        note += f" Jobs of the last night without a result: {', '.join(history.without_result)}."
+        note += f" Jobs of the last run without a result: {', '.join(history.without_result)}."
     if history.shortage:
         note += f" Not judged: {history.shortage}."
     title = "No figure changed" if history.tested and not history.changes else "Changes"

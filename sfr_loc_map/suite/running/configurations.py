@@ -43,8 +43,8 @@ def read_configurations(value: object, path: Path) -> dict[str, dict[str, object
         equal = next((other for other, of_other in found.items() if of_other == parameters), None)
         if equal is not None:
             raise ConfigError(
-                f"{path}: configuration '{name}' equals '{equal}': parameters that differ from their defaults are "
-                "compared; change a parameter, or remove one of the two"
+                f"{path}: configurations '{equal}' and '{name}' are equal (a parameter that is given with its default "
+                "value makes no difference): change a parameter, or remove one of the two"
             )
         found[name] = parameters
     return found

@@ -126,7 +126,8 @@ def _score(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
 def _replay(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     if any(name.rpartition(".")[2] in METHOD_KEYS for name in job.parameters):
         raise ConfigError(
-            "a replay always runs the suite's own nodes: omit 'method' in the configuration, or omit replay in 'tasks'"
+            "the task replay always runs the nodes of sfr_loc_map, not another method: omit 'method' in the "
+            "configuration, or omit replay in 'tasks'"
         )
     if job.faults:
         convert(_source_with_faults(job, path), scratch / "faulty")

@@ -228,8 +228,9 @@ def case_file(result: SearchResult) -> str:
         content["limits"] = limits
     else:
         _log.warning(
-            f"{specification.path}: a suite has no limit {chosen.limit:g} on {chosen.figure} {chosen.statistic} "
-            f"{chosen.part or 'of the judged part'}: the file {CASE} repeats the case without a verdict"
+            f"{specification.path}: a limits file cannot state the limit {chosen.limit:g} on the {chosen.statistic} of "
+            f"{chosen.figure}{f', part {chosen.part}' if chosen.part else ''}, so {CASE} repeats the case without a "
+            "verdict"
         )
     ratio = ratio_text(None if result.case.is_lost else result.case.ratio)
     head = f"# Found by a search for {chosen.figure} {chosen.statistic}, limit {chosen.limit:g}: {ratio}.\n"

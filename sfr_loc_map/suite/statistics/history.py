@@ -99,7 +99,7 @@ class History:
         if self.tested:
             return ""
         return (
-            f"no figure of the last night could be tested: {MIN_REFERENCE} earlier nights with the figure are "
+            f"no figure of the last run could be tested: {MIN_REFERENCE} earlier runs with the figure are "
             f"required, or {MIN_JOBS_OF_SCATTER} jobs if the figure does not depend on the host"
         )
 

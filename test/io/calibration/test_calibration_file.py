@@ -342,7 +342,10 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
         a_list_as("intrinsics.yml", opencv_in_two_files),
         "intrinsics.yml': the file has no mapping of names to values",
     ),
-    "one camera of ROS": (without("left/ost.yaml", ros), "has one camera: add the file of the other camera beside it"),
+    "one camera of ROS": (
+        without("left/ost.yaml", ros),
+        "add the file of the other camera at the same path, with right in place of left",
+    ),
     "no size of ROS": (without("cameras.txt", colmap), "(cam0, cam1), EuRoC, ORB-SLAM, OpenCV (M1"),
     "an unknown lens of COLMAP": (
         colmap_rig_edited("OPENCV", "FOV"),

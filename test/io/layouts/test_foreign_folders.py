@@ -128,7 +128,10 @@ def test_images_that_are_not_named_by_a_time_are_refused(tmp_path: Path, sfr: Sf
         (["4611686018427387904"], "is not a number of nanoseconds since 1970"),
         (["\u0661\u0662"], "stamps in one unit"),
         (["1700000000000000000", "01700000000000000000"], "have the same stamp"),
-        (["1700000000000000000", "1700000000100000000", "1700000000"], "not stamps of one clock in one unit"),
+        (
+            ["1700000000000000000", "1700000000100000000", "1700000000"],
+            "names in one unit and of one clock are required",
+        ),
     ],
 )
 def test_names_of_images_that_give_no_unique_stamp_are_refused(tmp_path: Path, names: list[str], words: str) -> None:

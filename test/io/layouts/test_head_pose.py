@@ -128,7 +128,7 @@ REFUSED: dict[str, tuple[Callable[[], Recording], FramesConfig, str]] = {
     "after the frames": (
         lambda: frames_at(0, 400),
         PLACE,
-        "base_link to pancam_left_optical, but at stamp .* it is unknown",
+        "base_link to pancam_left_optical, which give the pose of the cameras, are incomplete",
     ),
     "frames of another rover": (
         lambda: frames_at(0, 900),

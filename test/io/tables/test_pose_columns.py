@@ -255,8 +255,12 @@ REFUSED = {
         "",
         "line 2: the column of seconds contains 1700000000.250000000, although another column",
     ),
-    "a part of a matrix": ("1.5,2,3,4,5\n", "t[s],x,y,z,m11", "only m11 of a matrix: m11, m12"),
-    "a part of a quaternion": ("t,x,y,z,qx,qy,qz\n1.5,2,3,4,0,0,0\n", "", "only qx, qy, qz of a quaternion"),
+    "a part of a matrix": ("1.5,2,3,4,5\n", "t[s],x,y,z,m11", "only the columns m11 of a matrix: either m11, m12"),
+    "a part of a quaternion": (
+        "t,x,y,z,qx,qy,qz\n1.5,2,3,4,0,0,0\n",
+        "",
+        "only the columns qx, qy, qz of a quaternion",
+    ),
     "unknown units below the header without a unit of time": (
         "t,x,y,z\n-,ft,ft,ft\n1.5,2,3,4\n",
         "",
@@ -268,7 +272,7 @@ REFUSED = {
     "rows of 4 x 4 matrices": ("1 0 0 5\n0 1 0 5\n0 0 1 5\n0 0 0 1\n" * 5, "", "fits no layout of"),
     "a gap in the given columns": ("1,2,3,4,5\n", "t[s],,x,y,z", "no column for ''"),
     "a column number of 0": ("1,2,3,4\n", "t=#1[s],x=#0,y=#2,z=#3", "no column for 'x=#0'"),
-    "a column given twice": ("a,b,c,d\n1,2,3,4\n", "t=a[s],x=b,y=c,z=d,x=d", "name x twice"),
+    "a column given twice": ("a,b,c,d\n1,2,3,4\n", "t=a[s],x=b,y=c,z=d,x=d", "names x twice"),
     "separators of thousands": (
         "t;x;y;z\n0.5;1,000.5;2.5;3.5\n",
         "",

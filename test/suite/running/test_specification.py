@@ -93,7 +93,7 @@ def test_a_mask_is_found_beside_the_suite_and_known_by_its_content(tmp_path: Pat
         ({"sources": [{"estimate": "e"}]}, "truth"),
         ({"perturb": ["rain"]}, "rain"),
         ({"configurations": {"a": {"localisation": {"wheels": 6}}}}, "wheels"),
-        ({"configurations": {"a": {}, "b": {"localisation": {}}}}, "configuration 'b' equals 'a'"),
+        ({"configurations": {"a": {}, "b": {"localisation": {}}}}, "configurations 'a' and 'b' are equal"),
         ({"configurations": {"a": {"radar": {}}}}, "radar"),
         ({"configurations": {"a": {"mapping": {"method": "opencv"}}}}, "no method 'opencv'"),
         ({"configurations": {"a": {"localisation": {"method": "lib:none.so"}}}}, "No such file"),
