@@ -74,7 +74,7 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
         if is_ours:
             unread, whose = [name for name in values if name == METHOD_CONFIG], "a method under test"
         else:
-            unread, whose = list(own), "the suite's own method"
+            unread, whose = list(own), "the method of sfr_loc_map"
         if unread:
             raise ConfigError(f"{origin}: '{unread[0]}' is a parameter of {whose} and would be ignored: omit it")
         changed |= {f"{section}.{name}": value for name, value in new.items()}

@@ -132,7 +132,7 @@ def check_order(nights: Sequence[Night]) -> None:
     for first, second in combinations(range(len(nights)), 2):
         if places[first] == places[second] or nights[first].is_copy_of(nights[second]):
             raise MetricsError(
-                f"'{nights[first].name}' and '{nights[second].name}' are the same night: give each night once"
+                f"'{nights[first].name}' and '{nights[second].name}' are the same run of the suite: give each run once"
             )
     timed = [night for night in nights if night.time]
     for before, after in pairwise(timed):
