@@ -145,6 +145,7 @@ class Summary:
     failures: tuple[JobFailure, ...]
     refusals: tuple[Refusal, ...]
     code: str  #: Fingerprint of the code.
+    order_seed: int = 0  #: Seed of the order in which sequential tests take the drives.
     workers: tuple[WorkerRecord, ...] = ()  #: Workers of all runs of the suite.
     run: Mapping[str, object] = field(default_factory=dict)  #: Commit, branch and date of the code; host and time.
     budgets: tuple[Budget, ...] = ()  #: Error budgets, by configuration and condition.
@@ -215,7 +216,8 @@ class Summary:
         named = ("verdict", *rows)
         parts = {name: to_plain(getattr(self, name)) for name in named}
         parts["waiting_jobs"] = [] if self.is_decided else list(self.waiting_jobs)
-        head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": to_plain(self.counts)}
+        head = {"schema": SCHEMA, "version": __version__, "code": self.code, "order_seed": self.order_seed}
+        head["counts"] = to_plain(self.counts)
         return {**head, **self.run, **parts, "drives": [result.to_dict() for result in self.results]}
 
 
@@ -277,6 +279,8 @@ def summarise(store: Store, unchecked: Sequence[str] = ()) -> Summary:
         in_state[store.state(job)].append(job)
     results = [read_scored_job(job, store, limits) for job in in_state[JobState.DONE]]
     unfinished = [*in_state[JobState.FAILED], *in_state[JobState.WAITING]]
+    order_seed = jobs[0].order_seed if jobs else 0
+    about_all = (*unchecked, *_chosen_order(order_seed))
     return Summary(
         jobs=len(jobs),
         waiting=len(in_state[JobState.WAITING]),
@@ -285,6 +289,7 @@ def summarise(store: Store, unchecked: Sequence[str] = ()) -> Summary:
         failures=tuple(store.failure(job) for job in in_state[JobState.FAILED]),
         refusals=store.refusals,
         code=jobs[0].code if jobs else "",
+        order_seed=order_seed,
         workers=store.workers(),
         run=store.run,
         budgets=tuple(budgets_of(results, jobs)),
@@ -292,7 +297,7 @@ def summarise(store: Store, unchecked: Sequence[str] = ()) -> Summary:
         planned_groups=planned_groups_of(jobs),
         copies=tuple(copies_in(jobs)),
         replaced_truths=replaced_truths_in(results),
-        deviations=(*_of_all_results(unchecked, results), *common_deviations(results)),
+        deviations=(*_of_all_results(about_all, results), *common_deviations(results)),
         limits=limits,
     )
 
@@ -315,6 +320,15 @@ def replaced_truths_in(results: Sequence[ScoredJob]) -> tuple[ReplacedTruth, ...
         if file is not None:
             found[ReplacedTruth(result.job.source.name, file.path)] = None
     return tuple(found)
+
+
+def _chosen_order(order_seed: int) -> Iterator[str]:
+    """Yield a sentence if the order of the drives was chosen, because the verdict can depend on the order."""
+    if order_seed:
+        yield (
+            f"The order in which sequential tests take the drives was chosen: order_seed {order_seed}, default 0. "
+            "The verdict can depend on this order. It is unknown whether the seed was chosen before the results."
+        )
 
 
 def _of_all_results(sentences: Sequence[str], results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
