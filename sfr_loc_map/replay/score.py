@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.errors.pair_truth import truths_of
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.records import MethodRecord
+from sfr_loc_map.metrics.table.records import REPLAY_RATE, MethodRecord
 from sfr_loc_map.replay.files import ReplayFiles
 from sfr_loc_map.replay.result import ReplayedMap, ReplayResult
 from sfr_loc_map.scoring.input_files import CONFIGURATION_ROLES, ReadFile, configuration_files, read_files
@@ -64,12 +64,13 @@ def score_replay(
     read: Mapping[str, ReadFile] | None = None,
     files: ReplayFiles | None = None,
     command: str | None = None,
+    rate: float = 0.0,
 ) -> Score:
     """Return the score of a replay, computed by the functions that score files.
 
     `settings` are the settings of localiser and mapper that differ from the defaults. They and those of the source are
     added to the settings of the score. For provenance, `read` has the result of `files_of_source`, and `files` the
-    files that `save_replay` has written.
+    files that `save_replay` has written. `rate` is the multiple of the recorded speed; 0 is lock step.
     """
     run = replace(_run_of(source, result), method=_judged_method(result, methods_of(result, settings)))
     origin = Origin(
@@ -78,6 +79,7 @@ def score_replay(
         settings={
             **source.config.changed_reading,
             **{f"{task}.{name}": value for task, own in settings.items() for name, value in own.items()},
+            **({REPLAY_RATE: rate} if rate else {}),
         },
         command=command,
     )

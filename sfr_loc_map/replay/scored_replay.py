@@ -65,6 +65,7 @@ def replay_and_score(
         read=read,
         files=files,
         command=command,
+        rate=options.rate,
     )
     localised = [record for record in result.records if record.task is Task.LOCALISATION]
     states = [f"{len(result.estimate)} poses, {states_text(localised)}"] if result.loc_pairs.sent else []

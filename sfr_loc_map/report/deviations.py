@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.score.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, JUDGED, STANDING, TOTAL, Subject
-from sfr_loc_map.metrics.table.records import MethodKind
+from sfr_loc_map.metrics.table.records import REPLAY_RATE, MethodKind
 from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope, range_of
 from sfr_loc_map.report.settings import changed_settings, has_all_settings
 from sfr_loc_map.report.verdict_view import VerdictView
@@ -354,6 +354,18 @@ def _external_node(score: Score) -> Iterator[str]:
         yield "The external node was not isolated: it could read the ground truth from the disk."
 
 
+def _rate_of_replay(score: Score) -> Iterator[str]:
+    """Yield the rate of a replay if a limit is on the times of an external node, which may work between its answers."""
+    if score.external is None or score.provenance is None:
+        return
+    rate = score.provenance.configuration.get(REPLAY_RATE)
+    if rate is not None and any(item.subject is Subject.TIMING for item in score.verdicts):
+        yield (
+            f"The pairs were played at {rate:g} times the recorded speed (--rate). The processing of the external node "
+            "after its answer to a pair is not measured; with --rate 0 the next answer would be later."
+        )
+
+
 def _frames_beyond(score: Score) -> Iterator[str]:
     """Yield the fraction of the frames with errors far above the judged errors, by condition and figure."""
     for condition in score.conditions:
@@ -427,6 +439,7 @@ DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (
     _unknown_calls,
     _frames_beyond,
     _external_node,
+    _rate_of_replay,
     _origin_of_truth,
     _reading_of_source,
     _converted_poses,

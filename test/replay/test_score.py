@@ -35,6 +35,7 @@ from sfr_loc_map.metrics.score.limits import OF_MAP
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_dict
 from sfr_loc_map.metrics.table.records import (
+    REPLAY_RATE,
     AnswerCounts,
     ExternalScore,
     FindingKind,
@@ -46,6 +47,7 @@ from sfr_loc_map.replay.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.result import ExternalResult, ReplayedMap, ReplayResult
 from sfr_loc_map.replay.score import methods_of, score_replay
+from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.runs.mapper_run import MapRun, run_mapper
 from sfr_loc_map.scoring.inputs import Correction, Run, ScoreInputs
@@ -378,3 +380,18 @@ def test_a_drive_with_several_answers_to_a_pair_is_incomplete(tmp_path: Path, do
         score_replay(source, result, config, parse_limits({**about, "data_set_sha256": ["0" * 64]}, "limits"))
     accepted = {**about, "completeness": [{"calls_doubled_max_share": 0.3}]}
     assert score_replay(source, result, config, parse_limits(accepted, "limits")).verdict == "pass"
+
+
+@pytest.mark.parametrize(("rate", "is_limited"), [(0.0, True), (1.0, True), (1.0, False)])
+def test_the_rate_of_a_replay_is_a_deviation_of_limited_times_of_a_node(
+    tmp_path: Path, rate: float, is_limited: bool
+) -> None:
+    """Between pairs that are played at a rate, the node can work without an effect on its times."""
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
+    calls = [CallRecord(int(stamp), 0.1, "tracking") for stamp in source.loc.ground_truth.stamps_ns]
+    config = score_config(("frames=2",), {})
+    result = of_external(source, calls, AnswerCounts(pairs=12, answered=12), config)
+    limits = parse_limits({"timing": {"localisation_p50_s": 1.0}}, "limits") if is_limited else None
+    score = score_replay(source, result, config, limits, rate=rate)
+    assert score.provenance.configuration.get(REPLAY_RATE, 0.0) == rate
+    assert any("(--rate)" in text for text in deviations_of(score)) == (rate > 0.0 and is_limited)

@@ -11,6 +11,9 @@ import msgspec
 from sfr_loc_map.metrics.config import SPACING_FRAMES, AssociationMode, CloudKind, Reading
 from sfr_loc_map.metrics.formulas import Statistics
 
+REPLAY_RATE = "replay.rate"
+"""Setting with the multiple of the recorded speed of a replay; missing in lock step (rate 0)."""
+
 
 class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
     """Base of everything that is written as JSON: frozen structs whose types are checked at reading."""
