@@ -365,7 +365,7 @@ MUTATIONS = (
     Mutation(DRIVES, "path_m = path_m @ truth.pose(0).rotation", "path_m = path_m @ truth.pose(0).rotation.T"),
     Mutation(DRIVES, "source.sha256 < smallest[drive].sha256", "source.sha256 > smallest[drive].sha256"),
     Mutation("suite/statistics/pooling.py", "size > worst[drive_key][0]", "size < worst[drive_key][0]"),
-    Mutation("suite/statistics/group_verdicts.py", "items_under_test(scores)) > 1", "items_under_test(scores)) > 2"),
+    Mutation("suite/statistics/group_verdicts.py", "items_under_test(scores))) > 1", "items_under_test(scores))) > 2"),
     # a suite must not hide drives that were run, and its plan must match its files
     Mutation(STORE, "if planned.get(left.work, ", "if not planned.get(left.work, "),
     Mutation(JOB, "(self.source, Path(self.path).name if is_fetched else self.path)", "object()"),

@@ -93,6 +93,29 @@ def items_under_test(scores: Sequence[Score]) -> int:
     return max(map(parts.count, parts), default=0)
 
 
+def undeclared_items(undeclared: Sequence[Score], declared: Sequence[Score]) -> tuple[str, ...]:
+    """Return the names of the items under test of the first task with an undeclared item; empty without one.
+
+    `declared` are the scores of the configurations of a suite. The other scores must have an item and configuration of
+    these, or, without declared scores, one item and configuration. A missing item under test counts as an item.
+    """
+    for task in Scope:
+        given, known = (_methods_of(scores, task) for scores in (undeclared, declared))
+        if given.keys() - known.keys() and len(given | known) > 1:
+            return tuple(sorted(_title(method) for method in (given | known).values()))
+    return ()
+
+
+def _methods_of(scores: Sequence[Score], task: Scope) -> dict[object, MethodRecord | None]:
+    """Return the methods of a task by item and configuration."""
+    methods = [score.method for score in scores if task in tasks_of(score)]
+    return {(_item(method), _configuration(method)): method for method in methods}
+
+
+def _title(method: MethodRecord | None) -> str:
+    return "unknown" if method is None else f"{method.name} {method.version or ''}".strip()
+
+
 def _item(method: MethodRecord | None) -> tuple[str | None, ...] | None:
     return None if method is None else (method.name, method.version, method.sha256)
 

@@ -48,15 +48,17 @@ def verdicts_over(
     pooled: tuple[Figure, ...],
     suite_subjects: Collection[str] = (),
     next_drive: str | None = None,
+    suite_items: int = 0,
 ) -> Iterator[GroupVerdict]:
     """Yield the verdicts over drives with equal settings: first those without a limit, then one for each limit.
 
     `suite_subjects` are the subjects of all results of the suite. A limit on a subject of other groups is omitted. A
     limit on a subject that the suite lacks has the verdict "not enough data" in each group. `next_drive` is the key of
-    the first drive without a result, in the order of the keys.
+    the first drive without a result, in the order of the keys. `suite_items` is the number of items under test of the
+    suite if the suite does not declare all of them; otherwise 0.
     """
     scores = [result.score for result in results]
-    yield from _verdicts_without_limit(results)
+    yield from _verdicts_without_limit(results, suite_items)
     group_subjects = {subject for score in scores for subject in tasks_of(score)}
     for limit in () if limits is None else limits.limits:
         if task_of(limit) not in group_subjects and task_of(limit) in suite_subjects:
@@ -67,7 +69,7 @@ def verdicts_over(
             yield verdict_over_drives(limit, limits or Limits(), results, pooled)
 
 
-def _verdicts_without_limit(results: Sequence[DriveScore]) -> Iterator[GroupVerdict]:
+def _verdicts_without_limit(results: Sequence[DriveScore], suite_items: int) -> Iterator[GroupVerdict]:
     """Yield the verdicts on findings, contradictions and incomplete scores."""
     scores = [result.score for result in results]
     wrong = [(result.drive_key, item) for result in results for item in finding_verdicts(result.score)]
@@ -79,7 +81,7 @@ def _verdicts_without_limit(results: Sequence[DriveScore]) -> Iterator[GroupVerd
         value, state = float(contradicted), VerdictState.NOT_JUDGED
         plain = plain_verdict("convention_mismatch_drives", 0.0, value, state)
         yield _group_verdict(replace(plain, n=len(scores)), WORST_DRIVE, contradicted)
-    if (several := items_under_test(scores)) > 1:
+    if (several := max(suite_items, items_under_test(scores))) > 1:
         plain = plain_verdict("items_under_test_max", 1.0, float(several), VerdictState.NOT_JUDGED)
         yield _group_verdict(replace(plain, n=len(scores)), ALL_DRIVES, several)
     if incomplete := [result for result in results if result.score.incomplete is not None]:

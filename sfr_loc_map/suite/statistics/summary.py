@@ -19,13 +19,14 @@ from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limit_scope import limits_about, tasks_of
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
+from sfr_loc_map.metrics.judging.several_scores import undeclared_items
 from sfr_loc_map.metrics.score.limits import Limits, Rules
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.catalogue import KINDS
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.deviations import deviations_of
-from sfr_loc_map.suite.running.job import GroupKey, Job
+from sfr_loc_map.suite.running.job import NO_CONFIGURATION, GroupKey, Job
 from sfr_loc_map.suite.running.job_outcome import JobFailure, JobState, WorkerRecord
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import Store
@@ -351,7 +352,7 @@ def common_deviations(results: Sequence[ScoredJob]) -> tuple[CommonDeviation, ..
                 largest = max(known, item, key=lambda each: largest_number(each.text))
                 item = msgspec.structs.replace(largest, results=known.results + 1)
             found[kind] = item
-    return (*_unnamed_items(results), *found.values())
+    return (*_unnamed_items(results), *_several_items(results), *found.values())
 
 
 def _unnamed_items(results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
@@ -360,6 +361,20 @@ def _unnamed_items(results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
     if len(unnamed) > 1:
         text = "The results do not name their item under test. Their items may differ (the calls name the item)."
         yield CommonDeviation(text=text, results=len(unnamed), of=unnamed[0].job.label)
+
+
+def _several_items(results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
+    """Yield a deviation that names the items under test if the suite does not declare all of them."""
+    if items := _undeclared_items(results):
+        text = f"The results come from several items under test or configurations: {', '.join(items)}."
+        yield CommonDeviation(text=text, results=len(results), of="all results")
+
+
+def _undeclared_items(results: Sequence[ScoredJob]) -> tuple[str, ...]:
+    """Return the names of the items under test if a result has another item than the configurations of the suite."""
+    undeclared = [result.score for result in results if result.job.configuration == NO_CONFIGURATION]
+    declared = [result.score for result in results if result.job.configuration != NO_CONFIGURATION]
+    return undeclared_items(undeclared, declared)
 
 
 def largest_number(text: str) -> float:
@@ -411,6 +426,7 @@ def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: S
     depend on the order of the suite's file. `unfinished` are the jobs without a result.
     """
     suite_subjects = {subject for result in results for subject in tasks_of(result.score)}
+    several = len(_undeclared_items(results))
     for key, unsorted in by_group(results).items():
         in_group = sorted(unsorted, key=lambda item: (item.job.drive_key, item.job.key))
         next_drive = min((job.drive_key for job in unfinished if job.group == key), default=None)
@@ -418,6 +434,7 @@ def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: S
         trajectories = [score.association for score in scores if score.association is not None]
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
         of_drives = [result.of_drive for result in in_group]
+        suite_items = several if key.configuration == NO_CONFIGURATION else 0
         pooled = tuple(row for condition in conditions for row in pool(of_drives, condition))
         yield Group(
             task=key.task,
@@ -427,5 +444,5 @@ def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: S
             lost=sum(item.lost or 0 for item in trajectories),
             matched=sum(item.matched for item in trajectories),
             figures=pooled,
-            verdicts=tuple(verdicts_over(limits, of_drives, pooled, suite_subjects, next_drive)),
+            verdicts=tuple(verdicts_over(limits, of_drives, pooled, suite_subjects, next_drive, suite_items)),
         )

@@ -17,9 +17,9 @@ from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
-from sfr_loc_map.metrics.table.records import InputFile, Provenance
+from sfr_loc_map.metrics.table.records import InputFile, MethodKind, MethodRecord, Provenance
 from sfr_loc_map.suite.pages.tables import suite_tables
-from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.job_outcome import JobOutcome
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import Store
@@ -138,3 +138,25 @@ def test_a_chosen_order_of_the_drives_is_a_deviation(tmp_path: Path, seed: int) 
     stated = [item["text"] for item in content["deviations"]]
     assert len(stated) == bool(seed)
     assert all(f"order_seed {seed}" in text for text in stated)
+
+
+@pytest.mark.parametrize(
+    ("configuration", "name", "is_judged"),
+    [("-", "nav", True), ("-", "otherloc", False), ("nav", "otherloc", False), ("nav", "nav", True)],
+)
+def test_given_results_are_of_the_items_of_the_suite(
+    tmp_path: Path, configuration: str, name: str, is_judged: bool
+) -> None:
+    """The calls of given results name their item, which is compared with that of the other groups."""
+    localised = dataclasses.replace(JOB, task=JobTask.LOCALISE, configuration=configuration)
+    given = dataclasses.replace(JOB, task=JobTask.SCORE, configuration="-")
+    store = Store(tmp_path)
+    store.save_plan([localised, given])
+    for number, (job, item) in enumerate(((localised, "nav"), (given, name))):
+        truth, estimate = drive(number, count=60)
+        score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+        method = MethodRecord(name=item, version="7", kind=MethodKind.PYTHON)
+        save_score(store, job, struct_replace(score, method=method))
+    found = summarise(store)
+    assert (found.verdict is None) == is_judged
+    assert any(f"{name} 7" in item.text for item in found.deviations) != is_judged
