@@ -22,7 +22,7 @@ from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limit, Limi
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, from_plain, hash_of_values, to_dict, to_json
 from sfr_loc_map.metrics.table.details import CallHistogram, Columns, ErrorRows
-from sfr_loc_map.metrics.table.records import InputFile, Provenance
+from sfr_loc_map.metrics.table.records import InputFile, MethodKind, MethodRecord, Provenance
 from sfr_loc_map.metrics.table.rows import COLUMNS, Figure, figure_row
 
 NUMBERS = st.floats(-1e100, 1e100)
@@ -326,3 +326,14 @@ def test_a_limit_is_a_number_of_its_unit(bound: float) -> None:
         Limit(section=LimitSection.TRAJECTORY, name="position_mean_m", limit=bound, condition="distance=5")
     with pytest.raises(ValueError, match="a fraction from 0 to 1"):
         Limit(section=LimitSection.MAP, name="coverage_min", limit=1.5)
+
+
+@pytest.mark.parametrize("version", ["1.0\nverdict: pass", "1.0\r\x1b[2Kverdict: pass", "1.0\u2028verdict: pass", None])
+def test_names_and_versions_of_methods_are_one_printable_line(version: str | None) -> None:
+    """A version cannot print forged lines, and it is equal after a score was written and read."""
+    method = MethodRecord(name=f"nav{version or ''}", version=version, kind=MethodKind.PYTHON)
+    for text in filter(None, (method.name, method.version)):
+        assert text.isprintable()
+        assert len(text.splitlines()) == 1
+    score = Score(figures=(), method=method)
+    assert from_json(to_json(score)).method == method

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.config import SPACING_FRAMES, AssociationMode, CloudKind, Reading
 from sfr_loc_map.metrics.formulas import Statistics
 
@@ -209,6 +210,13 @@ class MethodRecord(Record, frozen=True, kw_only=True):
     readable_files: str | None = None
     #: Environment variables with settings of numerical libraries that the process received, `NAME=VALUE NAME=VALUE`.
     variables: str | None = None
+
+    def __post_init__(self) -> None:
+        """Write name and version, which the method or a file states, in one line without control characters."""
+        for field in ("name", "version"):
+            text = getattr(self, field)
+            if text is not None:
+                msgspec.structs.force_setattr(self, field, printable(" ".join(text.split())))
 
 
 class FindingRecord(Record, frozen=True, kw_only=True):
