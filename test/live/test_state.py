@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from helpers.live_run import NODES, call, fill, frame, health, scored
 from helpers.made_scores import HOSTILE, dig, half, json_of, whole_score
-from sfr_loc_map.calls.call_record import CallRecord
+from sfr_loc_map.calls.call_record import STATES_OF, CallRecord
 from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
 from sfr_loc_map.live.updates import Call, GraphNodes, ImageStamp, PoseSample, PublishedScore, Status, Track, Update
@@ -21,6 +21,7 @@ from sfr_loc_map.metrics.config import Condition, ConditionKind, ScoreConfig, Tr
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.report.score_tables import score_tables
+from sfr_loc_map.suite_names import Task
 
 
 def test_state_is_the_report_with_additions_and_the_strings_of_its_tables() -> None:
@@ -148,7 +149,16 @@ places, times = st.tuples(numbers, numbers, numbers), st.floats(0, 1e10)
 updates = st.one_of(
     st.builds(PublishedScore, reports, numbers),
     st.builds(
-        Call, words, st.builds(CallRecord, st.integers(0, 2**63), times | st.just(math.nan), words, reason=words), times
+        Call,
+        words,
+        st.builds(
+            CallRecord,
+            st.integers(0, 2**63),
+            times | st.just(math.nan),
+            st.sampled_from(["", *STATES_OF[Task.LOCALISATION]]),
+            reason=words,
+        ),
+        times,
     ),
     st.builds(Status, words, st.sampled_from(StatusKind), st.integers(-300, 300), words, values, times),
     st.builds(PoseSample, st.sampled_from(Track), st.integers(0, 2**63), places, quats, times),

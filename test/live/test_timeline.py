@@ -159,7 +159,10 @@ def test_events_are_bounded() -> None:
 def test_two_limits_on_one_number_have_events_of_their_own() -> None:
     """With one lane for both, each report begins and ends the event of the missed limit."""
     state = LiveState()
-    missed, met = ({"condition": "distance=5", "position_mean_plus_3sigma_m": bound} for bound in (1e-6, 1e3))
+    missed, met = (
+        {"id": name, "condition": "distance=5", "position_mean_plus_3sigma_m": bound}
+        for name, bound in (("A", 1e-6), ("B", 1e3))
+    )
     limits = parse_limits({"trajectory": [missed, met], "minimum_independent": 1}, "test")
     for at_s in (1.0, 2.0, 3.0):
         state.put(PublishedScore(to_json(judged_by(whole_score(100, 48, 2), limits)), at_s))

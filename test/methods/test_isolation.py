@@ -39,7 +39,7 @@ def readable(found: dict[str, list[str]], path: Path) -> bool:
 
 def test_without_hidden_paths_the_complete_folder_is_readable(tmp_path: Path, data: Path) -> None:
     text = f"files; readable by SFR_METHOD_FILES: {data}"
-    assert isolation_of("files", can_read_all_files=False) == (text, False, str(data))
+    assert isolation_of("files", can_read_all_files=False)[:3] == (text, False, str(data))
     found = rules(tmp_path)
     assert str(data) in found["read"]
     assert readable(found, data / "truth" / "poses.csv")
@@ -56,7 +56,7 @@ def test_folders_that_a_search_path_makes_readable_are_named(
     monkeypatch.setenv(name, f"{sys.prefix}/lib:/opt/ros/lib:{tmp_path}")
     assert readable(rules(tmp_path), tmp_path / "truth.csv")
     text = f"files; readable by {name}: {tmp_path}"
-    assert isolation_of("files", can_read_all_files=False) == (text, False, str(tmp_path))
+    assert isolation_of("files", can_read_all_files=False)[:3] == (text, False, str(tmp_path))
 
 
 @pytest.mark.parametrize(

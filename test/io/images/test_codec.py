@@ -143,7 +143,7 @@ def png(depth: int, colour: int, side: int) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", len(header)) + b"IHDR" + header + bytes(100)
 
 
-SMALL = r"(up to \d+ in all|exceeds \d+ bytes when decoded)"
+SMALL = r"(at most \d+ pixels in total|exceeds \d+ bytes when decoded)"
 
 
 @pytest.mark.parametrize(
