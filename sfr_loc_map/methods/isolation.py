@@ -10,6 +10,7 @@ folder and to devices.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import site
@@ -20,6 +21,7 @@ from glob import glob
 from pathlib import Path
 
 from sfr_loc_map.child_process import LIBRARY_PATH, child_environment, inherited_environment
+from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.methods.child.supervisor import Rules
 from sfr_loc_map.methods.own_code import code_of, unhashed_of
 from sfr_loc_map.methods.registry import Isolation, Method
@@ -79,7 +81,9 @@ def isolation_of(restrictions: str, *, can_read_all_files: bool) -> Isolation:
     text = "".join(f"; readable by {name}: {os.pathsep.join(paths)}" for name, paths in permitted.items())
     readable = os.pathsep.join(path for paths in permitted.values() for path in paths) or None
     variables = " ".join(f"{name}={value}" for name, value in passed_settings(os.environ).items()) or None
-    return Isolation(restrictions + text, can_read_all_files, readable, variables)
+    hashes = [hash_path(path) for path in map(Path, permitted.get(OWN_FILES, ())) if path.exists()]
+    files_sha256 = hashlib.sha256("\n".join(hashes).encode()).hexdigest() if hashes else None
+    return Isolation(restrictions + text, can_read_all_files, readable, variables, files_sha256)
 
 
 def passed_settings(environment: Mapping[str, str]) -> dict[str, str]:

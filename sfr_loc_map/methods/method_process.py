@@ -138,10 +138,10 @@ class MethodProcess:
                 hello = self._exchange(setup, Hello, limits.start_timeout_s, memory.usage)
             except MethodFailureError as error:
                 raise MethodFailureError(error.kind, f"method {settings.method.name} {error}", ended=True) from error
+            self.isolation = isolation_of(started["isolation"], can_read_all_files=started["can_read_all_files"])
             self._monitor = CallMonitor(memory, started["process"], keeps_rate=settings.keeps_rate)
             self._resources = resources.pop_all()
         self.version = hello["version"]
-        self.isolation = isolation_of(started["isolation"], can_read_all_files=started["can_read_all_files"])
         self.fuses, self.maps_sets = hello["fuses"], hello["maps_sets"]
         self.idle_bytes = self._monitor.idle_bytes
 

@@ -101,8 +101,8 @@ def code_state(kind: MethodKind, adapter: str, target: str) -> tuple[tuple[str |
 def code_sha256(kind: MethodKind, adapter: str, target: str) -> str | None:
     """Return the hash of a method's own code; None if no file of the code is known.
 
-    The hash of a single file is that of its content. Files in SFR_METHOD_FILES, and installed packages that the method
-    imports, are not part of the hash.
+    The hash of a single file is that of its content. Installed packages that the method imports are not part of the
+    hash. Files in SFR_METHOD_FILES are part of the hash of the configuration (`Method.record`).
     """
     hashes = [hash_path(path) for path in code_of(kind, adapter, target) if path.exists()]
     if len(hashes) < 2:

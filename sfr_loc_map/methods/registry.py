@@ -49,6 +49,7 @@ class Isolation(NamedTuple):
     can_read_all_files: bool  #: Whether the system could not isolate the process from the files of its user.
     readable_files: str | None  #: Further paths that the user permitted the method to read, separated as in PATH.
     variables: str | None  #: Environment variables with settings that the process received: `NAME=VALUE NAME=VALUE`.
+    files_sha256: str | None = None  #: Hash of the content of the paths in SFR_METHOD_FILES; None without paths.
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,9 @@ class Method:
     def record(self, version: str | None, isolation: Isolation | None = None) -> MethodRecord:
         """Return the record of the method in the score."""
         variables = None if isolation is None or self.kind is MethodKind.PEER else isolation.variables
-        settings = "\n".join(filter(None, (self.config, variables)))
+        is_own = self.kind in (MethodKind.PYTHON, MethodKind.LIBRARY)
+        files_sha256 = isolation.files_sha256 if isolation is not None and is_own else None
+        settings = "\n".join(filter(None, (self.config, variables, files_sha256)))
         config_sha256 = hashlib.sha256(settings.encode()).hexdigest() if settings else None
         return MethodRecord(
             name=self.name,

@@ -148,6 +148,7 @@ def test_a_method_receives_only_known_variables_with_a_plain_value(
 def test_received_variables_are_part_of_the_configuration_of_a_method(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.delenv("SFR_METHOD_FILES", raising=False)
     (tmp_path / "item.py").write_text("")
     method = find_method(f"{tmp_path / 'item.py'}:Mine", Task.LOCALISATION)
     records = {}
@@ -159,6 +160,24 @@ def test_received_variables_are_part_of_the_configuration_of_a_method(
     assert [record.variables for record in records.values()] == ["OMP_NUM_THREADS=1", "OMP_NUM_THREADS=2", None]
     assert len({record.config_sha256 for record in records.values()}) == 3
     assert records["two"].config_sha256 is None
+
+
+@pytest.mark.parametrize(("content", "is_same"), [("weights", True), ("other weights", False)])
+def test_the_files_of_a_method_are_part_of_its_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, is_same: bool
+) -> None:
+    """Weights that are replaced between two runs are another configuration."""
+    (tmp_path / "item.py").write_text("")
+    method = find_method(f"{tmp_path / 'item.py'}:Mine", Task.LOCALISATION)
+    weights = tmp_path / "weights"
+    weights.mkdir()
+    monkeypatch.setenv("SFR_METHOD_FILES", str(weights))
+    hashes = []
+    for text in ("weights", content):
+        (weights / "net.bin").write_text(text)
+        hashes.append(method.record("1", isolation_of("files", can_read_all_files=False)).config_sha256)
+    assert None not in hashes
+    assert (hashes[0] == hashes[1]) == is_same
 
 
 def test_kernels_in_the_cache_folder_of_the_user_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

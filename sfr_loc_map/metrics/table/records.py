@@ -201,8 +201,9 @@ class MethodRecord(Record, frozen=True, kw_only=True):
     version: str | None  #: Version that the method reports; null if it reports none.
     kind: MethodKind  #: How the suite runs the method: built-in, peer, Python class, C library or external ROS node.
     sha256: str | None = None  #: Hash of the file that the method was loaded from; null if it is not a single file.
-    #: Hash of the text of the configuration and of `variables`; for the built-in method, of the settings that differ
-    #: from the defaults. Null without a configuration, or if the configuration is unknown.
+    #: Hash of the text of the configuration, of `variables` and of the files in SFR_METHOD_FILES; for the built-in
+    #: method, of the settings that differ from the defaults. Null without a configuration, or if the configuration is
+    #: unknown.
     config_sha256: str | None = None
     isolation: str | None = None  #: Isolation of the process of the method; null if unknown or not required.
     can_read_all_files: bool = False  #: Whether the system could not isolate the process from the files of its user.
