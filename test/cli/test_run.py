@@ -120,9 +120,18 @@ def test_the_configuration_of_a_bag_of_compressed_topics_runs_the_nodes(
         live = [odometry_row(message)[1] for message in odometry]
         expected = read_trajectory_file(tmp_path / "offline.csv").trajectory.positions
         assert live == [tuple(position) for position in expected.tolist()]
-        peer.until(
-            lambda: report and (json.loads(report[-1].data).get("association") or {}).get("matched") == 6, "the score"
-        )
+
+        def is_scored() -> bool:
+            return bool(report) and (json.loads(report[-1].data).get("association") or {}).get("matched") == 6
+
+        truths = [(message_type(kind), topic, data) for topic, kind, data in messages if kind.startswith("nav_msgs/")]
+        for _ in range(30):
+            peer.spin(2.0, is_scored)
+            if is_scored():
+                break
+            for item in truths:  # a pose that was sent before the monitor was matched is lost
+                peer.publish(*item)
+        assert is_scored()
         assert "Traceback" not in run.text
         assert run.end(signal.SIGINT, signal.SIGINT) == 0
 

@@ -217,7 +217,10 @@ def test_the_command_names_the_finding_and_writes_what_there_is(
         "sha256": find_method(f"lib:{faulty}", Task.LOCALISATION).sha256,
         "isolation": score["method"]["isolation"],
     }
-    about["config_sha256"] = hashlib.sha256(config.read_bytes()).hexdigest()
+    variables = score["method"].get("variables")  # of the shell that runs the test
+    about |= {"variables": variables} if variables else {}
+    settings = "\n".join(filter(None, (config.read_text(), variables)))
+    about["config_sha256"] = hashlib.sha256(settings.encode()).hexdigest()
     assert score["method"] == about
     assert [(item["kind"], item["count"]) for item in score["findings"]] == [("crashed", 1)]
     assert score_rows.number(score, "localisation", "n") == 11
