@@ -52,6 +52,7 @@ TESTS = (
     "test/scoring/test_judged_calls.py",
     "test/scoring/test_target_calls.py",
     "test/test_host_clock.py",
+    "test/scoring/test_data_set.py",
     "test/scoring/test_edited_scores.py",
     "test/scoring/test_verdicts.py",
     "test/scoring/test_score_command.py",
