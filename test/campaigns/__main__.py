@@ -10,6 +10,7 @@ from importlib import import_module
 
 CAMPAIGNS = {
     "check-detection": "check_detection",
+    "clean-drives": "clean_drives",
     "drivers": "drivers",
     "faults": "faults",
     "fuzz": "fuzz.command",
