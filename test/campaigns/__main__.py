@@ -18,6 +18,7 @@ CAMPAIGNS = {
     "honest-drives": "honest_drives",
     "interval-coverage": "interval_coverage",
     "long-monitor": "long_monitor",
+    "message-orders": "message_orders",
     "misbehaviour": "misbehaviour",
     "misclosure": "misclosure",
     "random-faults": "random_faults",
