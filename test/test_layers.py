@@ -96,7 +96,7 @@ LOCALISATION_FLOORS = (
     {"findings"},
     {"uncertainty"},
     {"motion_model", "relocalisation"},
-    {"ground"},
+    {"ground", "path"},
     {""},
 )
 """Folders of `localisation`, and the modules below them, from the bottom; the name of the other modules is empty."""

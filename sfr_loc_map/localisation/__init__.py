@@ -1,12 +1,25 @@
 """Stereo visual localisation: a trajectory from a sequence of stereo pairs.
 
 A sparse, keyframe-based stereo odometry with a sliding window. `Localiser.process` takes one stereo pair and returns
-one `PoseEstimate`. The docstring of `localiser.py` lists the stages of a pair and their sources. The packages are:
+one `PoseEstimate`. The docstring of `localiser.py` lists the stages of a pair and their sources, and states where a
+pair is refused, which reason is published, and what enlarges the covariance.
 
-- `frontend`: measurements in one pair, and its pose
-- `backend`: bundle adjustment of the keyframes, and online calibration
-- `ground`: which of the motions in an image is the ground's
-- `uncertainty`: error sources and covariances
+| modules | content |
+|---|---|
+| `localiser`, `config`, `estimate` | the interface: `Localiser`, its parameters and its results |
+| `visualisation` | the drawing of an estimate |
+| `stages`, `candidate` | the stages that compute and judge a pose, and the values between them |
+| `stale_images`, `guards`, `findings` | checks of images and poses, and the table of their consequences |
+| `state`, `transitions` | the state between two pairs, and all of its changes |
+| `path` | poses so far, and external poses |
+| `motion_model`, `relocalisation` | initial guesses of the next pose, and recovery of lost tracking |
+| `frontend` | measurements in one pair, and its pose |
+| `ground` | which of the motions in an image is the ground's |
+| `keyframes`, `backend` | keyframes, their bundle adjustment, and online calibration |
+| `uncertainty` | error sources and covariances |
+| `pair_statistics`, `stage_clock` | the statistics and the durations in an estimate |
+| `motion_size`, `small_linalg`, `symmetric_matrices` | mathematical tools of several folders |
+| `warm_up` | a small drive that compiles or loads all kernels |
 """
 
 import lazy_loader

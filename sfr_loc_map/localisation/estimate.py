@@ -24,12 +24,12 @@ from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
 
 MAX_GIVEN_M = 0.5 * MAX_POSITION_M
-"""Maximum coordinate of an external pose, and of the motion by odometry, m. The path from there is also within the
-limit of all positions."""
+"""Maximum coordinate of an external pose, and of the motion by odometry, m. Half of the limit of all positions, so that
+the path from an external pose stays within that limit."""
 
 
 def check_given(T_a_b: Transform, name: str) -> None:
-    """Check an external pose, or a motion from another source, by its name in messages.
+    """Check an external pose, or a motion from another source. Messages contain the given name.
 
     GeometryError for another object, if the rotation is invalid, or if a coordinate exceeds `MAX_GIVEN_M`.
     """
@@ -80,7 +80,7 @@ class StartPose:
 
 
 def _as_numbers(values: ArrayLike) -> FloatArray:
-    """Return a copy of values as numbers; no numbers if the values are not numbers."""
+    """Return a copy of values as float64; an empty array if the values are not numbers."""
     try:
         return np.array(values, np.float64)
     except (TypeError, ValueError):

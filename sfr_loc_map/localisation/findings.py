@@ -25,15 +25,16 @@ cause an inferred one. The published reason is therefore not always that of the 
 
 A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, and a call in the localiser:
 
-- A guard that needs only the images is called in `_locate`.
-- A guard that refuses poses, and takes little time, is called in `_check_pose`. For a keyframe, `_check_pose` is called
-  again with the pose from all landmarks. The findings then decide only whether this pose is used. A guard that degrades
-  a pose must therefore not be called there.
-- Any other guard is called in `_judge`.
-- A guard for a new window is called in `_check_window`. The gap before a window is checked in `_begin`. If there was no
-  map, the findings of the images and of the last adjustment apply to the new window as well.
-- The memory of a guard is a field of `State`. A memory that learns from poses is passed to `_accept` by the `Candidate`
-  and changes only there. The memory of the ground is passed by `Ground`, and may learn from a refused pair as well.
+- A guard that needs only the images is called in `Localiser._locate`.
+- A guard that refuses poses, and takes little time, is called in `Stages._check_pose`. For a keyframe, `_check_pose` is
+  called again with the pose from all landmarks. The findings then decide only whether this pose is used. A guard that
+  degrades a pose must therefore not be called there.
+- Any other guard is called in `Stages.judge`.
+- A guard for a new window is called in `Stages.check_window`. The gap before a window is checked in `Localiser._begin`.
+  If there was no map, the findings of the images and of the last adjustment apply to the new window as well.
+- The memory of a guard is a field of `State`. A memory that learns from poses is passed to `transitions.accepted` by
+  the `Candidate` and changes only there. The memory of the ground is passed by `Ground`, and may learn from a refused
+  pair as well.
 
 A guard for the ground's motion is a case in `ground.cases`.
 """
@@ -95,10 +96,6 @@ class Finding(Enum):
     GROUND_IN_DOUBT = auto()
     AT_REST_IN_DOUBT = auto()  #: The ground is in doubt, but neither the pose nor the image shows a motion.
     AMBIGUOUS = auto()  #: Two motions were found, and either may be the ground's.
-
-
-Findings = frozenset[Finding]
-"""Findings of a pair; the empty set if no guard reports a problem."""
 
 
 class Inflation(Flag):
@@ -226,7 +223,7 @@ NO_FINDING: Final = Verdict(None, Action.ACCEPT, None, Inflation.NONE, can_be_re
 """Verdict on a pair without findings."""
 
 
-def decide(findings: Findings) -> Verdict:
+def decide(findings: frozenset[Finding]) -> Verdict:
     """Return the verdict on a pair with some findings."""
     if not findings:
         return NO_FINDING

@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import MotionBounds
-from sfr_loc_map.localisation.findings import Finding, Findings
+from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame, is_textured
@@ -65,7 +65,7 @@ MIN_SHEAR_GAIN: Final = 0.05  #: Minimum gain of the running mean, which then co
 # ---- images
 
 
-def check_images(images: ImageComparison, *, has_map: bool) -> Findings:
+def check_images(images: ImageComparison, *, has_map: bool) -> frozenset[Finding]:
     """Report images, or parts of images, that repeat the previous pair.
 
     Without a map, a repeated pair is not reported: its two images belong together, so that a window may begin with the
@@ -78,7 +78,7 @@ def check_images(images: ImageComparison, *, has_map: bool) -> Findings:
     )
 
 
-def check_wiring(pair: StereoPair) -> Findings:
+def check_wiring(pair: StereoPair) -> frozenset[Finding]:
     """Report a pair whose left and right image are the same textured image."""
     is_one_image = are_equal(pair.left, pair.right) and float(np.std(pair.left)) > MIN_DEVIATION
     return _found(Finding.IDENTICAL_IMAGES, is_one_image)
@@ -87,12 +87,12 @@ def check_wiring(pair: StereoPair) -> Findings:
 # ---- the pose
 
 
-def check_landmarks(frame: StereoFrame, landmarks: Landmarks, min_tracked: int) -> Findings:
+def check_landmarks(frame: StereoFrame, landmarks: Landmarks, min_tracked: int) -> frozenset[Finding]:
     """Report a map with too few landmarks, and whether the images are the cause."""
     return frozenset() if len(landmarks.rows) >= min_tracked else _too_few(frame)
 
 
-def check_order(landmarks: Landmarks, count_if_swapped: int, min_tracked: int) -> Findings:
+def check_order(landmarks: Landmarks, count_if_swapped: int, min_tracked: int) -> frozenset[Finding]:
     """Report swapped images at the start of a window.
 
     Args:
@@ -104,7 +104,7 @@ def check_order(landmarks: Landmarks, count_if_swapped: int, min_tracked: int) -
     return _found(Finding.SWAPPED, count_if_swapped >= enough)
 
 
-def check_tracks(frame: StereoFrame, tracks: Tracks) -> Findings:
+def check_tracks(frame: StereoFrame, tracks: Tracks) -> frozenset[Finding]:
     """Report tracks that are not trusted, and whether the images are the cause.
 
     The criterion `Tracks.is_trusted` also decides whether to relocalise.
@@ -112,7 +112,7 @@ def check_tracks(frame: StereoFrame, tracks: Tracks) -> Findings:
     return frozenset() if tracks.is_trusted else _too_few(frame)
 
 
-def _too_few(frame: StereoFrame) -> Findings:
+def _too_few(frame: StereoFrame) -> frozenset[Finding]:
     """Return the findings of too few landmarks, with the causes in the images."""
     return (
         frozenset({Finding.FEW_LANDMARKS})
@@ -121,7 +121,7 @@ def _too_few(frame: StereoFrame) -> Findings:
     )
 
 
-def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBounds) -> Findings:
+def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBounds) -> frozenset[Finding]:
     """Report a pose that is not determined, or that the rover cannot have reached since the last known pose.
 
     A determined pose is finite, and its information matrix is positive definite.
@@ -149,7 +149,7 @@ def has_diverged(last: LastPose, pose: Pose, covariance: FloatArray) -> bool:
     return not moved.is_within(MAX_ADJUSTMENT)
 
 
-def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: RightOffset) -> Findings:
+def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: RightOffset) -> frozenset[Finding]:
     """Report that few inliers of one image are observed in the other image, although the other image has texture.
 
     Either the images are swapped, which the tracker tests, or one image is stale.
@@ -162,7 +162,7 @@ def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: Ri
     return frozenset({Finding.ONE_SIDED}) | _found(Finding.SWAPPED, is_swapped)
 
 
-def check_gap(*, keyframes: int, clean_from_keyframe: int) -> Findings:
+def check_gap(*, keyframes: int, clean_from_keyframe: int) -> frozenset[Finding]:
     """Report a window that began after an unobserved motion, until the window has enough keyframes."""
     return _found(Finding.AFTER_GAP, keyframes < clean_from_keyframe)
 
@@ -170,7 +170,7 @@ def check_gap(*, keyframes: int, clean_from_keyframe: int) -> Findings:
 # ---- the right camera
 
 
-def check_calibration(calibration: OnlineCalibration) -> Findings:
+def check_calibration(calibration: OnlineCalibration) -> frozenset[Finding]:
     """Report a right camera that drifts, or whose yaw is not yet corrected."""
     return _found(Finding.CALIBRATION, not calibration.is_settled)
 
@@ -187,11 +187,11 @@ class ShearMean(NamedTuple):
         return ShearMean(self.value + gain * (shear_chi2 - self.value), gain)
 
 
-def check_shear(shear_chi2: float, mean: ShearMean) -> Findings:
+def check_shear(shear_chi2: float, mean: ShearMean) -> frozenset[Finding]:
     """Report rows exposed at different times (rolling shutter), in this pair or on average including this pair."""
     return _found(Finding.SHEARED_ROWS, shear_chi2 > MAX_SHEAR or mean.value > MAX_MEAN_SHEAR)
 
 
-def _found(finding: Finding, is_present: bool) -> Findings:
+def _found(finding: Finding, is_present: bool) -> frozenset[Finding]:
     """Return a finding if it is present."""
     return frozenset({finding} if is_present else ())

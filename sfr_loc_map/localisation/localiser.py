@@ -16,38 +16,66 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 8. Complete: the pair becomes a keyframe if few landmarks are left or if they moved far in the image. For a keyframe,
    the remaining landmarks of the map are tracked, too, and the pose is estimated again.
 9. Accept: update the path and its accumulated errors, and compute the motion since the last pose with its covariance
-   (`trajectory`, `uncertainty`).
+   (`path`, `uncertainty`).
 
-Before and after these stages, `Localiser.process`
+`stages` contains stages 3 to 8. Before and after the stages, `Localiser.process`
 
-- adopts the keyframe of the previous call, which was made in the background (`_with_keyframe`);
-- applies an external pose once its stamp is reached (`_with_pose_from_outside`);
+- adopts the keyframe of the previous call, which was made in the background (`_adopt_keyframe`);
+- applies an external pose once its stamp is reached (`path.external_poses`);
 - computes the covariance of the published pose (`_estimate`);
 - starts a keyframe in the background: the pair is added to the window, and the window is adjusted (bundle adjustment
   with marginalisation as in OKVIS, Leutenegger et al. 2015; `keyframes`).
 
-A pair may begin a window (`_begin`) if there is no map, or if several good images were refused. Findings can refuse a
-pair at five points, and the later stages are then skipped:
+**Where a pair is refused.** Findings can refuse a pair at five points, and the later stages are then skipped:
 
-- after stage 1, with or without a map;
-- before stage 2, if the map has too few landmarks;
-- in stage 7;
-- in `_begin`, if the findings of stage 1 show that the pair cannot be a reference for later pairs;
-- in `_begin`, by the findings about the new window (`_check_window`).
+| point | what becomes of the pair |
+|---|---|
+| after stage 1, with or without a map | kept or lost (`_refuse`) |
+| before stage 2: the map has too few landmarks | lost, or begins a window (`_refuse_or_restart`) |
+| in stage 7 | kept or lost, or begins a window (`_refuse_or_restart`) |
+| in `_begin`: the images cannot be a reference for later pairs | lost |
+| in `_begin`: too few landmarks, or swapped images (`Stages.check_window`) | lost |
 
-A pair that `_begin` refuses is lost. At the other points, the finding determines whether the last pose is kept, the
-localiser is lost, or a window may begin (`findings.Action`).
+A pair may begin a window (`_begin`) if there is no map, or if several good images were refused. If the localiser is
+already lost, a pair that would otherwise be kept is lost as well, and counts as one of these images if it is good.
 
-The state between two pairs is one immutable value (`state.State`, with the changes by each pair and event). Each stage
-takes and returns values. `findings` contains the consequences of all findings, and what a new guard requires.
-`uncertainty` lists the error sources, what enlarges the covariance, and where a new error source belongs.
+**Which reason wins.** Each point evaluates all findings so far with one table. Of the findings present, the first one
+in `findings.RULES` decides, and its reason is published. The order is:
+
+1. Findings that refuse the pair: a repeated pair; identical or swapped images; too few landmarks, with a cause in the
+   images before the number; a pose that the image contradicts, or that is impossible.
+2. Findings that degrade the pose: images with stale parts that are known; a diverged adjustment; a gap; the
+   calibration; sheared rows; other stale parts; two motions.
+
+There are two exceptions. While the localiser is lost, a pair that would otherwise be kept publishes the reason for
+which the localiser was lost. A window that begins in place of a refused pair publishes only its own findings.
+
+**What enlarges the covariance, and by how much.** The covariance of an accepted pose is the sum of its error terms
+(`uncertainty` lists them). Findings and events add the square of a standard deviation:
+
+| finding or event | adds | until |
+|---|---|---|
+| finding with `UNOBSERVED` | time since the last known pose, | next accepted pair |
+| | times the larger of the last speed and `unseen_speed_m_s` | |
+| finding with `AMBIGUITY` | the largest of three: distance between the poses of the two motions, | external pose |
+| | estimated motion, `UNOBSERVED`; the sigmas of several pairs add up | |
+| kept pair | `UNOBSERVED` | next accepted pair |
+| pair begins a window | `UNOBSERVED`, and the blur of its image | external pose |
+| lost pair | 9999 on the diagonal replaces all terms | next pair that is not lost |
+
+Angles have the same formulas with `unseen_turn_rad_s`. Speed and turn rate are at most `max_speed_m_s` and
+`max_turn_rad_s`. `findings.RULES` states for each finding whether it adds `UNOBSERVED`, `AMBIGUITY` or nothing, and
+`uncertainty` lists all events with their exact formulas.
+
+The state between two pairs is one immutable value (`state.State`), and `transitions` contains all of its changes. Each
+stage takes and returns values. `findings` describes what a new guard requires, and `uncertainty` where a new error
+source belongs.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -58,9 +86,9 @@ from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig, check_rig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
-from sfr_loc_map.localisation import guards, stale_images, trajectory, warm_up
-from sfr_loc_map.localisation.backend.online_calibration import DriftEstimate, OnlineCalibration
-from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
+from sfr_loc_map.localisation import guards, stale_images, transitions, warm_up
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.candidate import Candidate, FinalPose
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import (
     PoseEstimate,
@@ -71,61 +99,21 @@ from sfr_loc_map.localisation.estimate import (
     check_given,
     lost_covariance,
 )
-from sfr_loc_map.localisation.findings import Action, Finding, Findings, Verdict, decide
-from sfr_loc_map.localisation.frontend.landmarks import Landmarks
-from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_shift
+from sfr_loc_map.localisation.findings import Action, Finding, Verdict, decide
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
-from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
-from sfr_loc_map.localisation.ground.cell_change import Change
-from sfr_loc_map.localisation.ground.memory import GroundMemory
-from sfr_loc_map.localisation.ground.motion_tools import MotionTools
-from sfr_loc_map.localisation.ground.selection import Ground, GroundSelector
-from sfr_loc_map.localisation.guards import ShearMean
-from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult, max_corners
+from sfr_loc_map.localisation.frontend.tracking import Tracks
+from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeResult
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.pair_statistics import accepted_statistics, displayed, residual_statistics
-from sfr_loc_map.localisation.relocalisation import RESTART_AFTER, RecoveryImages, Relocaliser
+from sfr_loc_map.localisation.path import external_poses
+from sfr_loc_map.localisation.relocalisation import RESTART_AFTER
 from sfr_loc_map.localisation.stage_clock import StageClock
-from sfr_loc_map.localisation.stale_images import ImageComparison
+from sfr_loc_map.localisation.stages import Stages
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
 from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
 from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
-from sfr_loc_map.parallel import Pending
-
-
-class CorrectedTracks(NamedTuple):
-    """Tracks and calibration after the correction of the right camera."""
-
-    tracks: Tracks  #: Tracks with corrected right observations.
-    calibration: OnlineCalibration  #: The calibration, updated by the pair.
-    shear_mean: ShearMean  #: The running mean, updated by the pair.
-    shear_chi2: float = 0.0  #: Squared shear of the rows of this pair, divided by its variance, per degree of freedom.
-
-
-class Candidate(NamedTuple):
-    """A pair whose pose is to be judged."""
-
-    frame: StereoFrame
-    #: The map, in which landmarks that do not move with the ground are no longer tracked. Their earlier observations
-    #: remain in the window (`SlidingWindow.without`).
-    landmark_map: LandmarkMap
-    ground: Ground
-    corrected: CorrectedTracks  #: Tracks of the ground after the correction.
-
-    @property
-    def tracks(self) -> Tracks:
-        """Tracks of the ground with corrected right observations, and their pose."""
-        return self.corrected.tracks
-
-
-class FinalPose(NamedTuple):
-    """The final pose of an accepted pair."""
-
-    tracks: Tracks  #: The judged tracks. For a keyframe, tracks of all landmarks unless a guard refuses their pose.
-    is_keyframe: bool  #: Whether the pair becomes a keyframe.
-    is_recovery_image: bool  #: Whether the pair may serve to recover lost tracking.
 
 
 class Localiser:
@@ -153,16 +141,8 @@ class Localiser:
         config = checked(config)
         self._rig = rig
         self._config = config
-        self._camera = rig.camera
-        self._shape = (rig.height, rig.width)
         self._model = RoverModel.of(rig, config.motion, KEYFRAME_FLOW)
-        self._tracker = Tracker(config.min_tracked, rig.camera)
-        self._max_corners = max_corners(rig, config)
-        self._relocaliser = Relocaliser(self._tracker, config, rig.camera, self._max_corners)
-        self._ground_selector = GroundSelector(
-            MotionTools(self._tracker, self._relocaliser, rig.camera, self._shape, config.min_tracked)
-        )
-        self._keyframes = KeyframeMaker(rig, config)
+        self._stages = Stages(rig, config)
         # one thread, which starts with the first keyframe and ends with this object
         self._background = ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
         self._pending: Future[KeyframeResult] | None = None
@@ -177,11 +157,10 @@ class Localiser:
         if self._pending is not None:
             wait([self._pending])
         self._pending = None
-        self._state = State(
-            path=trajectory.started(start, self._model),
-            calibration=self._first_calibration(),
-            ground_memory=GroundMemory.none(self._shape),
+        calibration = OnlineCalibration(
+            self._rig.camera, (self._rig.height, self._rig.width), self._config.window_keyframes
         )
+        self._state = transitions.started(start, calibration, self._model)
 
     def set_pose(self, pose: StartPose | Transform) -> None:
         """Set an external pose, which is valid at its stamp; without a stamp, at the next pair.
@@ -191,14 +170,14 @@ class Localiser:
 
         GeometryError, and no change, if the pose is invalid (`StartPose.of`).
         """
-        self._state = replace(self._state, path=trajectory.given(self._state.path, StartPose.of(pose), self._model))
+        self._state = transitions.given(self._state, StartPose.of(pose), self._model)
 
     def pose_at(self, stamp_ns: int) -> Transform | None:
         """Return the pose of RB in DS at a past stamp; None if no pair was accepted or began a window.
 
         The pose is interpolated between two consecutive pairs. Otherwise the pose of the nearest pair is returned.
         """
-        return trajectory.pose_at(self._state.path, stamp_ns, self._model)
+        return external_poses.pose_at(self._state.path, stamp_ns, self._model)
 
     @property
     def known_ns(self) -> int | None:
@@ -236,22 +215,9 @@ class Localiser:
             check_given(odometry, "the odometry")
         pair = replace(pair, left=pair.left.copy(), right=pair.right.copy())
         clock = StageClock()
-        with clock.stage("wait"):
-            pending = self._pending
-            self._pending = None
-            if pending is not None:
-                result = _result_of(pending)
-                self._state = self._with_keyframe(self._state, result)
-                if result is not None:
-                    clock.add("keyframe", result.seconds)
+        self._adopt_keyframe(clock)
         outcome = self._locate(self._state, pair, odometry, clock)
-        self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
-        # A keyframe implies an accepted pose. Only an external pose with a later stamp would discard the map.
-        assert outcome.keyframe is None or self._state.landmark_map is not None
-        estimate = self._estimate(pair.stamp_ns, self._state, outcome, clock)
-        if outcome.keyframe is not None:
-            self._pending = self._background.submit(self._keyframes.make, outcome.keyframe)
-        return estimate
+        return self._commit(outcome, pair.stamp_ns, clock)
 
     # ---- the stages of a pair
 
@@ -261,14 +227,10 @@ class Localiser:
         The tracks follow any motion (`tracks`), then the ground (`ground.tracks`), then have corrected right
         observations (`candidate.tracks`), and for a keyframe contain all landmarks (`final.tracks`).
         """
+        stages = self._stages
         # 1 check the images
         images = stale_images.compare(pair, state.image_memory)
-        state = replace(
-            state,
-            path=trajectory.arrived(state.path, pair.stamp_ns),
-            image_memory=images.memory,
-            ground_memory=state.ground_memory.after_stale_rows(images.blanked_rows),
-        )
+        state = transitions.arrived(state, images, pair.stamp_ns)
         landmark_map = state.landmark_map
         findings = guards.check_images(images, has_map=landmark_map is not None) | guards.check_wiring(pair)
         verdict = decide(findings)
@@ -285,168 +247,43 @@ class Localiser:
         guesses = state.path.last.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
         # 3 track, 4 relocalise; meanwhile a second thread compares the cells of the image for stage 5
-        pending_change = self._ground_selector.begin_change(frame, state.ground_memory)
-        tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
+        pending_change = stages.begin_change(frame, state.ground_memory)
+        tracks = stages.track(frame, landmark_map, prediction, state.recovery, clock)
         # 5 select the ground's motion
-        ground = self._select_ground(frame, tracks, prediction, state, images, pending_change)
+        ground = stages.select_ground(frame, tracks, prediction, state, images, pending_change)
         # 6 correct the right camera
-        corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
+        corrected = stages.correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
         candidate = Candidate(frame, landmark_map.without(ground.not_ground), ground, corrected)
         # 7 judge
-        verdict = self._judge(state, candidate, findings | ground.findings)
+        verdict = stages.judge(state, candidate, findings | ground.findings)
         if verdict.refuses:
-            state = replace(state, ground_memory=ground.memory.for_verdict(verdict))
+            state = transitions.refused(state, candidate, verdict)
             return self._refuse_or_restart(state, verdict, frame, candidate.tracks)
         # 8 complete, 9 accept
-        final = self._complete(state, candidate, verdict, clock)
+        final = stages.complete(state, candidate, verdict, clock)
         return self._accept(state, candidate, verdict, final)
 
-    def _track(
-        self,
-        frame: StereoFrame,
-        landmark_map: LandmarkMap,
-        prediction: Prediction,
-        recovery: RecoveryImages,
-        clock: StageClock,
-    ) -> Tracks:
-        """Track the landmarks of the map; relocalise if the pose is not trusted."""
-        landmarks = landmark_map.tracked
-        with clock.stage("align"):
-            coarse = self._tracker.align(frame.left, landmark_map.aligned, prediction.guesses.distinct)
-        with clock.stage("refine"):
-            tracks = self._tracker.refine(frame, landmarks, coarse, prediction.offset)
-        if tracks.is_trusted:
-            return tracks
-        with clock.stage("relocate"):
-            found = self._relocaliser.relocalise(frame, landmarks, recovery, prediction.offset)
-        return found or tracks
-
-    def _select_ground(
-        self,
-        frame: StereoFrame,
-        tracks: Tracks,
-        prediction: Prediction,
-        state: State,
-        images: ImageComparison,
-        pending_change: Pending[Change],
-    ) -> Ground:
-        """Select the ground's motion, unless the left image is frozen or rows of either image are stale."""
-        memory = state.ground_memory
-        if images.is_left_frozen or images.blanked_rows.any():
-            return Ground.unselected(tracks, memory)
-        change = pending_change.result()
-        return self._ground_selector.select(frame, tracks, prediction, memory, state.recovery, change)
-
-    def _correct_right_camera(
-        self, tracks: Tracks, calibration: OnlineCalibration, shear_mean: ShearMean
-    ) -> CorrectedTracks:
-        """Estimate the shift of the right image, and correct the right observations for a drift of the right camera.
-
-        Tracks that are not trusted are returned unchanged, because stage 7 refuses them.
-        """
-        if not tracks.is_trusted:
-            return CorrectedTracks(tracks, calibration, shear_mean)
-        lens_px = calibration.lens.likely_px
-        landmarks = tracks.landmarks.estimates
-        shift = right_shift(tracks.pose, landmarks, tracks.observed, self._camera, self._shape, lens_px)
-        if not np.isfinite(shift.variance):  # too few landmarks are observed in both images
-            return CorrectedTracks(tracks, calibration, shear_mean)
-        calibration, drift_px = calibration.with_lens_residuals(shift).with_shift(shift)
-        if drift_px != 0.0:
-            observations = tracks.observations.copy()
-            observations[:, 2:] -= RightOffset(u=drift_px).at(observations[:, 2:], self._camera)
-            observed = tracks.observed._replace(uv=observations)
-            tracks = self._tracker.solve(tracks.landmarks, observed, tracks.pose)
-        return CorrectedTracks(tracks, calibration, shear_mean.with_pair(shift.shear_chi2), shift.shear_chi2)
-
-    def _judge(self, state: State, candidate: Candidate, findings: Findings) -> Verdict:
-        """Apply all guards to a pose."""
-        frame = candidate.frame
-        tracks = candidate.tracks
-        corrected = candidate.corrected
-        findings |= self._check_pose(state, frame, tracks)
-        verdict = decide(findings)
-        if verdict.refuses:  # the other guards require a valid pose
-            return verdict
-        findings |= guards.check_sides(frame, tracks, self._tracker, corrected.calibration.offset)
-        findings |= guards.check_gap(keyframes=state.keyframes, clean_from_keyframe=state.clean_from_keyframe)
-        findings |= guards.check_calibration(corrected.calibration)
-        findings |= guards.check_shear(corrected.shear_chi2, corrected.shear_mean)
-        return decide(findings)
-
-    def _check_pose(self, state: State, frame: StereoFrame, tracks: Tracks) -> Findings:
-        """Return the findings of the fast guards that refuse poses; they are repeated for the pose of a keyframe."""
-        findings = guards.check_tracks(frame, tracks)
-        return findings | guards.check_pose(tracks, state.path.last, frame.stamp_ns, self._config.motion)
-
-    def _complete(self, state: State, candidate: Candidate, verdict: Verdict, clock: StageClock) -> FinalPose:
-        """Decide whether a judged pair becomes a keyframe, and solve for the pose of a keyframe from all landmarks.
-
-        Only the errors of keyframes accumulate. Other poses are therefore estimated from fewer landmarks to save time.
-        Findings about the images hold for the new pose as well, but the checks of the pose are repeated. If these
-        checks refuse the new pose, the judged pose and its tracks are used.
-        """
-        tracks = candidate.tracks
-        # later pairs are compared with the left image, which must show enough landmarks
-        is_recovery_image = verdict.can_be_reference and tracks.left_inlier_count >= self._config.min_tracked
-        if not (is_recovery_image and self._keyframes.is_needed(tracks, candidate.landmark_map)):
-            return FinalPose(tracks, is_keyframe=False, is_recovery_image=is_recovery_image)
-        with clock.stage("refine"):
-            complete = self._with_all_landmarks(candidate)
-        is_refused = decide(self._check_pose(state, candidate.frame, complete)).refuses
-        return FinalPose(tracks if is_refused else complete, is_keyframe=True, is_recovery_image=True)
-
-    def _with_all_landmarks(self, candidate: Candidate) -> Tracks:
-        """Track the remaining landmarks, and estimate the pose from all landmarks."""
-        tracks = candidate.tracks
-        landmark_map = candidate.landmark_map
-        landmarks = landmark_map.landmarks
-        was_tracked = landmarks.among(tracks.landmarks)
-        if was_tracked.all():
-            return tracks
-        rest = landmark_map.rest_of(tracks.landmarks)
-        offset = candidate.corrected.calibration.offset
-        return self._tracker.complete(candidate.frame, tracks, landmarks, was_tracked, rest, offset)
-
     def _accept(self, state: State, candidate: Candidate, verdict: Verdict, final: FinalPose) -> Outcome:
-        """Accept a pose and update the state from it."""
+        """Accept a pose: compute its errors and the step to it, and learn from the pair."""
         tracks = final.tracks
         corrected = candidate.corrected
-        ground = candidate.ground
-        landmark_map = candidate.landmark_map
         residuals = residual_statistics(tracks)
         pair = AcceptedPair(
             stamp_ns=candidate.frame.stamp_ns,
             tracks=tracks,
-            landmark_map=landmark_map,
+            landmark_map=candidate.landmark_map,
             calibration=corrected.calibration,
             chi_median=residuals.chi_median,
             was_known=state.status is not TrackingState.LOST,
             shear_chi2=corrected.shear_chi2,
             inflation=verdict.inflation,
-            other_distance=ground.other_distance,
+            other_distance=candidate.ground.other_distance,
         )
-        path, step = trajectory.accepted(state.path, pair, self._model)
-        recovery = state.recovery
-        if final.is_recovery_image:
-            recovery = recovery.with_tracked(candidate.frame.image, tracks)
-        state = replace(
-            state,
-            path=path,
-            landmark_map=landmark_map,
-            calibration=corrected.calibration,
-            shear_mean=corrected.shear_mean,
-            ground_memory=ground.memory.for_verdict(verdict),
-            recovery=recovery,
-            failed_recoveries=0,
-            keyframes=state.keyframes + int(final.is_keyframe),
-            status=TrackingState.TRACKING if verdict.action is Action.ACCEPT else TrackingState.DEGRADED,
-            reason=verdict.reason,
-        )
+        state, step = transitions.accepted(state, pair, candidate, verdict, final, self._model)
         keyframe = None
         if final.is_keyframe:
             mask = state.ground_memory.excluded.mask
-            keyframe = KeyframeJob(candidate.frame, tracks, landmark_map.window, state.calibration, mask)
+            keyframe = KeyframeJob(candidate.frame, tracks, candidate.landmark_map.window, state.calibration, mask)
         return Outcome(state, accepted_statistics(state, tracks, residuals), tracks, step, keyframe)
 
     # ---- pairs without an accepted pose
@@ -471,8 +308,8 @@ class Localiser:
         count = len(state.landmark_map.landmarks.rows)
         is_lost = state.status is TrackingState.LOST
         may_restart = verdict.action is Action.RESTART or (verdict.action is Action.KEEP and is_lost)
-        if may_restart and self._relocaliser.is_good_image(frame, count):
-            state = replace(state, failed_recoveries=state.failed_recoveries + 1)
+        if may_restart and self._stages.relocaliser.is_good_image(frame, count):
+            state = transitions.with_failed_recovery(state)
             if state.failed_recoveries >= RESTART_AFTER and verdict.can_be_reference:
                 # the findings concern a pose in the old map, which the new window does not continue
                 return self._begin(state, frame, frozenset(), tracks)
@@ -487,26 +324,20 @@ class Localiser:
         """
         if state.status is TrackingState.LOST:
             return self._lose(state, state.reason, statistics, tracks)
-        path, step = trajectory.kept(state.path, stamp_ns, self._model)
-        if path.errors.kept_motion.max() >= LOST_VARIANCE:
+        after, step = transitions.kept(state, verdict.reason, stamp_ns, self._model)
+        if after.path.errors.kept_motion.max() >= LOST_VARIANCE:
             return self._lose(state, verdict.reason, statistics, tracks)
-        state = replace(state, path=path, status=TrackingState.DEGRADED, reason=verdict.reason)
-        return Outcome(state, statistics, tracks, step)
+        return Outcome(after, statistics, tracks, step)
 
     def _lose(
         self, state: State, reason: StateReason | None, statistics: TrackingStatistics, tracks: Tracks | None = None
     ) -> Outcome:
         """Report that the pose is unknown."""
-        state = replace(
-            state,
-            path=trajectory.lost(state.path),
-            ground_memory=state.ground_memory.after_lost_pair(),
-            status=TrackingState.LOST,
-            reason=reason,
-        )
-        return Outcome(state, statistics, tracks)
+        return Outcome(transitions.lost(state, reason), statistics, tracks)
 
-    def _begin(self, state: State, frame: StereoFrame, findings: Findings, tracks: Tracks | None = None) -> Outcome:
+    def _begin(
+        self, state: State, frame: StereoFrame, findings: frozenset[Finding], tracks: Tracks | None = None
+    ) -> Outcome:
         """Begin a window at the last known pose with a pair and its findings.
 
         The localiser is lost if the pair has too few landmarks, or if the pair cannot be a reference for later pairs.
@@ -523,45 +354,15 @@ class Localiser:
         if not verdict.can_be_reference:  # checked first: with a blanked image, no landmark is triangulated
             return self._lose(state, verdict.reason, TrackingStatistics(inliers=0), tracks)
         pose = Pose.of(state.path.last.T_world_left)
-        result = self._keyframes.begin(frame, pose, state.calibration, state.ground_memory.excluded.mask)
-        landmarks = result.landmark_map.landmarks
+        mask = state.ground_memory.excluded.mask
+        window = self._stages.keyframes.begin(frame, pose, state.calibration, mask)
+        landmarks = window.landmark_map.landmarks
         statistics = TrackingStatistics(features=len(landmarks.rows))
-        verdict = decide(findings | self._check_window(state, frame, landmarks))
+        verdict = decide(findings | self._stages.check_window(state, frame, landmarks))
         if verdict.refuses:
             return self._lose(state, verdict.reason, replace(statistics, inliers=0), tracks)
-        status = TrackingState.DEGRADED
-        if verdict.action is Action.ACCEPT:
-            status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
-        path, step = trajectory.restarted(state.path, frame.stamp_ns, result.landmark_map, self._model)
-        state = replace(
-            state,
-            path=path,
-            landmark_map=result.landmark_map,
-            calibration=result.calibration,
-            recovery=RecoveryImages.of_first_keyframe(frame.image, landmarks),
-            failed_recoveries=0,
-            ground_memory=state.ground_memory.in_new_window(frame, pose),
-            keyframes=keyframes,
-            clean_from_keyframe=clean_from,
-            has_diverged=False,
-            status=status,
-            reason=verdict.reason,
-        )
+        state, step = transitions.begun(state, frame, window, verdict, clean_from, self._model)
         return Outcome(state, statistics, tracks, step)
-
-    def _check_window(self, state: State, frame: StereoFrame, landmarks: Landmarks) -> Findings:
-        """Apply the guards for the landmarks of a new window.
-
-        If the window has few landmarks, those of the swapped images show whether the order is the cause.
-        """
-        min_tracked = self._config.min_tracked
-        findings = guards.check_landmarks(frame, landmarks, min_tracked)
-        if len(landmarks.rows) >= max(min_tracked, guards.ORDER_TESTED_RATIO * self._max_corners):
-            return findings
-        pose = Pose.of(state.path.last.T_world_left)
-        ground_mask = state.ground_memory.excluded.mask
-        count_if_swapped = self._keyframes.landmark_count(frame.swapped(), pose, state.calibration, ground_mask)
-        return findings | guards.check_order(landmarks, count_if_swapped, min_tracked)
 
     # ---- before and after the stages
 
@@ -578,52 +379,39 @@ class Localiser:
         if fault := self._rig.fault_of_size(pair.left):  # the right image has the size of the left image
             raise LocalisationError(f"image of stamp {pair.stamp_ns} {fault}")
 
-    def _with_keyframe(self, state: State, result: KeyframeResult | None) -> State:
-        """Return the state with the adjusted map, pose and calibration of a keyframe.
+    def _adopt_keyframe(self, clock: StageClock) -> None:
+        """Wait for the keyframe of the previous call, and adopt its map, pose and calibration.
 
-        If the adjustment was singular (None) or diverged, the map is discarded, and a new window may begin at the last
-        known pose.
+        If the adjustment was singular or diverged, the map is discarded, and a new window may begin at the last pose.
         """
+        with clock.stage("wait"):
+            pending = self._pending
+            self._pending = None
+            if pending is None:
+                return
+            result = _result_of(pending)
+            self._state = self._with_keyframe(self._state, result)
+            if result is not None:
+                clock.add("keyframe", result.seconds)
+
+    def _with_keyframe(self, state: State, result: KeyframeResult | None) -> State:
+        """Return the state with the result of a keyframe; None if its adjustment was singular."""
         if result is None:
-            return self._without_map(state)
+            return transitions.without_map(state)
         window = result.landmark_map.window
         if guards.has_diverged(state.path.last, window.newest_pose, window.covariance):
-            return self._without_map(state)
-        path = trajectory.adjusted(state.path, window, self._model, has_yaw_step=result.has_yaw_step)
-        T_after_before = path.last.T_world_left @ state.path.last.T_world_left.inverse()
-        return replace(
-            state,
-            path=path,
-            ground_memory=state.ground_memory.moved(T_after_before),
-            landmark_map=result.landmark_map,
-            calibration=result.calibration,
-            recovery=state.recovery.with_keyframe(result.landmark_map.landmarks),
-        )
+            return transitions.without_map(state)
+        return transitions.with_keyframe(state, result, self._model)
 
-    def _without_map(self, state: State) -> State:
-        """Return the state after an adjustment that diverged: the map and the calibration are discarded.
-
-        The sum of the drift corrections continues, because the attitude errors that the corrections caused remain. The
-        sums of the path continue, too. Corrections of the yaw up to here then count as errors (`disparity` in
-        `uncertainty`), because the yaw that they were based on is discarded.
-        """
-        drift = DriftEstimate(total_px=state.calibration.drift.total_px)
-        calibration = replace(self._first_calibration(), drift=drift)
-        return replace(state, landmark_map=None, calibration=calibration, has_diverged=True)
-
-    def _first_calibration(self) -> OnlineCalibration:
-        """Return the calibration before the first pair."""
-        return OnlineCalibration(self._camera, self._shape, self._config.window_keyframes)
-
-    def _with_pose_from_outside(self, state: State, stamp_ns: int) -> State:
-        """Apply a pending external pose if its stamp is reached."""
-        if state.path.datum.pending is None:
-            return state
-        path, is_map_forgotten = trajectory.with_pending_pose(state.path, stamp_ns, self._model)
-        if is_map_forgotten:
-            # the next window begins at the external pose and continues no window that diverged
-            return replace(state, path=path, landmark_map=None, has_diverged=False)
-        return replace(state, path=path)
+    def _commit(self, outcome: Outcome, stamp_ns: int, clock: StageClock) -> PoseEstimate:
+        """Store the state after a pair, start its keyframe in the background, and return the estimate."""
+        self._state = transitions.with_external_pose(outcome.state, stamp_ns, self._model)
+        # A keyframe implies an accepted pose. Only an external pose with a later stamp would discard the map.
+        assert outcome.keyframe is None or self._state.landmark_map is not None
+        estimate = self._estimate(stamp_ns, self._state, outcome, clock)
+        if outcome.keyframe is not None:
+            self._pending = self._background.submit(self._stages.keyframes.make, outcome.keyframe)
+        return estimate
 
     def _estimate(self, stamp_ns: int, state: State, outcome: Outcome, clock: StageClock) -> PoseEstimate:
         """Return the pose of RB in DS and its covariance, converted from the left camera in the world."""

@@ -1,35 +1,10 @@
 """State of the localiser between two pairs, and the outcome of one pair.
 
-Each call takes a state and returns the next one. A pair changes these parts of the state:
-
-| pair | changes |
-|---|---|
-| accepted (`_accept`) | all but `clean_from_keyframe` and `has_diverged` |
-| kept (`_keep`) | path (covariance and step), status, reason |
-| lost (`_lose`) | path (a standstill is predicted), memory of the ground (identification restarts), status, reason |
-| | number of failed recoveries (after a good image) |
-| begins a window (`_begin`) | all but `shear_mean`; the window starts at the last known pose |
-
-Five other events change the state:
-
-- A keyframe of the previous call is finished: path (pose, errors and last past pose), map, calibration, recovery
-  images, and the pose of the earlier image in the memory of the ground. If its adjustment diverged, the map is
-  discarded, the calibration is reset and `has_diverged` is set instead.
-- An external pose is applied: path. `trajectory._placed` applies a pose whose stamp is more than 1.5 periods later
-  than the last pair that was accepted or began a window, and any pose before the first such pair. The map is then
-  discarded, and `has_diverged` is reset. `trajectory._rebased` applies any other pose.
-- A pair arrives: path (its stamp; with the first pair also the stamp of the start pose).
-- `set_pose` is called: path.
-- `reset` is called: all.
-
-Two memories also change with refused pairs. `image_memory` changes with every pair that does not repeat the previous
-pair. `ground_memory` changes with every pair that has stale rows, whose image contradicts its pose, or that is lost. A
-pair whose image contradicts its pose is the only refused pair from which a memory learns (`outlasts_refusal`). If
-the localiser is already lost, a pair that would otherwise be kept is lost as well, and counts as a failed recovery if
-its images are new and good.
+Each call takes a state and returns the next one. `transitions` contains all changes, with a table of the events.
 
 The state contains several similar stamps and poses. The table gives the meaning of each, and the events that change
-it: an accepted pair (A), a kept pair (K), a pair that begins a window (W), or another event.
+it: an accepted pair (A), a kept pair (K), a pair that begins a window (W), or another event. `_placed` and `_rebased`
+are the two ways of applying an external pose (`path.external_poses`).
 
 | value | meaning | changed by |
 |---|---|---|
@@ -41,6 +16,7 @@ it: an accepted pair (A), a kept pair (K), a pair that begins a window (W), or a
 | `path.history.last_ns` | last stamp to which an external pose can be applied | A, W; None after `_placed` |
 | `path.datum.rebased_ns` | stamp since which a kept pose is unobserved, if later | `_rebased`; None after `_placed` |
 | `path.datum.pending` | external pose that is not applied yet | `set_pose`; first pair; when the pose is applied |
+| `path.datum.pending_ns` | stamp at which that pose applies | like `pending`; pair after `set_pose` |
 """
 
 from __future__ import annotations
@@ -55,9 +31,9 @@ from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.memory import GroundMemory
 from sfr_loc_map.localisation.guards import ShearMean
 from sfr_loc_map.localisation.keyframes import KeyframeJob
+from sfr_loc_map.localisation.path.path_state import PathState
 from sfr_loc_map.localisation.relocalisation import RecoveryImages
 from sfr_loc_map.localisation.stale_images import ImageMemory
-from sfr_loc_map.localisation.trajectory import PathState
 
 
 @dataclass(frozen=True, slots=True, eq=False)

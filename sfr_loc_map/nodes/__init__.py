@@ -12,6 +12,8 @@ publishes the score (`score_publisher`, `score_messages`) or saves it (`score_fi
 - `lifecycle`: what the three nodes have in common (`managed_node`): states, parameters, endpoints, worker, health
 - `input`: reception of pairs, poses, extrinsics and true poses; what a node waits for (`waiting`)
 - `launch`: the nodes as processes; `start` is the first module of such a process
+- `localisation_session`: the localiser of the node, with its start pose; `pose_file`: the pose at which a new process
+  resumes
 - `parameter_files`: writes the files in `config/`
 """
 

@@ -29,8 +29,6 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.frontend.masks import read_mask
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.localisation.pose_file import PoseFile
-from sfr_loc_map.localisation.session import LocalisationSession
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.message_types import Level
@@ -39,7 +37,9 @@ from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.input.thinned_path import ThinnedPath
 from sfr_loc_map.nodes.lifecycle.runner import run
+from sfr_loc_map.nodes.localisation_session import LocalisationSession
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
+from sfr_loc_map.nodes.pose_file import PoseFile
 from sfr_loc_map.ros import messages
 from sfr_loc_map.ros.qos import profile
 from sfr_loc_map.suite_names import Task

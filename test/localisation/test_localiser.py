@@ -26,12 +26,13 @@ from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform, interpolated, propagated_covariance
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
+from sfr_loc_map.localisation.candidate import Candidate, CorrectedTracks
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import MAX_GIVEN_M, PoseEstimate, StartPose, StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.selection import Ground
-from sfr_loc_map.localisation.localiser import Candidate, CorrectedTracks, Localiser
+from sfr_loc_map.localisation.localiser import Localiser
 
 DRIVE = drive()
 
@@ -489,11 +490,11 @@ def test_a_keyframe_is_solved_for_by_all_landmarks_though_some_are_excluded() ->
     are_followed[-5:] = False
     frame = StereoFrame.of(DRIVE[12])
     start = Pose.of(state.path.last.T_world_left @ state.path.last.T_before_last)
-    tracks = by._tracker.refine(frame, landmarks.subset(are_followed), start, state.calibration.offset)
+    tracks = by._stages.tracker.refine(frame, landmarks.subset(are_followed), start, state.calibration.offset)
     smaller_map = state.landmark_map.without(landmarks.rows[:10])
     corrected = CorrectedTracks(tracks, state.calibration, state.shear_mean)
     candidate = Candidate(frame, smaller_map, Ground.unselected(tracks, state.ground_memory), corrected)
-    complete = by._with_all_landmarks(candidate)
+    complete = by._stages.with_all_landmarks(candidate)
     np.testing.assert_array_equal(complete.landmarks.rows, landmarks.rows[10:])
 
 
@@ -566,7 +567,7 @@ def test_a_keyframe_is_kept_although_the_call_that_waited_for_it_fails(monkeypat
     by, number = with_pending_keyframe()
     other, _ = with_pending_keyframe()
     with monkeypatch.context() as patch:
-        patch.setattr(by._tracker, "align", None)
+        patch.setattr(by._stages.tracker, "align", None)
         with pytest.raises(TypeError):
             by.process(DRIVE[number])
     found, wanted = by.process(DRIVE[number]), other.process(DRIVE[number])
@@ -578,14 +579,14 @@ def test_a_keyframe_is_kept_although_the_call_that_waited_for_it_fails(monkeypat
 def test_an_absurd_pose_is_lost_and_not_kept(monkeypatch: pytest.MonkeyPatch, jump_m: float) -> None:
     by = localiser()
     before = run(DRIVE[:6], by)[-1]
-    solve = by._tracker.solve
+    solve = by._stages.tracker.solve
 
     def leap(*arguments: object) -> Tracks:
         tracks = solve(*arguments)  # type: ignore[arg-type]
         return replace(tracks, pose=tracks.pose._replace(position=tracks.pose.position + jump_m))
 
     with monkeypatch.context() as patch:
-        patch.setattr(by._tracker, "solve", leap)
+        patch.setattr(by._stages.tracker, "solve", leap)
         estimate = by.process(DRIVE[6])
     assert (estimate.state, estimate.reason) == (TrackingState.LOST, StateReason.IMPLAUSIBLE_MOTION)
     np.testing.assert_array_equal(estimate.T_ds_rb.matrix, before.T_ds_rb.matrix)
@@ -602,6 +603,7 @@ from numba.core.registry import CPUDispatcher
 import sfr_loc_map.localisation as package
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, loc_pair, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.localisation.candidate import Candidate, CorrectedTracks
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 

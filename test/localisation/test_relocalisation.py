@@ -19,7 +19,7 @@ MAX_FEATURES = 100
 @pytest.mark.parametrize("map_per_limit", [1, 2, 3, 10])
 def test_a_map_of_any_size_can_begin_a_window_with_a_textured_pair(map_per_limit: int) -> None:
     """No more than about `max_features` corners are found, however many landmarks the map has. Half of them suffice."""
-    relocaliser = Localiser(LOC_RIG, LocalisationConfig(max_features=MAX_FEATURES), true_pose(0))._relocaliser
+    relocaliser = Localiser(LOC_RIG, LocalisationConfig(max_features=MAX_FEATURES), true_pose(0))._stages.relocaliser
     pair = drive(1)[0]
     landmark_count = map_per_limit * MAX_FEATURES
     assert relocaliser.is_good_image(StereoFrame.of(pair), landmark_count)
@@ -40,4 +40,4 @@ def test_a_window_of_a_large_image_begins_with_half_the_corners(textured: float,
     rows = round(textured * side)
     image[:rows] = np.random.default_rng(0).integers(0, 255, (rows, side))
     frame = StereoFrame.of(StereoPair(0, image, image))
-    assert Localiser(rig, config)._relocaliser.is_good_image(frame, max_corners(rig, config)) is is_good
+    assert Localiser(rig, config)._stages.relocaliser.is_good_image(frame, max_corners(rig, config)) is is_good

@@ -281,6 +281,14 @@ class OnlineCalibration:
         """Return the calibration in a new window."""
         return replace(self, drift=self.drift.after_restart())
 
+    def discarded(self) -> OnlineCalibration:
+        """Return the calibration of the first pair again, because the estimates are discarded with their map.
+
+        The sum of the drift corrections continues, because the attitude errors that the corrections caused remain.
+        """
+        drift = DriftEstimate(total_px=self.drift.total_px)
+        return OnlineCalibration(self.camera, self.shape, self.window_keyframes, drift=drift)
+
     def with_lens_residuals(self, shift: RightShift) -> OnlineCalibration:
         """Add the residual disparities of a pair."""
         return replace(self, lens=self.lens.with_pair(shift.uv, shift.disparity, self.shape))

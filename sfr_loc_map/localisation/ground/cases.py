@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sfr_loc_map.localisation.findings import Finding, Findings
+from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.ground import searches
 from sfr_loc_map.localisation.ground.evidence import Evidence
 from sfr_loc_map.localisation.ground.identification import Fault, ImageFaults
@@ -191,7 +191,7 @@ def effect_of(case: Case, *, is_identified: bool) -> Effect:
             return Effect(conclusion=Conclusion.ONE_MOTION)
 
 
-def findings_of(effect: Effect, faults: ImageFaults, *, is_trusted: bool) -> Findings:
+def findings_of(effect: Effect, faults: ImageFaults, *, is_trusted: bool) -> frozenset[Finding]:
     """Return the finding of an effect, or else `RECOVERING` if faults of earlier pairs degrade this pair.
 
     Args:

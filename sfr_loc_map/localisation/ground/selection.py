@@ -46,7 +46,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
-from sfr_loc_map.localisation.findings import Finding, Findings
+from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground import cases, searches
@@ -93,7 +93,7 @@ class Ground(NamedTuple):
     """The ground's motion in a pair."""
 
     tracks: Tracks  #: Tracks that follow the ground.
-    findings: Findings
+    findings: frozenset[Finding]
     not_ground: NDArray[np.intp]  #: `(N,)` window rows of the landmarks that do not move with the ground.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
     memory: NextMemory  #: The memory after the pair.
@@ -104,7 +104,7 @@ class Ground(NamedTuple):
 
         A doubt, or a recovery from earlier faults, is reported again.
         """
-        findings: Findings = frozenset()
+        findings: frozenset[Finding] = frozenset()
         if memory.identification.phase is Phase.IN_DOUBT:
             findings = frozenset({Finding.GROUND_IN_DOUBT})
         elif tracks.is_trusted and memory.faults.degrades_next:

@@ -22,7 +22,8 @@
 | `inflation`, `directed_error` | what an unobserved motion and the findings of the guards add to the covariances |
 | `rover_model` | constants of a run: extrinsics, camera geometry, bounds of the motion, error sources |
 
-All functions are pure, and each states its formula. `trajectory` calls them with each pair and holds the two states.
+All functions are pure, and each states its formula. `path.trajectory` calls them with each pair, and `path.PathState`
+holds the two states.
 
 Names in the formulas: f is the focal length, px, and b the baseline, m. Z is the median depth, m: of the landmarks of
 the map in the terms of a pose, of the tracked landmarks in those of a step. `given_keyframes` is the covariance of a

@@ -174,7 +174,9 @@ class PathErrors:
     blur: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of errors of the whole image.
     #: Covariance of the motion to the present pose, if the findings require that this motion counts as unobserved.
     unobserved_motion: FloatArray = field(default_factory=lambda: ZERO)
-    kept_motion: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the motion while the pose is kept.
+    #: Covariance of the motion while the pose is kept. After an external pose, the motion counts from its stamp. The
+    #: next step contains the whole motion since the last known pose instead (`PublishedPose.kept_s`).
+    kept_motion: FloatArray = field(default_factory=lambda: ZERO)
     sums: PathSums = PathSums()  #: Sums up to the present pose.
 
     @property

@@ -36,9 +36,9 @@ class PublishedPose:
     #: at the wrong pose and contains the same error with the opposite sign. The part consists of the inflation by
     #: findings, and of the displacement by a correction of the yaw.
     shared_with_next_step: FloatArray = field(default_factory=lambda: ZERO)
-    #: `(6, 6)` in RB at the last accepted pose: covariance of the unobserved motion since that pose, while that pose
-    #: was kept; zero if a window began at this pose.
-    kept_motion_rb: FloatArray = field(default_factory=lambda: ZERO)
+    #: Time for which the last known pose was kept up to this pose, s; 0 if the pair of this pose was accepted or began
+    #: a window. The next step contains the unobserved motion during this time.
+    kept_s: float = 0.0
     noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of this pose, in RB at this pose.
     variance_factor: float | None = None  #: Variance factor (`step_covariance`); None before the first residuals.
 
@@ -79,10 +79,11 @@ class PublishedPose:
         keyframes = pair.landmark_map.window.last_motion
         of_images = step_covariance(motion, keyframes, pair.given_keyframes, depth_m, variance_factor, model)
         seconds = self.seconds_until(pair.stamp_ns)
+        while_kept = unobserved_during(speed, self.kept_s, model)
         step = StepEstimate(
             seconds=seconds,
             motion=motion.vector,
-            covariance=of_images + self.shared_with_next_step + self.kept_motion_rb + published.shared_with_next_step,
+            covariance=of_images + self.shared_with_next_step + while_kept + published.shared_with_next_step,
             systematic=systematic_step(motion, depth_m, pair.calibration, model),
             noise=noise.copy(),  # a caller may overwrite the arrays of a step
             noise_before=self.noise.copy(),
@@ -106,9 +107,9 @@ class PublishedPose:
             model: Extrinsics, bounds and error sources.
         """
         seconds = self.seconds_until(stamp_ns)
-        unobserved = unobserved_during(speed, unobserved_s, model)
+        added = unobserved_during(speed, unobserved_s, model) - unobserved_during(speed, self.kept_s, model)
         # both are diagonal, so that the larger elements form a covariance
-        growth = np.maximum(unobserved - self.kept_motion_rb, unobserved_during(speed, seconds, model))
+        growth = np.maximum(added, unobserved_during(speed, seconds, model))
         motion = np.zeros(6)
         if self.T_world_left is not None:
             motion = StepMotion.between(self.T_world_left, T_world_left, model).vector
@@ -121,7 +122,7 @@ class PublishedPose:
             noise_before=self.noise.copy(),
             speed_change=ZERO,
         )
-        kept = replace(self, stamp_ns=stamp_ns, T_world_left=T_world_left, kept_motion_rb=unobserved)
+        kept = replace(self, stamp_ns=stamp_ns, T_world_left=T_world_left, kept_s=unobserved_s)
         return kept, step
 
     def without_errors(self) -> PublishedPose:
@@ -130,7 +131,7 @@ class PublishedPose:
         The next step is measured from the image of this pair. It therefore contains no errors and no noise of the
         earlier poses.
         """
-        return replace(self, shared_with_next_step=ZERO, kept_motion_rb=ZERO, noise=ZERO)
+        return replace(self, shared_with_next_step=ZERO, kept_s=0.0, noise=ZERO)
 
     def displaced(self, moved: MotionSize) -> PublishedPose:
         """Return the pose after the last known pose was displaced by a change of the yaw correction.

@@ -13,7 +13,6 @@ from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
-from sfr_loc_map.localisation import trajectory
 from sfr_loc_map.localisation.backend.online_calibration import (
     FIRST_SIGMA_PX,
     DriftEstimate,
@@ -26,7 +25,8 @@ from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
-from sfr_loc_map.localisation.trajectory import PathState
+from sfr_loc_map.localisation.path import external_poses, trajectory
+from sfr_loc_map.localisation.path.path_state import PathState
 from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
 from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
 from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
@@ -67,7 +67,7 @@ def map_of(covariance: np.ndarray) -> SimpleNamespace:
 
 def begun(rig: StereoRig = IN_CAMERA) -> PathState:
     model = model_of(rig)
-    path = trajectory.arrived(trajectory.started(StartPose(Transform.identity()), model), 0)
+    path = trajectory.arrived(external_poses.started(StartPose(Transform.identity()), model), 0)
     return trajectory.restarted(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
 
 
@@ -321,14 +321,14 @@ def placed_in_the_window_before(start_variance: float) -> tuple[PathState, PathS
     """Return a path of two windows before and after an exact pose from outside that is of the earlier window."""
     model = model_of(IN_CAMERA)
     start = StartPose(Transform.identity(), start_variance * np.eye(6))
-    path = trajectory.arrived(trajectory.started(start, model), 0)
+    path = trajectory.arrived(external_poses.started(start, model), 0)
     path = trajectory.restarted(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
     path = move(move(path, 1, STEP), 2, 2.0 * STEP)
     path = trajectory.restarted(path, 12 * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
     path = move(path, 13, 3.0 * STEP)
     exact = StartPose(Transform(np.eye(3), STEP), NOTHING, PERIOD_NS)
-    given = trajectory.given(path, exact, model)
-    return path, trajectory.with_pending_pose(given, 13 * PERIOD_NS, model)[0]
+    given = external_poses.given(path, exact, model)
+    return path, external_poses.applied(given, 13 * PERIOD_NS, model)[0]
 
 
 def test_an_exact_pose_from_outside_of_an_earlier_window_replaces_the_start_and_keeps_the_gap() -> None:
@@ -353,12 +353,12 @@ def test_the_second_of_two_late_poses_replaces_the_first_and_the_covariance_stay
         path = move(path, number, number * STEP)
     first, second = (StartPose(Transform(np.eye(3), at * STEP), NOTHING, at * PERIOD_NS) for at in stamps)
     twice = once = path
-    twice = trajectory.with_pending_pose(trajectory.given(twice, first, model), 40 * PERIOD_NS, model)[0]
+    twice = external_poses.applied(external_poses.given(twice, first, model), 40 * PERIOD_NS, model)[0]
     for number in range(41, 43):
         twice = move(twice, number, number * STEP)
         once = move(once, number, number * STEP)
-    twice = trajectory.with_pending_pose(trajectory.given(twice, second, model), 42 * PERIOD_NS, model)[0]
-    once = trajectory.with_pending_pose(trajectory.given(once, second, model), 42 * PERIOD_NS, model)[0]
+    twice = external_poses.applied(external_poses.given(twice, second, model), 42 * PERIOD_NS, model)[0]
+    once = external_poses.applied(external_poses.given(once, second, model), 42 * PERIOD_NS, model)[0]
     for number in range(43, 80):
         inflation = Inflation.AMBIGUITY if number == 60 else Inflation.NONE
         twice = move(twice, number, number * STEP, inflation=inflation)
@@ -376,7 +376,7 @@ def test_a_pose_from_outside_while_a_pose_is_kept_leaves_the_motion_since_its_st
     model = model_of(IN_CAMERA)
     path = trajectory.kept(move(begun(), 1, STEP), 11 * PERIOD_NS, model)[0]
     exact = StartPose(Transform(np.eye(3), STEP), NOTHING, 3 * PERIOD_NS)
-    path, is_map_forgotten = trajectory.with_pending_pose(trajectory.given(path, exact, model), 11 * PERIOD_NS, model)
+    path, is_map_forgotten = external_poses.applied(external_poses.given(path, exact, model), 11 * PERIOD_NS, model)
     assert is_map_forgotten
     at_pair = path.errors.kept_motion
     expected = np.square(LENGTH / 0.1 * 0.8)  # the rover may have continued at its last speed
@@ -384,8 +384,8 @@ def test_a_pose_from_outside_while_a_pose_is_kept_leaves_the_motion_since_its_st
     np.testing.assert_allclose(at_pair[[0, 1], [0, 1]], expected, rtol=1e-6)
     later = trajectory.kept(path, 12 * PERIOD_NS, model)[0].errors.kept_motion
     assert np.linalg.eigvalsh(later - at_pair)[0] >= 0.0
-    without_stamp = trajectory.given(path, StartPose(Transform(np.eye(3), STEP), NOTHING), model)
-    at_next = trajectory.with_pending_pose(without_stamp, 12 * PERIOD_NS, model)[0]
+    without_stamp = external_poses.given(path, StartPose(Transform(np.eye(3), STEP), NOTHING), model)
+    at_next = external_poses.applied(without_stamp, 12 * PERIOD_NS, model)[0]
     np.testing.assert_array_equal(at_next.errors.kept_motion, NOTHING)
 
 
@@ -414,8 +414,8 @@ def test_jitter_of_the_stamps_does_not_decide_whether_a_pose_from_outside_discar
     path = move(move(begun(), 1, STEP), 2, 2.0 * STEP)
     kept_ns = 3 * PERIOD_NS + jitter_ns
     path = trajectory.kept(trajectory.arrived(path, kept_ns), kept_ns, model)[0]
-    path = trajectory.given(path, StartPose(Transform(np.eye(3), 3.0 * STEP), NOTHING, kept_ns), model)
-    assert not trajectory.with_pending_pose(path, kept_ns, model)[1]
+    path = external_poses.given(path, StartPose(Transform(np.eye(3), 3.0 * STEP), NOTHING, kept_ns), model)
+    assert not external_poses.applied(path, kept_ns, model)[1]
 
 
 @pytest.mark.parametrize("are_missing", [False, True])
@@ -427,7 +427,7 @@ def test_a_gap_before_the_last_pair_does_not_let_a_much_later_pose_from_outside_
     path = move(path if are_missing else lost_until(path, 99), 100, 2.0 * STEP)
     path = lost_until(path, 240)
     exact = StartPose(Transform(np.eye(3), 3.0 * STEP), NOTHING, 240 * PERIOD_NS)
-    assert trajectory.with_pending_pose(trajectory.given(path, exact, model), 240 * PERIOD_NS, model)[1]
+    assert external_poses.applied(external_poses.given(path, exact, model), 240 * PERIOD_NS, model)[1]
 
 
 @pytest.mark.parametrize("kept_pairs", [range(3, 33), ()])
@@ -442,7 +442,7 @@ def test_a_pose_from_outside_between_two_pairs_far_apart_contains_the_motion_to_
         path = trajectory.kept(path, number * PERIOD_NS, model)[0]
     path = move(path, 33, 3.0 * ahead)
     exact = StartPose(Transform(np.eye(3), 3.0 * ahead), NOTHING, 9 * PERIOD_NS)
-    path = trajectory.with_pending_pose(trajectory.given(path, exact, model), 33 * PERIOD_NS, model)[0]
+    path = external_poses.applied(external_poses.given(path, exact, model), 33 * PERIOD_NS, model)[0]
     error = (path.datum.T_ds_world @ path.last.T_world_left).translation - 3.0 * ahead
     assert error[0] > 0.06
     assert of_path(path)[0, 0] > error[0] ** 2
@@ -475,7 +475,7 @@ def test_a_pose_between_two_pairs_contains_the_unobserved_motion_of_a_gap(
     half_ns = (previous + at) * PERIOD_NS // 2
     model = model_of(IN_CAMERA)
     exact = StartPose(Transform(np.eye(3), STEP), NOTHING, half_ns)
-    path = trajectory.with_pending_pose(trajectory.given(path, exact, model), at * PERIOD_NS, model)[0]
+    path = external_poses.applied(external_poses.given(path, exact, model), at * PERIOD_NS, model)[0]
     unobserved = ((at - previous) / 2 * PERIOD_NS / 1e9 * model.bounds.unseen_speed_m_s) ** 2
     assert (of_path(path)[0, 0] >= 0.9 * unobserved) == is_gap
 
@@ -484,7 +484,7 @@ def set_at(path: PathState, number: int, now: int) -> PathState:
     """Return the path after an exact external pose was applied to the pair of a number, at a later pair."""
     model = model_of(IN_CAMERA)
     exact = StartPose(Transform(np.eye(3), number * STEP), NOTHING, number * PERIOD_NS)
-    return trajectory.with_pending_pose(trajectory.given(path, exact, model), now * PERIOD_NS, model)[0]
+    return external_poses.applied(external_poses.given(path, exact, model), now * PERIOD_NS, model)[0]
 
 
 @pytest.mark.parametrize("now", [2, 3])

@@ -1,0 +1,181 @@
+"""The stages of a pair that compute and judge its pose. `Localiser` calls them in order, and skips the rest on refusal.
+
+The stages take and return values. `Stages` holds their tools and keeps no state between calls.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.localisation import guards
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
+from sfr_loc_map.localisation.candidate import Candidate, CorrectedTracks, FinalPose
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.findings import Finding, Verdict, decide
+from sfr_loc_map.localisation.frontend.landmarks import Landmarks
+from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_shift
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
+from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
+from sfr_loc_map.localisation.ground.cell_change import Change
+from sfr_loc_map.localisation.ground.memory import GroundMemory
+from sfr_loc_map.localisation.ground.motion_tools import MotionTools
+from sfr_loc_map.localisation.ground.selection import Ground, GroundSelector
+from sfr_loc_map.localisation.guards import ShearMean
+from sfr_loc_map.localisation.keyframes import KeyframeMaker, max_corners
+from sfr_loc_map.localisation.motion_model import Prediction
+from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
+from sfr_loc_map.localisation.stage_clock import StageClock
+from sfr_loc_map.localisation.stale_images import ImageComparison
+from sfr_loc_map.localisation.state import State
+from sfr_loc_map.parallel import Pending
+
+
+class Stages:
+    """The stages of a pair, with the tools of a rig and a configuration."""
+
+    def __init__(self, rig: StereoRig, config: LocalisationConfig) -> None:
+        """Create the tools. ConfigError if a mask cannot be read or its size is not the rig's."""
+        self._config = config
+        self._camera = rig.camera
+        self._shape = (rig.height, rig.width)
+        self._max_corners = max_corners(rig, config)
+        self.tracker = Tracker(config.min_tracked, rig.camera)
+        self.relocaliser = Relocaliser(self.tracker, config, rig.camera, self._max_corners)
+        self.keyframes = KeyframeMaker(rig, config)
+        self._ground_selector = GroundSelector(
+            MotionTools(self.tracker, self.relocaliser, rig.camera, self._shape, config.min_tracked)
+        )
+
+    # ---- tracking
+
+    def begin_change(self, frame: StereoFrame, memory: GroundMemory) -> Pending[Change]:
+        """Start to compare the left image with an earlier image in a second thread, for `select_ground`."""
+        return self._ground_selector.begin_change(frame, memory)
+
+    def track(
+        self,
+        frame: StereoFrame,
+        landmark_map: LandmarkMap,
+        prediction: Prediction,
+        recovery: RecoveryImages,
+        clock: StageClock,
+    ) -> Tracks:
+        """Track the landmarks of the map; relocalise if the pose is not trusted."""
+        landmarks = landmark_map.tracked
+        with clock.stage("align"):
+            coarse = self.tracker.align(frame.left, landmark_map.aligned, prediction.guesses.distinct)
+        with clock.stage("refine"):
+            tracks = self.tracker.refine(frame, landmarks, coarse, prediction.offset)
+        if tracks.is_trusted:
+            return tracks
+        with clock.stage("relocate"):
+            found = self.relocaliser.relocalise(frame, landmarks, recovery, prediction.offset)
+        return found or tracks
+
+    def select_ground(
+        self,
+        frame: StereoFrame,
+        tracks: Tracks,
+        prediction: Prediction,
+        state: State,
+        images: ImageComparison,
+        pending_change: Pending[Change],
+    ) -> Ground:
+        """Select the ground's motion, unless the left image is frozen or rows of either image are stale."""
+        memory = state.ground_memory
+        if images.is_left_frozen or images.blanked_rows.any():
+            return Ground.unselected(tracks, memory)
+        change = pending_change.result()
+        return self._ground_selector.select(frame, tracks, prediction, memory, state.recovery, change)
+
+    def correct_right_camera(
+        self, tracks: Tracks, calibration: OnlineCalibration, shear_mean: ShearMean
+    ) -> CorrectedTracks:
+        """Estimate the shift of the right image, and correct the right observations for a drift of the right camera.
+
+        Tracks that are not trusted are returned unchanged, because stage 7 refuses them.
+        """
+        if not tracks.is_trusted:
+            return CorrectedTracks(tracks, calibration, shear_mean)
+        lens_px = calibration.lens.likely_px
+        landmarks = tracks.landmarks.estimates
+        shift = right_shift(tracks.pose, landmarks, tracks.observed, self._camera, self._shape, lens_px)
+        if not np.isfinite(shift.variance):  # too few landmarks are observed in both images
+            return CorrectedTracks(tracks, calibration, shear_mean)
+        calibration, drift_px = calibration.with_lens_residuals(shift).with_shift(shift)
+        if drift_px != 0.0:
+            observations = tracks.observations.copy()
+            observations[:, 2:] -= RightOffset(u=drift_px).at(observations[:, 2:], self._camera)
+            observed = tracks.observed._replace(uv=observations)
+            tracks = self.tracker.solve(tracks.landmarks, observed, tracks.pose)
+        return CorrectedTracks(tracks, calibration, shear_mean.with_pair(shift.shear_chi2), shift.shear_chi2)
+
+    # ---- verdict and final pose
+
+    def judge(self, state: State, candidate: Candidate, findings: frozenset[Finding]) -> Verdict:
+        """Apply all guards to a pose."""
+        frame = candidate.frame
+        tracks = candidate.tracks
+        corrected = candidate.corrected
+        findings |= self._check_pose(state, frame, tracks)
+        verdict = decide(findings)
+        if verdict.refuses:  # the other guards require a valid pose
+            return verdict
+        findings |= guards.check_sides(frame, tracks, self.tracker, corrected.calibration.offset)
+        findings |= guards.check_gap(keyframes=state.keyframes, clean_from_keyframe=state.clean_from_keyframe)
+        findings |= guards.check_calibration(corrected.calibration)
+        findings |= guards.check_shear(corrected.shear_chi2, corrected.shear_mean)
+        return decide(findings)
+
+    def _check_pose(self, state: State, frame: StereoFrame, tracks: Tracks) -> frozenset[Finding]:
+        """Return the findings of the fast guards that refuse poses; they are repeated for the pose of a keyframe."""
+        findings = guards.check_tracks(frame, tracks)
+        return findings | guards.check_pose(tracks, state.path.last, frame.stamp_ns, self._config.motion)
+
+    def complete(self, state: State, candidate: Candidate, verdict: Verdict, clock: StageClock) -> FinalPose:
+        """Decide whether a judged pair becomes a keyframe, and solve for the pose of a keyframe from all landmarks.
+
+        Only the errors of keyframes accumulate. Other poses are therefore estimated from fewer landmarks to save time.
+        Findings about the images hold for the new pose as well, but the checks of the pose are repeated. If these
+        checks refuse the new pose, the judged pose and its tracks are used.
+        """
+        tracks = candidate.tracks
+        # later pairs are compared with the left image, which must show enough landmarks
+        is_recovery_image = verdict.can_be_reference and tracks.left_inlier_count >= self._config.min_tracked
+        if not (is_recovery_image and self.keyframes.is_needed(tracks, candidate.landmark_map)):
+            return FinalPose(tracks, is_keyframe=False, is_recovery_image=is_recovery_image)
+        with clock.stage("refine"):
+            complete = self.with_all_landmarks(candidate)
+        is_refused = decide(self._check_pose(state, candidate.frame, complete)).refuses
+        return FinalPose(tracks if is_refused else complete, is_keyframe=True, is_recovery_image=True)
+
+    def with_all_landmarks(self, candidate: Candidate) -> Tracks:
+        """Track the remaining landmarks, and estimate the pose from all landmarks."""
+        tracks = candidate.tracks
+        landmark_map = candidate.landmark_map
+        landmarks = landmark_map.landmarks
+        was_tracked = landmarks.among(tracks.landmarks)
+        if was_tracked.all():
+            return tracks
+        rest = landmark_map.rest_of(tracks.landmarks)
+        offset = candidate.corrected.calibration.offset
+        return self.tracker.complete(candidate.frame, tracks, landmarks, was_tracked, rest, offset)
+
+    # ---- a new window
+
+    def check_window(self, state: State, frame: StereoFrame, landmarks: Landmarks) -> frozenset[Finding]:
+        """Apply the guards for the landmarks of a new window.
+
+        If the window has few landmarks, those of the swapped images show whether the order is the cause.
+        """
+        min_tracked = self._config.min_tracked
+        findings = guards.check_landmarks(frame, landmarks, min_tracked)
+        if len(landmarks.rows) >= max(min_tracked, guards.ORDER_TESTED_RATIO * self._max_corners):
+            return findings
+        pose = Pose.of(state.path.last.T_world_left)
+        ground_mask = state.ground_memory.excluded.mask
+        count_if_swapped = self.keyframes.landmark_count(frame.swapped(), pose, state.calibration, ground_mask)
+        return findings | guards.check_order(landmarks, count_if_swapped, min_tracked)

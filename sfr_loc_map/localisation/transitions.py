@@ -1,0 +1,193 @@
+"""Changes of the state: one function for each event. Nothing else changes the state (`Localiser` stores the results).
+
+| event | function | changes |
+|---|---|---|
+| start of a run, `reset` | `started` | all |
+| `set_pose` | `given` | path (pending pose) |
+| keyframe of the previous call is finished | `with_keyframe` | path (pose, errors, last past pose), map, calibration, |
+| | | recovery images, memory of the ground (pose of the earlier image) |
+| its adjustment diverged | `without_map` | no map, calibration starts again, `has_diverged` |
+| a pair arrives | `arrived` | path (stamps), image memory, memory of the ground (stale rows) |
+| pair accepted | `accepted` | all but `clean_from_keyframe`, `has_diverged` and the image memory |
+| pair refused because of its pose | `refused` | memory of the ground, only if it outlasts the refusal |
+| and its images are good | `with_failed_recovery` | number of failed recoveries |
+| refused pair is kept | `kept` | path (covariance and step), status, reason |
+| refused pair is lost | `lost` | path (a standstill is predicted), memory of the ground (identification restarts), |
+| | | status, reason |
+| pair begins a window | `begun` | all but `shear_mean` and the image memory |
+| stamp of an external pose is reached | `with_external_pose` | path; if the map is discarded, also map and |
+| | | `has_diverged` |
+
+What is learnt from the pose of a pair changes in `accepted` only, with one exception: the memory of the ground also
+learns from a refused pair whose image contradicts its pose (`ground.memory.NextMemory`). The image memory changes with
+every pair that does not repeat the previous pair.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.candidate import Candidate, FinalPose
+from sfr_loc_map.localisation.estimate import StartPose, StateReason, StepEstimate, TrackingState
+from sfr_loc_map.localisation.findings import Action, Verdict
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
+from sfr_loc_map.localisation.ground.memory import GroundMemory
+from sfr_loc_map.localisation.keyframes import KeyframeResult
+from sfr_loc_map.localisation.path import external_poses, trajectory
+from sfr_loc_map.localisation.relocalisation import RecoveryImages
+from sfr_loc_map.localisation.stale_images import ImageComparison
+from sfr_loc_map.localisation.state import State
+from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
+from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+
+
+def started(start: StartPose, calibration: OnlineCalibration, model: RoverModel) -> State:
+    """Return the state before the first pair."""
+    return State(
+        path=external_poses.started(start, model),
+        calibration=calibration,
+        ground_memory=GroundMemory.none(calibration.shape),
+    )
+
+
+# ---- before the stages of a pair
+
+
+def given(state: State, pose: StartPose, model: RoverModel) -> State:
+    """Return the state with an external pose, which is applied once its stamp is reached."""
+    return replace(state, path=external_poses.given(state.path, pose, model))
+
+
+def with_keyframe(state: State, result: KeyframeResult, model: RoverModel) -> State:
+    """Return the state with the adjusted map, pose and calibration of a keyframe."""
+    window = result.landmark_map.window
+    path = trajectory.adjusted(state.path, window, model, has_yaw_step=result.has_yaw_step)
+    T_after_before = path.last.T_world_left @ state.path.last.T_world_left.inverse()
+    return replace(
+        state,
+        path=path,
+        ground_memory=state.ground_memory.moved(T_after_before),
+        landmark_map=result.landmark_map,
+        calibration=result.calibration,
+        recovery=state.recovery.with_keyframe(result.landmark_map.landmarks),
+    )
+
+
+def without_map(state: State) -> State:
+    """Return the state after an adjustment that was singular or diverged. A new window may begin at the last pose.
+
+    The map and the estimates of the calibration are discarded. The sums of the path continue. Corrections of the yaw up
+    to here then count as errors (`disparity` in `uncertainty`), because the yaw that they were based on is discarded.
+    """
+    return replace(state, landmark_map=None, calibration=state.calibration.discarded(), has_diverged=True)
+
+
+def arrived(state: State, images: ImageComparison, stamp_ns: int) -> State:
+    """Return the state after a pair arrived and was compared with the previous pair."""
+    return replace(
+        state,
+        path=trajectory.arrived(state.path, stamp_ns),
+        image_memory=images.memory,
+        ground_memory=state.ground_memory.after_stale_rows(images.blanked_rows),
+    )
+
+
+# ---- an accepted pair
+
+
+def accepted(
+    state: State, pair: AcceptedPair, candidate: Candidate, verdict: Verdict, final: FinalPose, model: RoverModel
+) -> tuple[State, StepEstimate]:
+    """Return the state after an accepted pair, and the step to its pose."""
+    path, step = trajectory.accepted(state.path, pair, model)
+    recovery = state.recovery
+    if final.is_recovery_image:
+        recovery = recovery.with_tracked(candidate.frame.image, final.tracks)
+    after = replace(
+        state,
+        path=path,
+        landmark_map=candidate.landmark_map,
+        calibration=candidate.corrected.calibration,
+        shear_mean=candidate.corrected.shear_mean,
+        ground_memory=candidate.ground.memory.for_verdict(verdict),
+        recovery=recovery,
+        failed_recoveries=0,
+        keyframes=state.keyframes + int(final.is_keyframe),
+        status=TrackingState.TRACKING if verdict.action is Action.ACCEPT else TrackingState.DEGRADED,
+        reason=verdict.reason,
+    )
+    return after, step
+
+
+# ---- a refused pair
+
+
+def refused(state: State, candidate: Candidate, verdict: Verdict) -> State:
+    """Return the state after the pose of a pair was refused, before the pair is kept, lost or begins a window."""
+    return replace(state, ground_memory=candidate.ground.memory.for_verdict(verdict))
+
+
+def with_failed_recovery(state: State) -> State:
+    """Return the state after a further good image whose pose was refused."""
+    return replace(state, failed_recoveries=state.failed_recoveries + 1)
+
+
+def kept(state: State, reason: StateReason | None, stamp_ns: int, model: RoverModel) -> tuple[State, StepEstimate]:
+    """Return the state in which the last pose is published again with a larger covariance, and the step to it."""
+    path, step = trajectory.kept(state.path, stamp_ns, model)
+    return replace(state, path=path, status=TrackingState.DEGRADED, reason=reason), step
+
+
+def lost(state: State, reason: StateReason | None) -> State:
+    """Return the state in which the pose is unknown."""
+    return replace(
+        state,
+        path=trajectory.lost(state.path),
+        ground_memory=state.ground_memory.after_lost_pair(),
+        status=TrackingState.LOST,
+        reason=reason,
+    )
+
+
+def begun(
+    state: State, frame: StereoFrame, window: KeyframeResult, verdict: Verdict, clean_from: int, model: RoverModel
+) -> tuple[State, StepEstimate]:
+    """Return the state after a pair began a window at the last known pose, and the step to this pose.
+
+    The first keyframe without a finding about a preceding gap has the number `clean_from`.
+    """
+    landmark_map = window.landmark_map
+    keyframes = state.keyframes + 1
+    status = TrackingState.DEGRADED
+    if verdict.action is Action.ACCEPT:
+        status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
+    path, step = trajectory.restarted(state.path, frame.stamp_ns, landmark_map, model)
+    after = replace(
+        state,
+        path=path,
+        landmark_map=landmark_map,
+        calibration=window.calibration,
+        recovery=RecoveryImages.of_first_keyframe(frame.image, landmark_map.landmarks),
+        failed_recoveries=0,
+        ground_memory=state.ground_memory.in_new_window(frame, Pose.of(state.path.last.T_world_left)),
+        keyframes=keyframes,
+        clean_from_keyframe=clean_from,
+        has_diverged=False,
+        status=status,
+        reason=verdict.reason,
+    )
+    return after, step
+
+
+# ---- after the stages of a pair
+
+
+def with_external_pose(state: State, stamp_ns: int, model: RoverModel) -> State:
+    """Return the state after a pair, with a pending external pose applied if its stamp is reached."""
+    path, discards_map = external_poses.applied(state.path, stamp_ns, model)
+    if discards_map:
+        # the next window begins at the external pose and continues no window that diverged
+        return replace(state, path=path, landmark_map=None, has_diverged=False)
+    return replace(state, path=path)
