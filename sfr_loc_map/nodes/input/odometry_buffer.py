@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections import deque
 from threading import Condition
 
+from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.stamped_poses import pose_at
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.estimate import check_given
 from sfr_loc_map.run_order import RunOrder
 
 CAPACITY = 5000  #: Number of stored messages: 100 s at 50 Hz.
@@ -35,12 +37,20 @@ class OdometryBuffer:
             self._changed.notify_all()
 
     def between(self, before_ns: int, now_ns: int, wait_s: float) -> Transform | None:
-        """Return `T_before_now` of RB; None if the messages do not cover both stamps.
+        """Return `T_before_now` of RB; None if the messages do not cover both stamps, or if the motion is invalid.
 
-        Unless the buffer is empty, the call waits up to `wait_s` for a message at or after `now_ns`.
+        A motion is invalid if a coordinate exceeds `MAX_GIVEN_M`, as after a jump of the odometry. Unless the buffer is
+        empty, the call waits up to `wait_s` for a message at or after `now_ns`.
         """
         with self._changed:
             if self._poses:
                 self._changed.wait_for(lambda: not self._poses or self._poses[-1][0] >= now_ns, wait_s)
             before, now = (pose_at(self._poses, stamp_ns, MAX_GAP_NS) for stamp_ns in (before_ns, now_ns))
-        return before.inverse() @ now if before is not None and now is not None else None
+        if before is None or now is None:
+            return None
+        try:
+            T_before_now = before.inverse() @ now
+            check_given(T_before_now, "the odometry")
+        except GeometryError:
+            return None
+        return T_before_now

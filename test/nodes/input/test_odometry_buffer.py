@@ -50,6 +50,17 @@ def test_what_messages_do_not_cover_is_not_known_or_waited_for() -> None:
     assert between(prior, 0, 1050, 60.0) is not None
 
 
+@pytest.mark.parametrize("position", [[0.0, 0.0, 6e8], [-9e8, 9e8, 0.0]])
+def test_a_motion_that_no_rover_makes_is_no_guess(position: list[float]) -> None:
+    """The odometry jumps far away, and remains there."""
+    prior = filled()
+    for ms in (1100, 1200, 1300):
+        prior.add(BEGIN_NS + ms * MS, Transform(START.rotation, np.array(position)))
+    assert between(prior, 1000, 1200) is None
+    motion = between(prior, 1100, 1300)
+    assert motion is None or np.abs(motion.translation).max() < 1e-6
+
+
 def test_a_new_run_clears_the_buffer_and_a_repeated_message_does_not() -> None:
     """The rule is that of the images (`RunOrder`)."""
     prior = filled(count=31)
