@@ -245,6 +245,18 @@ def test_a_yaw_found_late_leaves_the_path_before_it_uncertain() -> None:
     assert np.trace(of_path(path, corrected)) == pytest.approx((0.5 * PER_PX * LENGTH) ** 2 + (2 * common) ** 2)
 
 
+def test_the_attitude_is_not_more_certain_after_its_calibration_was_discarded() -> None:
+    """The corrected yaw has bent the path, also if a later adjustment diverges."""
+    known = OnlineCalibration(
+        RIG.camera, (RIG.height, RIG.width), 7, yaw=YawEstimate(2.0, 1e-4, 2.0, 2.0), drift=DriftEstimate(total_px=20.0)
+    )
+    path = move(move(begun(), 1, STEP, known), 2, 2.0 * STEP, known)
+    position = path.last.T_world_left.translation
+    calibrations = (known, known.discarded(), known.discarded().discarded())
+    attitudes = [pose_terms(path.errors, position, each, model_of(IN_CAMERA)).attitude[5, 5] for each in calibrations]
+    assert sorted(attitudes) == attitudes
+
+
 def test_what_the_images_of_a_pose_may_not_show_lasts_until_the_next_pose() -> None:
     model = model_of(IN_CAMERA)
     clear = move(begun(), 1, STEP)

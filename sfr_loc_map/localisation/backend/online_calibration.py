@@ -151,6 +151,8 @@ class YawEstimate(NamedTuple):
     variance_px2: float = FIRST_SIGMA_PX**2
     target_px: float = 0.0  #: Yaw to be corrected: the mean if it is significant, else 0.
     corrected_px: float = 0.0  #: Part of the yaw that is corrected.
+    #: Yaw that was to be corrected in maps that were discarded, because it has bent the path, px (absolute value).
+    earlier_px: float = 0.0
 
     @property
     def sigma_px(self) -> float:
@@ -161,6 +163,11 @@ class YawEstimate(NamedTuple):
     def remaining_px(self) -> float:
         """Part of the yaw that is still to be corrected."""
         return self.target_px - self.corrected_px
+
+    @property
+    def bent_px(self) -> float:
+        """Yaw that has bent the path before its correction, in this map and in discarded maps."""
+        return float(np.hypot(self.target_px, self.earlier_px))
 
     def with_window(self, found: OffsetEstimate, window_keyframes: int) -> YawEstimate:
         """Return the yaw after the adjustment of a window; `found` is the offset that the correction leaves.
@@ -174,7 +181,7 @@ class YawEstimate(NamedTuple):
         variance_px2 = predicted_px2 * (1.0 - gain)
         is_significant = abs(mean_px) > DETECTION_SIGMAS * float(np.sqrt(variance_px2))
         target_px = mean_px if is_significant else 0.0
-        return YawEstimate(mean_px, variance_px2, target_px, self.corrected_px)
+        return YawEstimate(mean_px, variance_px2, target_px, self.corrected_px, self.earlier_px)
 
     def corrected(self) -> YawEstimate:
         """Return the yaw after one step of the correction."""
@@ -284,10 +291,12 @@ class OnlineCalibration:
     def discarded(self) -> OnlineCalibration:
         """Return the calibration of the first pair again, because the estimates are discarded with their map.
 
-        The sum of the drift corrections continues, because the attitude errors that the corrections caused remain.
+        The yaw that was to be corrected and the sum of the drift corrections continue as causes of attitude errors,
+        because these errors of the path remain.
         """
+        yaw = YawEstimate(earlier_px=self.yaw.bent_px)
         drift = DriftEstimate(total_px=self.drift.total_px)
-        return OnlineCalibration(self.camera, self.shape, self.window_keyframes, drift=drift)
+        return OnlineCalibration(self.camera, self.shape, self.window_keyframes, yaw=yaw, drift=drift)
 
     def with_lens_residuals(self, shift: RightShift) -> OnlineCalibration:
         """Add the residual disparities of a pair."""

@@ -73,13 +73,14 @@ def _disparity_term(sums: PathSums, calibration: OnlineCalibration, sources: Err
 def _attitude_term(sums: PathSums, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
     """Return the term `attitude`: the yaw of the right camera, and errors of its drift corrections, bend the path.
 
-        attitude = ((bent_attitude_ratio / f)^2 (yaw_sigma_px^2 + target_px^2)
+        attitude = ((bent_attitude_ratio / f)^2 (yaw_sigma_px^2 + bent_px^2)
                     + (drift_attitude_ratio / f)^2 drift_px^2) I   (rotation only)
 
-    `drift_px` is the sum of the absolute drift corrections.
+    `bent_px` is the yaw to be corrected, including that of maps that were discarded (`YawEstimate.bent_px`). `drift_px`
+    is the sum of the absolute drift corrections.
     """
     sources = model.sources
-    bent_px = sources.bent_attitude_ratio * np.hypot(calibration.yaw.sigma_px, calibration.yaw.target_px)
+    bent_px = sources.bent_attitude_ratio * np.hypot(calibration.yaw.sigma_px, calibration.yaw.bent_px)
     attitude_px = np.hypot(bent_px, sources.drift_attitude_ratio * sums.drift_px)
     term = np.zeros((6, 6))
     term[3:, 3:] = np.eye(3) * (attitude_px / model.fx) ** 2
