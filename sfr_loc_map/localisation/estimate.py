@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -76,13 +76,14 @@ class StartPose:
             )
         given = start.T_ds_rb
         T_ds_rb = Transform(given.rotation.copy(), given.translation.copy(), given.given_quat_xyzw)
-        return replace(start, T_ds_rb=T_ds_rb, covariance=covariance)
+        stamp_ns = None if start.stamp_ns is None else int(start.stamp_ns)  # integers of NumPy may overflow
+        return StartPose(T_ds_rb, covariance, stamp_ns)
 
 
 def _as_numbers(values: ArrayLike) -> FloatArray:
     """Return a copy of values as float64; an empty array if the values are not numbers."""
     try:
-        return np.array(values, np.float64)
+        return np.array(values).astype(np.float64, casting="same_kind")  # complex numbers are refused
     except (TypeError, ValueError):
         return np.zeros(0)
 

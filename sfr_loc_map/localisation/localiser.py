@@ -213,7 +213,7 @@ class Localiser:
         self._check_pair(pair)
         if odometry is not None:
             check_given(odometry, "the odometry")
-        pair = replace(pair, left=pair.left.copy(), right=pair.right.copy())
+        pair = StereoPair(int(pair.stamp_ns), pair.left.copy(), pair.right.copy())
         clock = StageClock()
         self._adopt_keyframe(clock)
         outcome = self._locate(self._state, pair, odometry, clock)

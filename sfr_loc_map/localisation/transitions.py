@@ -187,6 +187,8 @@ def begun(
 def with_external_pose(state: State, stamp_ns: int, model: RoverModel) -> State:
     """Return the state after a pair, with a pending external pose applied if its stamp is reached."""
     path, discards_map = external_poses.applied(state.path, stamp_ns, model)
+    if path is state.path:
+        return state
     if discards_map:
         # the next window begins at the external pose and continues no window that diverged
         return replace(state, path=path, landmark_map=None, has_diverged=False)

@@ -176,7 +176,10 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(estimates: list[PoseEs
     assert by.process(DRIVE[3]).T_ds_rb.matrix.tobytes() == estimates[3].T_ds_rb.matrix.tobytes()
     exact = Transform.identity()
     for wrong in (
-        *(StartPose(exact, covariance) for covariance in (np.full((6, 6), np.nan), -np.eye(6), np.ones(6))),
+        *(
+            StartPose(exact, covariance)
+            for covariance in (np.full((6, 6), np.nan), -np.eye(6), np.ones(6), 1j * np.eye(6))
+        ),
         *(StartPose(exact, stamp_ns=0.5), Transform(2.0 * np.eye(3), np.zeros(3))),
         *(Transform(np.eye(3), np.array([x, 0.0, 0.0])) for x in (1e9, -1.01 * MAX_GIVEN_M)),
     ):
@@ -192,6 +195,16 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(estimates: list[PoseEs
         Localiser(LOC_RIG, LocalisationConfig(max_features=-5))
     with pytest.raises(GeometryError, match="T_rb_locsb"):
         Localiser(replace(LOC_RIG, T_rb_sb=None), LocalisationConfig(), Transform.identity())
+
+
+def test_stamps_that_are_integers_of_numpy_do_not_overflow() -> None:
+    by = Localiser(LOC_RIG, start=StartPose(true_pose(0), stamp_ns=np.int32(1)))  # type: ignore[arg-type]
+    stamps = [np.int32(2), np.uint64(PERIOD_NS), np.int64(2 * PERIOD_NS)]
+    found = [by.process(replace(pair, stamp_ns=stamp)) for pair, stamp in zip(DRIVE, stamps, strict=False)]
+    by.set_pose(StartPose(true_pose(1), stamp_ns=np.uint64(PERIOD_NS)))  # type: ignore[arg-type]
+    found.append(by.process(replace(DRIVE[3], stamp_ns=3 * PERIOD_NS)))
+    assert [estimate.state.value for estimate in found] == ["initialising"] + 3 * ["tracking"]
+    assert {type(estimate.stamp_ns) for estimate in found} == {int}
 
 
 def test_a_start_pose_as_far_as_allowed_can_be_processed() -> None:

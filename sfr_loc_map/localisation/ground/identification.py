@@ -161,8 +161,6 @@ class ImageFaults(NamedTuple):
 
     def after_stale_rows(self, stale: Mask) -> ImageFaults:
         """Return the faults after a pair with stale rows `(H,)`. Later pairs may have stale parts, too."""
-        if not stale.any():
-            return self
         pairs = LONG_DOUBT_PAIRS if stale.mean() > MOSTLY_STALE else 1
         return ImageFaults(max(self.transfers, 1), max(self.recovery_pairs, pairs))
 

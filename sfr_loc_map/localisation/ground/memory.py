@@ -247,7 +247,9 @@ class GroundMemory:
         return replace(self, identification=self.identification.restarted())
 
     def after_stale_rows(self, stale: Mask) -> GroundMemory:
-        """Return the memory after the detection of stale rows `(H,)` in a pair."""
+        """Return the memory after a pair was compared with the previous pair. Its stale rows are `(H,)`."""
+        if not stale.any():
+            return self
         return replace(self, faults=self.faults.after_stale_rows(stale))
 
 
