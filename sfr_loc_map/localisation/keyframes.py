@@ -115,7 +115,7 @@ class KeyframeMaker:
     def is_needed(self, tracks: Tracks, landmark_map: LandmarkMap) -> bool:
         """Return whether few landmarks of the last keyframe are tracked, or the landmarks moved far in the image."""
         last_seen = tracks.landmarks.last_seen
-        flow = np.linalg.norm(tracks.observations[:, :2] - last_seen[:, :2], axis=1)[tracks.inliers]
+        flow = np.linalg.norm((tracks.observations - last_seen)[tracks.inliers, :2], axis=1)
         flow = flow[np.isfinite(flow)]
         is_active = landmark_map.window.active[tracks.landmarks.rows]
         in_last_keyframe = np.count_nonzero(is_active & np.isfinite(last_seen[:, 0]))

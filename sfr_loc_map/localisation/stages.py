@@ -105,7 +105,7 @@ class Stages:
         shift = right_shift(tracks.pose, landmarks, tracks.observed, self._camera, self._shape, lens_px)
         if not np.isfinite(shift.variance):  # too few landmarks are observed in both images
             return CorrectedTracks(tracks, calibration, shear_mean)
-        calibration, drift_px = calibration.with_lens_residuals(shift).with_shift(shift)
+        calibration, drift_px = calibration.with_pair(shift)
         if drift_px != 0.0:
             observations = tracks.observations.copy()
             observations[:, 2:] -= RightOffset(u=drift_px).at(observations[:, 2:], self._camera)
@@ -156,13 +156,11 @@ class Stages:
         """Track the remaining landmarks, and estimate the pose from all landmarks."""
         tracks = candidate.tracks
         landmark_map = candidate.landmark_map
-        landmarks = landmark_map.landmarks
-        was_tracked = landmarks.among(tracks.landmarks)
-        if was_tracked.all():
-            return tracks
         rest = landmark_map.rest_of(tracks.landmarks)
+        if not len(rest.rows):
+            return tracks
         offset = candidate.corrected.calibration.offset
-        return self.tracker.complete(candidate.frame, tracks, landmarks, was_tracked, rest, offset)
+        return self.tracker.complete(candidate.frame, tracks, landmark_map.landmarks, rest, offset)
 
     # ---- a new window
 

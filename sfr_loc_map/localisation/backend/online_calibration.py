@@ -262,8 +262,8 @@ class OnlineCalibration:
     |---|---|---|
     | `vertical` (pitch, roll) | each keyframe (`with_matches`) | vertical disparities of its stereo matches |
     | `yaw` (constant part) | each keyframe (`with_yaw_offset`) | the adjusted window |
-    | `drift` (change of the yaw) | each pair (`with_shift`) | the shift of the right image relative to the landmarks |
-    | `lens` | each pair (`with_lens_residuals`) | residual disparities by image block |
+    | `drift` (change of the yaw) | each pair (`with_pair`) | the shift of the right image relative to the landmarks |
+    | `lens` | each pair (`with_pair`) | residual disparities by image block |
     """
 
     camera: StereoCamera
@@ -298,17 +298,17 @@ class OnlineCalibration:
         drift = DriftEstimate(total_px=self.drift.total_px)
         return OnlineCalibration(self.camera, self.shape, self.window_keyframes, yaw=yaw, drift=drift)
 
-    def with_lens_residuals(self, shift: RightShift) -> OnlineCalibration:
-        """Add the residual disparities of a pair."""
-        return replace(self, lens=self.lens.with_pair(shift.uv, shift.disparity, self.shape))
+    def with_pair(self, shift: RightShift) -> tuple[OnlineCalibration, float]:
+        """Add the residual disparities of a pair, and the shift of its right image relative to the landmarks.
 
-    def with_shift(self, shift: RightShift) -> tuple[OnlineCalibration, float]:
-        """Add the shift of the right image of a pair relative to the landmarks; return the new drift, px, or 0."""
+        The second value is the new drift, px, or 0.
+        """
+        lens = self.lens.with_pair(shift.uv, shift.disparity, self.shape)
         drift, drift_px = self.drift.with_shift(shift.px)
-        if drift_px == 0.0:
-            return replace(self, drift=drift), 0.0
-        variance_px2 = self.yaw.variance_px2 + (DRIFT_ERROR_RATIO * drift_px) ** 2
-        return replace(self, drift=drift, yaw=self.yaw._replace(variance_px2=variance_px2)), drift_px
+        yaw = self.yaw
+        if drift_px != 0.0:
+            yaw = yaw._replace(variance_px2=yaw.variance_px2 + (DRIFT_ERROR_RATIO * drift_px) ** 2)
+        return replace(self, lens=lens, drift=drift, yaw=yaw), drift_px
 
     def with_matches(self, right_uv: FloatArray, vertical_disparity: FloatArray) -> OnlineCalibration:
         """Update pitch and roll with the stereo matches of a keyframe.

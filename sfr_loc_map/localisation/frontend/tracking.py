@@ -189,19 +189,14 @@ class Tracker:
         return self.refine(frame, landmarks, self.align(frame.left, landmarks, [start], (0,)), offset)
 
     def complete(
-        self,
-        frame: StereoFrame,
-        tracks: Tracks,
-        landmarks: Landmarks,
-        was_tracked: Mask,
-        rest: Landmarks,
-        offset: RightOffset,
+        self, frame: StereoFrame, tracks: Tracks, landmarks: Landmarks, rest: Landmarks, offset: RightOffset
     ) -> Tracks:
-        """Solve for the pose with all landmarks. The landmarks `was_tracked` keep their observations.
+        """Solve for the pose with all `landmarks`. Tracked landmarks keep their observations, and `rest` is observed.
 
-        The landmarks `rest` are observed.
+        Together, the tracked landmarks and `rest` contain all landmarks. Tracks of other landmarks are not used.
         """
         of_rest = self.observe(frame, rest, tracks.pose, offset)
+        was_tracked = landmarks.among(tracks.landmarks)
         is_in_map = tracks.landmarks.among(landmarks)
         uv = np.empty((len(landmarks.rows), 4))
         uv[was_tracked] = tracks.observations[is_in_map]

@@ -79,7 +79,7 @@ class PublishedPose:
         keyframes = pair.landmark_map.window.last_motion
         of_images = step_covariance(motion, keyframes, pair.given_keyframes, depth_m, variance_factor, model)
         seconds = self.seconds_until(pair.stamp_ns)
-        while_kept = unobserved_during(speed, self.kept_s, model)
+        while_kept = unobserved_during(speed, self.kept_s, model) if self.kept_s > 0.0 else ZERO
         step = StepEstimate(
             seconds=seconds,
             motion=motion.vector,
