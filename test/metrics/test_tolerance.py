@@ -52,6 +52,19 @@ def test_zero_failure_sizes_are_those_of_the_tables() -> None:
     assert tolerance.allowed_failures(needed, 0.95, 0.95) >= needed / 50 > 1
 
 
+@pytest.mark.parametrize(
+    ("failures", "count", "prob", "confidence"),
+    [(2, 50, 0.95, 0.95), (3, 137, 0.95, 0.95), (5, 137, 0.95, 0.95), (1, 20, 0.9, 0.9), (2, 200, 0.95, 0.95)],
+)
+def test_no_smaller_number_of_values_at_the_observed_rate_suffices(
+    failures: int, count: int, prob: float, confidence: float
+) -> None:
+    rate = failures / count
+    counts = np.arange(count, 3000)
+    suffices = stats.binom.cdf(np.ceil(rate * counts - 1e-9), counts, 1.0 - prob) <= 1.0 - confidence
+    assert tolerance.count_for_rate(failures, count, prob, confidence) == counts[suffices][0]
+
+
 def test_normality_has_its_level_and_detects_heavy_tails() -> None:
     accepted = [tolerance.normality(RANDOM.standard_normal(40)) >= 0.25 for _ in range(2000)]
     assert np.mean(accepted) == pytest.approx(0.75, abs=0.04)

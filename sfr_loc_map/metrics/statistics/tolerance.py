@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 
 THREE_SIGMA = 0.9973  #: Fraction of normal errors on one axis that are within 3 sigma (ECSS-E-ST-60-10C).
 CONFIDENCE = 0.9  #: Default confidence for `THREE_SIGMA`; requires 852 drives without a failure.
@@ -39,6 +39,7 @@ RISK = 0.4
 """Fraction of the risk `1 - confidence` that is assigned to the normal factor. The remainder covers the assumptions of
 the factor: that the ratio of the sigmas is known, and that the acceptance by the test does not depend on sigma."""
 MOST = 1_000_000  #: Maximum number of drives that is reported.
+SEARCHED = 4096  #: Number of drives in one step of a search.
 
 
 class BoundMethod(StrEnum):
@@ -83,19 +84,38 @@ def is_disproved(failures: int, count: int, prob: float, confidence: float) -> b
 def count_for_rate(failures: int, count: int, prob: float, confidence: float) -> int | None:
     """Return how many values demonstrate the fraction `prob` if they fail at the observed rate `failures / count`.
 
-    The result is the smallest such number that is not below `count`; None if there is no such number. Without an
-    observed failure, the result is `zero_failure_count`.
+    The result is the smallest such number that is not below `count`; None if a search up to `MOST` finds none. Without
+    an observed failure, the result is `zero_failure_count`.
     """
+    from scipy.special import bdtr
+
     if not failures:
         return zero_failure_count(prob, confidence)
     rate = failures / count
     if rate >= 1.0 - prob:
         return None
-    return _least(lambda n: allowed_failures(n, prob, confidence) >= math.ceil(rate * n - 1e-9), count)
+
+    def demonstrates(counts: IntArray) -> Mask:
+        failing = np.ceil(rate * counts - 1e-9)
+        return np.asarray(bdtr(failing, counts, 1.0 - prob) <= 1.0 - confidence)
+
+    enough = _least(lambda n: bool(demonstrates(np.array([n])).all()), count)
+    if enough is None:
+        return None
+    # a smaller number may suffice as well, because the number of failures is rounded up
+    for first in range(count, enough, SEARCHED):
+        counts = np.arange(first, min(first + SEARCHED, enough))
+        smaller = counts[demonstrates(counts)]
+        if len(smaller):
+            return int(smaller[0])
+    return enough
 
 
 def _least(holds: Callable[[int], bool], start: int) -> int | None:
-    """Return the smallest number from `start` on at which a rule holds, by bisection; None if it exceeds `MOST`."""
+    """Return a number from `start` on at which a rule holds, by bisection; None if the search exceeds `MOST`.
+
+    The result is the smallest such number if the rule holds for all numbers above it.
+    """
     high = max(start, 2)
     while not holds(high):
         high *= 2
@@ -162,10 +182,9 @@ def confidence_of(
 ) -> float | None:
     """Return the confidence that a bound covers at least the fraction `prob` of normal errors.
 
-    The bound is `norm(mean) + factor norm(sigma)`.
-
-    `shape` contains the sigmas of the errors. The result is the lower of the confidences for a mean of zero and for a
-    dominant mean, or with `zero_mean` the confidence for a mean of zero. None for fewer than two independent values.
+    The bound is `norm(mean) + factor norm(sigma)`, and `shape` contains the sigmas of the errors. The result is the
+    lower of the confidences for a mean of zero and for a dominant mean, or with `zero_mean` the confidence for a mean
+    of zero. None for fewer than two independent values.
     """
     if count < 2.0 or not any(shape):
         return None
