@@ -34,7 +34,8 @@ from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
-from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition
+from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score import score
 from sfr_loc_map.metrics.stored.score_json import load_score, to_json

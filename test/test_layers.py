@@ -101,7 +101,8 @@ LOCALISATION_FLOORS = (
 )
 """Folders of `localisation`, and the modules below them, from the bottom; the name of the other modules is empty."""
 METRICS_FLOORS = (
-    {"config", "formulas"},
+    {"conditions", "formulas"},
+    {"config"},
     {"formulas_beside", "statistics"},
     {"sub_trajectories"},
     {"table"},

@@ -165,7 +165,7 @@ CLAUSES = (
         "A sub-trajectory starts at frame N and ends when the condition is met. Further sub-trajectories start at "
         "later frames, for which a spacing of 10 frames is recommended. Mean, sigma and mean + 3 sigma are computed "
         "over all sub-trajectories.",
-        ("metrics/formulas.py", "metrics/config.py", "metrics/completeness/drive.py"),
+        ("metrics/formulas.py", "metrics/conditions.py", "metrics/completeness/drive.py"),
         "table of figures: condition and n; what was scored: spacing of the starts; what of the drive is judged",
         'The text "the conditions associated with the requirement" allows several conditions, which must then hold '
         "together. Frames are true poses that have an estimate, or images with `--frames images`. Starts continue to "

@@ -21,7 +21,7 @@ from sfr_loc_map.cli.options import (
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, naming
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.conditions import Condition
 
 CONDITIONS = ("distance=1", "distance=5")
 MAX_ESTIMATES = 2  #: Maximum number of other estimates.

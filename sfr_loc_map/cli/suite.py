@@ -24,7 +24,7 @@ from sfr_loc_map.cli.output import (
     warn,
 )
 from sfr_loc_map.cli.verdict import not_judged
-from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
+from sfr_loc_map.errors import FailedVerdictError, InputError
 from sfr_loc_map.message_text import one_line
 
 if TYPE_CHECKING:
@@ -249,10 +249,7 @@ def drives(
     asked = {"prob": prob, "confidence": confidence, "power": power, "good": good}
     given = {name: value for name, value in asked.items() if value is not None}
     if folder is None:
-        terms, problem = terms_of({**given, "interpretation": "ensemble"})
-        if problem is not None:
-            raise ConfigError(problem)
-        counts = [count_without_suite(terms)]
+        counts = [count_without_suite(terms_of({**given, "interpretation": "ensemble"}))]
     else:
         reason = "has no effect with a suite, because the limits of the suite define it: omit the option or the suite"
         refuse_given(context, asked, reason)

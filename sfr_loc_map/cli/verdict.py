@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, say, secondary_output, show, warn
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, NotJudgedError
-from sfr_loc_map.metrics.config import Condition, VerdictState
+from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.config import VerdictState
 
 if TYPE_CHECKING:
     from sfr_loc_map.calls.call_record import CallRecord

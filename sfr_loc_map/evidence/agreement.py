@@ -21,7 +21,7 @@ from sfr_loc_map.evidence.paired_runs import SPACING, paired, spans_of
 from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.errors.consistency import without_overlap
 from sfr_loc_map.metrics.errors.trajectory_errors import select
 from sfr_loc_map.metrics.table.catalogue import REVISITED_PLACES

@@ -14,7 +14,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence import kinds
 from sfr_loc_map.evidence.kinds import EvidenceKind
 from sfr_loc_map.mapping.multiview.projection import SHIFT_PX
-from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.table.catalogue import REVISITED_PLACES
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.tables.model import ABSENT, METRE, NONE, PERCENT, Cell, Column, Table, Unit, fitting

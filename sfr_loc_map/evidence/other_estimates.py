@@ -13,7 +13,8 @@ from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.config import AssociationConfig, Condition
+from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.errors.consistency import relative_errors
 from sfr_loc_map.metrics.errors.trajectory_errors import select
 from sfr_loc_map.metrics.frames.association import Estimates, StampedPoses, associate

@@ -17,7 +17,7 @@ from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import propagation
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.errors.consistency import StepSums, sums_of_steps
 from sfr_loc_map.metrics.errors.trajectory_errors import select
 from sfr_loc_map.metrics.frames.association import StampedPoses

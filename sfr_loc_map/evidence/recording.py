@@ -20,7 +20,7 @@ from sfr_loc_map.io.sequence import Source, drive_of
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.rows import Figure

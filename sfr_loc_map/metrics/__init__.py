@@ -11,14 +11,15 @@ function of this package goes from all inputs to a `Score`. The package `scoring
 functions, and assembles their results (`scoring.assembly.score_of_parts`). It also calls `judging` for the verdicts.
 
 The rows of completeness are made with the figures that they belong to: `errors` and `calls` pass to `completeness`
-what they were given, what they expect and what they judged. A shortfall has its row in the table of figures, its rule
-in `completeness.shortfall_kinds`, and its finder in `judging.incomplete`.
+what they were given, what they expect and what they judged. Everything that can be missing or wrong is a line of
+`completeness.shortfall_kinds`, which `judging.incomplete` evaluates.
 
 `frames` and `errors` also read the truth. `statistics` are used by `errors`, `judging` and `stored`.
 
 The modules beside the folders: `formulas` contains the formulas of the specification in the order of its
-clauses. `formulas_beside` has the formulas of figures that the specification does not define. `sub_trajectories`
-defines the errors of a condition, and `config` the settings and words of all folders.
+clauses. `formulas_beside` has the formulas of figures that the specification does not define. `conditions` defines
+where a sub-trajectory ends, `sub_trajectories` its errors, and `config` the settings and the enumerations of all
+folders.
 
 The folders, from the bottom (`METRICS_FLOORS` in `test/test_layers.py`). A folder imports only lower folders:
 

@@ -1,8 +1,8 @@
+from .conditions import Condition as Condition
+from .conditions import ConditionKind as ConditionKind
 from .config import AssociationMode as AssociationMode
 from .config import CallKind as CallKind
 from .config import CloudKind as CloudKind
-from .config import Condition as Condition
-from .config import ConditionKind as ConditionKind
 from .config import Reading as Reading
 from .config import VerdictState as VerdictState
 from .score.score import Score as Score

@@ -1,4 +1,4 @@
-"""Settings of the score, enumerations of settings and results, and conditions of sub-trajectories [4.1.1]."""
+"""Settings of the score, and the enumerations of settings and results."""
 
 from __future__ import annotations
 
@@ -7,14 +7,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from sfr_loc_map.config import build, check_parameters, param
-from sfr_loc_map.errors import ConfigError, MetricsError, naming_key
+from sfr_loc_map.errors import ConfigError, naming_key
+from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 
-MAX_VALUE = 1e9  #: Maximum metres, seconds or frames of a condition; this many seconds fit 64 bits of nanoseconds.
-VALUES_OF_CONDITIONS = (
-    "give one or several of distance=METRES, time=SECONDS, frames=NUMBER, displacement=METRES and turn=DEGREES (up to "
-    "180), separated by commas; values must be positive, and frames must be whole"
-)
-"""Rule of valid conditions in messages."""
 SPACING_FRAMES = 10  #: Frames from one start of a sub-trajectory to the next, as the specification recommends [4.1.1].
 
 
@@ -102,130 +97,6 @@ SEVERITY = (
 def worst_of(states: Iterable[VerdictState]) -> VerdictState | None:
     """Return the worst verdict, None without a verdict."""
     return min(states, key=lambda state: state.severity, default=None)
-
-
-class ConditionKind(StrEnum):
-    """Quantity that is measured from the start of a sub-trajectory. The value of a member is its name in settings."""
-
-    DISTANCE = "distance"  #: Length of the path.
-    TIME = "time"
-    FRAMES = "frames"
-    DISPLACEMENT = "displacement"  #: Straight-line distance from the start.
-    TURN = "turn"  #: Rotation angle from the attitude at the start.
-
-    @property
-    def unit(self) -> str:
-        """Unit of the quantity."""
-        return _UNITS[self]
-
-
-_UNITS = {"distance": "m", "time": "s", "frames": "frames", "displacement": "m", "turn": "deg"}
-
-
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """Condition that ends a sub-trajectory: a number of metres, seconds, frames or degrees.
-
-    The value is positive and at most `MAX_VALUE`. A combined condition ends the sub-trajectory at the first frame at
-    which all its parts hold.
-    """
-
-    kind: ConditionKind
-    value: float
-    others: tuple[Condition, ...] = ()  #: Other parts of a combined condition, which have no parts themselves.
-
-    def __post_init__(self) -> None:
-        """Check the condition, and sort its parts by kind, so that conditions with the same parts are equal.
-
-        The kind may be given by its name. MetricsError if the kind or the value is invalid, or if two parts have the
-        same kind or a part has parts.
-        """
-        if self.kind not in list(ConditionKind):
-            raise MetricsError(f"'{self.kind}={self.value:g}' is not a condition: {VALUES_OF_CONDITIONS}")
-        object.__setattr__(self, "kind", ConditionKind(self.kind))
-        largest = 180.0 if self.kind is ConditionKind.TURN else MAX_VALUE
-        is_countable = self.kind is not ConditionKind.FRAMES or self.value % 1.0 == 0.0
-        if not 0.0 < self.value <= largest or not is_countable:
-            raise MetricsError(f"'{self.kind}={self.value:g}' is not a condition: {VALUES_OF_CONDITIONS}")
-        if not self.others:
-            return
-        if any(part.others for part in self.others):
-            raise MetricsError(f"'{self.setting}' has a part with parts: give each part as a condition of one kind")
-        if len({part.kind for part in self.parts}) < len(self.parts):
-            raise MetricsError(f"'{self.setting}' has the same kind of condition twice: give each kind once")
-        first, *others = sorted(self.parts, key=lambda part: list(ConditionKind).index(part.kind))
-        for name, value in (("kind", first.kind), ("value", first.value), ("others", tuple(others))):
-            object.__setattr__(self, name, value)
-
-    @property
-    def parts(self) -> tuple[Condition, ...]:
-        """All parts of the condition as separate conditions, in the order of `ConditionKind`."""
-        return (Condition(self.kind, self.value), *self.others)
-
-    @classmethod
-    def parse(cls, text: str) -> Condition:
-        """Return the condition of a text such as `distance=5`, `time=60`, `frames=100` or `distance=5,time=10`.
-
-        A unit after the number is accepted (`distance=5 m`). MetricsError if the text is not a valid condition.
-        """
-        parts = []
-        for word in text.split(","):
-            name, _, number = word.partition("=")
-            try:
-                kind = ConditionKind(name.strip())
-                parts.append(cls(kind, float(number.strip().removesuffix(kind.unit))))
-            except (ValueError, MetricsError) as error:
-                raise MetricsError(f"'{text}' is not a condition: {VALUES_OF_CONDITIONS}") from error
-        first, *others = parts
-        return cls(first.kind, first.value, tuple(others))
-
-    @property
-    def is_of_time(self) -> bool:
-        """Whether the condition also ends a sub-trajectory in which the rover is stationary."""
-        return all(part.kind in (ConditionKind.TIME, ConditionKind.FRAMES) for part in self.parts)
-
-    @property
-    def standing(self) -> str:
-        """How a stationary rover adds sub-trajectories, as the rest of a sentence about them."""
-        if self.is_of_time:
-            return "have a stationary rover"
-        return "begin where the previous one begins, because the rover is stationary"
-
-    @property
-    def label(self) -> str:
-        """The displayed form: `5 m`, `60 s`, `100 frames`, `5 m and 10 s`."""
-        straight = {ConditionKind.DISPLACEMENT: " straight", ConditionKind.TURN: " turned"}
-        texts = []
-        for part in self.parts:
-            texts.append(f"{shortest(part.value)} {part.kind.unit}{straight.get(part.kind, '')}")
-        return " and ".join(texts)
-
-    @property
-    def setting(self) -> str:
-        """The form on the command line and in the score, which `parse` reads: `distance=5`."""
-        return ",".join(f"{part.kind}={shortest(part.value)}" for part in self.parts)
-
-    def __str__(self) -> str:
-        return self.label
-
-
-def is_written_condition(text: str) -> bool:
-    """Return whether a text is a condition as scores write it."""
-    try:
-        return Condition.parse(text).setting == text
-    except MetricsError:
-        return False
-
-
-def shortest(number: float) -> str:
-    """Return the shortest text that is read back as the same number: `5` for 5.0."""
-    text = f"{number:g}"
-    return text if float(text) == number else repr(number)
-
-
-def label_of(condition: str | None) -> str:
-    """Return the displayed form of a condition of a score: `5 m` for `distance=5`; empty for None."""
-    return "" if condition is None else Condition.parse(condition).label
 
 
 @dataclass(frozen=True, slots=True)

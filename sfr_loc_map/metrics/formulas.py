@@ -214,9 +214,8 @@ def heading(attitude: FloatArray) -> FloatArray:
 def heading_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
     """Return estimated minus actual heading, signed and wrapped to (-180, 180], degrees; the inputs are in radians."""
     error = np.degrees(estimated - actual)
-    is_wrapped = (error > -180.0) & (
-        error <= 180.0
-    )  # not wrapped again, because rounding could move it out of the range
+    # an error in the range is not wrapped again, because rounding could move it out of the range
+    is_wrapped = (error > -180.0) & (error <= 180.0)
     return np.where(is_wrapped, error, error - 360.0 * np.ceil((error - 180.0) / 360.0))
 
 

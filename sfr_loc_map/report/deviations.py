@@ -16,7 +16,8 @@ from collections.abc import Callable, Iterator
 from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
-from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, CloudKind, Condition, MapScoreConfig, Reading, label_of
+from sfr_loc_map.metrics.conditions import Condition, label_of
+from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, CloudKind, MapScoreConfig, Reading
 from sfr_loc_map.metrics.judging.limit_scope import tasks_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
 from sfr_loc_map.metrics.score.caveats import caveats_of
@@ -26,7 +27,7 @@ from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, JUDGED, STANDING, TOTAL, Subject
 from sfr_loc_map.metrics.table.records import REPLAY_RATE, MethodKind
 from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope, range_of
-from sfr_loc_map.report.settings import changed_settings, has_all_settings
+from sfr_loc_map.report.settings import changed_settings, has_all_settings, setting_text
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.tables.model import METRE, fitting, number
 
@@ -166,12 +167,7 @@ def _other_settings(score: Score) -> Iterator[str]:
         yield "The settings of the score are unknown, so that they may differ from the defaults."
     for item in changed_settings(score):
         if item.is_of_score and item.name not in SETTINGS_WITH_A_SENTENCE:
-            used, usual = _setting_text(item.value), _setting_text(item.default)
-            yield f"The setting {item.name} is {used}; the default is {usual}."
-
-
-def _setting_text(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+            yield f"The setting {item.name} is {setting_text(item.value)}; the default is {setting_text(item.default)}."
 
 
 def _calls(score: Score) -> Iterator[str]:
@@ -401,7 +397,7 @@ def _origin_of_truth(score: Score) -> Iterator[str]:
 def _reading_of_source(score: Score) -> Iterator[str]:
     """Yield the settings of `sfr.yaml` that select, pair or interpret the messages of the source."""
     used = [
-        f"{item.name} {_setting_text(item.value)}"
+        f"{item.name} {setting_text(item.value)}"
         for item in changed_settings(score)
         if item.name.partition(".")[0] in SECTIONS_OF_READING
     ]

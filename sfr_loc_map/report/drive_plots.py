@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.table.details import PathRows, SubTrajectoryRows

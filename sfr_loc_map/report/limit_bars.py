@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from sfr_loc_map.metrics.config import VerdictState, label_of
+from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.verdict_view import VerdictView, share_of_limit, verdict_views
 

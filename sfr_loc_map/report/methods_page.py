@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map.message_text import printable
-from sfr_loc_map.metrics.config import CallKind, label_of
+from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.judging.incomplete import strictly_missing
 from sfr_loc_map.metrics.score.score import Score

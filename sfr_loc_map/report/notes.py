@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from sfr_loc_map.metrics.config import Reading, label_of
+from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.config import Reading
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.report.verdict_view import name_of

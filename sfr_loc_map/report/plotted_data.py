@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import KINDS
 from sfr_loc_map.metrics.table.details import MapDetails, PathRows, SubTrajectoryRows

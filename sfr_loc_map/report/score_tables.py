@@ -14,7 +14,8 @@ from typing import NamedTuple
 import msgspec
 
 from sfr_loc_map.message_text import printable
-from sfr_loc_map.metrics.config import CallKind, Reading, label_of
+from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.config import CallKind, Reading
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import ALIGNED, KINDS, Subject, statistic_title, title_of

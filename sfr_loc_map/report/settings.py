@@ -1,4 +1,4 @@
-"""Settings of a score that differ from their defaults, for the header of a page and for the deviations."""
+"""Settings of a score that differ from their defaults, and their texts, for the header of a page and the deviations."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from sfr_loc_map.config import flatten
+from sfr_loc_map.metrics.conditions import shortest
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.tables.model import UNKNOWN
 
 
 class ChangedSetting(NamedTuple):
@@ -18,6 +20,15 @@ class ChangedSetting(NamedTuple):
     value: Any
     default: Any  #: None for a setting of another package.
     is_of_score: bool  #: Whether the setting is one of `ScoreConfig`; other packages record only changed settings.
+
+
+def setting_text(value: object) -> str:
+    """Return a value of the JSON as text: numbers in the shortest exact form, the items of a list, or unknown."""
+    if isinstance(value, list):
+        return ", ".join(map(setting_text, value))
+    if value is None:
+        return UNKNOWN
+    return shortest(value) if isinstance(value, float) else str(value)
 
 
 def has_all_settings(score: Score) -> bool:

@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 from sfr_loc_map.config import flatten
 from sfr_loc_map.message_text import printable
-from sfr_loc_map.metrics.config import VerdictState, label_of
+from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score.caveats import caveats_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import counts_of
@@ -22,7 +23,7 @@ from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.catalogue import Subject
 from sfr_loc_map.report.notes import EXACT, truth_text
 from sfr_loc_map.report.plotted_data import error_sizes, plotted_conditions
-from sfr_loc_map.report.settings import changed_settings
+from sfr_loc_map.report.settings import changed_settings, has_all_settings, setting_text
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 from sfr_loc_map.tables.model import METRE, OPEN, UNKNOWN, VERDICTS, fitting, number
 
@@ -115,7 +116,7 @@ def run_facts(score: Score) -> tuple[tuple[str, str], ...]:
 
 def provenance_texts(score: Score) -> dict[str, str]:
     """Return the provenance of a score as texts by the keys of the JSON; empty if it is unknown."""
-    return {name: _text(value) for name, value in flatten(to_plain(score.provenance) or {}).items()}
+    return {name: setting_text(value) for name, value in flatten(to_plain(score.provenance) or {}).items()}
 
 
 def _paths(score: Score, roles: Sequence[str]) -> list[str]:
@@ -150,10 +151,12 @@ def _method_text(score: Score) -> str:
 
 
 def _changed_settings(score: Score) -> str:
-    """Return the settings that differ from their defaults; empty if the settings are unknown."""
+    """Return the settings that differ from their defaults; empty if no setting is known."""
     if score.provenance is None or not score.provenance.configuration:
         return ""
-    changed = [f"{item.name} {_text(item.value)}" for item in changed_settings(score)]
+    changed = [f"{item.name} {setting_text(item.value)}" for item in changed_settings(score)]
+    if not has_all_settings(score):
+        changed.append(f"other settings {UNKNOWN}")
     return "; ".join(changed) or "defaults"
 
 
@@ -165,12 +168,6 @@ def _scored_text(score: Score) -> str:
     host = ", ".join(f"Python {value}" if name == "python" else value for name, value in known.items())
     by = f"by sfr_loc_map {made.version or UNKNOWN}{f' on {host}' if host else ''}"
     return f"{made.time or 'time unknown'} {by}"
-
-
-def _text(value: object) -> str:
-    """Return a value of the JSON as text."""
-    items = value if isinstance(value, list) else [value]
-    return ", ".join(UNKNOWN if item is None else str(item) for item in items)
 
 
 # ---- what restricts the score

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
@@ -113,7 +114,9 @@ def render_test_report(
     issue: str = "",
     evidence: Sequence[AdditionalEvidence] = (),
 ) -> str:
-    """Return the report of judged scores as HTML without scripts, formatted for A4."""
+    """Return the report of judged scores as HTML without scripts, formatted for A4; MetricsError without a score."""
+    if not scores:
+        raise MetricsError("a test report requires at least one score, found none: give the scores of the test")
     common = common_verdict(scores)
     sections = [_section(score, index) for index, score in enumerate(scores, 1)]
     states = [row.view.item.state.value for section in sections for row in section.results]

@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sfr_loc_map.message_text import printable
-from sfr_loc_map.metrics.config import Reading, VerdictState, label_of
+from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.config import Reading, VerdictState
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.judging.reasons import why_open
 from sfr_loc_map.metrics.score.limits import BOUND

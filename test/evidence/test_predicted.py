@@ -10,7 +10,7 @@ from sfr_loc_map.evidence.check_tables import PREDICTED_TABLE
 from sfr_loc_map.evidence.predicted import ErrorSource, predicted_rows
 from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.errors.consistency import relative_covariance, sums_of_steps
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import STEP_SIZE, UPPER

@@ -21,7 +21,7 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import STEP_SIZE, UPPER
 from sfr_loc_map.metrics.score.score import Score

@@ -17,7 +17,8 @@ from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
 from sfr_loc_map.live.updates import Call, GraphNodes, ImageStamp, PoseSample, PublishedScore, Status, Track, Update
 from sfr_loc_map.message_types import StatusKind
-from sfr_loc_map.metrics.config import Condition, ConditionKind, ScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.conditions import Condition, ConditionKind
+from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.report.score_tables import score_tables

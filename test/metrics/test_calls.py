@@ -1,10 +1,12 @@
 """Time and memory of calls: measured one by one, by hand, told apart by kind, under the name of their clock."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.calls import call_meter
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE, CallMeter
 from sfr_loc_map.metrics.calls.call_score import (
@@ -61,6 +63,26 @@ def calls(
     peaks = np.full(len(states), np.nan) if peak is None else np.array(peak)
     named = {name: np.array(values) for name, values in stages.items()}
     return Calls(np.arange(len(states)), np.array(seconds), states, peaks, peaks / 10.0, named)
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"seconds": np.ones(3)}, r"'seconds' of calls has the shape \(3,\)"),
+        ({"seconds": np.array([0.1, -0.1])}, "'seconds' of a call is -0.1"),
+        ({"states": ["tracking"]}, "2 calls have 1 states"),
+        ({"peak_bytes": np.ones((2, 1))}, "'peak_bytes' of calls"),
+        ({"above_idle_bytes": np.array([-1.0, np.nan])}, "'above_idle_bytes' of a call is -1"),
+        ({"heap_bytes": np.ones(1)}, "'heap_bytes' of calls"),
+        ({"stage_s": {"align": np.ones(3)}}, r"'stage_s\[align\]' of calls"),
+        ({"stage_s": {"align": np.array([0.1, -2.0])}}, r"'stage_s\[align\]' of a call is -2"),
+    ],
+)
+def test_calls_with_columns_of_other_lengths_or_negative_numbers_are_refused(
+    columns: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(MetricsError, match=words):
+        replace(calls(["tracking", "lost"], [0.1, 0.2]), **columns)
 
 
 def of(made: Calls) -> Score:

@@ -115,6 +115,12 @@ def test_unlike_scores_are_refused() -> None:
             compare_scores(given, ["a", "b"][: len(given)])
 
 
+@pytest.mark.parametrize("names", [["a", "a", "b"], ["a", "b", "b"], ["a", "b"], ["a", "b", "c", "d"]])
+def test_each_compared_score_requires_a_unique_name(names: list[str]) -> None:
+    with pytest.raises(MetricsError, match="give each score a unique name"):
+        compare_scores([whole_run(0.5), whole_run(0.6), whole_run(0.7)], names)
+
+
 def test_few_sub_trajectories_are_not_enough_for_the_comparison_where_they_are_not_for_the_score() -> None:
     """Starts that overlap are fewer than two independent ones: no interval here or there, nobody is worse."""
     both = scores(3, (0.001, 0.010), 70, "distance=7.5")

@@ -5,14 +5,8 @@ from collections.abc import Callable
 import pytest
 
 from sfr_loc_map.errors import ConfigError, MetricsError
-from sfr_loc_map.metrics.config import (
-    AlignedErrorConfig,
-    AssociationConfig,
-    Condition,
-    ConditionKind,
-    MapScoreConfig,
-    TrajectoryScoreConfig,
-)
+from sfr_loc_map.metrics.conditions import Condition, ConditionKind
+from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig, MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 
 DISTANCE, TIME = ConditionKind.DISTANCE, ConditionKind.TIME
@@ -66,3 +60,14 @@ def test_conditions_with_the_same_parts_are_equal() -> None:
     made = Condition(TIME, 10.0, (Condition(DISTANCE, 5.0),))
     assert made == Condition(DISTANCE, 5.0, (Condition(TIME, 10.0),)) == Condition.parse("time=10,distance=5")
     assert made.setting == "distance=5,time=10"
+
+
+@pytest.mark.parametrize("number", ["", "0", "-1", "nan", "inf", "1e400", "1_0", "\u0665", "0x5", "5 5", "5 km"])
+def test_a_condition_requires_a_positive_decimal_number(number: str) -> None:
+    with pytest.raises(MetricsError, match="is not a condition"):
+        Condition.parse(f"distance={number}")
+
+
+@pytest.mark.parametrize("text", ["distance=5", " distance = 5 ", "distance=5 m", "distance=+5.0m", "distance=.5e1"])
+def test_a_condition_may_have_a_unit_and_spaces(text: str) -> None:
+    assert Condition.parse(text).setting == "distance=5"

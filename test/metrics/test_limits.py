@@ -190,6 +190,14 @@ def test_several_requirements_may_limit_one_number(blocks: list[dict[str, Any]])
             {"trajectory": [{"condition": "distance=5", "position_bound_m": {"limit": 9, "certain": True}}]},
             "'position_bound_m': 'certain' is not accepted",
         ),
+        (
+            {"trajectory": [{"condition": "distance=5", "position_bound_m": {"limit": 9, "power": 0.8}}]},
+            "'position_bound_m': 'power' is the power of the sequential test",
+        ),
+        (
+            {"trajectory": [{"condition": "distance=5", "position_bound_m": {"limit": 9, "prob": 1}}]},
+            "'position_bound_m': 'prob' is 1: a number from 0.5",
+        ),
         ({"minimum_count": 1, "map": {"coverage_min": 0.8}}, "minimum_count"),
         ({"minimum_count": 10**400, "map": {"coverage_min": 0.8}}, "minimum_count"),
         ({"minimum_independent": 10**400, "map": {"coverage_min": 0.8}}, "minimum_independent"),
@@ -230,6 +238,25 @@ def test_certainty_of_a_block_does_not_apply_to_its_tolerance_bounds() -> None:
     assert [item.certain for item in limits.limits] == [True, False]
     with pytest.raises(ValueError, match="'certain' is not accepted"):
         replace(limits.limits[1], certain=True)
+
+
+@pytest.mark.parametrize(
+    ("terms", "name", "other"),
+    [
+        ({"prob": 0.99999999}, "prob", 0.999999995),
+        ({"confidence": 0.9}, "confidence", 0.90000001),
+        ({}, "normal", True),
+        ({"interpretation": "ensemble"}, "interpretation", "mixed"),
+        ({"prob": 0.9, "interpretation": "ensemble", "good": 0.001}, "good", 0.00100000001),
+        ({"prob": 0.9, "interpretation": "ensemble", "good": 0.001}, "power", 0.90000001),
+    ],
+)
+def test_bounds_by_other_terms_are_other_rows(terms: dict[str, Any], name: str, other: object) -> None:
+    entries = [
+        {"condition": "distance=5", "position_bound_m": {"limit": 1, **each}} for each in (terms, terms | {name: other})
+    ]
+    score = judged_by(with_position(0.4), parse_limits({"trajectory": entries}, "limits"))
+    assert len({row.keys for row in score.figures if row.figure == BOUND}) == 2
 
 
 def bounded() -> Limits:

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from helpers import ROOT
 from helpers.random_drives import as_score
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.config import Condition, Reading, TrajectoryScoreConfig
+from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.config import Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import parsed_conditions, score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
 

@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.table.row_part import (
     range_of,
     range_part,
 )
-from sfr_loc_map.metrics.table.rows import figure_row
+from sfr_loc_map.metrics.table.rows import figure_row, find_rows
 
 PARTS = {
     None: RowPart(),
@@ -37,6 +37,13 @@ PARTS = {
 def test_a_text_is_a_part_and_the_part_is_the_text(text: str | None, part: RowPart) -> None:
     assert RowPart.of(text) == part
     assert part.text == text
+
+
+@pytest.mark.parametrize(("text", "part"), PARTS.items())
+def test_a_row_is_made_and_found_by_its_part_or_by_the_text_of_the_part(text: str | None, part: RowPart) -> None:
+    row = figure_row("peak", part=part, value=1.0)
+    assert row == figure_row("peak", part=text, value=1.0)
+    assert [*find_rows((row,), "peak", part=part)] == [*find_rows((row,), "peak", part=text)] == [row]
 
 
 def test_parts_with_a_number_are_read_as_they_are_written() -> None:

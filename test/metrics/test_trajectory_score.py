@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from helpers import metrics_reference as reference
 from helpers.random_drives import Poses, as_score, corrupted, drive, rows, trajectory
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.metrics.config import Condition, ConditionKind, TrajectoryScoreConfig
+from sfr_loc_map.metrics.conditions import Condition, ConditionKind
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score

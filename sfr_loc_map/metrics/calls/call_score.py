@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.message_text import printable
+from sfr_loc_map.message_text import counted, printable
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE
 from sfr_loc_map.metrics.completeness.expected_items import calls_completeness
@@ -66,6 +66,23 @@ class Calls:
     heap_bytes: FloatArray | None = None  #: `(N,)` peak heap size, NaN if not measured; None if never measured.
     stack_bytes: FloatArray | None = None  #: `(N,)` peak stack depth, NaN if not measured; None if never measured.
     memory_method: str | None = None  #: Method of measuring memory, from the source of the calls; None if unknown.
+
+    def __post_init__(self) -> None:
+        """Check that each column has one entry for each call, and that no number is negative; MetricsError if not."""
+        count = len(self.stamps_ns)
+        if len(self.states) != count:
+            raise MetricsError(f"{counted(count, 'call')} have {len(self.states)} states: one state each is required")
+        names = ("seconds", "peak_bytes", "above_idle_bytes", "heap_bytes", "stack_bytes")
+        columns = {name: getattr(self, name) for name in names}
+        columns |= {f"stage_s[{name}]": seconds for name, seconds in self.stage_s.items()}
+        for name, values in columns.items():
+            if values is None:
+                continue
+            if np.shape(values) != (count,):
+                needed = f"{(count,)} is required for {counted(count, 'call')}"
+                raise MetricsError(f"'{name}' of calls has the shape {np.shape(values)}: {needed}")
+            if (values < 0.0).any():
+                raise MetricsError(f"'{name}' of a call is {np.nanmin(values):g}: a number >= 0, or NaN, is required")
 
     @property
     def kinds(self) -> NDArray[np.object_]:

@@ -36,7 +36,8 @@ from sfr_loc_map.metrics.completeness.gaps import (
     path_without_images,
     true_path,
 )
-from sfr_loc_map.metrics.config import AssociationMode, Condition
+from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.config import AssociationMode
 from sfr_loc_map.metrics.frames.association import Matching, nearness_ns
 from sfr_loc_map.metrics.frames.placement import PlacedFrames
 from sfr_loc_map.metrics.table.catalogue import HIDDEN_CONDITIONS, IN_GAPS

@@ -46,7 +46,7 @@ def has_own(expected_ns: IntArray, stamps_ns: IntArray, near_ns: int) -> Mask:
 def expected_row(part: RowPart, judged: int, expected: int | None) -> Figure:
     """Return the row `judged` of a part: the number of expected items, null if unknown, and the judged fraction."""
     share = None if expected is None else share_of(judged, expected)
-    return figure_row(JUDGED, part=part.text, n=expected, value=share)
+    return figure_row(JUDGED, part=part, n=expected, value=share)
 
 
 def share_rows(name: str, count: int | None, total: int) -> Iterator[Figure]:
@@ -90,8 +90,7 @@ def map_completeness(
 
     `points` is the number of finite points of the cloud. `point_pairs` contains the pairs of the points. `uncovered` is
     the fraction of the true pixels of each pair in the scored range that have no point, None if the pair has no such
-    pixel.
-    `repeated` is the number of points whose pixel or position is that of an earlier point.
+    pixel. `repeated` is the number of points whose pixel or position is that of an earlier point.
     """
     mapped = len(np.unique(point_pairs))
     missing = max(expected_pairs - mapped, 0)
@@ -147,7 +146,7 @@ def calls_completeness(
         expected = np.unique(expected_ns)
         judged, many = judged_calls(kind, given, expected)
         yield expected_row(part, judged, many)
-        calls = part.of_calls.text
+        calls = part.of_calls
         missing = UNMEASURED if scope is Scope.MEMORY else CALLS_MISSING
         yield figure_row(missing, part=calls, n=many, value=share_of(many - judged, many))
         if scope is Scope.CALLS:
@@ -163,7 +162,7 @@ def judged_calls(kind: CallKind, given: IntArray, expected: IntArray) -> tuple[i
     return judged, len(expected)
 
 
-def wrong_calls(part: str | None, given: IntArray, expected: IntArray) -> Iterator[Figure]:
+def wrong_calls(part: RowPart, given: IntArray, expected: IntArray) -> Iterator[Figure]:
     """Yield the rows of the measured calls that belong to no expected pair, or to the pair of another call."""
     total = len(given)
     unique, counts = np.unique(given, return_counts=True)

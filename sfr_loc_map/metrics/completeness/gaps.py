@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.completeness.expected_items import has_own, settled
-from sfr_loc_map.metrics.config import Condition, ConditionKind
+from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.frames.association import nearness_ns, unique_rows
 
 GAP_PERIODS = 5  #: A gap is a time of more than this number of median periods between neighbouring poses.
@@ -178,13 +178,3 @@ def is_in_a_gap(condition: Condition, gaps: Gaps, path: TruePath) -> bool:
     lengths = {ConditionKind.DISTANCE: lengths_m, ConditionKind.DISPLACEMENT: lengths_m, ConditionKind.TIME: lengths_s}
     is_longer = [lengths[part.kind] > part.value for part in condition.parts if part.kind in lengths]
     return bool(is_longer) and bool(np.all(is_longer, axis=0).any())
-
-
-def covered_text(share: float, of: str, longest: LongestGap | None) -> str:
-    """Return the text of the covered fraction of images or true poses (`of`) and of the longest gap."""
-    text = f"the estimate covers {100.0 * share:.4g} % of the {of}"
-    if longest is not None:
-        text += f", and its longest gap is {longest.distance_m:.4g} m and {longest.time_s:.4g} s"
-    if of != "images":
-        text += "; if the truth is longer or denser than the images, score against the source with its images"
-    return text

@@ -1,12 +1,13 @@
 """The table of shortfalls: when a result is incomplete, one line for each kind of missing or wrong data.
 
-`SHORTFALLS` states for each kind the figure, the largest value of the figure with which the result is complete, with
-and without limits, the text, and what accepts the shortfall. `judging.incomplete` compares the row of the figure with
-this value (`above_most`); for the kinds in its table `FINDERS`, the result or the text depends on more than
-the row. Limits on completeness, the deviations of a test report and the table of docs/metrics.md follow from
-`SHORTFALLS`.
+`SHORTFALLS` states for each kind
 
-A shortfall is accepted by the limit on its figure, by the limits in `accepted_by`, and by `--partial` if `partial`.
+- the figure, and the largest value of the figure with which the result is complete,
+- how the shortfall is found (`Finder`) and its text,
+- what accepts the shortfall: the limit on its figure, the limits in `accepted_by`, and `--partial` if `partial`.
+
+`judging.incomplete` evaluates the table: it has one function for each `Finder`. Limits on completeness, the deviations
+of a test report and the table of docs/metrics.md follow from `SHORTFALLS`.
 
 To add a shortfall, add its line to `SHORTFALLS` and its figure to `catalogue`, and compute the row of the figure in
 `expected_items`, or for a drive in `drive`, `copies`, `errors.other_frames` or `errors.standing`.
@@ -18,7 +19,7 @@ To add a scope, add it to `row_part.Scope`, compute its row `judged` in `expecte
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from enum import Enum, auto
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind
@@ -36,34 +37,47 @@ from sfr_loc_map.metrics.table.catalogue import (
 from sfr_loc_map.metrics.table.row_part import Scope
 
 
-def same_fraction(bound: float) -> float:
-    """Return the bound of a limit: the limit allows the same fraction for the figure of the shortfall."""
-    return bound
+class Finder(Enum):
+    """How a shortfall is found. The comments name what is inserted into the text of the kind."""
+
+    #: The figure exceeds its largest complete value, or is unknown: `percent`, `value`, and `part`, the calls.
+    FIGURE = auto()
+    GAPS = auto()  #: As `FIGURE`, but the text states the covered fraction of the drive and the longest gap.
+    #: A limit is missed by the errors at frames at which no judged sub-trajectory starts or ends: `percent`, `spacing`,
+    #: `statistic`, `figure`, `condition`, `value` and `limit`.
+    OTHER_FRAMES = auto()
+    #: A limit is met only because a stationary rover adds sub-trajectories: `percent`, `condition`, `standing`,
+    #: `independent`, `statistic`, `figure`, `value` and `limit`.
+    STANDING = auto()
 
 
-def rest(bound: float) -> float:
-    """Return 1 minus the bound of a limit that requires at least this fraction of the items."""
-    return 1.0 - bound
+class Allowance(Enum):
+    """The largest complete value of the figure of a shortfall, by the bound of a limit on another figure."""
 
+    BOUND = auto()  #: The bound: the limit allows the same fraction.
+    REST = auto()  #: 1 minus the bound: the limit requires at least this fraction of the items.
+    ANY = auto()  #: Any value, because the limit itself judges the same items.
+    #: Any value for a bound above 0, because the limit counts other items than the shortfall.
+    ANY_IF_SOME = auto()
 
-def any_value(_: float) -> float:
-    """Return infinity: the limit accepts any shortfall, because the limit itself judges the same items."""
-    return math.inf
-
-
-def any_value_if_some(bound: float) -> float:
-    """Return 0 for a bound of 0, and infinity otherwise.
-
-    A limit with a bound above 0 accepts any shortfall, because the limit counts other items than the shortfall.
-    """
-    return math.inf if bound > 0.0 else 0.0
+    def largest(self, bound: float) -> float:
+        """Return the largest complete value for a bound; infinity for any value."""
+        match self:
+            case Allowance.BOUND:
+                return bound
+            case Allowance.REST:
+                return 1.0 - bound
+            case Allowance.ANY:
+                return math.inf
+            case Allowance.ANY_IF_SOME:
+                return math.inf if bound > 0.0 else 0.0
 
 
 class AcceptedBy(NamedTuple):
     """A limit on another figure that accepts a shortfall."""
 
     limit: str  #: Name of the limit.
-    allowed: Callable[[float], float]  #: Returns the largest complete value of the figure for a bound of the limit.
+    allowance: Allowance
     only_without_images: bool = False  #: Whether the limit accepts the shortfall only if the images are unknown.
 
 
@@ -75,10 +89,9 @@ class ShortfallKind(NamedTuple):
     expected: str  #: What the figure is a fraction of.
     #: Largest value of the figure for which the scope is complete, if the score has limits; None for any value.
     most: float | None
-    #: Why the scope is incomplete. `percent`, `value` and `part` (the calls) are inserted. Empty if the finder of the
-    #: kind composes the text.
-    text: str = ""
-    most_without_limits: float | None = None  #: The largest complete value if the score has no limits.
+    text: str = ""  #: Why the scope is incomplete, with the names that `Finder` states; empty for `Finder.GAPS`.
+    finder: Finder = Finder.FIGURE
+    is_required_without_limits: bool = False  #: Whether `most` also applies to a score without limits.
     accepted_by: tuple[AcceptedBy, ...] = ()  #: Limits that accept the shortfall, besides the limit on its figure.
     partial: bool = True  #: Whether `--partial` accepts the shortfall: missing data, but not wrong data.
     is_limited: bool = True  #: Whether a limits file can have a limit on the figure.
@@ -94,6 +107,11 @@ class ShortfallKind(NamedTuple):
         return f"{self.figure}_max_share" if self.is_limited else None
 
     @property
+    def most_without_limits(self) -> float | None:
+        """The largest complete value if the score has no limits; None for any value."""
+        return self.most if self.is_required_without_limits else None
+
+    @property
     def is_complete_without_items(self) -> bool:
         """Whether the scope is complete if the figure is a fraction of 0 items."""
         return not self.text_of_nothing
@@ -106,7 +124,7 @@ class ShortfallKind(NamedTuple):
         if limit_name == self.limit_name:
             return math.inf
         accepting = [
-            each.allowed(bound)
+            each.allowance.largest(bound)
             for each in self.accepted_by
             if each.limit == limit_name and not (has_images and each.only_without_images)
         ]
@@ -137,7 +155,7 @@ def answered_twice(scope: Scope, node: CallKind) -> ShortfallKind:
         "answers",
         0.0,
         "{percent} % of the answers belong to pairs that were answered before",
-        accepted_by=(AcceptedBy("calls_doubled_max_share", same_fraction),),
+        accepted_by=(AcceptedBy("calls_doubled_max_share", Allowance.BOUND),),
         partial=False,
         is_limited=False,
         of_node=node,
@@ -146,14 +164,15 @@ def answered_twice(scope: Scope, node: CallKind) -> ShortfallKind:
 
 SHORTFALLS = (
     # ---- drives
-    ShortfallKind("missing", Scope.DRIVE, IMAGES, 0.0, is_of_expected=True),
+    ShortfallKind("missing", Scope.DRIVE, IMAGES, 0.0, finder=Finder.GAPS, is_of_expected=True),
     ShortfallKind(  # not 0 without limits, because the last images of a recording are often not processed
         IN_GAPS,
         Scope.DRIVE,
         "images, or true path",
         0.01,
-        most_without_limits=0.01,
-        accepted_by=(AcceptedBy(MISSING, same_fraction),),
+        finder=Finder.GAPS,
+        is_required_without_limits=True,
+        accepted_by=(AcceptedBy(MISSING, Allowance.BOUND),),
         is_limited=False,
     ),
     ShortfallKind(
@@ -161,8 +180,9 @@ SHORTFALLS = (
         Scope.DRIVE,
         "conditions",
         0.0,
-        most_without_limits=0.0,
-        accepted_by=(AcceptedBy(MISSING, any_value_if_some),),
+        finder=Finder.GAPS,
+        is_required_without_limits=True,
+        accepted_by=(AcceptedBy(MISSING, Allowance.ANY_IF_SOME),),
         is_limited=False,
     ),
     ShortfallKind(
@@ -171,8 +191,8 @@ SHORTFALLS = (
         "pairs for an external localiser",
         0.0,
         "{percent} % of the pairs have no answer",
-        most_without_limits=0.0,
-        accepted_by=(AcceptedBy(MISSING, same_fraction),),
+        is_required_without_limits=True,
+        accepted_by=(AcceptedBy(MISSING, Allowance.BOUND),),
         is_limited=False,
         of_node=CallKind.LOCALISATION,
     ),
@@ -184,7 +204,7 @@ SHORTFALLS = (
         "{percent} % of the images (of the poses, if the images are unknown) cannot be judged, because there is no "
         "true pose at their stamp (option frames=images interpolates the truth)",
         # if the images are unknown, this figure counts estimates without truth, which this limit also judges
-        accepted_by=(AcceptedBy("unmatched_max_share", any_value, only_without_images=True),),
+        accepted_by=(AcceptedBy("unmatched_max_share", Allowance.ANY, only_without_images=True),),
         is_of_expected=True,
     ),
     ShortfallKind("lost", Scope.DRIVE, "frames", None, partial=False),
@@ -221,11 +241,31 @@ SHORTFALLS = (
         "long judged motions",
         0.1,
         f"{{percent}} % of the judged motions from a start to an end {OF_TRUTH}",
-        accepted_by=(AcceptedBy("poses_of_truth_max_share", same_fraction),),
+        accepted_by=(AcceptedBy("poses_of_truth_max_share", Allowance.BOUND),),
         partial=False,
     ),
-    ShortfallKind(ERRORS_BEYOND, Scope.DRIVE, "frames", BEYOND_MOST, partial=False),
-    ShortfallKind(STANDING, Scope.DRIVE, "sub-trajectories", STANDING_MOST, partial=False),
+    ShortfallKind(
+        ERRORS_BEYOND,
+        Scope.DRIVE,
+        "frames",
+        BEYOND_MOST,
+        "{percent} % of the frames have errors far above the judged errors, but no judged sub-trajectory starts or "
+        "ends at these frames, because starts are {spacing} frames apart: {statistic} of their {figure} over "
+        "{condition} is {value} (limit {limit}); find the cause of these errors",
+        finder=Finder.OTHER_FRAMES,
+        partial=False,
+    ),
+    ShortfallKind(
+        STANDING,
+        Scope.DRIVE,
+        "sub-trajectories",
+        STANDING_MOST,
+        "{percent} % of the sub-trajectories over {condition} {standing}; of the others, {independent} are "
+        "independent, and {statistic} of their {figure} is {value}; these alone do not suffice to meet limit {limit}: "
+        "record a longer drive in motion, or allow the fraction by standing_max_share",
+        finder=Finder.STANDING,
+        partial=False,
+    ),
     answered_twice(Scope.DRIVE, CallKind.LOCALISATION),
     # ---- maps
     ShortfallKind(
@@ -234,7 +274,7 @@ SHORTFALLS = (
         "mapping pairs",
         0.0,
         "{percent} % of the mapping pairs have no point in the cloud",
-        most_without_limits=0.0,
+        is_required_without_limits=True,
         is_of_expected=True,
     ),
     ShortfallKind(  # not 0, because points at the edge of the sky may have no truth
@@ -254,7 +294,7 @@ SHORTFALLS = (
         "true pixels, worst pair",
         0.5,
         "a mapping pair has no map point at {percent} % of its pixels with ground truth in the scored range",
-        accepted_by=(AcceptedBy("coverage_min", rest),),
+        accepted_by=(AcceptedBy("coverage_min", Allowance.REST),),
         text_of_nothing="no mapping pair has a pixel with ground truth in the scored range, so no point was required",
     ),
     answered_twice(Scope.MAP, CallKind.MAPPING),
@@ -289,7 +329,7 @@ SHORTFALLS = (
         "pairs",
         0.0,
         "the memory of {percent} % of the {part} calls was not measured",
-        accepted_by=(AcceptedBy("calls_missing_max_share", same_fraction),),
+        accepted_by=(AcceptedBy("calls_missing_max_share", Allowance.BOUND),),
         is_limited=False,
         is_of_expected=True,
     ),

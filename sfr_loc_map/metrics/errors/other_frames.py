@@ -9,7 +9,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.metrics.completeness.expected_items import share_of
 from sfr_loc_map.metrics.completeness.shortfall_kinds import BEYOND, BEYOND_MOST
-from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.errors.trajectory_errors import error_figures, error_row, errors_of
 from sfr_loc_map.metrics.frames.placement import PlacedFrames
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories

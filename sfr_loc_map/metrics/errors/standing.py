@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.completeness.expected_items import share_of
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.errors.trajectory_errors import error_figures, error_row
 from sfr_loc_map.metrics.formulas import Poses
 from sfr_loc_map.metrics.frames.motion import MOVING_SHARE, least_motion

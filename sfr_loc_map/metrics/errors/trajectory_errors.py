@@ -9,7 +9,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics import formulas, formulas_beside
-from sfr_loc_map.metrics.config import Condition, ConditionKind
+from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.formulas import Lengths
 from sfr_loc_map.metrics.frames.association import StampedPoses
 from sfr_loc_map.metrics.frames.placement import PlacedFrames

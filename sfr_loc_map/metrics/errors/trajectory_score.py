@@ -18,7 +18,8 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.completeness.copies import copy_rows, judged_of_truth
 from sfr_loc_map.metrics.completeness.drive import drive_completeness
-from sfr_loc_map.metrics.config import Condition, Reading, TrajectoryScoreConfig
+from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.config import Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.consistency import StepSums, nees_rows, sums_of_steps
 from sfr_loc_map.metrics.errors.other_frames import (
     largest_fraction_beyond,

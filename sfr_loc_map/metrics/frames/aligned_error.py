@@ -25,7 +25,8 @@ from sfr_loc_map.geometry.rotation import (
 )
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth, at_point
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionKind
+from sfr_loc_map.metrics.conditions import Condition, ConditionKind
+from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.formulas_beside import relative_motions
 from sfr_loc_map.metrics.frames.association import check_attitudes, unique_rows

@@ -18,7 +18,8 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_multiply
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth, at_point
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.config import AssociationConfig, Condition, ConditionKind, Reading, TrajectoryScoreConfig
+from sfr_loc_map.metrics.conditions import Condition, ConditionKind
+from sfr_loc_map.metrics.config import AssociationConfig, Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses
 from sfr_loc_map.metrics.frames.aligned_error import umeyama
 from sfr_loc_map.metrics.frames.association import Estimates, Frames, Matching, StateCounts, associate, check_attitudes
@@ -44,6 +45,11 @@ class Placement(NamedTuple):
     tilt_deg: float | None  #: Tilt of z; None if the rotation is a yaw.
     translation_m: tuple[float, ...]
 
+    @property
+    def reading(self) -> Reading:
+        """The reading of the specification for an estimate with this alignment."""
+        return Reading.YAW_ALIGNED if self.tilt_deg is None else Reading.ROTATION_ALIGNED
+
 
 class PlacedFrames(NamedTuple):
     """Stamps with an estimate and a true pose in common axes, and the reading of the specification that judges them."""
@@ -52,10 +58,15 @@ class PlacedFrames(NamedTuple):
     matching: Matching
     estimates: Estimates
     truth: Truth
-    reading: Reading
+    rebase: Reading  #: Reading of the settings, which judges estimates that were not aligned.
     placement: Placement | None  #: The alignment with a truth without attitudes; None for other truths.
     poses: Poses  #: Poses of all frames; unknown true heights are NaN.
     length_m: Lengths  #: Length of the true path up to each frame.
+
+    @property
+    def reading(self) -> Reading:
+        """The judged reading of the specification."""
+        return self.rebase if self.placement is None else self.placement.reading
 
     @property
     def states(self) -> StateCounts:
@@ -70,7 +81,7 @@ class PlacedFrames(NamedTuple):
     @property
     def readings(self) -> list[Reading]:
         """The readings by which errors are known, the judged one first."""
-        if self.reading.is_fit:
+        if self.placement is not None:
             return [self.reading]
         others = [reading for reading in Reading if not reading.is_fit and reading is not self.reading]
         return [self.reading, *others]
@@ -95,8 +106,8 @@ def placed_frames(
 ) -> PlacedFrames:
     """Return the frames of an estimate and a true trajectory.
 
-    If the truth has no attitudes, the estimate is first aligned.
-    Raises MetricsError if a condition requires true attitudes, but the truth has no roll and pitch.
+    If the truth has no attitudes, the estimate is first aligned. MetricsError if a condition requires true attitudes,
+    but the truth has no roll and pitch, or if the estimate has no attitudes.
     """
     truth = as_truth(trajectory)
     has_turn = any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts)
@@ -104,13 +115,12 @@ def placed_frames(
         has = "no roll and pitch" if truth.has_attitude else "only positions"
         raise MetricsError(f"a condition turn=DEG requires true attitudes, but the truth has {has}: omit it")
     if truth.has_attitude:
-        reading, placement = Reading(config.rebase), None
+        placement = None
         frames, matching = associate(estimates.trajectory, truth, config.association, images_ns)
         if not truth.has_tilt:
             frames = with_estimated_tilt(frames)
     else:
         estimates, frames, matching, placement = associate_positions(estimates, truth, config.association, images_ns)
-        reading = Reading.YAW_ALIGNED if placement.tilt_deg is None else Reading.ROTATION_ALIGNED
     true_position = frames.true_position
     if not truth.has_height:
         true_position = true_position.copy()
@@ -120,7 +130,7 @@ def placed_frames(
         matching=matching,
         estimates=estimates,
         truth=truth,
-        reading=reading,
+        rebase=Reading(config.rebase),
         placement=placement,
         poses=Poses(true_position, frames.true_attitude, frames.position, frames.attitude),
         length_m=formulas.path_length_m(frames.true_position),

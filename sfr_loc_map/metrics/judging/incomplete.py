@@ -1,9 +1,9 @@
 """What makes a score incomplete: expected data that are missing or cannot be judged, and data that are wrong.
 
-For each scope of the score, `shortfalls_of` states whether the expected items are unknown (`unknown_items`) and goes
-through the table `SHORTFALLS` (`metrics.completeness.shortfall_kinds`). `largest_complete` returns the largest value of
-a figure with which the scope is complete by the rules of the score. The finder of the kind compares the figure with
-this value: `above_most`, or for some kinds the finder in `FINDERS`.
+For each scope of the score, `shortfalls_of` states whether the expected items are unknown (`unknown_items`) and
+evaluates the table `SHORTFALLS` (`metrics.completeness.shortfall_kinds`). `largest_complete` returns the largest value
+of a figure with which the scope is complete by the rules of the score. The finder of the kind compares the figure with
+this value (`FINDERS`).
 """
 
 from __future__ import annotations
@@ -13,31 +13,22 @@ from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.completeness.gaps import LongestGap, covered_text
 from sfr_loc_map.metrics.completeness.shortfall_kinds import (
     BEYOND,
     SHORTFALLS,
     UNKNOWN_FIGURE,
     UNKNOWN_ITEMS,
+    Finder,
     ShortfallKind,
 )
-from sfr_loc_map.metrics.config import Condition, VerdictState, label_of
+from sfr_loc_map.metrics.conditions import Condition, label_of
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.limit_scope import judged_parts, tasks_of
 from sfr_loc_map.metrics.score.limits import Limit, LimitSection, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.table.catalogue import (
-    ERRORS_BEYOND,
-    HIDDEN_CONDITIONS,
-    IN_GAPS,
-    JUDGED,
-    KINDS,
-    STANDING,
-    Subject,
-    statistic_title,
-    title_of,
-)
+from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, JUDGED, STANDING, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.table.row_part import (
     DISTANCE,
     MOVING,
@@ -110,7 +101,7 @@ def shortfalls_of(part: RowPart, score: Score) -> Iterator[Shortfall]:
             yield from unknown_states(kind, score)
         most = largest_complete(kind, score)
         if most is not None:
-            yield from FINDERS.get(kind.figure, above_most)(kind, part, score, most)
+            yield from FINDERS[kind.finder](kind, part, score, most)
 
 
 def largest_complete(kind: ShortfallKind, score: Score) -> float | None:
@@ -187,7 +178,7 @@ def above_most(kind: ShortfallKind, part: RowPart, score: Score, most: float) ->
     elif row.value is None and kind.text_of_nothing:
         yield Shortfall(kind, part, most, None, kind.text_of_nothing, index)
     elif row.value is not None and row.value > most:
-        text = kind.text.format(percent=f"{100.0 * row.value:.4g}", value=f"{row.value:g}", part=calls)
+        text = kind.text.format(percent=percent_of(row), value=f"{row.value:g}", part=calls)
         yield Shortfall(kind, part, most, row.value, text, index)
 
 
@@ -226,7 +217,15 @@ def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: fl
         is_of_many = statistic in QUANTILES or others.p95 is None or not meets(limit, others.p95)
         is_far = share.value > most or (is_met and is_of_many and abs(value) > BEYOND * limit.limit)
         if is_far and not meets(limit, value):
-            text = beyond_text(score, limit, share.value, value)
+            text = kind.text.format(
+                percent=percent_of(share),
+                spacing=1 if score.association is None else score.association.spacing_frames,
+                statistic=statistic_title(statistic),
+                figure=title_of(limited.figure),
+                condition=label_of(limit.condition),
+                value=f"{value:.4g} {others.unit}",
+                limit=f"{limit.limit:g} {others.unit}",
+            )
             yield Shortfall(kind, part, most, share.value, text, score.index_of(share))
 
 
@@ -248,36 +247,35 @@ def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: floa
         value = moving.statistic(statistic_of(limit))
         is_enough = score.active_rules.has_enough_independent(moving.independent or 0.0)
         if value is None or not is_enough or not meets(limit, value):
-            text = standing_text(limit, share, moving, value)
+            over = Condition.parse(condition)
+            text = kind.text.format(
+                percent=percent_of(share),
+                condition=over.label,
+                standing=over.standing,
+                independent=f"{moving.independent or 0.0:.3g}",
+                statistic=statistic_title(statistic_of(limit)),
+                figure=title_of(figure),
+                value="unknown" if value is None else f"{value:.4g} {moving.unit}",
+                limit=limit.name,
+            )
             yield Shortfall(kind, part, most, share.value, text, score.index_of(share))
 
 
-Finder = Callable[[ShortfallKind, RowPart, Score, float], Iterator[Shortfall]]
-FINDERS: dict[str, Finder] = {
-    "missing": above_most_in_gaps,
-    IN_GAPS: above_most_in_gaps,
-    HIDDEN_CONDITIONS: above_most_in_gaps,
-    ERRORS_BEYOND: beyond_the_judged,
-    STANDING: met_by_standing,
+FINDERS: dict[Finder, Callable[[ShortfallKind, RowPart, Score, float], Iterator[Shortfall]]] = {
+    Finder.FIGURE: above_most,
+    Finder.GAPS: above_most_in_gaps,
+    Finder.OTHER_FRAMES: beyond_the_judged,
+    Finder.STANDING: met_by_standing,
 }
-"""Finders of the kinds of shortfalls that depend on more than the row of their figure, by figure. The last two depend
-on the limits of the score, each of which can have a shortfall. All other kinds have the finder `above_most`."""
+"""The functions of the finders. The last two depend on the limits of the score, each of which can have a shortfall."""
 
 
-# ---- texts
+# ---- numbers and texts
 
 
-def standing_text(limit: Limit, share: Figure, moving: Figure, value: float | None) -> str:
-    """Return the text about the sub-trajectories that a stationary rover adds, and about the errors of the others."""
-    figure = limit.limited.figure
-    condition = Condition.parse(share.condition or "")
-    number = "unknown" if value is None else f"{value:.4g} {KINDS[figure].unit}"
-    return (
-        f"{100.0 * (share.value or 0.0):.4g} % of the sub-trajectories over {condition.label} {condition.standing}; of "
-        f"the others, {moving.independent or 0.0:.3g} are independent, and {statistic_title(statistic_of(limit))} of "
-        f"their {title_of(figure)} is {number}; these alone do not suffice to meet limit {limit.name}: record a longer "
-        "drive in motion, or allow the fraction by standing_max_share"
-    )
+def percent_of(share: Figure) -> str:
+    """Return the value of a row, which is a fraction, in per cent."""
+    return f"{100.0 * (share.value or 0.0):.4g}"
 
 
 def statistic_of(limit: Limit) -> str:
@@ -289,20 +287,6 @@ def statistic_of(limit: Limit) -> str:
         return limit.limited.statistic
     within = [name for name in OF_BOUNDS if QUANTILES[name] <= 100.0 * limit.prob]
     return within[-1]
-
-
-def beyond_text(score: Score, limit: Limit, share: float, value: float) -> str:
-    """Return the text about the frames whose errors far exceed the judged errors, and about these errors."""
-    limited = limit.limited
-    spacing = 1 if score.association is None else score.association.spacing_frames
-    unit = KINDS[limited.figure].unit
-    return (
-        f"{100.0 * share:.4g} % of the frames have errors far above the judged errors, but no judged sub-trajectory "
-        f"starts or ends at these frames, because starts are {spacing} frames apart: "
-        f"{statistic_title(statistic_of(limit))} of their {title_of(limited.figure)} over "
-        f"{label_of(limit.condition or '')} is {value:.4g} {unit} (limit {limit.limit:g} {unit}); find the cause of "
-        "these errors"
-    )
 
 
 def why_unknown(part: RowPart, row: Figure | None) -> str:
@@ -319,11 +303,17 @@ def why_unknown(part: RowPart, row: Figure | None) -> str:
 def missing_text(score: Score) -> str:
     """Return the text of the fraction of a drive that has an estimate, and of the longest gap."""
     drive = score.association
-    value = score.number("missing", part=None) or 0.0
-    what = "images" if drive is None or drive.images is not None else "true poses"
-    if value == 1.0 and drive is None:
-        return f"no pose for any of {score.number('missing', 'n', part=None):.0f} {what}"
+    has_images = drive is None or drive.images is not None
+    items = "images" if has_images else "true poses"
+    row = score.figure("missing", part=None)
+    missing = 0.0 if row is None or row.value is None else row.value
+    if drive is None and row is not None and missing == 1.0:
+        return f"no pose for any of {row.n} {items}"
+    text = f"the estimate covers {100.0 * (1.0 - missing):.4g} % of the {items}"
     longest_m = score.number("longest_gap", part=DISTANCE)
     longest_s = score.number("longest_gap", part=TIME)
-    longest = None if longest_m is None or longest_s is None else LongestGap(longest_m, longest_s)
-    return covered_text(1.0 - value, what, longest)
+    if longest_m is not None and longest_s is not None:
+        text += f", and its longest gap is {longest_m:.4g} m and {longest_s:.4g} s"
+    if not has_images:
+        text += "; if the truth is longer or denser than the images, score against the source with its images"
+    return text

@@ -31,7 +31,7 @@ from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
 from sfr_loc_map.metrics.score.limits import BOUND, Limit, LimitedNumber, Limits, LimitSection, Rules, margin_of, meets
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.score.verdict import Verdict
+from sfr_loc_map.metrics.score.verdict import ProofRecord, Verdict, is_within_error
 from sfr_loc_map.metrics.statistics.intervals import Interval
 from sfr_loc_map.metrics.table.catalogue import JUDGED, KINDS
 from sfr_loc_map.metrics.table.row_part import RowPart, Scope
@@ -157,13 +157,13 @@ def verdict_on(limit: Limit, figure: LimitedValue, limits: Limits) -> Verdict:
 
     `certain` states whether the 95 % interval is on one side of the limit, and is None without an interval.
     """
-    verdict = open_verdict(limit, figure)
+    certain = None
     if figure.value is not None and is_enough(limit, figure, limits):
-        verdict = struct_replace(verdict, certain=is_certain(limit, figure.value, figure.interval))
-    return struct_replace(verdict, state=state_of(verdict, limit, figure, limits))
+        certain = is_certain(limit, figure.value, figure.interval)
+    return verdict_of(limit, figure, state_of(limit, figure, limits, certain=certain), certain=certain)
 
 
-def state_of(verdict: Verdict, limit: Limit, figure: LimitedValue, limits: Limits) -> VerdictState:
+def state_of(limit: Limit, figure: LimitedValue, limits: Limits, *, certain: bool | None) -> VerdictState:
     """Return the state of the verdict on the limited number, by the first rule that applies.
 
     A figure that equals its limit passes. A signed mean (heading) is compared by its absolute value (`meets`).
@@ -172,12 +172,12 @@ def state_of(verdict: Verdict, limit: Limit, figure: LimitedValue, limits: Limit
         return VerdictState.PASS
     if figure.value is None or not is_enough(limit, figure, limits):
         return VerdictState.NOT_ENOUGH_DATA
-    if verdict.is_within_truth_error:
+    if is_within_error(margin_of(limit.name, limit.limit, figure.value), figure.truth_error):
         return VerdictState.NOT_ENOUGH_DATA
     if not meets(limit, figure.value):
         return VerdictState.FAIL
     is_counted = limit.section is LimitSection.COMPLETENESS  # a count has no uncertainty
-    if limit.certain and not verdict.certain and not is_counted:
+    if limit.certain and not certain and not is_counted:
         return VerdictState.NOT_ENOUGH_DATA
     return VerdictState.PASS
 
@@ -210,12 +210,18 @@ def proof_verdict(limit: Limit, proof: Proof, row_index: int | None, truth_error
     """Return the verdict on a limit with a fraction and a confidence, whose tolerance bound is a row of the table."""
     independent = proof.record.independent
     figure = LimitedValue(proof.bound, proof.n, row_index=row_index, independent=independent, truth_error=truth_error)
-    verdict = open_verdict(limit, figure)
-    return struct_replace(verdict, state=proof.state, proof=proof.record)
+    return verdict_of(limit, figure, proof.state, proof=proof.record)
 
 
-def open_verdict(limit: Limit, figure: LimitedValue) -> Verdict:
-    """Return the verdict on the limited number before it is decided, with the state `not enough data`."""
+def verdict_of(
+    limit: Limit,
+    figure: LimitedValue,
+    state: VerdictState,
+    *,
+    certain: bool | None = None,
+    proof: ProofRecord | None = None,
+) -> Verdict:
+    """Return the verdict on the limited number, with this state."""
     limited = limit.limited
     value = figure.value
     interval = figure.interval
@@ -237,8 +243,10 @@ def open_verdict(limit: Limit, figure: LimitedValue) -> Verdict:
         n=figure.n,
         independent=figure.independent,
         truth_error=figure.truth_error or None,
-        state=VerdictState.NOT_ENOUGH_DATA,
+        state=state,
+        certain=certain,
         needs_certainty=limit.certain,
+        proof=proof,
     )
 
 

@@ -7,15 +7,17 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import asdict
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.config import suggestion
 from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, MetricsError
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.score.limits import (
     BOUND,
     CERTAIN_BOUND,
+    DEFAULT_TERMS,
     LIMITED_NUMBERS,
     MINIMUM_COUNT,
     MINIMUM_INDEPENDENT,
@@ -30,7 +32,7 @@ from sfr_loc_map.metrics.score.limits import (
 )
 
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: Keys of a requirement besides its limits.
-TERMS = Terms._fields  #: Additional keys of a limit on a tolerance bound.
+TERMS = Terms.__struct_fields__  #: Additional keys of a limit on a tolerance bound.
 NEEDED = {str: "a text in quotes is required", bool: "true or false is required"}
 SHARES = {
     name: LimitSection.MAP if limited.figure in OF_MAP else LimitSection.TRAJECTORY
@@ -151,7 +153,7 @@ def _limit_of(
     where = f"{origin}: '{name}'"
     is_bound = limited.statistic == BOUND
     _check_keys(entry, ("limit", *REQUIREMENT, *(TERMS if is_bound else ())), where)
-    stated = _terms_of_bound(entry, where)._asdict() if is_bound else {}
+    stated = asdict(_terms_of_bound(entry, where)) if is_bound else {}
     requirement = _requirement_of({**of_all, **entry}, name, origin)
     if is_bound:
         requirement.pop("certain", None)  # `certain` of the block applies to the other limits
@@ -162,13 +164,15 @@ def _limit_of(
 
 
 def _terms_of_bound(entry: Mapping[str, Any], origin: str) -> Terms:
-    """Return the terms of an entry for a tolerance bound; ConfigError if they are invalid."""
-    terms, problem = terms_of(entry)
+    """Return the terms of an entry for a tolerance bound; ConfigError, which names the origin, if they are invalid."""
     if "certain" in entry:
-        problem = CERTAIN_BOUND
-    if problem is not None:
-        raise ConfigError(f"{origin}: {problem}")
-    return terms
+        raise ConfigError(f"{origin}: {CERTAIN_BOUND}")
+    if "power" in entry and "good" not in entry:
+        raise ConfigError(f"{origin}: 'power' is the power of the sequential test of 'good': give both, or neither")
+    try:
+        return terms_of(entry)
+    except ConfigError as error:
+        raise ConfigError(f"{origin}: {error}") from error
 
 
 def _requirement_of(entry: Mapping[str, Any], name: str, origin: str) -> dict[str, Any]:
@@ -188,11 +192,10 @@ def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -
             raise ConfigError(f"{origin}: unknown key '{key}'{suggestion(str(key), known)}")
 
 
-def terms_of(entry: Mapping[str, Any]) -> tuple[Terms, str | None]:
-    """Return the terms of an entry of a limits file, and the first fault of the terms, None if they are valid."""
-    given = {name: entry[name] for name in Terms._fields if name in entry}
-    fault = fault_of_terms(given)
-    if fault is not None:
-        return Terms(), fault
-    word = given.pop("interpretation", Population.TEMPORAL)
-    return Terms(**given)._replace(interpretation=Population(word)), None
+def terms_of(entry: Mapping[str, Any]) -> Terms:
+    """Return the terms of an entry of a limits file, by default `DEFAULT_TERMS`; ConfigError if a term is invalid."""
+    given = {name: entry[name] for name in TERMS if name in entry}
+    if (fault := fault_of_terms(given)) is not None:
+        raise ConfigError(fault)
+    word = given.pop("interpretation", DEFAULT_TERMS.interpretation)
+    return struct_replace(DEFAULT_TERMS, **given, interpretation=Population(word))

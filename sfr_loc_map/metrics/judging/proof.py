@@ -14,10 +14,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from decimal import Decimal
 from typing import NamedTuple
 
 import numpy as np
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import VerdictState
@@ -102,17 +103,8 @@ def prove_sequentially(terms: Terms, limit: float, sample: Sample, truth_error: 
 
 def record_of(terms: Terms, method: str, independent: float, more: int | None) -> ProofRecord:
     """Return the record of the terms and of the result of a proof."""
-    return ProofRecord(
-        prob=terms.prob,
-        confidence=terms.confidence,
-        interpretation=terms.interpretation.value,
-        normal=terms.normal,
-        good=terms.good,
-        power=None if terms.good is None else terms.power,
-        method=method,
-        independent=independent,
-        more=more,
-    )
+    used = replace(terms, power=None if terms.good is None else sequential_test(terms).power)
+    return ProofRecord(**asdict(used), method=method, independent=independent, more=more)
 
 
 def error_of_drive(interpretation: Population, name: str, samples: Sequence[Sample]) -> FloatArray:
@@ -152,20 +144,24 @@ def prove_sample(terms: Terms, limit: float, sample: Sample, truth_error: float 
 def bound_row(figure: str, unit: str, condition: str | None, proof: Proof) -> Figure:
     """Return the row of a tolerance bound. Its part states all terms, so that bounds by other terms are other rows."""
     record = proof.record
-    share = f"{100.0 * record.prob:g} %"
-    confidence = f"{100.0 * record.confidence:g} %"
+    share, confidence = percent(record.prob), percent(record.confidence)
     part = f"{share} of {figure} errors with {confidence} confidence, {record.interpretation}"
     if record.normal:
         part += ", declared normal"
     if record.good is not None:
-        part += f", good {100.0 * record.good:g} % with {100.0 * (record.power or 0.0):g} % power"
+        part += f", good {percent(record.good)} with {percent(record.power or 0.0)} power"
     row = figure_row("bound", condition, part, value=proof.bound, independent=record.independent)
     return replace(row, unit=unit)
 
 
+def percent(fraction: float) -> str:
+    """Return a fraction in per cent with all its decimals, so that different fractions have different texts."""
+    return f"{(Decimal(repr(float(fraction))) * 100).normalize():f} %"
+
+
 def words_of(record: ProofRecord, state: VerdictState) -> str:
     """Return the terms and the method of a proof as text; without a decision also how many more errors are required."""
-    share = f"{100.0 * record.prob:g} % with {100.0 * record.confidence:g} % confidence"
+    share = f"{percent(record.prob)} with {percent(record.confidence)} confidence"
     share += f", {record.interpretation}, {record.method}"
     if state is not VerdictState.NOT_ENOUGH_DATA:
         return share

@@ -9,7 +9,8 @@ import numpy as np
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.config import Condition, ConditionKind, VerdictState, label_of
+from sfr_loc_map.metrics.conditions import Condition, ConditionKind, label_of
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.frames.association import unique_rows
 from sfr_loc_map.metrics.judging.incomplete import incompleteness
 from sfr_loc_map.metrics.judging.proof import words_of

@@ -17,6 +17,7 @@ import numpy as np
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score.limits import Terms
+from sfr_loc_map.metrics.statistics.tolerance import CONFIDENCE
 
 MOST_DRIVES = 100_000  #: Maximum number of drives of a plan.
 OVERRUN = 4  #: Multiple of the fixed plan up to which the expected number of drives is computed.
@@ -106,9 +107,10 @@ class SequentialTest(NamedTuple):
 
 
 def sequential_test(terms: Terms) -> SequentialTest:
-    """Return the test of terms; if `good` is not given, a fifth of the fraction `bad` is acceptable."""
+    """Return the test of terms. If `good` is not given, a fifth of the fraction `bad` is acceptable."""
     bad = 1.0 - terms.prob
-    return SequentialTest(bad / 5.0 if terms.good is None else terms.good, bad, terms.confidence, terms.power)
+    good = bad / 5.0 if terms.good is None else terms.good
+    return SequentialTest(good, bad, terms.confidence, CONFIDENCE if terms.power is None else terms.power)
 
 
 class Course(NamedTuple):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import TruthRecord
 
@@ -39,7 +39,7 @@ def truth_caveats(about: TruthRecord) -> Iterator[str]:
         yield f"the truth has no {' and no '.join(names)}: {'; '.join(judged)}"
     if about.path_excess is not None and about.path_excess > MAX_EXCESS:
         yield (
-            f"the noise of the truth ({about.sigma_m:.3g} m) lengthens its path by about "
+            f"the noise of the truth ({about.sigma_m or 0.0:.3g} m) lengthens its path by about "
             f"{100.0 * about.path_excess:.3g} %: a sub-trajectory distance=METRES ends too early; give the condition "
             "displacement=METRES, or a smoothed truth"
         )

@@ -1,8 +1,7 @@
 """The limits of requirements: the numbers that can be limited, and the rules that a score stores with its verdicts.
 
-The name of a limit states figure, statistic and unit. Limits are upper bounds, except `coverage_min` and the
-required fraction `judged`.
-`metrics.judging.limits_file` reads a limits file, and `metrics.judging.judge` makes the verdicts.
+The name of a limit states figure, statistic and unit. Limits are upper bounds, except `coverage_min` and the required
+fraction `judged`. `metrics.judging.limits_file` reads a limits file, and `metrics.judging.judge` makes the verdicts.
 
 `LIMITED_NUMBERS` contains the number of each name. To add a limit:
 
@@ -26,7 +25,8 @@ from typing import Any, NamedTuple
 import msgspec
 
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
-from sfr_loc_map.metrics.config import CallKind, is_written_condition
+from sfr_loc_map.metrics.conditions import is_written_condition
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.statistics.tolerance import CONFIDENCE, THREE_SIGMA
 from sfr_loc_map.metrics.table.catalogue import ALIGNED, CATALOGUE, JUDGED, KINDS, FigureKind, Subject
@@ -53,19 +53,25 @@ class Population(StrEnum):
     MIXED = "mixed"
 
 
-class Terms(NamedTuple):
-    """Terms of a limit that is judged by a tolerance bound."""
+class Terms(Record, frozen=True, kw_only=True):
+    """Terms of a limit that is judged by a tolerance bound [ECSS-E-ST-60-10C]."""
 
-    prob: float = THREE_SIGMA  #: Fraction of the errors that must be within the limit.
-    confidence: float = CONFIDENCE  #: Confidence with which this fraction must be proved.
-    interpretation: Population = Population.TEMPORAL
-    normal: bool = False  #: Whether errors are declared to be normal, which a small sample cannot prove.
-    power: float = CONFIDENCE  #: Probability of a pass if the fraction `good` of the drives fails.
+    prob: float  #: Fraction of the errors that must be within the limit.
+    confidence: float  #: Confidence with which this fraction must be proved.
+    #: Population of the fraction [4.1.4.2]: `temporal` (every drive), `ensemble` (of drives) or `mixed` (all errors).
+    interpretation: Population
+    normal: bool = False  #: Whether the limits file declares that errors are normal.
     good: float | None = None  #: Acceptable fraction of failures; if given, a sequential test judges the drives.
+    #: Probability of a pass if the fraction `good` of the drives fails; null for the default.
+    power: float | None = None
+
+
+DEFAULT_TERMS = Terms(prob=THREE_SIGMA, confidence=CONFIDENCE, interpretation=Population.TEMPORAL, power=CONFIDENCE)
+"""Terms of a tolerance bound whose entry in a limits file states none."""
 
 
 def fault_of_terms(given: Mapping[str, Any]) -> str | None:
-    """Return the first fault of given terms by the names of `Terms`, None if they are valid."""
+    """Return the first fault of terms that are given by the names of `Terms`, None if they are valid."""
     for name in ("prob", "confidence", "power"):
         value = given.get(name, 0.5)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.5 <= value < 1.0:
@@ -206,7 +212,7 @@ class Limit(Record, frozen=True, kw_only=True):
                 f"'{self.name}' of the section '{self.section}' has the condition '{self.condition}': only limits of "
                 f"the section '{LimitSection.TRAJECTORY}' may have one"
             )
-        given = {name: value for name in Terms._fields if (value := getattr(self, name)) is not None}
+        given = {name: value for name in Terms.__struct_fields__ if (value := getattr(self, name)) is not None}
         is_bound = self.limited.statistic == BOUND
         if is_bound != (self.terms is not None) or is_bound != bool(given):
             terms = "prob, confidence and interpretation"
@@ -227,8 +233,14 @@ class Limit(Record, frozen=True, kw_only=True):
         """The terms of a limit on a tolerance bound; None for other limits."""
         if self.prob is None or self.confidence is None or self.interpretation is None:
             return None
-        power = CONFIDENCE if self.power is None else self.power
-        return Terms(self.prob, self.confidence, self.interpretation, bool(self.normal), power, self.good)
+        return Terms(
+            prob=self.prob,
+            confidence=self.confidence,
+            interpretation=self.interpretation,
+            normal=bool(self.normal),
+            good=self.good,
+            power=self.power,
+        )
 
     @property
     def is_lower_bound(self) -> bool:

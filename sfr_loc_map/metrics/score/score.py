@@ -19,7 +19,8 @@ import numpy as np
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.config import Condition, VerdictState
+from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score.limits import Rules
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import Subject

@@ -8,21 +8,18 @@ from typing import NamedTuple
 import msgspec
 
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.score.limits import is_lower_bound, is_on_target
+from sfr_loc_map.metrics.score.limits import Terms, is_lower_bound, is_on_target
 from sfr_loc_map.metrics.statistics.intervals import Interval
 from sfr_loc_map.metrics.table.catalogue import Subject
 from sfr_loc_map.metrics.table.records import Record
 
 
-class ProofRecord(Record, frozen=True, kw_only=True):
-    """Requirement of a limit with a fraction and a confidence, and the result of its proof [ECSS-E-ST-60-10C]."""
+class ProofRecord(Terms, frozen=True, kw_only=True):
+    """The terms of a limit with a fraction and a confidence, and the result of its proof [ECSS-E-ST-60-10C].
 
-    prob: float  #: Fraction of the errors that must be within the limit.
-    confidence: float  #: Confidence with which this fraction must be proved.
-    interpretation: str  #: `temporal` (every drive), `ensemble` (of drives) or `mixed` (of all errors) [4.1.4.2].
-    normal: bool = False  #: Whether the limits file declares that errors are normal.
-    good: float | None = None  #: Acceptable fraction of failures of a sequential test.
-    power: float | None = None  #: Probability of a pass if the fraction `good` of the drives fails.
+    `power` is null without `good`, because only a sequential test uses the power.
+    """
+
     #: Method of the proof: `order` (order statistics), `tested normal`, `assumed normal` or `sequential`.
     method: str
     independent: float  #: Number of independent errors: sub-trajectories of the deciding drive, or drives.
@@ -96,8 +93,13 @@ class Verdict(Record, frozen=True, kw_only=True):
 
     @property
     def is_within_truth_error(self) -> bool:
-        """Whether the error of the ground truth exceeds the margin, so the verdict is undecided."""
-        return self.truth_error is not None and self.margin is not None and abs(self.margin) <= self.truth_error
+        """Whether the margin is within the error of the ground truth, so that the verdict is undecided."""
+        return self.margin is not None and is_within_error(self.margin, self.truth_error or 0.0)
+
+
+def is_within_error(margin: float, truth_error: float) -> bool:
+    """Return whether a margin is within the error of the ground truth, which is 0 for an exact truth."""
+    return truth_error > 0.0 and abs(margin) <= truth_error
 
 
 def counts_of(verdicts: Iterable[Verdict]) -> LimitCounts:

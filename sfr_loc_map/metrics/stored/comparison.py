@@ -91,9 +91,8 @@ class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
 
     names: tuple[str, ...]
     methods: tuple[MethodRecord | None, ...] = ()
-    incomplete: tuple[
-        str | None, ...
-    ] = ()  #: Expected data that each score cannot judge; also if its rules accept this. Null if none.
+    #: Expected data that each score cannot judge, also if its rules accept this; null if there are none.
+    incomplete: tuple[str | None, ...] = ()
     pairs: tuple[PairedDifference, ...]
     side_by_side: tuple[SideBySide, ...]
 
@@ -103,9 +102,15 @@ class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
 
 
 def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
-    """Return the comparison of the other scores with the first; MetricsError if they have nothing in common."""
+    """Return the comparison of the other scores with the first.
+
+    MetricsError if there are fewer than two scores, if the scores have nothing in common or are not of the same data,
+    or if they have other than one unique name each.
+    """
     if len(scores) < 2:
         raise MetricsError(f"a comparison requires at least two scores, found {len(scores)}: give several score files")
+    if len(names) != len(scores) or len(set(names)) < len(names):
+        raise MetricsError(f"{len(scores)} scores are named {', '.join(names)}: give each score a unique name")
     first, *others = scores
     for score, name in zip(others, names[1:], strict=True):
         check_same_data(first, score, (names[0], name))

@@ -14,7 +14,7 @@ from typing import Any
 
 from msgspec.structs import asdict, fields, replace
 
-from sfr_loc_map.metrics.config import is_written_condition
+from sfr_loc_map.metrics.conditions import is_written_condition
 from sfr_loc_map.metrics.formulas import QUANTILES, mean_plus_3sigma
 from sfr_loc_map.metrics.judging.data_set import fault_of_data_set
 from sfr_loc_map.metrics.judging.judge import with_verdicts

@@ -122,7 +122,12 @@ def from_dict(
 
 def _check_schema(content: object, origin: str) -> None:
     """Check that JSON values name the schema of a score; InputError if not."""
-    found = content.get("schema") if isinstance(content, dict) else type(content).__name__
+    if not isinstance(content, dict):
+        kind = type(content).__name__
+        raise InputError(
+            f"{origin} is not a score: a JSON object is required, found {kind}; give the JSON of sfr score --json"
+        )
+    found = content.get("schema")
     if found == "sfr-score/1":
         raise InputError(f"{origin} is a score of version 0.2 ({found}), which is no longer supported: {SCORE_AGAIN}")
     if found != SCHEMA:

@@ -102,6 +102,13 @@ class RowPart(NamedTuple):
         place = "" if self.place is Place.HOST else self.place
         return " ".join(filter(None, (place, self.what, self.call))) or None
 
+    @classmethod
+    def text_of(cls, part: str | RowPart | None) -> str | None:
+        """Return the text of a part that may already be a text, as written in a score."""
+        if part is None or isinstance(part, RowPart):
+            return None if part is None else part.text
+        return str(part)
+
     @property
     def words(self) -> str:
         """The part in words, for a message."""

@@ -11,7 +11,8 @@ import numpy as np
 from sfr_loc_map.config import suggestion
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.config import CallKind, Condition
+from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import STATISTICS, Statistics
 from sfr_loc_map.metrics.statistics.intervals import Interval, chi2_interval95
 from sfr_loc_map.metrics.table.catalogue import KINDS, Subject, clause_of, unit_of_row
@@ -101,23 +102,23 @@ NUMBERS = (*STATISTICS, "value")
 def figure_row(
     figure: str,
     condition: str | None = None,
-    part: str | None = None,
+    part: str | RowPart | None = None,
     statistics: Statistics | None = None,
     **numbers: float | None,
 ) -> Figure:
     """Return the row of a figure of the catalogue, with its clause, its subject and its unit."""
     kind = KINDS[figure]
-    part = None if part is None else str(part)
+    text = RowPart.text_of(part)
     row: dict[str, Any] = {} if statistics is None else msgspec.structs.asdict(statistics)
     for name, value in numbers.items():
         row[name] = None if value is None else int(value) if name == "n" else float(value)
     return Figure(
-        clause=clause_of(kind.name, part),
+        clause=clause_of(kind.name, text),
         subject=kind.subject,
         condition=condition,
-        part=part,
+        part=text,
         figure=kind.name,
-        unit=unit_of_row(kind.name, part),
+        unit=unit_of_row(kind.name, text),
         **row,
     )
 
@@ -156,8 +157,7 @@ def find_rows(
     """
     if figure != ANY and figure not in KINDS and not any(row.figure == figure for row in figures):
         raise ConfigError(f"there is no figure '{figure}'{suggestion(figure, KINDS)}: give one that exists")
-    if isinstance(part, RowPart):
-        part = part.text
+    text = RowPart.text_of(part)
     if isinstance(condition, Condition):
         condition = condition.setting
     elif condition is not None and condition != ANY:
@@ -167,7 +167,7 @@ def find_rows(
             figure in (ANY, row.figure),
             subject in (ANY, row.subject),
             condition in (ANY, row.condition),
-            part in (ANY, row.part),
+            text in (ANY, row.part),
         )
         if all(fits):
             yield row

@@ -19,7 +19,7 @@ from sfr_loc_map.evidence.check_result import CheckResult
 from sfr_loc_map.evidence.check_tables import check_tables
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
-from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.test_report import AdditionalEvidence
 from sfr_loc_map.suite.pages.search_page import case_table

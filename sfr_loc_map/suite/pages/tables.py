@@ -8,7 +8,8 @@ from functools import partial
 from operator import attrgetter
 from typing import NamedTuple
 
-from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
+from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.config import CallKind, VerdictState
 from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.metrics.table.catalogue import KINDS, TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.table.row_part import Scope

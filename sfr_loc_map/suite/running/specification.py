@@ -12,7 +12,8 @@ from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, InputError, naming_key
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.message_text import alternatives
-from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
+from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.suite.running.configurations import read_configurations

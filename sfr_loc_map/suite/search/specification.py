@@ -14,7 +14,8 @@ from sfr_loc_map.config_yaml import entries_by_name, load_yaml
 from sfr_loc_map.errors import ConfigError, naming_key
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault, with_amount
 from sfr_loc_map.message_text import alternatives
-from sfr_loc_map.metrics.config import CallKind, Condition, Reading, TrajectoryScoreConfig
+from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.config import CallKind, Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score.limits import OF_MAP
 from sfr_loc_map.metrics.score.score import JUDGED_ROW, Score

@@ -55,7 +55,7 @@ def count_without_suite(terms: Terms) -> DriveCount:
         limit="",
         prob=terms.prob,
         confidence=terms.confidence,
-        power=terms.power,
+        power=test.power,
         good=test.good,
         without_failure=zero_failure_count(terms.prob, terms.confidence),
         fixed=plan.drives,
@@ -67,15 +67,15 @@ def count_without_suite(terms: Terms) -> DriveCount:
 
 def drive_counts(results: Sequence[ScoredJob], limits: Limits | None) -> Iterator[DriveCount]:
     """Yield the number of drives for each group and limit with `prob`; raise ConfigError if no limit has `prob`."""
-    chosen = [] if limits is None else [item for item in limits.limits if item.terms is not None]
+    given = () if limits is None else limits.limits
+    chosen = [(limit, limit.terms) for limit in given if limit.terms is not None]
     if not chosen:
         raise ConfigError(
             "the number of drives is computed for limits with 'prob', but the suite has no such limit: add one, such "
             "as position_bound_m: {limit: 0.1, prob: 0.95}"
         )
     for key, members in by_group(results).items():
-        for limit in chosen:
-            terms = limit.terms or Terms()
+        for limit, terms in chosen:
             samples, _ = samples_by_drive(limit, [result.of_drive for result in members])
             if not samples:
                 continue

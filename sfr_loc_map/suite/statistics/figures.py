@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from sfr_loc_map.metrics.config import CallKind, label_of
+from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import CATALOGUE, KINDS, TOTAL, Subject, statistic_title
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.judging.reasons import conditions_beyond
 
 COUNT = 11

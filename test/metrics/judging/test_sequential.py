@@ -47,7 +47,7 @@ def test_the_risks_are_kept_and_drives_are_saved() -> None:
 
 
 def test_drives_are_judged_after_each_of_them() -> None:
-    terms = Terms(0.95, 0.95, Population.ENSEMBLE, good=0.01, power=0.9)
+    terms = Terms(prob=0.95, confidence=0.95, interpretation=Population.ENSEMBLE, good=0.01, power=0.9)
     drives = {str(number): [Sample(np.full((5, 3), 0.01), 1.0)] for number in range(80)}
     passed = prove(terms, 0.1, drives)
     assert (passed.state, passed.record.independent) == ("pass", TEST.more_without_failure(0, 0))
@@ -60,7 +60,7 @@ def test_drives_are_judged_after_each_of_them() -> None:
 @pytest.mark.parametrize("interpretation", [*Population])
 def test_an_unknown_error_proves_nothing(interpretation: Population) -> None:
     good = None if interpretation is Population.TEMPORAL else 0.01
-    terms = Terms(0.9, 0.9, interpretation, good=good, power=0.9)
+    terms = Terms(prob=0.9, confidence=0.9, interpretation=interpretation, good=good, power=0.9)
     known = {str(number): [Sample(np.full((5, 1), 0.01), 5.0)] for number in range(99)}
     unknown = {name: [Sample(np.full((5, 1), np.nan), 5.0)] for name in known}
     for drives in (unknown, {**known, "one": [Sample(np.array([[0.01], [np.nan]]), 2.0)]}):
@@ -70,7 +70,7 @@ def test_an_unknown_error_proves_nothing(interpretation: Population) -> None:
 
 def test_no_number_of_drives_passes_after_a_failure_if_no_failure_is_acceptable() -> None:
     """The error of the truth leaves the failure undecided."""
-    terms = Terms(0.9, 0.9, Population.ENSEMBLE, good=0.0)
+    terms = Terms(prob=0.9, confidence=0.9, interpretation=Population.ENSEMBLE, good=0.0)
     proof = prove(terms, 0.1, {"": [Sample(np.array([0.101]), 1.0)]}, truth_error=0.05)
     assert (proof.state, proof.record.more) == (VerdictState.NOT_ENOUGH_DATA, None)
 
@@ -78,14 +78,14 @@ def test_no_number_of_drives_passes_after_a_failure_if_no_failure_is_acceptable(
 def test_the_order_of_drives_draws_no_other_errors() -> None:
     rng = np.random.default_rng(1)
     drives = {str(number): [Sample(rng.random((50, 3)), 50.0)] for number in range(30)}
-    terms = Terms(0.9, 0.9, Population.MIXED)
+    terms = Terms(prob=0.9, confidence=0.9, interpretation=Population.MIXED)
     reverse = dict(reversed(drives.items()))
     assert prove(terms, 1.0, drives).bound == prove(terms, 1.0, reverse).bound
 
 
 def test_a_sequential_test_takes_drives_by_their_names_whatever_their_order() -> None:
     """The first drive decides: that of the first name, which is good."""
-    terms = Terms(0.5, 0.5, Population.ENSEMBLE, power=0.5, good=0.0)
+    terms = Terms(prob=0.5, confidence=0.5, interpretation=Population.ENSEMBLE, power=0.5, good=0.0)
     drives = {"b": [Sample(np.full(5, 9.0), 5.0)], "a": [Sample(np.full(5, 0.1), 5.0)]}
     for order in (("a", "b"), ("b", "a")):
         proof = prove(terms, 1.0, {name: drives[name] for name in order})
@@ -93,7 +93,7 @@ def test_a_sequential_test_takes_drives_by_their_names_whatever_their_order() ->
 
 
 def test_a_failure_never_helps_drives_that_are_within_the_error_of_the_truth() -> None:
-    terms = Terms(0.9, 0.9, Population.ENSEMBLE, good=0.02)
+    terms = Terms(prob=0.9, confidence=0.9, interpretation=Population.ENSEMBLE, good=0.02)
     near = {f"{number:03}": [Sample(np.array([0.0999]), 1.0)] for number in range(80)}
     far = {name: [Sample(np.array([0.05]), 1.0)] for name in near}
     one_failed = {**near, "000": [Sample(np.array([0.5]), 1.0)]}

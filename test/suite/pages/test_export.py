@@ -10,7 +10,7 @@ import pytest
 
 from helpers.made_suites import JOB
 from sfr_loc_map.errors import OutputError
-from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
