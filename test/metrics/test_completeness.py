@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.completeness.expected_items import (
     map_completeness,
     settled,
 )
-from sfr_loc_map.metrics.completeness.gaps import true_path
+from sfr_loc_map.metrics.completeness.gaps import TruePath, path_without_images, true_path
 from sfr_loc_map.metrics.config import AssociationConfig, CallKind, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates, associate
@@ -299,6 +299,18 @@ def test_estimates_in_short_holes_of_a_matched_truth_are_not_judged() -> None:
     assert covered(full, truth, full).without_truth == 80
     sparse = covered(full, straight(every=5), full)  # its frames are those of the truth, as a warning says
     assert (sparse.without_truth, sparse.judged_share) == (0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("hole_ms", "max_gap_ms", "share"), [(800, 1000, 0.0), (800, 500, 0.08), (400, 300, 0.0), (600, 300, 0.06)]
+)
+def test_a_path_without_images_exceeds_the_gap_and_five_periods(hole_ms: int, max_gap_ms: int, share: float) -> None:
+    """A rover drives 10 m in 10 s, with an image every 100 ms but for one hole, and true poses between the images."""
+    images_ms = np.delete(np.arange(0, 10_001, 100), np.arange(31, 30 + hole_ms // 100))
+    true_ms = np.arange(0, 10_001, 7)
+    path = TruePath(1_000_000 * true_ms, true_ms / 1000.0)
+    within = path_without_images(1_000_000 * images_ms, path, 1_000_000 * max_gap_ms)
+    assert within == pytest.approx(share, abs=1e-3)
 
 
 @pytest.mark.parametrize(("missing", "is_gap"), [(4, False), (5, True)])
