@@ -329,9 +329,7 @@ MUTATIONS = (
     # calls belong to the estimate that they produced
     Mutation("scoring/inputs.py", "stats = [beside] if beside.is_file() else []", "stats = []"),
     Mutation(
-        "suite/running/digests.py",
-        "files_hash(estimate, truth, *ScoreInputs.of(estimate, truth).stats)",
-        "files_hash(estimate, truth)",
+        "suite/running/digests.py", "(estimate, truth, *ScoreInputs.of(estimate, truth).stats)", "(estimate, truth)"
     ),
     # shared memory of other methods
     Mutation("methods/isolation.py", '"urandom", "tty", "dri"', '"urandom", "tty", "shm", "dri"'),

@@ -66,7 +66,7 @@ def info(
     from sfr_loc_map.io.source_settings import config_beside
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.mapping.config import MappingConfig
-    from sfr_loc_map.scoring.provenance import data_set_hashes
+    from sfr_loc_map.scoring.provenance import data_set_of
     from sfr_loc_map.source_setup.facts import facts_of, facts_tables
 
     path = config or config_beside(source)
@@ -99,8 +99,8 @@ def info(
         raise InputError(facts.problem)
     shown = {"configuration": None if path is None else str(path)} | facts.json_values
     if not facts.problem:
-        hashes = data_set_hashes(open_source(source, how), how)
-        shown |= {f"{role}_sha256": sha256 for role, sha256 in hashes.items()}
+        inputs = data_set_of(open_source(source, how), how)
+        shown |= {f"{role}_sha256": file.sha256 for role, file in inputs.items()}
     start = ["--start", "truth"] if seen.truth_has_attitude else []
     after = ["sfr", "replay", str(source), *given_words(context, "config"), *start, "--out", "out"]
     found.propose(after, why="plays it to the nodes and scores the results")

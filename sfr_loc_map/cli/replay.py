@@ -175,6 +175,7 @@ def replay(
         from sfr_loc_map.metrics.stored.score_json import to_json
         from sfr_loc_map.replay.files import ReplayFiles
         from sfr_loc_map.scoring.judgement import Judgement
+        from sfr_loc_map.scoring.provenance import check_data_set
         from sfr_loc_map.scoring.request import ScoreRequest
 
         how = announced_config(source, config, remap)
@@ -184,6 +185,7 @@ def replay(
             of_drives = ("start", *of_panels(context, TRAJECTORIES))
             refuse_given(context, of_drives, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
         by = Judgement.of(limits, condition, how.given)
+        check_data_set(opened, by.limits)
         request = ScoreRequest.of(
             by.conditions,
             by.limits,

@@ -208,15 +208,19 @@ def report(
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
-    """Rebuild the report page from the available results."""
+    """Rebuild the report page from the available results. While a run uses the suite, the report is only printed."""
     from sfr_loc_map.suite.pages.page import write_summary
     from sfr_loc_map.suite.statistics.summary import summarise
 
     propose("sfr report A B", why="compares with an earlier suite")
     check_outputs(json_path, junit, inputs=(folder,), overwrite=overwrite)
     store, unchecked = _open_store(folder)
-    summary = summarise(store, unchecked)
-    write_summary(summary, store)
+    with store.locked_if_free() as is_locked:
+        summary = summarise(store, unchecked)
+        if is_locked:
+            write_summary(summary, store)
+        else:
+            warn(f"a run uses '{folder}' and writes the report when it ends: the report is only printed")
     _present(summary, store, json_path, junit, mlflow, lenient=lenient)
 
 

@@ -208,5 +208,11 @@ def parse_fault(text: str) -> Fault:
 
 
 def with_amount(text: str, amount: float) -> str:
-    """Append an amount to the text of a fault: `blurred:share=0.3` becomes `blurred:share=0.3,amount=2.5`."""
+    """Append an amount to the text of a fault: `blurred:share=0.3` becomes `blurred:share=0.3,amount=2.5`.
+
+    ConfigError if the text already has an amount, which would have no effect.
+    """
+    options = text.partition(":")[2].split(",")
+    if any(option.partition("=")[0] == "amount" for option in options):
+        raise ConfigError(f"fault '{text}': its amount would be replaced by another one: omit 'amount'")
     return f"{text}{',' if ':' in text else ':'}amount={amount:.9g}"

@@ -81,9 +81,13 @@ def isolation_of(restrictions: str, *, can_read_all_files: bool) -> Isolation:
     text = "".join(f"; readable by {name}: {os.pathsep.join(paths)}" for name, paths in permitted.items())
     readable = os.pathsep.join(path for paths in permitted.values() for path in paths) or None
     variables = " ".join(f"{name}={value}" for name, value in passed_settings(os.environ).items()) or None
-    hashes = [hash_path(path) for path in map(Path, permitted.get(OWN_FILES, ())) if path.exists()]
-    files_sha256 = hashlib.sha256("\n".join(hashes).encode()).hexdigest() if hashes else None
-    return Isolation(restrictions + text, can_read_all_files, readable, variables, files_sha256)
+    return Isolation(restrictions + text, can_read_all_files, readable, variables, own_files_sha256())
+
+
+def own_files_sha256() -> str | None:
+    """Return the hash of the content of the existing paths in SFR_METHOD_FILES; None if there are none."""
+    hashes = [hash_path(path) for path in map(Path, _permitted_by(OWN_FILES)) if path.exists()]
+    return hashlib.sha256("\n".join(hashes).encode()).hexdigest() if hashes else None
 
 
 def passed_settings(environment: Mapping[str, str]) -> dict[str, str]:

@@ -68,11 +68,15 @@ class Method:
     python: Path = field(default_factory=lambda: Path(sys.executable))  #: Interpreter that has the method.
     vocabulary: str = ""  #: Vocabulary file; empty if not required.
 
+    @property
+    def reads_own_files(self) -> bool:
+        """Whether the paths in SFR_METHOD_FILES are inputs of the method."""
+        return self.kind in (MethodKind.PYTHON, MethodKind.LIBRARY)
+
     def record(self, version: str | None, isolation: Isolation | None = None) -> MethodRecord:
         """Return the record of the method in the score."""
         variables = None if isolation is None or self.kind is MethodKind.PEER else isolation.variables
-        is_own = self.kind in (MethodKind.PYTHON, MethodKind.LIBRARY)
-        files_sha256 = isolation.files_sha256 if isolation is not None and is_own else None
+        files_sha256 = isolation.files_sha256 if isolation is not None and self.reads_own_files else None
         settings = "\n".join(filter(None, (self.config, variables, files_sha256)))
         config_sha256 = hashlib.sha256(settings.encode()).hexdigest() if settings else None
         return MethodRecord(

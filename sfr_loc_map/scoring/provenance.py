@@ -20,8 +20,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth
 from sfr_loc_map.hashes import hash_arrays, hash_path
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.metrics.judging.data_set import fault_of_inputs
 from sfr_loc_map.metrics.judging.limits_file import load_limits
-from sfr_loc_map.metrics.score.limits import Rules
+from sfr_loc_map.metrics.score.limits import Limits, Rules
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import InputFile, Provenance
 from sfr_loc_map.package_commit import package_commit
@@ -127,8 +128,8 @@ def hash_of_images(stamps_ns: IntArray, rig: StereoRig | None) -> str:
     return hash_arrays(values)
 
 
-def data_set_hashes(source: Source, how: SourceConfig) -> dict[str, str]:
-    """Return the hashes of the inputs of a source that a score states, by role; limits can name them."""
+def data_set_of(source: Source, how: SourceConfig) -> dict[str, InputFile]:
+    """Return the inputs of a source that a score states, by role; limits can name their hashes."""
     has_truth = source.loc is not None and source.loc.ground_truth is not None
     files = read_files(
         {
@@ -138,7 +139,17 @@ def data_set_hashes(source: Source, how: SourceConfig) -> dict[str, str]:
         }
     )
     sha256s = {path: hash_path(path) for path in {file.path for file in files.values()}}
-    found = {role: sha256s[file.path] for role, file in files.items()}
+    found = {role: InputFile(path=str(file.named), sha256=sha256s[file.path]) for role, file in files.items()}
     if source.loc is not None:
-        found["images"] = hash_of_images(source.expected_loc_ns(), source.loc.rig)
+        sha256 = hash_of_images(source.expected_loc_ns(), source.loc.rig)
+        found["images"] = InputFile(path=str(source.path), sha256=sha256)
     return found
+
+
+def check_data_set(source: Source, limits: Limits | None) -> None:
+    """Raise InputError if limits name another data set by its hashes, before the source is run."""
+    if limits is None or not limits.data_set_sha256:
+        return
+    fault = fault_of_inputs(limits.data_set_sha256, data_set_of(source, source.config))
+    if fault is not None:
+        raise InputError(fault)

@@ -5,22 +5,25 @@
     SUITE.yaml
       running/specification.py    reads the file: SuiteSpecification (configurations.py, variants.py for budgets)
         running/source_readers.py reads each entry of `sources` by its kind; source_names.py makes the names unique
-      running/plan.py             hashes each source (digests.py), finds copies of drives (drive_copies.py) and combines
-                                  sources, faults and configurations into jobs (job.py)
+      running/plan.py             hashes each source (digests.py, facts_cache.py), finds copies of drives
+                                  (drive_copies.py) and combines sources, faults and configurations into jobs (job.py)
+      running/data_set.py         compares the sources with the hashes in the limits
       running/store.py            DIR/plan.json lists the jobs; a job with neither result nor failure is waiting
       running/plan_check.py       for `sfr suite report`: compares DIR/plan.json with a plan made again
       running/cluster.py          gives the waiting jobs to Dask workers, with limits of time and memory
         running/job_run.py        on a worker: opens or renders the source, executes and scores the job: Score
       running/store.py            DIR/results/KEY.json or DIR/failures/KEY.json (job_outcome.py)
-      statistics/summary.py       groups, pooled errors (pooling.py), verdicts (group_verdicts.py), error budgets
-                                  (budget.py): Summary
+      statistics/summary.py       reads and judges the results (scored_job.py): Summary, with
+        statistics/groups.py      pooled errors (pooling.py) and verdicts (group_verdicts.py) of each group
+        statistics/budget.py      error budgets
+        statistics/common_deviations.py  deviations of the results
       pages/page.py               suite.json, report.html, pages/, results.parquet (tables.py, export.py)
 
 `search/` chooses points of a scenario, runs their jobs in the same way and reads their results from the folder. The
 page of a search, `search.json` and the evidence of a test report are made from one record (`search/record.py`).
 `statistics/comparison.py` compares two summaries. `statistics/history.py` compares the `suite.json` of many nights:
 `night.py` reads a night, `night_changes.py` finds the nights at which a figure changed, and `night_comparison.py` tests
-one night. Jobs are paired by `statistics/pairing.py`.
+one night. Jobs are paired by `statistics/pairing.py`. `store.py` states which process writes which file.
 
 Terms, each with one meaning in this package:
 
@@ -33,7 +36,8 @@ Terms, each with one meaning in this package:
     job         one source with one fault, one configuration and one repeat, for one task; job.py lists its identities
     result      the score of a job, in one file
     group       the results with the same task, configuration and faults; their errors are pooled
-    plan        the list of jobs
+    plan        the list of jobs. (The command `sfr suite plan` computes a number of drives.)
+    night       one run in a history
     run         one execution of `sfr suite run` or `sfr suite search`, which may continue an earlier one
     point       one choice of the parameters of a search, with a job for each seed
 

@@ -10,17 +10,21 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from sfr_loc_map.atomic import write_text
-from sfr_loc_map.errors import InterruptedRunError
+from sfr_loc_map.errors import InterruptedRunError, OutputError
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.metrics.stored.score_json import json_line
 from sfr_loc_map.signals import hold
 from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
+from sfr_loc_map.suite.running.data_set import check_data_sets
+from sfr_loc_map.suite.running.facts_cache import FactsCache
 from sfr_loc_map.suite.running.job import Job
-from sfr_loc_map.suite.running.job_outcome import JobOutcome, JobState
+from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome, JobState
 from sfr_loc_map.suite.running.plan import make_plan
+from sfr_loc_map.suite.running.source_readers import state_of
 from sfr_loc_map.suite.running.specification import Refusal, SuiteSettings, SuiteSpecification
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.statistics.summary import SequentialDecision, Summary, summarise
+from sfr_loc_map.suite.statistics.groups import SequentialDecision
+from sfr_loc_map.suite.statistics.summary import Summary, summarise
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -98,15 +102,17 @@ def run_search(
     settings = specification.running
     slots = slots_for(settings, workers)
     with store.locked(), ExitStack() as stack:
+        if store.suite_file is not None:
+            raise OutputError(f"'{store.folder}' is the folder of a suite ('{store.suite_file}'): choose another one")
         connection = cache(lambda: stack.enter_context(suite_workers(store, settings, slots, scheduler, say)))
 
         def run_points(jobs: Sequence[Job]) -> None:
             run_and_keep(jobs, store, settings, *connection(), say, progress)
 
         result = find_worst_case(specification, store, run_points, at_random=at_random)
-    write_text(json_line(result.to_dict()), store.folder / "search.json")
-    write_text(render_search(result.record), store.folder / "search.html")
-    write_text(case_file(result), store.folder / CASE)
+        write_text(json_line(result.to_dict()), store.folder / "search.json")
+        write_text(render_search(result.record), store.folder / "search.html")
+        write_text(case_file(result), store.folder / CASE)
     return result
 
 
@@ -133,11 +139,12 @@ def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: b
     """Return all jobs of a suite, and the jobs to execute. The facts of the sources are cached in the folder.
 
     For sequential tests, the jobs are executed drive by drive. Once these tests have decided all limits, only failed
-    jobs are executed, if `retry_failed` is set.
+    jobs are executed, if `retry_failed` is set. InputError if the limits name another data set than that of a job.
     """
-    all_jobs, refusals = make_plan(specification, store.facts_of, store.cache)
+    all_jobs, refusals = make_plan(specification, FactsCache(store.cache).facts_of, store.cache)
     wanted = (JobState.WAITING, JobState.FAILED) if retry_failed else (JobState.WAITING,)
     jobs = [job for job in all_jobs if store.state(job) in wanted]
+    check_data_sets(jobs, specification.limits)
     if not jobs or not specification.settings.stop_when_decided:
         return PlannedRun(all_jobs=all_jobs, refusals=refusals, jobs=jobs)
     decision = SequentialDecision(store, all_jobs, specification.limits)
@@ -177,10 +184,15 @@ def run_and_keep(
     progress: Progress,
     decision: SequentialDecision | None = None,
 ) -> None:
-    """Run jobs and save each outcome. With a `decision`, stop when the sequential tests have decided all limits."""
+    """Run jobs and save each outcome. With a `decision`, stop when the sequential tests have decided all limits.
+
+    A job whose source changes meanwhile fails, because its result is not that of the planned data.
+    """
+    states = {job.key: state_of(job.source) for job in jobs}
     with closing(run_jobs(client, jobs, settings.timeout_s, store.cache, at_work)) as outcomes:
         progress(0, len(jobs), None)
-        for done, (job, outcome) in enumerate(outcomes, 1):
+        for done, (job, found) in enumerate(outcomes, 1):
+            outcome = found if state_of(job.source) == states[job.key] else source_changed(job)
             store.save(job, outcome)
             progress(done, len(jobs), (job, outcome))
             if decision is None:
@@ -189,3 +201,9 @@ def run_and_keep(
             if decision.is_made:
                 say(f"the limits are decided after {done} of {len(jobs)} jobs: the remaining jobs are not needed")
                 break
+
+
+def source_changed(job: Job) -> JobOutcome:
+    """Return the outcome of a job whose source was changed after the plan was made."""
+    message = f"'{job.source.path}' was changed while the suite was running: repeat the command"
+    return JobOutcome(cause=FailureCause.BAD_INPUT, message=message)

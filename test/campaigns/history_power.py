@@ -64,6 +64,17 @@ def times(factor: float, drives: int, *figures: str) -> Callable[[dict[str, np.n
     return change
 
 
+def grows(factor: float, *figures: str) -> Callable[[dict[str, np.ndarray], int], None]:
+    """Return a function that multiplies figures of all drives in each night by one more factor, from a night on."""
+
+    def change(history: dict[str, np.ndarray], night: int) -> None:
+        for figure in figures:
+            since = np.maximum(np.arange(history[figure].shape[1]) - night + 1, 0)
+            history[figure] *= factor**since
+
+    return change
+
+
 def more_lost(history: dict[str, np.ndarray], night: int) -> None:
     history[ComparedKind.LOST][:, night:] += 8.0
 
@@ -80,6 +91,7 @@ CHANGES: Mapping[str, tuple[Callable[[dict[str, np.ndarray], int], None], tuple[
     "15 drives without a result": (failures, (ComparedKind.FAILED,)),
     "calls 1.3 times slower": (times(1.3, DRIVES, ComparedKind.TIME), (ComparedKind.TIME,)),
     "NEES 2 times larger": (times(2.0, DRIVES, ComparedKind.NEES), (ComparedKind.NEES,)),
+    "all drives 1 % worse each night": (grows(1.01, *ERRORS), ERRORS),
     "memory 1.2 times larger": (times(1.2, DRIVES, ComparedKind.MEMORY), (ComparedKind.MEMORY,)),
 }
 

@@ -43,7 +43,7 @@ from sfr_loc_map.suite.pages.tables import result_table
 from sfr_loc_map.suite.search.specification import CHOICES
 from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.pooling import DriveScore, pool
-from sfr_loc_map.suite.statistics.summary import ScoredJob
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 from sfr_loc_map.tables.formats import to_csv, to_rich
 from sfr_loc_map.tables.model import Table
 

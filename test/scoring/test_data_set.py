@@ -101,3 +101,35 @@ def test_a_suite_refuses_results_of_other_data(sfr: Sfr, folder: Path, tmp_path:
     refused = sfr("suite", "run", tmp_path / "suite.yaml", "--out", tmp_path / "suite")
     assert refused.code == 2, refused.err
     assert hashes[0] in refused.err
+    assert not list((tmp_path / "suite/results").iterdir()), "the data are compared before the jobs run"
+
+
+@pytest.mark.parametrize("task", ["localise", "replay"])
+def test_a_suite_compares_a_source_before_it_runs(sfr: Sfr, folder: Path, tmp_path: Path, task: str) -> None:
+    part = cropped(folder, tmp_path / "crop")
+    limits_of(tmp_path / "limits.yaml", [*hashes_of(sfr, folder).values()])
+    content = {"limits": "limits.yaml", "tasks": [task]}
+    for source, code in ((folder, 0), (part, 2)):
+        (tmp_path / "suite.yaml").write_text(yaml.safe_dump({"sources": [str(source)], **content}))
+        planned = sfr("suite", "run", tmp_path / "suite.yaml", "--out", tmp_path / "suite", "--dry-run")
+        assert planned.code == code, planned.err
+
+
+def test_a_replay_compares_the_source_before_it_plays(sfr: Sfr, folder: Path, tmp_path: Path) -> None:
+    """Without ROS, the data are refused, too."""
+    hashes = hashes_of(sfr, folder)
+    limits = limits_of(tmp_path / "limits.yaml", hashes.values())
+    refused = sfr("replay", cropped(folder, tmp_path / "crop"), "--limits", limits, "--out", tmp_path / "out")
+    assert refused.code == 2
+    assert hashes["truth"] in refused.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_suite_of_simulations_has_no_hashes_of_data(sfr: Sfr, tmp_path: Path) -> None:
+    (tmp_path / "scenario.yaml").write_text("panorama: {enabled: false}\n")
+    limits_of(tmp_path / "limits.yaml", ["0" * 64])
+    content = {"sources": [{"simulate": "scenario.yaml"}], "limits": "limits.yaml"}
+    (tmp_path / "suite.yaml").write_text(yaml.safe_dump(content))
+    planned = sfr("suite", "run", tmp_path / "suite.yaml", "--out", tmp_path / "suite", "--dry-run")
+    assert planned.code == 2
+    assert "is simulated" in planned.err

@@ -45,7 +45,9 @@ from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
 from sfr_loc_map.scoring.live.live_score import LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_run import score_run
-from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, groups_of
+from sfr_loc_map.suite.statistics.groups import groups_of
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob
+from sfr_loc_map.suite.statistics.summary import Summary
 from sfr_loc_map.suite_names import Task
 
 COUNT, PERIOD_NS = 401, 100_000_000

@@ -1,13 +1,19 @@
-"""`run_suite` gives the same results from Python as the command, and runs no job twice."""
+"""`run_suite` gives the same results from Python as the command, runs no job twice, and notices changed sources."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from helpers.made_suites import made_suite
-from sfr_loc_map.suite import Store, load_specification, run_suite
+from helpers.made_suites import JOB, made_suite
+from sfr_loc_map.suite import Store, load_specification, run, run_suite
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.job_outcome import JobOutcome, JobState
+from sfr_loc_map.suite.running.specification import SuiteSettings
 
 pytest.importorskip("distributed", reason="needs the extra [suite]")
 LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 1.0}]}
@@ -34,3 +40,28 @@ def test_a_suite_is_run_from_python(tmp_path: Path) -> None:
     assert (tmp_path / "out/report.html").is_file()
     assert summary_of_run() == ("pass", 2)
     assert not steps, "nothing is run twice"
+
+
+@pytest.mark.parametrize("change", ["written", "replaced", "removed", "none"])
+def test_a_job_whose_source_changes_during_the_run_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: str
+) -> None:
+    """The key of its result names the planned data."""
+    drive = tmp_path / "drive.mcap"
+    drive.write_text("drive")
+    job = replace(JOB, source=replace(JOB.source, path=str(drive)))
+
+    def run_jobs(*given: Any) -> Iterator[tuple[Job, JobOutcome]]:
+        if change in ("replaced", "removed"):
+            drive.unlink()
+        if change in ("replaced", "written"):
+            drive.write_text("other")
+        yield job, JobOutcome(result="{}")
+
+    monkeypatch.setattr(run, "run_jobs", run_jobs)
+    store = Store(tmp_path / "out")
+    nothing: Any = None
+    run.run_and_keep([job], store, SuiteSettings(), nothing, nothing, lambda line: None, lambda *step: None)
+    assert store.state(job) is (JobState.DONE if change == "none" else JobState.FAILED)
+    if change != "none":
+        assert "was changed while the suite was running" in store.failure(job).message

@@ -68,7 +68,7 @@ def test_a_repeated_run_returns_the_same_summary_and_runs_no_job(
 @pytest.mark.slow
 def test_the_summary_has_schema_counts_and_verdict(summary: dict[str, Any]) -> None:
     assert summary["schema"] == "sfr-suite/1"
-    assert summary["counts"] == {"tasks": DRIVES, "done": DRIVES, "failed": 0, "waiting": 0}
+    assert summary["counts"] == {"jobs": DRIVES, "done": DRIVES, "failed": 0, "waiting": 0}
     assert summary["verdict"] == "pass"
 
 
@@ -77,7 +77,7 @@ def test_the_pooled_error_is_that_of_the_sub_trajectories_of_all_drives(serial: 
     (group,) = summary["groups"]
     pooled = row(group, "position")
     assert pooled["independent"] == DRIVES
-    scores = [json.loads((serial / drive["file"]).read_text()) for drive in summary["drives"]]
+    scores = [json.loads((serial / drive["file"]).read_text()) for drive in summary["results"]]
     rows = [score["details"]["trajectory"]["sub_trajectories"][0] for score in scores]
     errors = np.concatenate([np.column_stack([row[f"{axis}_m"] for axis in "xyz"]) for row in rows])
     figure = np.linalg.norm(errors.mean(axis=0)) + 3 * np.linalg.norm(errors.std(axis=0, ddof=1))
@@ -87,10 +87,21 @@ def test_the_pooled_error_is_that_of_the_sub_trajectories_of_all_drives(serial: 
 @pytest.mark.slow
 def test_the_page_links_each_result_and_all_linked_files_exist(serial: Path, summary: dict[str, Any]) -> None:
     page = (serial / "report.html").read_text()
-    assert all(f'href="pages/{drive["key"]}.html"' in page for drive in summary["drives"])
+    assert all(f'href="pages/{drive["key"]}.html"' in page for drive in summary["results"])
     links = set(re.findall(r'<a href="([^":]+)"', page))
-    assert {drive["file"] for drive in summary["drives"]} | {"suite.json"} <= links
+    assert {drive["file"] for drive in summary["results"]} | {"suite.json"} <= links
     assert all((serial / link).is_file() for link in links)
+
+
+@pytest.mark.slow
+def test_a_report_during_a_run_is_printed_and_not_written(sfr: Sfr, serial: Path) -> None:
+    page = serial / "report.html"
+    before = page.stat().st_mtime_ns
+    with Store(serial).locked():
+        shown = sfr("suite", "report", serial)
+    assert "verdict: pass" in shown.out
+    assert "the report is only printed" in shown.err
+    assert page.stat().st_mtime_ns == before
 
 
 @pytest.mark.slow
@@ -369,7 +380,7 @@ def test_an_incomplete_score_of_a_drive_makes_the_suite_incomplete(
     ran = sfr("suite", "run", suite, "--out", tmp_path / "out", "--scheduler", scheduler, "--json", "-")
     found = json.loads(ran.out)
     assert (ran.code, found["verdict"]) == (3, "incomplete"), ran.err
-    assert [reason in drive.get("incomplete", "") for drive in found["drives"]] == [True, False], found["drives"]
+    assert [reason in drive.get("incomplete", "") for drive in found["results"]] == [True, False], found["results"]
 
 
 def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:
@@ -421,7 +432,7 @@ def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(
     ):
         assert any(text in key and count == 2 for key, count in deviations.items()) == applies
         assert (text in page) == applies
-    incomplete = [drive["source"] for drive in found["drives"] if "incomplete" in drive]
+    incomplete = [drive["source"] for drive in found["results"] if "incomplete" in drive]
     assert incomplete == ([] if verdict == "pass" else ["drive0.csv"])
     if incomplete:
         (first, *_) = found["groups"][0]["verdicts"]
@@ -450,7 +461,7 @@ def test_a_suite_stops_when_its_limit_is_decided(sfr: Sfr, decided: tuple[Path, 
     assert summary["counts"]["done"] == 6
     (verdict,) = summary["groups"][0]["verdicts"]
     assert (verdict["proof"]["method"], verdict["proof"]["independent"]) == ("sequential", 6.0)
-    run = {drive["source"] for drive in summary["drives"]}
+    run = {drive["source"] for drive in summary["results"]}
     skipped = {f"drive{number}.csv" for number in range(12)} - run
     (line,) = [line for line in ended.err.splitlines() if "not run, because the limits are decided" in line]
     assert len(skipped) == 6

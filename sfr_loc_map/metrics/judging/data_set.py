@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.records import InputFile
 
 DATA_SET_ROLES = {
     "truth": "the ground truth of the drive",
@@ -24,8 +27,12 @@ def fault_of_data_set(score: Score) -> str | None:
     accepted = score.active_rules.data_set_sha256
     if not accepted:
         return None
+    return fault_of_inputs(accepted, {} if score.provenance is None else score.provenance.inputs)
+
+
+def fault_of_inputs(accepted: Sequence[str], inputs: Mapping[str, InputFile]) -> str | None:
+    """Return why inputs, by role, are not those of a data set with the `accepted` hashes; None if they are."""
     required = f"the limits require one of {', '.join(accepted)} (data_set_sha256)"
-    inputs = {} if score.provenance is None else score.provenance.inputs
     present = [role for role in DATA_SET_ROLES if role in inputs]
     if not present:
         return f"the data set is unknown, because the score states no hash of a ground truth or of images: {required}"

@@ -23,7 +23,7 @@ GROUPS = "groups, by their number in the table"
 
 
 def write_summary(summary: Summary, store: Store) -> None:
-    """Write `suite.json`, `report.html`, the pages of drives and, with pyarrow, `results.parquet`."""
+    """Write `suite.json`, `report.html`, the pages of the worst results and, with pyarrow, `results.parquet`."""
     folder = store.folder
     (folder / PAGES).mkdir(exist_ok=True)
     texts = {"suite.json": json_line(summary.to_dict()), "report.html": render_summary(summary)}
@@ -56,14 +56,14 @@ def _error_plots(summary: Summary) -> list[Plot]:
     pooled = [(number, row.mean_plus_3sigma) for number, row in firsts if row is not None]
     factor, unit = error_scale(largest([value for _, value in each]))
     traces = [
-        marks("one drive", _columns(each, factor), "@one", size=6),
-        marks("all drives pooled", _columns(pooled, factor), "@two", symbol="line-ew-open", size=22),
+        marks("one result", _columns(each, factor), "@one", size=6),
+        marks("all drives, pooled", _columns(pooled, factor), "@two", symbol="line-ew-open", size=22),
     ]
     sizes = span([value * factor for _, value in each + pooled if value is not None])
     layout = {"xaxis": axis(GROUPS, dtick=1), "yaxis": log_axis(f"position, mean + 3 sigma, {unit}", *sizes)}
     caption = (
-        "Errors of each drive, and of the pooled sub-trajectories of all drives, for the first condition. The pooled "
-        "value contains the differences between the drives and may therefore exceed the values of all drives."
+        "Errors of each result, and of the pooled sub-trajectories of all drives, for the first condition. The pooled "
+        "value contains the differences between the drives and may therefore exceed the values of all results."
     )
     return [Plot("suite-errors", "Position error by group", caption, traces, layout, width="full")]
 
@@ -101,9 +101,9 @@ def render_history(history: History) -> str:
         heading, text = "not judged", history.shortage
     elif not worse:
         heading, text = "not worse", "No figure is certainly worse than before."
-    plots, caption = [], "Geometric mean over the drives; arithmetic mean for counts."
+    plots, caption = [], "Geometric mean over the jobs; arithmetic mean for counts."
     for number, (figure, values) in enumerate(history.figures.items()):
-        trace = marks("all drives", _columns(list(enumerate(values, 1))), "@one")
+        trace = marks("all jobs", _columns(list(enumerate(values, 1))), "@one")
         layout = {"xaxis": axis("night"), "yaxis": axis(figure)}
         plots.append(Plot(f"history-{number}", figure, caption, [trace], layout))
     banner = Banner.without_verdict(heading, text)

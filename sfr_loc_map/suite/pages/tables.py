@@ -18,13 +18,16 @@ from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.suite.running.job import SHORT_KEY
 from sfr_loc_map.suite.running.job_outcome import WorkerRecord
 from sfr_loc_map.suite.statistics.budget import Budget, BudgetRow, row_with_fraction
-from sfr_loc_map.suite.statistics.comparison import CountComparison, FigureComparison, SuiteComparison
+from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation
+from sfr_loc_map.suite.statistics.comparison import CountComparison, FigureComparison, SuiteComparison, SuiteState
 from sfr_loc_map.suite.statistics.drive_count import DriveCount
 from sfr_loc_map.suite.statistics.figures import map_error_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
-from sfr_loc_map.suite.statistics.history import Change, History
+from sfr_loc_map.suite.statistics.groups import Group
+from sfr_loc_map.suite.statistics.history import Change, DeviationOfNights, History
 from sfr_loc_map.suite.statistics.night_comparison import MIN_REFERENCE
-from sfr_loc_map.suite.statistics.summary import CommonDeviation, Group, JobCounts, ReplacedTruth, ScoredJob, Summary
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob
+from sfr_loc_map.suite.statistics.summary import JobCounts, ReplacedTruth, Summary
 from sfr_loc_map.tables.model import MIB, MILLIMETRE, MILLISECOND, PERCENT, Cell, Column, Table, Unit, fitting, number
 from sfr_loc_map.tables.typed import RowColumn, heads, intervals, numbers, table_of, words
 
@@ -43,10 +46,10 @@ SUITE_JSON = "suite.json"
 
 
 def suite_tables(summary: Summary) -> list[Table]:
-    """Return the tables of a suite: verdicts, failures, budgets, counts, pooled errors, maps and drives, workers."""
+    """Return the tables of a suite: verdicts, failures, budgets, counts, pooled errors, results, workers."""
     pages = {result.job.key for result in linked(summary)}
     maps = worst_maps_first(summary.results)
-    of_drives = "Errors over the sub-trajectories of the first condition."
+    of_first = "Errors over the sub-trajectories of the first condition."
     tables = (
         verdict_table(summary),
         table_of("failures", "Jobs without a result", FAILURES, failure_rows(summary)),
@@ -58,7 +61,9 @@ def suite_tables(summary: Summary) -> list[Table]:
         table_of("truths", "Ground truth in place of that of the recording", TRUTHS, summary.replaced_truths),
         pooled_table(summary.groups),
         result_table("maps", "Maps, the worst first", maps, pages, Subject.MAP),
-        result_table("drives", "Drives, the worst first", worst_first(summary), pages, Subject.TRAJECTORY, of_drives),
+        result_table(
+            "trajectories", "Trajectories, the worst first", worst_first(summary), pages, Subject.TRAJECTORY, of_first
+        ),
         table_of(
             "workers",
             "Workers",
@@ -284,12 +289,12 @@ def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
 
 
 def worst_first(summary: Summary) -> list[ScoredJob]:
-    """Return the drives with a trajectory in the order of decreasing mean + 3 sigma of position.
+    """Return the results with a trajectory in the order of decreasing mean + 3 sigma of position.
 
-    A drive without this figure, for example a lost drive, is before the others.
+    A result without this figure, for example of a lost drive, is before the others.
     """
-    drives = [result for result in summary.results if result.score.association is not None]
-    return sorted(drives, key=lambda result: _rank(result.position_m), reverse=True)
+    trajectories = [result for result in summary.results if result.score.association is not None]
+    return sorted(trajectories, key=lambda result: _rank(result.position_m), reverse=True)
 
 
 def worst_maps_first(results: Sequence[ScoredJob]) -> list[ScoredJob]:
@@ -303,19 +308,19 @@ def _rank(error: float | None) -> float:
 
 
 def linked(summary: Summary) -> list[ScoredJob]:
-    """Return the results that have their own page: the worst drives and the worst maps.
+    """Return the results that have their own page: the worst trajectories and the worst maps.
 
-    If there are too many results, drives and maps have up to half of the pages each. If one of the two needs fewer
-    pages, the other gets the rest.
+    If there are too many results, trajectories and maps have up to half of the pages each. If one of the two needs
+    fewer pages, the other gets the rest.
     """
-    drives = worst_first(summary)
+    trajectories = worst_first(summary)
     maps = [result for result in worst_maps_first(summary.results) if result.score.association is None]
-    chosen_maps = maps[: max(MAX_PAGES // 2, MAX_PAGES - len(drives))]
-    return drives[: MAX_PAGES - len(chosen_maps)] + chosen_maps
+    chosen_maps = maps[: max(MAX_PAGES // 2, MAX_PAGES - len(trajectories))]
+    return trajectories[: MAX_PAGES - len(chosen_maps)] + chosen_maps
 
 
 def result_table(
-    name: str, title: str, drives: Sequence[ScoredJob], pages: set[str], subject: Subject, note: str = ""
+    name: str, title: str, results: Sequence[ScoredJob], pages: set[str], subject: Subject, note: str = ""
 ) -> Table:
     """Return a table with a row per result: the compared errors of the first condition, and the resources."""
 
@@ -326,25 +331,25 @@ def result_table(
         return f"{row.job.group.text}, repeat {row.job.repeat}" if row.job.repeat else row.job.group.text
 
     columns: list[RowColumn[ScoredJob]] = [
-        heads("drive", lambda row: row.job.source.name, link=page_of),
+        heads("source", lambda row: row.job.source.name, link=page_of),
         words("group", group_of),
         *_compared_errors(subject),
-        *(OF_MAPS if subject is Subject.MAP else OF_DRIVES),
+        *(OF_MAPS if subject is Subject.MAP else OF_TRAJECTORIES),
         numbers("limits missed", lambda row: counts_of(row.score.on_limits).missed),
         words("result", lambda row: row.job.key[:SHORT_KEY], link=lambda row: f"results/{row.job.key}.json"),
     ]
-    return table_of(name, title, columns, drives, note)
+    return table_of(name, title, columns, results, note)
 
 
 OF_MAPS: tuple[RowColumn[ScoredJob], ...] = (numbers("coverage", lambda row: row.score.number("coverage"), PERCENT),)
-OF_DRIVES: tuple[RowColumn[ScoredJob], ...] = (
+OF_TRAJECTORIES: tuple[RowColumn[ScoredJob], ...] = (
     numbers("covered", lambda row: row.score.number("judged", part=Scope.DRIVE), PERCENT),
     numbers("n", lambda row: row.score.number("position", "n")),
     numbers("lost", lambda row: row.score.number("lost", part="count")),
     numbers("call p95", lambda row: row.score.number("localisation", "p95", part=None), MILLISECOND),
     numbers("peak", lambda row: row.score.number("peak", part=CallKind.LOCALISATION), MIB),
 )
-"""Columns of maps and of drives to the right of the compared errors."""
+"""Columns of maps and of trajectories to the right of the compared errors."""
 
 
 def _compared_errors(subject: Subject) -> Iterator[RowColumn[ScoredJob]]:
@@ -399,8 +404,31 @@ COMPARED_COUNTS: tuple[RowColumn[CountComparison], ...] = (
 )
 
 
+COMPARED_SUITES: tuple[RowColumn[SuiteState], ...] = (
+    heads("suite", lambda row: row.name),
+    words("verdict", lambda row: None if row.verdict is None else row.verdict.value),
+    numbers("jobs and sources without a result", lambda row: row.without_result),
+    numbers("deviations", lambda row: len(row.deviations)),
+)
+
+
+class SuiteDeviation(NamedTuple):
+    """A deviation of one of several suites."""
+
+    suite: str
+    item: CommonDeviation
+
+
+DEVIATIONS_OF_SUITES: tuple[RowColumn[SuiteDeviation], ...] = (
+    heads("deviation", lambda row: row.item.text),
+    words("suite", lambda row: row.suite),
+    numbers("results", lambda row: row.item.results),
+    words("result", lambda row: row.item.of),
+)
+
+
 def comparison_tables(result: SuiteComparison) -> list[Table]:
-    """Return the tables of a comparison of suites: ratios of errors and memory, and counts of frames."""
+    """Return the tables of a comparison of suites: ratios, counts of frames, the suites, and their deviations."""
     note = (
         "Ratio: mean + 3 sigma (or the cost) of the second suite divided by that of the first, as geometric mean over "
         "the drives. Below 1, the second suite is better. "
@@ -409,11 +437,15 @@ def comparison_tables(result: SuiteComparison) -> list[Table]:
         f"{result.left_out[0]} in the first, {result.left_out[1]} in the second."
     )
     title = f"{result.names[1]} relative to {result.names[0]}, {result.common} results in both"
-    ratios = table_of("comparison", title, COMPARISON, result.figures, note)
-    if not result.counts:
-        return [ratios]
     summed = "Sums over the common results for which both suites have the count."
-    return [ratios, table_of("counts", "Lost, degraded and missing frames", COMPARED_COUNTS, result.counts, summed)]
+    deviations = [SuiteDeviation(suite.name, item) for suite in result.suites for item in suite.deviations]
+    tables = (
+        table_of("comparison", title, COMPARISON, result.figures, note),
+        table_of("counts", "Lost, degraded and missing frames", COMPARED_COUNTS, result.counts, summed),
+        table_of("suites", "Compared suites", COMPARED_SUITES, result.suites),
+        table_of("deviations", "Deviations of the results", DEVIATIONS_OF_SUITES, deviations),
+    )
+    return [table for table in tables if table.rows]
 
 
 def _changed_jobs(change: Change) -> str:
@@ -425,10 +457,10 @@ def _changed_jobs(change: Change) -> str:
 
 
 HISTORY: tuple[RowColumn[Change], ...] = (
-    heads("since", lambda row: row.night),
+    heads("since", lambda row: row.since),
     words("commits", lambda row: row.range),
     words("figure", lambda row: row.figure),
-    words("is", lambda row: row.outcome),
+    words("is", lambda row: row.kind_of_change),
     words("jobs", _changed_jobs),
     numbers("before", lambda row: row.before),
     numbers("after", lambda row: row.after),
@@ -438,8 +470,15 @@ HISTORY: tuple[RowColumn[Change], ...] = (
 )
 
 
+DEVIATIONS_OF_NIGHTS: tuple[RowColumn[DeviationOfNights], ...] = (
+    heads("deviation", lambda row: row.text),
+    numbers("runs", lambda row: len(row.nights)),
+    words("last run", lambda row: row.nights[-1]),
+)
+
+
 def history_tables(history: History) -> list[Table]:
-    """Return the table of a history with every change of a figure."""
+    """Return the tables of a history: every change of a figure, and the deviations of the results."""
     note = (
         f"Runs of the suite (nights): {len(history.nights)}. Before and after: means over the named jobs. Without "
         f"changes, at most one night in {1.0 / history.false_alarm_rate:g} gives an alarm."
@@ -451,14 +490,18 @@ def history_tables(history: History) -> list[Table]:
     if history.shortage:
         note += f" Not judged: {history.shortage}."
     title = "No figure changed" if history.tested and not history.changes else "Changes"
-    return [table_of("history", title, HISTORY, history.changes, note)]
+    changes = table_of("history", title, HISTORY, history.changes, note)
+    if not history.deviations:
+        return [changes]
+    title = "Deviations of the results"
+    return [changes, table_of("deviations", title, DEVIATIONS_OF_NIGHTS, history.deviations)]
 
 
 NO_NUMBER = "no number"  #: Text if no number of drives is enough.
 DRIVE_COUNTS: tuple[RowColumn[DriveCount], ...] = (
     heads("requirement", lambda row: row.text),
     numbers("without a failure", lambda row: row.without_failure),
-    numbers("fixed plan", lambda row: row.fixed),
+    numbers("fixed number", lambda row: row.fixed),
     numbers("may fail", lambda row: row.allowed),
     numbers("sequential, expected", lambda row: row.sequential),
     numbers("sequential, no failure", lambda row: row.sequential_at_none),
@@ -480,7 +523,7 @@ def drive_count_table(counts: Sequence[DriveCount]) -> Table:
     has_suite = any(count.drives is not None for count in counts)
     columns = (*DRIVE_COUNTS, *(OF_SUITE if has_suite else ()))
     note = (
-        "Numbers of independent drives. A fixed plan is judged at its end and passes with at most the failures in "
-        "'may fail'. The sequential test is judged after each drive and has the same risks."
+        "Numbers of independent drives. A fixed number of drives is judged at the end and passes with at most the "
+        "failures in 'may fail'. The sequential test is judged after each drive and has the same risks."
     )
     return table_of("drives", "Number of drives", columns, counts, note)

@@ -1,4 +1,8 @@
-"""The configurations of a suite: parameters of the localiser and the mapper, or methods under test in their place."""
+"""The configurations of a suite: parameters of the localiser and the mapper, or methods under test in their place.
+
+A configuration has the hashes of the files that its parameters name, so that they are part of the key of a job. A
+worker compares them with its own files.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +11,13 @@ from pathlib import Path
 
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.config_yaml import entries_by_name
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_text import alternatives
+from sfr_loc_map.methods.isolation import OWN_FILES, own_files_sha256
 from sfr_loc_map.methods.registry import LIBRARY_PREFIX, Method, find_method
 from sfr_loc_map.suite.running.digests import cached
 from sfr_loc_map.suite_names import OURS, Task
@@ -21,9 +26,11 @@ SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = 
     "localisation": (LocalisationConfig, Task.LOCALISATION),
     "mapping": (MappingConfig, Task.MAPPING),
 }
-METHOD, METHOD_CONFIG, METHOD_SHA256 = "method", "method_config", "method_sha256"
-METHOD_KEYS = (METHOD, METHOD_CONFIG, METHOD_SHA256)
-"""Keys in addition to the parameters of a section: method, file of its configuration, and hash (added here)."""
+METHOD, METHOD_CONFIG = "method", "method_config"
+METHOD_SHA256, METHOD_FILES_SHA256 = "method_sha256", "method_files_sha256"
+METHOD_KEYS = (METHOD, METHOD_CONFIG, METHOD_SHA256, METHOD_FILES_SHA256)
+"""Keys in addition to the parameters of a section: method and file of its configuration. Added here: the hashes of its
+own code and of the files in SFR_METHOD_FILES; empty if there are none."""
 MASK_HASHES = {"left_mask": "left_mask_sha256", "right_mask": "right_mask_sha256"}
 """Key of the hash (added here) of each parameter that names a mask of the localiser."""
 
@@ -103,12 +110,37 @@ def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str,
             text = read_text(path)
     if spec == OURS:
         return {}
-    sha256 = find_method(spec, task, text).sha256 or ""  # empty for a built-in method
-    return dict(zip(METHOD_KEYS, (spec, text, sha256), strict=True))
+    method = find_method(spec, task, text)
+    return dict(zip(METHOD_KEYS, (spec, text, *_hashes_of(method)), strict=True))
+
+
+def _hashes_of(method: Method) -> tuple[str, str]:
+    """Return the hashes of a method's own code and of the files in SFR_METHOD_FILES; empty for a built-in method."""
+    files = own_files_sha256() if method.reads_own_files else None
+    return method.sha256 or "", files or ""
 
 
 def chosen_method(section: Mapping[str, object], task: Task) -> Method | None:
-    """Return the method in a section of a configuration, None for ours; MethodError if the method is missing."""
+    """Return the method in a section of a configuration, None for ours; MethodError if the method is missing.
+
+    InputError if its code or its files are not those for which the job was planned.
+    """
     if METHOD not in section:
         return None
-    return find_method(str(section[METHOD]), task, str(section.get(METHOD_CONFIG, "")))
+    method = find_method(str(section[METHOD]), task, str(section.get(METHOD_CONFIG, "")))
+    planned = (section.get(METHOD_SHA256, ""), section.get(METHOD_FILES_SHA256, ""))
+    for planned_sha256, sha256, what in zip(planned, _hashes_of(method), ("code", f"files ({OWN_FILES})"), strict=True):
+        if sha256 != planned_sha256:
+            raise _changed(f"the {what} of the method '{method.name}'")
+    return method
+
+
+def check_masks(section: Mapping[str, object]) -> None:
+    """Raise InputError if a mask in a section is not the file for which the job was planned."""
+    for name, hash_name in MASK_HASHES.items():
+        if name in section and cached(Path(str(section[name])), hash_path) != section.get(hash_name):
+            raise _changed(f"the {name} '{section[name]}'")
+
+
+def _changed(what: str) -> InputError:
+    return InputError(f"{what} differs from that of the plan: repeat the command, with equal files on all hosts")

@@ -8,7 +8,7 @@ import importlib.metadata
 import os
 import platform
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar, cast
 
@@ -83,13 +83,24 @@ def code_fingerprint() -> str:
 
 def estimate_hash(estimate: Path, truth: Path) -> str:
     """Return the hash of an estimate, its truth and its calls. The calls contain findings and lost poses."""
-    return files_hash(estimate, truth, *ScoreInputs.of(estimate, truth).stats)
+    return hash_of(files_of_estimate(estimate, truth))
 
 
-def files_hash(*places: Path) -> str:
-    """Return a hash of files or folders, of their configurations, and of the files that the configurations name."""
-    hashes = [cached(path, hash_path) for place in places for path in files_of_source(place)]
+def files_hash(place: Path) -> str:
+    """Return the hash of a file or folder, of its configuration, and of the files that the configuration names."""
+    return hash_of(files_of_source(place))
+
+
+def hash_of(paths: Sequence[Path]) -> str:
+    """Return the hash of files and folders; that of a single one is the hash of its content."""
+    hashes = [cached(path, hash_path) for path in paths]
     return hashes[0] if len(hashes) == 1 else digest(hashes)
+
+
+def files_of_estimate(estimate: Path, truth: Path) -> tuple[Path, ...]:
+    """Return an estimate, its truth and its calls, each with the files of `files_of_source`."""
+    places = (estimate, truth, *ScoreInputs.of(estimate, truth).stats)
+    return tuple(file for place in places for file in files_of_source(place))
 
 
 def files_of_source(place: Path) -> tuple[Path, ...]:

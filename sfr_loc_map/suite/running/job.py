@@ -80,6 +80,11 @@ class JobSource:
     identical: tuple[str, ...] = ()  #: Names of further sources with the same data, which have the same jobs.
 
     @property
+    def input_identity(self) -> tuple[str, ...]:
+        """Identity of the data that a method under test receives; of an estimate, its name and its truth."""
+        return (self.name, self.truth_sha256) if self.kind is SourceKind.ESTIMATE else (self.sha256,)
+
+    @property
     def drive_identity(self) -> tuple[SourceKind, str]:
         """Identity of the drive, which copies of the source share."""
         return self.kind, self.drive or self.truth_sha256 or self.sha256
@@ -195,9 +200,12 @@ class Job:
 
     @property
     def pairing(self) -> str:
-        """Hash of work and data, by which jobs of two suites are paired in a comparison."""
+        """Hash of work and data, by which jobs of two suites are paired in a comparison.
+
+        Estimates of one name and one ground truth are paired, because they are the results of two methods.
+        """
         faults = [self.faults, effective_seed(self.faults, self.fault_seed)]
-        data = [self.task, self.source.kind, self.source.sha256, *faults, self.repeat]
+        data = [self.task, self.source.kind, *self.source.input_identity, *faults, self.repeat]
         return digest([*data, self.start, self.scoring])
 
     @property

@@ -44,7 +44,7 @@ from sfr_loc_map.scoring.inputs import CloudToScore, Origin, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.load_map import pairs_of_cloud
 from sfr_loc_map.scoring.score_run import score_run
-from sfr_loc_map.suite.running.configurations import MASK_HASHES, METHOD_KEYS, chosen_method
+from sfr_loc_map.suite.running.configurations import MASK_HASHES, METHOD_KEYS, check_masks, chosen_method
 from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.source_readers import SOURCE_READERS
 from sfr_loc_map.suite_names import Task
@@ -211,9 +211,10 @@ def _scored(job: Job, run: Run) -> Score:
 
 
 def _section(job: Job, section: str) -> dict[str, object]:
-    """Return the parameters of a section, without the hashes of masks."""
+    """Return the parameters of a section, without the hashes of masks; InputError if a mask has changed."""
     prefix = f"{section}."
     named = {name.removeprefix(prefix): value for name, value in job.parameters.items() if name.startswith(prefix)}
+    check_masks(named)
     return {name: value for name, value in named.items() if name not in MASK_HASHES.values()}
 
 

@@ -16,6 +16,7 @@ from sfr_loc_map.message_text import one_line
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import JobSource, digest
+from sfr_loc_map.suite.running.source_names import last_part
 
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
@@ -51,7 +52,7 @@ def fetch(url: str, cache: Path) -> Path:
         if not files:
             raise FileNotFoundError(url)
         # the name is kept, because formats are detected by suffix
-        name = url.partition("?")[0].rstrip("/").rpartition("/")[2] or "source"
+        name = last_part(url) or "source"
 
         def get(folder: Path) -> None:
             folder.mkdir()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import glob
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -54,10 +54,12 @@ def _name_with_settings(source: JobSource, equal: Sequence[JobSource]) -> str:
 
 def _with_files_renamed(sources: Sequence[JobSource]) -> list[JobSource]:
     """Return the sources; files of equal name are named by the end of their path, or by the path if ends are equal."""
-    counts = Counter(source.name for source in sources)
+    paths: dict[str, set[str]] = {}
+    for source in sources:
+        paths.setdefault(source.name, set()).add(source.path)
     renamed = []
     for source in sources:
-        if source.settings or counts[source.name] == 1:
+        if source.settings or len(paths[source.name]) == 1:
             renamed.append(source)
             continue
         end = "/".join(Path(source.path).parts[-NAMED_PARTS:])
@@ -77,3 +79,14 @@ def _with_truths_named(sources: Sequence[JobSource]) -> list[JobSource]:
         else source
         for source in sources
     ]
+
+
+def last_part(path: str) -> str:
+    """Return the name of a file or folder in a path or a URL, without the query of the URL."""
+    place = path.partition("?")[0] if "://" in path else path
+    return place.rstrip("/").rpartition("/")[2]
+
+
+def pattern_in(folder: Path, entry: str) -> str:
+    """Return the pattern of an entry of `sources`, a path or a glob; the name of the folder is no pattern."""
+    return str(Path(glob.escape(str(folder))) / entry)

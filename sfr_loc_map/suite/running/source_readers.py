@@ -6,6 +6,7 @@ To add a kind, add a member to `SourceKind` (job.py), and here a class with its 
 from __future__ import annotations
 
 import glob
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -14,12 +15,13 @@ from typing import NamedTuple
 
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.config_yaml import load_yaml
-from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.suite.running.digests import estimate_hash, files_hash
+from sfr_loc_map.suite.running.digests import estimate_hash, file_state, files_hash, files_of_estimate, files_of_source
 from sfr_loc_map.suite.running.drive_copies import DriveTrace, trace_of_estimate, trace_of_source
 from sfr_loc_map.suite.running.job import JobSource, JobTask, SourceKind, digest, tasks_for
 from sfr_loc_map.suite.running.source_cache import expand, fetch, rendered
+from sfr_loc_map.suite.running.source_names import last_part, pattern_in
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +61,10 @@ class SourceReader(ABC):
         """Return the path at which a job reads the source."""
         return Path(source.path)
 
+    def files(self, source: JobSource) -> tuple[Path, ...]:
+        """Return the files and folders that the hash of a planned source covers."""
+        return files_of_source(Path(source.path))
+
 
 class FileSource(SourceReader):
     """A recording on this host: a path or a glob."""
@@ -68,12 +74,13 @@ class FileSource(SourceReader):
         return isinstance(entry, str) and entry != ""
 
     def sources(self, entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
-        """Yield a source for each match."""
-        paths = sorted(glob.glob(str(folder / str(entry)), recursive=True))
+        """Yield a source for each match; a path that exists is no glob, even if its name has brackets."""
+        named, pattern = str(folder / str(entry)), pattern_in(folder, str(entry))
+        paths = [named] if os.path.exists(named) else sorted(glob.glob(pattern, recursive=True))
         if not paths:
             raise InputError(f"source '{entry}': no match in '{folder}'; give an existing path or glob")
         for path in paths:
-            yield JobSource(name=_last_part(path), kind=SourceKind.FILE, path=path, sha256="")
+            yield JobSource(name=last_part(path), kind=SourceKind.FILE, path=path, sha256="")
 
     def ready(self, source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
         """Inspect the file."""
@@ -95,7 +102,7 @@ class RemoteSource(FileSource):
         if not urls:
             raise InputError(f"source '{entry}': no match; give an existing URL or glob")
         for url in urls:
-            yield JobSource(name=_last_part(url), kind=SourceKind.REMOTE, path=url, sha256="")
+            yield JobSource(name=last_part(url), kind=SourceKind.REMOTE, path=url, sha256="")
 
     def ready(self, source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
         """Fetch and inspect the file."""
@@ -107,14 +114,16 @@ class EstimateSource(SourceReader):
     """An estimate with its ground truth, for a score."""
 
     def accepts(self, entry: object) -> bool:
-        """Return whether the entry has the keys of an estimate."""
-        return isinstance(entry, Mapping) and set(entry) == {"estimate", "truth"}
+        """Return whether the entry has the keys of an estimate, each with a path."""
+        if not isinstance(entry, Mapping) or set(entry) != {"estimate", "truth"}:
+            return False
+        return all(isinstance(path, str) for path in entry.values())
 
     def sources(self, entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
         """Yield the source."""
         assert isinstance(entry, Mapping)
-        path, truth = (str(folder / str(entry[name])) for name in ("estimate", "truth"))
-        yield JobSource(name=_last_part(path), kind=SourceKind.ESTIMATE, path=path, truth=truth, sha256="")
+        path, truth = (str(folder / entry[name]) for name in ("estimate", "truth"))
+        yield JobSource(name=last_part(path), kind=SourceKind.ESTIMATE, path=path, truth=truth, sha256="")
 
     def ready(self, source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
         """Hash the files."""
@@ -122,13 +131,17 @@ class EstimateSource(SourceReader):
         hashed = replace(source, sha256=estimate_hash(estimate, truth), truth_sha256=files_hash(truth))
         return ReadySource(hashed, (JobTask.SCORE,), trace_of_estimate(estimate, truth))
 
+    def files(self, source: JobSource) -> tuple[Path, ...]:
+        """Return the estimate, its truth and its calls, each with its configuration."""
+        return files_of_estimate(Path(source.path), Path(source.truth))
+
 
 class SimulatedSource(SourceReader):
     """A drive or a panorama that is rendered from the settings of a scenario, one for each seed."""
 
     def accepts(self, entry: object) -> bool:
         """Return whether the entry names a scenario."""
-        return isinstance(entry, Mapping) and "simulate" in entry
+        return isinstance(entry, Mapping) and isinstance(entry.get("simulate"), str)
 
     def sources(self, entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
         """Yield a source for each seed."""
@@ -139,7 +152,7 @@ class SimulatedSource(SourceReader):
             raise ConfigError(
                 f"{origin}: 'simulate' accepts 'seeds' (a list of whole numbers) and 'set' (settings as NAME: VALUE)"
             )
-        scenario = folder / str(entry["simulate"])
+        scenario = folder / entry["simulate"]
         settings = scenario_settings(scenario) | dict(changes)
         if "seed" in changes:
             raise ConfigError(f"{origin}: 'seed' in 'set' has no effect: give 'seeds'")
@@ -155,6 +168,10 @@ class SimulatedSource(SourceReader):
     def local_path(self, source: JobSource, cache: Path) -> Path:
         """Return the path of the rendered source."""
         return rendered(source, cache)
+
+    def files(self, source: JobSource) -> tuple[Path, ...]:
+        """Return no file, because the settings identify the data."""
+        return ()
 
 
 SOURCE_READERS: Mapping[SourceKind, SourceReader] = {
@@ -175,6 +192,14 @@ def read_sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource
             f"{origin}: a path, a URL, 'simulate: SCENARIO', or 'estimate: EST' with 'truth: TRUTH' is required"
         )
     yield from reader.sources(entry, folder, origin)
+
+
+def state_of(source: JobSource) -> str | None:
+    """Return the state of the files of a planned source; None if one of them cannot be read."""
+    try:
+        return digest([file_state(file) for file in SOURCE_READERS[source.kind].files(source)])
+    except SfrError:
+        return None
 
 
 def inspect_file(path: Path) -> SourceFacts:
@@ -202,7 +227,3 @@ def simulated_source(scenario: Path, settings: Mapping[str, object], seed: int, 
         sha256=digest(complete),
         seed=seed,
     )
-
-
-def _last_part(path: str) -> str:
-    return path.rstrip("/").rpartition("/")[2]

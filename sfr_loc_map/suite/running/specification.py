@@ -1,4 +1,4 @@
-"""The file of a suite (docs/suites.md): sources, faults, configurations and tasks."""
+"""The file of a suite (docs/suites.md): sources, faults, configurations, tasks, limits and settings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import build, param
+from sfr_loc_map.config import build, flatten, param, suggestion
 from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, InputError, naming_key
 from sfr_loc_map.faults.kinds import parse_fault
@@ -23,6 +23,7 @@ from sfr_loc_map.suite.running.source_readers import read_sources, simulated_sou
 from sfr_loc_map.suite.running.variants import ErrorSource, parse_budget, variants_of
 
 LISTS = ("sources", "perturb", "tasks", "conditions")
+OTHERS = ("budget", "configurations", "limits")
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,11 +95,12 @@ class SuiteSpecification:
 def load_specification(path: Path) -> SuiteSpecification:
     """Read the file of a suite; raise ConfigError if it is invalid, InputError if no source can be read."""
     content = load_yaml(path)
+    check_keys(content, (*LISTS, *OTHERS, *flatten(SuiteSettings())), path)
     lists = {name: _list_in(content, name, path) for name in LISTS}
     budget = parse_budget(content.pop("budget"), str(path)) if "budget" in content else ()
     configurations = content.pop("configurations", None)
-    limits_value = content.pop("limits", None)
-    stated_limits = _stated_limits(limits_value, path)
+    has_limits, limits_value = "limits" in content, content.pop("limits", None)
+    stated_limits = _stated_limits(limits_value, path) if has_limits else {}
     settings = build(SuiteSettings, content, origin=str(path))
     if not lists["sources"]:
         raise ConfigError(f"{path}: 'sources' is missing or empty: give paths, globs or simulations")
@@ -112,13 +114,13 @@ def load_specification(path: Path) -> SuiteSpecification:
     sources, refusals = _sources(lists["sources"], path)
     if budget:
         sources = list(_budget_sources(sources, budget, path))
-    if budget and (stated_limits or lists["perturb"] or lists["tasks"] not in ([], ["localise"])):
+    if budget and (has_limits or lists["perturb"] or lists["tasks"] not in ([], ["localise"])):
         raise ConfigError(
             f"{path}: 'budget' cannot be combined with 'limits' or 'perturb', and requires 'tasks: [localise]'"
         )
     with naming_key(f"{path}: 'conditions'"):
         named = [Condition.parse(str(text)).setting for text in lists["conditions"] or ["distance=5"]]
-    limits = parse_limits(stated_limits, f"{path}: limits") if stated_limits else None
+    limits = parse_limits(stated_limits, f"{path}: limits") if has_limits else None
     named += () if limits is None else limits.conditions
     _check_effects(settings, limits, budget, path)
     conditions = tuple(dict.fromkeys(named))
@@ -137,6 +139,12 @@ def load_specification(path: Path) -> SuiteSpecification:
         kept_errors=() if limits is None else _kept_errors(limits),
         settings=settings,
     )
+
+
+def check_keys(content: Mapping[str, Any], known: Sequence[str], path: Path) -> None:
+    """Raise ConfigError if the file of a suite or of a search has an unknown key."""
+    if unknown := [name for name in content if name not in known]:
+        raise ConfigError(f"{path}: unknown key '{unknown[0]}'{suggestion(str(unknown[0]), known)}")
 
 
 def _list_in(content: dict[str, Any], name: str, path: Path) -> list[Any]:
@@ -162,7 +170,8 @@ def _check_effects(settings: SuiteSettings, limits: Limits | None, budget: Seque
 
 def limits_in(path: Path) -> Mapping[str, Any]:
     """Return the limits in the file of a suite, or in the limits file that it names; empty if there are none."""
-    return _stated_limits(load_yaml(path).get("limits"), path)
+    content = load_yaml(path)
+    return _stated_limits(content["limits"], path) if "limits" in content else {}
 
 
 def _tasks(names: Sequence[object], path: Path) -> tuple[JobTask, ...] | None:
@@ -213,8 +222,7 @@ def _budget_sources(sources: Sequence[JobSource], budget: Sequence[ErrorSource],
 
 
 def _stated_limits(value: object, path: Path) -> Mapping[str, Any]:
-    if value is None:
-        return {}
+    """Return the limits in a suite's file, or in the limits file that it names."""
     content = load_yaml(path.parent / value) if isinstance(value, str) else value
     if not isinstance(content, Mapping):
         raise ConfigError(

@@ -1,11 +1,20 @@
 """The folder of a suite. Results are files, from which the state of each job follows.
 
+DIR/plan.json               jobs in the order of the suite's file, refused sources, limits, code; path and hash of the
+                            suite's file and of the limits file
 DIR/results/KEY.json        score of a job (sfr-score/2)
 DIR/failures/KEY.json       cause of the failure of a job
-DIR/plan.json               facts of the sources, jobs in the order of the suite's file, limits, code; path and hash
-                            of the suite's file and of the limits file
 DIR/workers.json            workers of the runs: finished jobs, and why a worker was set aside
-DIR/cache/                  simulated and fetched sources; may be deleted
+DIR/suite.json, report.html, pages/, results.parquet
+                            the report: a summary of the files above, which is made again from them
+DIR/search.json, search.html, case.yaml
+                            the result of a search
+DIR/cache/                  facts of sources, simulated and fetched sources; may be deleted
+
+Who writes: The process that holds the lock (`Store.locked`) writes all files except the cache. This is
+`sfr suite run`, `sfr suite search`, or `sfr suite report`, which writes only the report. Dask workers write no file of
+the folder except simulated sources in the cache. They return each outcome to the process that started them. Files of
+the cache are complete or absent, so that several processes can write them.
 """
 
 from __future__ import annotations
@@ -13,7 +22,7 @@ from __future__ import annotations
 import fcntl
 import socket
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,31 +30,22 @@ from typing import Any, TypeVar
 import msgspec
 
 from sfr_loc_map.atomic import make_folder, write_text
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.errors import ConfigError, InputError, OutputError
 from sfr_loc_map.hashes import hash_path
-from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text, refusing
+from sfr_loc_map.inputs import MAX_JSON_BYTES, MB, read_text, refusing
 from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.package_commit import package_commit
-from sfr_loc_map.suite.running.digests import code_fingerprint, file_state, files_of_source
-from sfr_loc_map.suite.running.job import OF_SUITE, Job, JobDescription, digest
+from sfr_loc_map.suite.running.job import OF_SUITE, Job, JobDescription
 from sfr_loc_map.suite.running.job_outcome import JobFailure, JobOutcome, JobState, WorkerRecord
-from sfr_loc_map.suite.running.source_readers import SourceFacts, inspect_file
 from sfr_loc_map.suite.running.specification import Refusal, limits_in
 
 PLAN, WORKERS = "plan.json", "workers.json"
 ADVICE = "delete this file and run the suite again"
 T = TypeVar("T")
-
-
-class KnownFacts(msgspec.Struct, frozen=True):
-    """Facts of a source."""
-
-    stamp: str  #: Hash of the code and of the state of the source's files. The facts are valid only for this hash.
-    facts: dict[str, Any]  #: `SourceFacts` as JSON values.
 
 
 class PlanFile(msgspec.Struct, frozen=True):
@@ -72,10 +72,9 @@ class SuiteRun(msgspec.Struct, frozen=True):
 class Plan(msgspec.Struct, frozen=True, kw_only=True):
     """Content of `plan.json`.
 
-    Facts, jobs and refusals are JSON values, because those that another version wrote are replaced without being read.
+    Jobs and refusals are JSON values, because those that another version wrote are replaced without being read.
     """
 
-    sources: dict[str, KnownFacts] = {}  #: Facts of the sources by absolute path.
     jobs: list[dict[str, Any]] = []
     limits: dict[str, Any] = {}  #: Limits as stated in the file of the suite.
     refusals: list[dict[str, Any]] = []
@@ -114,28 +113,27 @@ class Store:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Lock the folder, which only one run may use at a time."""
-        try:
-            stream = (self.folder / ".lock").open("w")
-        except OSError as error:
-            raise OutputError(f"cannot write in '{self.folder}': {error.strerror}; choose another folder") from error
-        with stream:
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                raise OutputError(f"another run uses '{self.folder}': wait for its end, or stop it") from error
+        """Lock the folder, which only one process may write; raise OutputError if another process has the lock."""
+        with self.locked_if_free() as is_locked:
+            if not is_locked:
+                raise OutputError(f"another run uses '{self.folder}': wait for its end, or stop it")
             yield
 
-    def facts_of(self, path: Path) -> SourceFacts:
-        """Return the facts of a source, cached until the code or the `file_state` of one of its files changes."""
-        state = digest([code_fingerprint(), *(file_state(file) for file in files_of_source(path))])
-        place = str(path.absolute())
-        known = self._plan.sources.get(place)
-        if known is not None and known.stamp == state:
-            return _record(SourceFacts, known.facts, self.plan_file)
-        facts = inspect_file(path)
-        self._plan.sources[place] = KnownFacts(state, to_plain(facts))
-        return facts
+    @contextmanager
+    def locked_if_free(self) -> Iterator[bool]:
+        """Lock the folder unless another process has the lock; yield whether this process has the lock."""
+        with ExitStack() as stack:
+            try:
+                stream = stack.enter_context((self.folder / ".lock").open("w"))
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                is_locked = True
+            except BlockingIOError:
+                is_locked = False
+            except OSError as error:
+                raise OutputError(
+                    f"cannot write in '{self.folder}': {error.strerror}; choose another folder"
+                ) from error
+            yield is_locked
 
     def save_plan(
         self,
@@ -146,21 +144,24 @@ class Store:
     ) -> None:
         """Save the jobs and limits of the current file of the suite, and its unreadable sources.
 
-        `files` are the file of the suite and the file of its limits, if there is one.
+        `files` are the file of the suite and the file of its limits, if there is one. ConfigError if there are so many
+        jobs that the plan could not be read again.
         """
         self._plan = Plan(
-            sources=self._plan.sources,
             jobs=to_plain(jobs),
             limits=to_plain(limits),
             refusals=to_plain(refusals),
             run=SuiteRun.now(),
             files=[PlanFile(str(path.absolute()), hash_path(path)) for path in files],
         )
-        write_text(json_line(self._plan), self.plan_file)
+        text = json_line(self._plan)
+        if len(text) > MAX_JSON_BYTES:
+            raise ConfigError(f"the plan of {len(jobs)} jobs exceeds {MAX_JSON_BYTES / MB:g} MB: split the suite")
+        write_text(text, self.plan_file)
         self._jobs = None
 
     def check_files(self) -> tuple[str, ...]:
-        """Compare the plan with the files from which it was made; return the missing files.
+        """Compare the plan with the suite's file and the limits file; return those of them that are missing.
 
         Raise InputError if a file has changed, or if the limits of the plan differ from those of the suite's file.
         """
@@ -253,7 +254,11 @@ class Store:
     def score(self, job: Job) -> Score:
         """Return the score of a job; raise InputError if the file has no hash or contains the score of another job."""
         path = self.results / f"{job.key}.json"
-        score = from_dict(_read(path), f"'{path}'", needs_hash=True)
+        content = _read(path)
+        try:
+            score = from_dict(content, f"'{path}'", needs_hash=True)
+        except InputError as error:
+            raise InputError(f"{error}; in a suite, {ADVICE}") from error
         description = _description({} if score.provenance is None else score.provenance.configuration, path)
         if description.key != job.key:
             raise InputError(f"'{path}' is the result of '{description.source}', not of '{job.label}': {ADVICE}")

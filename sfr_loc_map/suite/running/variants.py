@@ -114,6 +114,8 @@ def _error_source(name: str, value: object, origin: str) -> ErrorSource:
             f"{origin}: a positive number is required for 'sigma', which applies only to faults whose amount is a "
             "factor or can be negative"
         )
+    with naming_key(origin):
+        with_amount(text, 0.0)  # refuses an amount in the text
     return ErrorSource(name, fault=text, sigma=float(sigma))
 
 

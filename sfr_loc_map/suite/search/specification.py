@@ -25,7 +25,7 @@ from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.source_readers import scenario_settings, simulated_source
-from sfr_loc_map.suite.running.specification import SuiteSettings
+from sfr_loc_map.suite.running.specification import SuiteSettings, check_keys
 
 Point = tuple[float, ...]
 """Values of the parameters of a search, in the order of the file."""
@@ -42,6 +42,8 @@ NOT_OF_A_DRIVE = (
     *(UNANSWERED, "dropped", "restarts"),
 )
 """Figures of these subjects that require an alignment, a ground truth without heights, maps, or running nodes."""
+STRUCTURED = ("scenario", "set", "ranges", "seeds", "running")
+"""Keys of a search that are not scalar settings."""
 WITHOUT_EFFECT = ("repeats", "stop_when_decided", "order_seed", "nominal")
 """Settings of a suite that a search rejects, because they would have no effect."""
 
@@ -170,6 +172,7 @@ class SearchSpecification:
 def load_search(path: Path) -> SearchSpecification:
     """Read the file of a search; raise a ConfigError if it is invalid."""
     content = load_yaml(path)
+    check_keys(content, (*STRUCTURED, *flatten(SearchSettings())), path)
     scenario_name, changes = content.pop("scenario", None), _mapping_in(content, "set", path)
     ranges, seeds = _mapping_in(content, "ranges", path), content.pop("seeds", [1])
     stated_running = _mapping_in(content, "running", path)
@@ -191,6 +194,8 @@ def load_search(path: Path) -> SearchSpecification:
     scenario = path.absolute().parent / scenario_name
     given = scenario_settings(scenario)
     base = flatten(build(SimulationConfig, {**given, **changes}, origin=f"{path}: 'set'"))
+    for seed in seeds:
+        simulated_source(scenario, base, seed, f"{path}: 'seeds'")
     with naming_key(f"{path}: 'condition'"):
         condition = Condition.parse(settings.condition).setting
     return SearchSpecification(

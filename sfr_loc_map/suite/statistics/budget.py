@@ -15,15 +15,20 @@ interval.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.suite.running.variants import ALL, NONE, variant_name
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.catalogue import KINDS
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.variants import ALL, NONE, error_sources_of, variant_name
+from sfr_loc_map.suite.statistics.pooling import rows_by_axis
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,3 +174,27 @@ def row_with_fraction(source: str, alone: BudgetFigure) -> BudgetRow:
     """Return a row whose other figures are unknown."""
     unknown = BudgetFigure()
     return BudgetRow(source=source, alone=alone, removed=unknown, interaction=unknown, mean_m=None, sigma_m=None)
+
+
+def budgets_of(results: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator[Budget]:
+    """Yield the error budget of each configuration and condition; nothing if the suite is not a budget."""
+    sources = error_sources_of([job.source.variant for job in planned])
+    if not sources:
+        return
+    for configuration in dict.fromkeys(result.job.configuration for result in results):
+        used = [result for result in results if result.job.configuration == configuration and result.job.repeat == 0]
+        for condition in dict.fromkeys(condition for result in used for condition in result.score.conditions):
+            errors: dict[str, dict[str, DriveErrors]] = {}
+            for result in used:
+                found = _drive_errors(result.score, condition)
+                if found is not None:
+                    errors.setdefault(result.job.source.variant, {})[result.job.source.name] = found
+            yield budget_of(sources, condition, errors, configuration=configuration)
+
+
+def _drive_errors(score: Score, condition: str) -> DriveErrors | None:
+    """Return the position errors of a drive for a condition; None for fewer than two sub-trajectories."""
+    rows = rows_by_axis(score, KINDS["position"], condition)
+    if not rows or any(row.mean is None or row.sigma is None for row in rows):
+        return None
+    return DriveErrors(rows[0].n or 0, np.array([row.mean for row in rows]), np.array([row.sigma for row in rows]))

@@ -22,13 +22,16 @@ from msgspec import Struct
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.statistics.intervals import Interval, holm
 from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName, figures_of
 from sfr_loc_map.suite.statistics.pairing import PairKey, have_one_configuration, without_configuration
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
-from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob
+from sfr_loc_map.suite.statistics.summary import Summary
 
 SIGNIFICANCE = 0.05
 COMPARED = (ComparedKind.ACCURACY, ComparedKind.MEMORY)  #: Times are excluded because they depend on the host's load.
@@ -40,7 +43,7 @@ MIN_TESTED = 6  #: With fewer drives, no p-value can be below 0.03.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DriveRatio:
+class JobRatio:
     """A figure of a job in both suites; None in a suite without the figure."""
 
     label: str
@@ -70,7 +73,7 @@ class FigureComparison(Struct, frozen=True, kw_only=True):
     p: float | None  #: p-value of the sign-flip test.
     p_corrected: float | None  #: p-value corrected for the number of comparisons (Holm).
     outcome: Outcome
-    worst: DriveRatio  #: Drive that lacks the figure only in the second suite; else the drive with the largest ratio.
+    worst: JobRatio  #: Job that lacks the figure only in the second suite; else the job with the largest ratio.
 
 
 class CountComparison(Struct, frozen=True, kw_only=True):
@@ -83,11 +86,21 @@ class CountComparison(Struct, frozen=True, kw_only=True):
     other: int  #: Sum in the second suite.
 
 
+class SuiteState(Struct, frozen=True, kw_only=True):
+    """What a reader must know about a compared suite: its verdict, missing results and deviations."""
+
+    name: str
+    verdict: VerdictState | None  #: None if the suite is not judged.
+    without_result: int  #: Number of jobs and sources without a result.
+    deviations: tuple[CommonDeviation, ...]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SuiteComparison:
     """Two suites and the comparison of their common results."""
 
     names: tuple[str, str]
+    suites: tuple[SuiteState, SuiteState]
     common: int  #: Number of common results.
     left_out: tuple[int, int]  #: Numbers of results that only the first suite has, and that only the second suite has.
     figures: tuple[FigureComparison, ...]
@@ -107,7 +120,7 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
             f"'{names[0]}' and '{names[1]}' have no drive in common: run the same sources, faults and conditions"
         )
     # by group and figure, the ratios of the repeats of each drive
-    ratios: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}
+    ratios: dict[tuple[str, FigureName], dict[str, list[JobRatio]]] = {}
     counts: dict[tuple[str, FigureName], list[tuple[float, float]]] = {}
     for first_result, other_result in common:
         group = first_result.job.group.text
@@ -116,7 +129,7 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
         for name in dict.fromkeys((*first_figures, *other_figures)):
             in_both = name in first_figures and name in other_figures
             if name.kind in COMPARED and (in_both or name.kind is ComparedKind.ACCURACY):
-                ratio = DriveRatio(
+                ratio = JobRatio(
                     label=first_result.job.label, first=first_figures.get(name), other=other_figures.get(name)
                 )
                 ratios.setdefault((group, name), {}).setdefault(first_result.job.drive_key, []).append(ratio)
@@ -125,10 +138,20 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
     left_out = (len(first_results) - len(common), len(other_results) - len(common))
     return SuiteComparison(
         names=names,
+        suites=(_state_of(first, names[0]), _state_of(other, names[1])),
         common=len(common),
         left_out=left_out,
         figures=tuple(_compared(ratios, names[0])),
         counts=tuple(_added(group, name.name, pairs) for (group, name), pairs in counts.items()),
+    )
+
+
+def _state_of(suite: Summary, name: str) -> SuiteState:
+    return SuiteState(
+        name=name,
+        verdict=suite.verdict,
+        without_result=suite.counts.failed + suite.counts.waiting + len(suite.refusals),
+        deviations=suite.deviations,
     )
 
 
@@ -148,7 +171,7 @@ def _by_pair_key(*suites: Summary) -> list[dict[PairKey, ScoredJob]]:
 
 
 def _compared(
-    ratios: Mapping[tuple[str, FigureName], Mapping[str, Sequence[DriveRatio]]], baseline: str
+    ratios: Mapping[tuple[str, FigureName], Mapping[str, Sequence[JobRatio]]], baseline: str
 ) -> Iterator[FigureComparison]:
     """Yield the comparison of each figure of each group; `ratios` has those of the repeats and copies of each drive.
 
@@ -183,7 +206,7 @@ def _compared(
         )
 
 
-def _log_ratios(drives: Collection[Sequence[DriveRatio]]) -> FloatArray:
+def _log_ratios(drives: Collection[Sequence[JobRatio]]) -> FloatArray:
     """Return the mean log ratio of each drive. A missing figure counts as the largest log ratio of all drives.
 
     The size of this log ratio does not depend on which suite lacks the figure, as the sign-flip test requires.
@@ -193,7 +216,7 @@ def _log_ratios(drives: Collection[Sequence[DriveRatio]]) -> FloatArray:
     return np.array([np.mean([_log_ratio(item, loss) for item in items]) for items in drives])
 
 
-def _log_ratio(item: DriveRatio, loss: float) -> float:
+def _log_ratio(item: JobRatio, loss: float) -> float:
     """Return the log ratio; `loss` if only the second suite lacks the figure, `-loss` if only the first lacks it."""
     if item.log is not None:
         return item.log

@@ -15,7 +15,8 @@ from sfr_loc_map.metrics.score.limits import BOUND, Limits, Population, Terms
 from sfr_loc_map.metrics.statistics.tolerance import count_needed, moments, normal_count, zero_failure_count
 from sfr_loc_map.report.verdict_view import limited_name
 from sfr_loc_map.suite.statistics.group_verdicts import samples_by_drive
-from sfr_loc_map.suite.statistics.summary import ScoredJob, by_group
+from sfr_loc_map.suite.statistics.groups import by_group
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 
 
 class DriveCount(Struct, frozen=True, kw_only=True):
@@ -28,8 +29,8 @@ class DriveCount(Struct, frozen=True, kw_only=True):
     power: float
     good: float  #: Acceptable failure rate.
     without_failure: int  #: Required number of drives if none fails.
-    fixed: int  #: Required number of drives of the fixed plan with the given power.
-    allowed: int  #: Number of failures that the fixed plan allows.
+    fixed: int  #: Required number of drives with the given power if the number is fixed in advance.
+    allowed: int  #: Number of failures that are allowed in this fixed number of drives.
     sequential: float  #: Expected number of drives of the sequential test at the failure rate `good`.
     sequential_at_none: float  #: Expected number of drives of the sequential test if none fails.
     drives: int | None = None  #: Number of drives in the suite.

@@ -1,12 +1,12 @@
 """Detect changes of a suite's figures from night to night (docs/decisions/0008-history.md).
 
 A night is one run of the suite. The last night and the mean of the last four nights are compared with up to 30
-reference nights. The shift of a figure of a job is its value minus its mean over the reference nights, on the scale of
-the figure (`SCALES`). On a logarithmic scale, a shift is a ratio. The shifts are also averaged over all jobs, so that a
-small change that is common to all jobs is detected. Each shift has a prediction interval of Student's t from the
-scatter of the reference nights. A change is reported if the interval excludes a shift of 0. The level of the intervals
-is divided by the number of shifts of a night (Bonferroni), so that without a change at most one night in 365 raises an
-alarm.
+reference nights. For slow changes, the mean is also compared with the first nights since the last change. The shift of
+a figure of a job is its value minus its mean over the reference nights, on the scale of the figure (`SCALES`). On a
+logarithmic scale, a shift is a ratio. The shifts are also averaged over all jobs, so that a small change that is common
+to all jobs is detected. Each shift has a prediction interval of Student's t from the scatter of the reference nights. A
+change is reported if the interval excludes a shift of 0. The level of the intervals is divided by the number of shifts
+of a night (Bonferroni), so that without a change at most one night in 365 raises an alarm.
 
 A job is a source with its task, faults, configuration and repeat, which each night runs again.
 """
@@ -25,6 +25,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.statistics.intervals import Interval
 from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.suite.statistics.common_deviations import without_numbers
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
 from sfr_loc_map.suite.statistics.night import Night
 from sfr_loc_map.suite.statistics.night_changes import FoundChange, changes_of
@@ -47,8 +48,10 @@ WITHOUT_RESULT = FigureName(ComparedKind.FAILED, "jobs without a result, share")
 class Change:
     """A change of a figure from one night to the next."""
 
-    night: str  #: First night after the change.
-    before_night: str  #: Last night before the change in which a changed job has the figure.
+    night: str  #: First night after the change; for a slow change, the first of the last nights that revealed it.
+    #: Last night before the change in which a changed job has the figure; for a slow change, the last of the reference
+    #: nights.
+    before_night: str
     #: Commits of `before_night` and of `night`. The change is due to a commit after the first, up to and including the
     #: second.
     commits: tuple[str | None, str | None]
@@ -62,6 +65,7 @@ class Change:
     after: float  #: Mean over the changed jobs after the change.
     ratio: float | None  #: `after / before`; None if `before` is 0.
     ci95: Interval | None  #: 95 % interval of the ratio; None for counts.
+    is_slow: bool  #: Whether the figure changed slowly over many nights, so that no single night is that of the change.
 
     @property
     def range(self) -> str:
@@ -69,16 +73,35 @@ class Change:
         return "..".join((commit or "unknown")[:SHORT_COMMIT] for commit in self.commits)
 
     @property
+    def since(self) -> str:
+        """Night since which the figure has changed."""
+        return self.before_night if self.is_slow else self.night
+
+    @property
+    def kind_of_change(self) -> str:
+        """The outcome, and whether the change was slow."""
+        return f"slowly {self.outcome}" if self.is_slow else str(self.outcome)
+
+    @property
     def text(self) -> str:
         """The change in words."""
         which = "all jobs" if len(self.jobs) == self.of else ", ".join(self.jobs)
         size = f"{self.before:.4g} to {self.after:.4g}"
-        return f"{self.figure} {self.outcome} since {self.night} ({self.range}), {size}, of {which}; {self.command}"
+        what = f"{self.figure} {self.kind_of_change} since {self.since} ({self.range})"
+        return f"{what}, {size}, of {which}; {self.command}"
 
     @property
     def command(self) -> str:
         """Command that displays the change, for a shell."""
         return shlex.join(("sfr", "report", self.before_night, self.night))
+
+
+@dataclass(frozen=True, slots=True)
+class DeviationOfNights:
+    """A deviation of results in one or more nights. Sentences that differ only in numbers are one deviation."""
+
+    text: str  #: The deviation in the last of these nights.
+    nights: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,6 +115,7 @@ class History:
     figures: Mapping[str, tuple[float | None, ...]]  #: Mean over the jobs of each night, by figure.
     tested: int  #: Number of figures of the last night whose scatter is known, so that a change would be detected.
     without_result: tuple[str, ...]  #: Planned jobs and sources of the last night that have no result.
+    deviations: tuple[DeviationOfNights, ...]  #: Deviations of the results of all nights.
 
     @property
     def shortage(self) -> str:
@@ -155,7 +179,17 @@ def find_changes(nights: Sequence[Night]) -> History:
         figures=series,
         tested=tested,
         without_result=nights[-1].without_result,
+        deviations=_deviations_of(nights),
     )
+
+
+def _deviations_of(nights: Sequence[Night]) -> tuple[DeviationOfNights, ...]:
+    found: dict[str, DeviationOfNights] = {}
+    for night in nights:
+        for kind, text in {without_numbers(text): text for text in night.deviations}.items():
+            earlier = found[kind].nights if kind in found else ()
+            found[kind] = DeviationOfNights(text, (*earlier, night.name))
+    return tuple(found.values())
 
 
 def _means_of_nights(values: FloatArray, scale: Scale) -> tuple[float | None, ...]:
@@ -216,6 +250,7 @@ def _described_change(
         after=after,
         ratio=after / before if before > 0.0 else None,
         ci95=ci95,
+        is_slow=found.is_slow,
     )
 
 

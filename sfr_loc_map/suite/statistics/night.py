@@ -48,15 +48,22 @@ class RefusedSource(msgspec.Struct, frozen=True):
     path: str
 
 
+class DeviationOfNight(msgspec.Struct, frozen=True):
+    """A deviation of results in `suite.json`."""
+
+    text: str
+
+
 class SuiteFile(msgspec.Struct, frozen=True, kw_only=True):
     """The part of `suite.json` that a history requires."""
 
     git: CommitOfNight
-    drives: list[JobOfNight]
+    results: list[JobOfNight]
     failures: list[JobOfNight]
     time: str | None = None
     refusals: list[RefusedSource] = []
     waiting_jobs: list[str] = []
+    deviations: list[DeviationOfNight] = []
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +77,7 @@ class Night:
     figures: Mapping[PairKey, Mapping[FigureName, float]]
     time: str = ""  #: Time of the run, ISO 8601 in UTC; empty if unknown.
     waiting: tuple[str, ...] = ()  #: Labels of the jobs that were not run, and paths of the refused sources.
+    deviations: tuple[str, ...] = ()  #: Deviations of the results, as sentences.
 
     @property
     def without_result(self) -> tuple[str, ...]:
@@ -88,15 +96,16 @@ class Night:
         path = folder / "suite.json"
         with refusing(f"cannot read the figures of '{path}'", f"make it with sfr suite report '{folder}'"):
             suite = _suite_file(parse_json(path.read_bytes()))
-            jobs = {job.key: job for job in (*suite.drives, *suite.failures)}
+            jobs = {job.key: job for job in (*suite.results, *suite.failures)}
             return cls(
                 name=str(folder),
                 commit=suite.git.commit,
                 labels={key: job.label for key, job in jobs.items()},
                 paths={key: job.path or job.source for key, job in jobs.items()},
-                figures={job.key: _figures(job) for job in suite.drives},
+                figures={job.key: _figures(job) for job in suite.results},
                 time=suite.time or "",
                 waiting=(*suite.waiting_jobs, *(source.path for source in suite.refusals)),
+                deviations=tuple(item.text for item in suite.deviations),
             )
 
     def without_configurations(self) -> Night:

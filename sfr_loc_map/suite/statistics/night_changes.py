@@ -1,4 +1,9 @@
-"""Changes of one figure from night to night, and returns to the level before a change."""
+"""Changes of one figure from night to night, slow changes over many nights, and returns to the level before a change.
+
+The nights since the last change are one level. The last nights are compared with the nights just before them, which
+reveals steps. A slow change is hidden from this comparison, because it moves these nights, too, and increases their
+scatter. The last nights are therefore also compared with the first nights of the level.
+"""
 
 from __future__ import annotations
 
@@ -11,27 +16,34 @@ from sfr_loc_map.suite.statistics.night_comparison import MIN_REFERENCE, Scale, 
 
 WINDOWS = (1, 4)  #: Lengths of the mean, nights: 1 detects large changes immediately, 4 detects small changes later.
 REFERENCE = 30  #: Maximum number of reference nights.
+FIRST_NIGHTS = 10  #: Number of nights at the beginning of a level that are the reference for slow changes.
+SLOW_SHARE = 0.1
+"""Fraction of the rate of false alarms of a night that the comparison for slow changes has. The windows share the rest.
+A slow change is detected some nights later for it, and steps are detected as well as without this comparison."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundChange(Shift):
     """A change of values `(job, night)` with its nights."""
 
-    night: int  #: First night after the change.
+    night: int  #: First night after the change; for a slow change, the first of the nights of the compared mean.
     last_before: int  #: Last night before the change in which a changed job has a value.
     detected: int  #: Night at which the change was detected.
     nights_before: tuple[int, int]  #: First night of the values before the change, and the night after their last.
     nights_after: tuple[int, int]  #: The same for the values after the change.
+    is_slow: bool = False  #: Whether only the comparison with the first nights of the level reveals the change.
     is_return: bool = False  #: Whether the figure returned to its level before the previous change.
 
 
 def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[FoundChange]:
     """Return the changes of values `(D, T)` of jobs and nights, NaN if missing, in the order of their detection.
 
-    Each night is compared with the reference nights of the present level. After a change, the following nights are
-    compared with the same reference. If the figure returns to its level before the change within `MIN_REFERENCE`
-    nights, the return is a second change. Otherwise the level after the change becomes the reference.
+    Each night is compared with the reference nights of the present level, and with its first nights. After a change,
+    the following nights are compared with the same reference. If the figure returns to its level before the change
+    within `MIN_REFERENCE` nights, the return is a second change. Otherwise the level after the change becomes the
+    reference.
     """
+    rate, slow_rate = (1.0 - SLOW_SHARE) * false_alarm_rate / len(WINDOWS), SLOW_SHARE * false_alarm_rate
     found: list[FoundChange] = []
     level_from = 0  # first night of the present level
     last: FoundChange | None = None  # the last change, until the figure returns or its new level becomes the reference
@@ -39,10 +51,11 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
         if last is not None and night - last.night >= MIN_REFERENCE:
             level_from, last = last.night, None
         if last is not None:
-            change = _return_at(night, x, level_from, last, scale, false_alarm_rate / len(WINDOWS))
+            change = _return_at(night, x, last, scale, rate)
             last = last if change is None else None
         else:
-            change = last = _change_at(night, x, level_from, scale, false_alarm_rate / len(WINDOWS))
+            change = _change_at(night, x, level_from, scale, rate)
+            change = last = change or _slow_change_at(night, x, level_from, scale, slow_rate)
         if change is not None:
             found.append(change)
     return found
@@ -75,8 +88,33 @@ def _change_at(night: int, x: FloatArray, level_from: int, scale: Scale, false_a
     return None
 
 
+def _slow_change_at(
+    night: int, x: FloatArray, level_from: int, scale: Scale, false_alarm_rate: float
+) -> FoundChange | None:
+    """Return the change of values `(D, T)` from the first nights of a level to `night`; None without a change.
+
+    A slow change has no first night. Its range begins with the first nights of the level and ends with the nights of
+    the compared mean.
+    """
+    end, first = level_from + FIRST_NIGHTS, night + 1 - max(WINDOWS)
+    if first <= end:
+        return None
+    shift = compare_nights(x[:, level_from:end], x[:, first : night + 1], scale, false_alarm_rate)
+    if shift is None:
+        return None
+    return FoundChange(
+        **asdict(shift),
+        night=first,
+        last_before=_last_with_value(x[list(shift.jobs), :end]),
+        detected=night,
+        nights_before=(level_from, end),
+        nights_after=(first, night + 1),
+        is_slow=True,
+    )
+
+
 def _return_at(
-    night: int, x: FloatArray, level_from: int, change: FoundChange, scale: Scale, false_alarm_rate: float
+    night: int, x: FloatArray, change: FoundChange, scale: Scale, false_alarm_rate: float
 ) -> FoundChange | None:
     """Return the return of values `(D, T)` to their level before a change; None without a return.
 
@@ -85,9 +123,9 @@ def _return_at(
     changed = x[list(change.jobs)]
     if not np.isfinite(changed[:, night]).any():
         return None
+    begin, end = change.nights_before
     after = x[:, max(change.night, night + 1 - change.window) : night + 1]
-    reference = x[:, max(level_from, change.night - REFERENCE) : change.night]
-    if compare_nights(reference, after, scale, false_alarm_rate) is not None:
+    if compare_nights(x[:, begin:end], after, scale, false_alarm_rate) is not None:
         return None
     return replace(
         change,
@@ -98,6 +136,7 @@ def _return_at(
         after=float(known_mean(changed[:, night])),
         nights_before=change.nights_after,
         nights_after=(night, night + 1),
+        is_slow=False,
         is_return=True,
     )
 

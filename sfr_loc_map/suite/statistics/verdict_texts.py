@@ -10,7 +10,8 @@ from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.reasons import why_open
 from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
-from sfr_loc_map.suite.statistics.summary import Group, Summary
+from sfr_loc_map.suite.statistics.groups import Group
+from sfr_loc_map.suite.statistics.summary import Summary
 
 UNDECIDED = (VerdictState.NOT_ENOUGH_DATA, VerdictState.NOT_JUDGED)
 

@@ -17,7 +17,9 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit, write_parquet
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobFailure
 from sfr_loc_map.suite.running.specification import Refusal
-from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, groups_of
+from sfr_loc_map.suite.statistics.groups import groups_of
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob
+from sfr_loc_map.suite.statistics.summary import Summary
 from sfr_loc_map.suite.statistics.verdict_texts import verdict_texts_of
 
 

@@ -14,7 +14,8 @@ from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.suite.pages.page import budget_plot
 from sfr_loc_map.suite.pages.tables import MAX_PAGES, linked, worst_first, worst_maps_first
 from sfr_loc_map.suite.statistics.budget import Budget, BudgetFigure, BudgetRow
-from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob
+from sfr_loc_map.suite.statistics.summary import Summary
 
 
 def row(source: str, alone: float, half: float) -> BudgetRow:

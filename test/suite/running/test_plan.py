@@ -169,6 +169,21 @@ def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None
     assert plan_of(tmp_path, sources=["drive1"])[0][0].key != job.key
 
 
+def test_estimates_of_one_name_and_truth_are_paired(tmp_path: Path) -> None:
+    """Otherwise two suites of estimates by different methods would have no job in common."""
+    (tmp_path / "truth.csv").write_text("truth")
+    found: dict[str, Job] = {}
+    for folder in ("before", "after"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "drive.csv").write_text(folder)
+        source = {"estimate": f"{folder}/drive.csv", "truth": "truth.csv"}
+        (found[folder],) = plan_of(tmp_path, sources=[source])[0]
+    assert found["before"].key != found["after"].key
+    assert found["before"].pairing == found["after"].pairing
+    (tmp_path / "truth.csv").write_text("another truth")
+    assert plan_of(tmp_path, sources=[source])[0][0].pairing != found["after"].pairing
+
+
 def test_a_source_elsewhere_is_known_by_its_content(tmp_path: Path) -> None:
     memory = pytest.importorskip("fsspec", reason="needs the extra [suite]").filesystem("memory")
     memory.pipe("/plan/drive.mcap", b"content")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,16 +32,22 @@ GOOD = {
 }
 
 
-def written(folder: Path, content: object) -> Path:
+OMITTED = "omitted"  #: Value of a key that a file lacks.
+
+
+def written(folder: Path, content: Mapping[str, object]) -> Path:
     (folder / "a.mcap").touch()
-    for name, text in (("s.yaml", "drive: {pairs: 7}"), ("mine.py", "class Mine: pass"), ("mine.txt", "fast")):
+    texts = {"s.yaml": "drive: {pairs: 7}", "mine.py": "class Mine: pass", "mine.txt": "fast", "empty.yaml": ""}
+    for name, text in texts.items():
         (folder / name).write_text(text)
     path = folder / "suite.yaml"
-    path.write_text(yaml.safe_dump(content))
+    given = {name: value for name, value in content.items() if value != OMITTED}
+    path.write_text(yaml.safe_dump(given))
     return path
 
 
-def test_every_key_means_something(tmp_path: Path) -> None:
+def test_every_key_means_something(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SFR_METHOD_FILES", raising=False)
     made = load_specification(written(tmp_path, GOOD))
     assert [source.name for source in made.sources] == ["a.mcap", "s-1", "s-2", "e.csv"]
     assert all(Path(source.path).is_absolute() for source in made.sources)
@@ -49,6 +56,7 @@ def test_every_key_means_something(tmp_path: Path) -> None:
         "localisation.method": f"{tmp_path}/mine.py:Mine",
         "localisation.method_config": "fast",
         "localisation.method_sha256": hashlib.sha256(b"class Mine: pass").hexdigest(),
+        "localisation.method_files_sha256": "",
     }
     assert made.configurations == {"default": {}, "few": {"localisation.max_features": 400}, "mine": mine}
     assert made.tasks == (JobTask.LOCALISE,)
@@ -65,6 +73,20 @@ def test_an_estimate_with_two_ground_truths_has_two_names(tmp_path: Path) -> Non
     assert [source.name.endswith(f"{Path(source.truth).name})") for source in made.sources] == [True, True]
 
 
+@pytest.mark.parametrize("entry", ["drive[1].mcap", "drive[[]1].mcap", "drive*.mcap"])
+def test_brackets_in_a_path_are_no_pattern(tmp_path: Path, entry: str) -> None:
+    folder = tmp_path / "[ab] of today"
+    folder.mkdir()
+    (folder / "drive[1].mcap").touch()
+    made = load_specification(written(folder, GOOD | {"sources": [entry]}))
+    assert [source.path for source in made.sources] == [str(folder / "drive[1].mcap")]
+
+
+def test_a_source_that_is_named_twice_keeps_its_name(tmp_path: Path) -> None:
+    made = load_specification(written(tmp_path, GOOD | {"sources": ["a.mcap", "a.mcap"]}))
+    assert [source.name for source in made.sources] == ["a.mcap", "a.mcap"]
+
+
 def test_a_mask_is_found_beside_the_suite_and_known_by_its_content(tmp_path: Path) -> None:
     masked = GOOD | {"configurations": {"masked": {"localisation": {"left_mask": "mask.png"}}}}
     with pytest.raises(SfrError, match=r"left_mask is '.*mask.png', which is not a file"):
@@ -77,7 +99,7 @@ def test_a_mask_is_found_beside_the_suite_and_known_by_its_content(tmp_path: Pat
     assert found[0] != found[1]
     job = replace(JOB, parameters=found[0])
     assert job.key != replace(job, parameters=found[1]).key
-    replay_options(job, tmp_path)
+    replay_options(replace(job, parameters=found[1]), tmp_path)
     given = yaml.safe_load((tmp_path / "config.yaml").read_text())
     assert given["localisation"] == {"left_mask": found[0]["localisation.left_mask"]}
 
@@ -108,6 +130,12 @@ def test_a_mask_is_found_beside_the_suite_and_known_by_its_content(tmp_path: Pat
         ({"configurations": {"a": {"localisation": {"method_sha256": "0"}}}}, "method_sha256"),
         ({"conditions": ["distance=-1"]}, "distance=-1"),
         ({"limits": {"map": {"hills": 1}}}, "hills"),
+        ({"limits": {}}, "the file has no limit"),
+        ({"limits": None}, "'limits' is None"),
+        ({"limits": "empty.yaml"}, "the file has no limit"),
+        ({"limit": {"map": {"coverage_min": 0.8}}}, "did you mean 'limits'"),
+        ({"sources": [{"estimate": None, "truth": "t.csv"}]}, "'estimate: EST' with"),
+        ({"sources": [{"simulate": None}]}, "'simulate: SCENARIO'"),
         ({"repeats": 0}, "repeats"),
         ({"stop_when_decided": True}, "'stop_when_decided' has no effect"),
         ({"order_seed": 3}, "'order_seed' has no effect"),
@@ -116,12 +144,19 @@ def test_a_mask_is_found_beside_the_suite_and_known_by_its_content(tmp_path: Pat
             {
                 "sources": [{"simulate": "s.yaml"}],
                 "budget": {"blur": {"fault": "blurred"}, "noise": {"fault": "noisy"}},
-                "limits": None,
+                "limits": OMITTED,
                 "perturb": [],
                 "conditions": [],
                 "repeats": 5,
             },
             "'repeats' has no effect",
+        ),
+        (
+            {
+                "sources": [{"simulate": "s.yaml"}],
+                "budget": {"blur": {"fault": "blurred"}, "yaw": {"fault": "yaw:amount=1", "sigma": 0.1}},
+            },
+            "omit 'amount'",
         ),
         ({"timeout": 3}, "did you mean 'timeout_s'"),
     ],

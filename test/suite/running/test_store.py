@@ -11,15 +11,13 @@ import pytest
 
 from helpers.json_mutations import mutations
 from helpers.made_suites import JOB
-from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.errors import ConfigError, InputError, OutputError
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import json_line, to_json
 from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.suite.running import store as store_module
-from sfr_loc_map.suite.running.digests import files_hash
 from sfr_loc_map.suite.running.job import Job, SourceKind
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome, WorkerRecord
-from sfr_loc_map.suite.running.source_readers import SourceFacts
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.summary import summarise
@@ -120,38 +118,21 @@ def test_a_result_whose_hash_was_removed_is_refused(tmp_path: Path) -> None:
         store.score(JOB)
 
 
-def test_the_facts_of_a_source_are_read_again_when_its_named_truth_changes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    drive, truth = tmp_path / "drive", tmp_path / "mytruth.csv"
-    drive.mkdir()
-    (drive / "sfr.yaml").write_text("truth: {source: ../mytruth.csv}\n")
-    monkeypatch.setattr(
-        store_module, "inspect_file", lambda path: SourceFacts(sha256=files_hash(path), pairs=1, nav_pairs=0)
-    )
-    store = Store(tmp_path / "out")
-    found = []
-    for text in ("first", "another"):
-        truth.write_text(text)
-        found.append(store.facts_of(drive).sha256)
-    assert found[0] != found[1]
+def test_a_plan_that_could_not_be_read_again_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store_module, "MAX_JSON_BYTES", 1000)
+    with pytest.raises(ConfigError, match="the plan of 9 jobs exceeds"):
+        Store(tmp_path).save_plan([JOB] * 9)
+    assert not (tmp_path / "plan.json").exists()
 
 
-def test_the_facts_of_a_source_are_read_again_with_other_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Other code may detect copies of a drive by other features."""
-    drive, read = tmp_path / "drive.mcap", []
-    drive.write_text("drive")
-
-    def inspect(path: Path) -> SourceFacts:
-        read.append(path)
-        return SourceFacts(sha256="", pairs=1, nav_pairs=0)
-
-    monkeypatch.setattr(store_module, "inspect_file", inspect)
-    store = Store(tmp_path / "out")
-    for code in ("before", "before", "after"):
-        monkeypatch.setattr(store_module, "code_fingerprint", lambda code=code: code)
-        store.facts_of(drive)
-    assert len(read) == 2
+def test_one_process_at_a_time_has_the_lock(tmp_path: Path) -> None:
+    first, second = Store(tmp_path), Store(tmp_path)
+    with first.locked(), second.locked_if_free() as is_locked:
+        assert not is_locked
+        with pytest.raises(OutputError, match="another run uses"), second.locked():
+            pass
+    with second.locked_if_free() as is_locked:
+        assert is_locked
 
 
 def test_a_plan_is_compared_with_its_files(tmp_path: Path) -> None:
@@ -177,18 +158,12 @@ def test_a_plan_is_compared_with_its_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("edited", ["plan", "workers", "result", "left-over result", "failure", "left-over failure"])
-def test_an_edited_file_of_a_suite_is_read_or_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edited: str
-) -> None:
+def test_an_edited_file_of_a_suite_is_read_or_refused(tmp_path: Path, edited: str) -> None:
     done, failed, gone, lost = (replace(JOB, source=replace(JOB.source, name=name, sha256=name)) for name in "abcd")
-    suite, drive = tmp_path / "suite.yaml", tmp_path / "drive.mcap"
+    suite = tmp_path / "suite.yaml"
     suite.write_text("sources: [a]\nlimits: {memory: {localisation_peak_bytes: 5}}\n")
-    drive.touch()
-    facts = SourceFacts(sha256="", pairs=1, nav_pairs=0)
-    monkeypatch.setattr(store_module, "inspect_file", lambda path: facts)
     folder = tmp_path / "out"
     store = Store(folder)
-    store.facts_of(drive)
     limits = {"memory": {"localisation_peak_bytes": 5}}
     refusals = [Refusal("gone.mcap", "source 'gone.mcap': no match")]
     store.save_plan([done, failed], refusals, limits, files=[suite])
@@ -210,7 +185,6 @@ def test_an_edited_file_of_a_suite_is_read_or_refused(
         path.write_text(json.dumps(content))
         with suppress(InputError, ConfigError):
             changed = Store(folder)
-            changed.facts_of(drive)
             changed.check_files()
             json_line(summarise(changed).to_dict())
 

@@ -16,9 +16,11 @@ from sfr_loc_map.metrics.statistics.intervals import holm
 from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.suite.pages.tables import comparison_tables
+from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation
 from sfr_loc_map.suite.statistics.comparison import compare_suites, ratio_interval, sign_flip_p
 from sfr_loc_map.suite.statistics.figures import LEAST_ERROR, figures_of
-from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob
+from sfr_loc_map.suite.statistics.summary import Summary
 
 POSITION = "position over 1 m, m"
 
@@ -113,10 +115,19 @@ def test_lost_and_degraded_frames_are_added_over_the_common_results(score: Score
     result = compare_suites(before, after, ("a", "b"))
     found = {item.figure: (item.results, item.first, item.other) for item in result.counts}
     assert (found["lost, frames"], found["degraded, frames"]) == ((2, 2, 8), (3, 0, 6))
-    ratios, counts = comparison_tables(result)
-    assert ratios.name == "comparison"
-    assert counts.name == "counts"
+    assert {"comparison", "counts"} <= {table.name for table in comparison_tables(result)}
     assert [item.outcome for item in result.figures if item.figure == POSITION] == [Outcome.EQUAL]
+
+
+def test_the_deviations_and_missing_results_of_both_suites_are_listed(score: Score) -> None:
+    first, other = (summary(score, dict.fromkeys(names(3), 1.0)) for _ in range(2))
+    deviation = CommonDeviation(text="The truth has gaps.", results=3, of="all results")
+    other = replace(other, jobs=5, waiting=2, deviations=(deviation,))
+    result = compare_suites(first, other, ("a", "b"))
+    assert [suite.without_result for suite in result.suites] == [0, 2]
+    assert [suite.deviations for suite in result.suites] == [(), (deviation,)]
+    (table,) = [table for table in comparison_tables(result) if table.name == "deviations"]
+    assert [cell.text for cell in table.rows[0]][:2] == ["The truth has gaps.", "b"]
 
 
 @pytest.mark.parametrize("drives", [5, 6, 12])

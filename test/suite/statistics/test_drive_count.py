@@ -12,7 +12,7 @@ from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.suite.pages.tables import drive_count_table
 from sfr_loc_map.suite.statistics.drive_count import drive_counts
-from sfr_loc_map.suite.statistics.summary import ScoredJob
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 from sfr_loc_map.tables.formats import to_markdown
 
 

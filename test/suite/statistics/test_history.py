@@ -148,6 +148,59 @@ def test_slower_calls_need_more_nights_since_nights_differ() -> None:
     assert (change.figure, change.night) == (NAMES[ComparedKind.TIME], "night 100")
 
 
+LATE = 100
+SLOW = {
+    "errors of all drives": (ACCURACY, slice(None), 1.01, 0.0),
+    "errors of all drives, slower": (ACCURACY, slice(None), 1.003, 0.0),
+    "errors of one drive": (ACCURACY, slice(4, 5), 1.03, 0.0),
+    "times": (ComparedKind.TIME, slice(None), 1.01, 0.0),
+    "covariances": (NEES, slice(None), 1.01, 0.0),
+    "lost frames": (LOST, slice(None), 1.0, 0.1),
+}
+
+
+@pytest.mark.parametrize("name", SLOW)
+def test_a_slow_change_is_detected_although_it_inflates_the_scatter(name: str) -> None:
+    kind, drives, growth, more = SLOW[name]
+    tables, since_start = nights(LATE), np.arange(LATE)
+    tables[kind][drives] = tables[kind][drives] * growth**since_start + more * since_start
+    history = found(tables)
+    assert history.worse
+    assert {(change.figure, change.is_slow) for change in history.changes} == {(NAMES[kind], True)}
+    (first, *_) = history.changes
+    assert first.before_night == "night 9", "the last of the first nights"
+    assert set(DRIVES[drives]) >= set(first.jobs)
+    assert "slowly worse since night 9" in first.text
+
+
+def test_a_slow_change_that_returns_is_closed() -> None:
+    tables = nights(80)
+    tables[ACCURACY] *= 1.01 ** np.minimum(np.arange(80), 40)
+    tables[ACCURACY][:, 60:] /= 1.01**40
+    assert not found(tables).worse
+
+
+def test_a_change_in_a_step_is_not_slow() -> None:
+    tables = nights(LATE)
+    tables[ACCURACY][:, 20:] *= 1.5
+    assert [(change.night, change.is_slow) for change in found(tables).changes] == [("night 20", False)]
+
+
+def test_the_deviations_of_all_nights_are_listed(sfr: Sfr, tmp_path: Path) -> None:
+    """Sentences that differ in numbers are one deviation, with the text of the last night."""
+    folders = written(tmp_path, ["a" * 40] * 3, nights(3))
+    for folder, texts in zip(folders, (["2 gaps."], [], ["3 gaps.", "No limits."]), strict=True):
+        content = json.loads((folder / "suite.json").read_text())
+        content["deviations"] = [{"text": text, "results": 1, "of": "all results"} for text in texts]
+        (folder / "suite.json").write_text(json.dumps(content))
+    deviations = json.loads(sfr("suite", "history", *folders, "--json", "-").out)["deviations"]
+    first, _, last = map(str, folders)
+    assert [(item["text"], item["nights"]) for item in deviations] == [
+        ("3 gaps.", [first, last]), ("No limits.", [last]),
+    ]  # fmt: skip
+    assert "No limits." in sfr("suite", "history", *folders).out
+
+
 def test_a_change_for_the_better_closes_the_previous_change_and_is_the_new_reference() -> None:
     tables = nights(60)
     tables[ComparedKind.ACCURACY][:, 20:40] *= 1.5
@@ -204,7 +257,7 @@ def test_few_nights_are_judged_by_the_scatter_of_drives() -> None:
 def written(folder: Path, commits: list[str], tables: dict[ComparedKind, np.ndarray]) -> list[Path]:
     """Write the `suite.json` of nights."""
     for night, commit in enumerate(commits):
-        drives = [
+        results = [
             {
                 "label": key, "path": f"/data/{key}", "pairing": key, "configuration": "default",
                 "figures": [[kind.value, NAMES[kind], float(x[number, night])] for kind, x in tables.items()],
@@ -212,7 +265,7 @@ def written(folder: Path, commits: list[str], tables: dict[ComparedKind, np.ndar
             for number, key in enumerate(DRIVES[: len(next(iter(tables.values())))])
         ]  # fmt: skip
         (folder / f"night{night:02}").mkdir()
-        content = {"schema": SCHEMA, "git": {"commit": commit}, "drives": drives, "failures": []}
+        content = {"schema": SCHEMA, "git": {"commit": commit}, "results": results, "failures": []}
         (folder / f"night{night:02}" / "suite.json").write_text(json.dumps(content))
     return sorted(folder.glob("night*"))
 
@@ -247,7 +300,7 @@ def test_an_edited_night_is_read_or_refused(tmp_path: Path) -> None:
         "waiting_jobs": ["drive 45"],
         "refusals": [{"path": "gone.mcap", "reason": "no match"}],
     }
-    content["failures"] = [content["drives"].pop()]
+    content["failures"] = [content["results"].pop()]
     refused = 0
     for edited in mutations(content):
         path.write_text(json.dumps(edited))

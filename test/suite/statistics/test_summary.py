@@ -23,7 +23,8 @@ from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.job_outcome import JobOutcome
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.statistics.summary import SequentialDecision, summarise
+from sfr_loc_map.suite.statistics.groups import SequentialDecision
+from sfr_loc_map.suite.statistics.summary import summarise
 
 
 def save_score(store: Store, job: Job, score: Score) -> None:

@@ -1,0 +1,122 @@
+"""The groups of a suite's results, with pooled errors and verdicts, and the decision of sequential tests.
+
+The results with the same task, configuration and faults form a group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+
+from msgspec import Struct
+
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.judging.limit_scope import tasks_of
+from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
+from sfr_loc_map.metrics.score.limits import Limits
+from sfr_loc_map.metrics.table.rows import Figure
+from sfr_loc_map.suite.running.job import NO_CONFIGURATION, GroupKey, Job
+from sfr_loc_map.suite.running.job_outcome import JobState
+from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
+from sfr_loc_map.suite.statistics.pooling import pool
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob, read_scored_job, undeclared_items_in
+
+
+class Group(Struct, frozen=True, kw_only=True):
+    """The results with the same task, configuration and faults: counts, pooled errors, verdicts."""
+
+    task: str
+    configuration: str
+    faults: str
+    results: int  #: Number of results, each repeat counted.
+    lost: int  #: Number of lost frames of all results.
+    matched: int  #: Number of frames of all results that have an estimate and a true pose.
+    figures: tuple[Figure, ...]  #: Errors over the sub-trajectories of all drives, by condition.
+    verdicts: tuple[GroupVerdict, ...]
+
+    @property
+    def key(self) -> GroupKey:
+        """What the jobs of the group have in common."""
+        return GroupKey(self.task, self.configuration, self.faults)
+
+
+def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: Sequence[Job] = ()) -> Iterator[Group]:
+    """Yield the groups of results in the order of their first occurrence.
+
+    Within a group, results are sorted by the hashes of their drives and jobs, so that figures and verdicts do not
+    depend on the order of the suite's file. `unfinished` are the jobs without a result.
+    """
+    suite_subjects = {subject for result in results for subject in tasks_of(result.score)}
+    several = len(undeclared_items_in(results))
+    for key, unsorted in by_group(results).items():
+        in_group = sorted(unsorted, key=lambda item: (item.job.drive_key, item.job.key))
+        next_drive = min((job.drive_key for job in unfinished if job.group == key), default=None)
+        scores = [result.score for result in in_group]
+        trajectories = [score.association for score in scores if score.association is not None]
+        conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
+        of_drives = [result.of_drive for result in in_group]
+        suite_items = several if key.configuration == NO_CONFIGURATION else 0
+        pooled = tuple(row for condition in conditions for row in pool(of_drives, condition))
+        yield Group(
+            task=key.task,
+            configuration=key.configuration,
+            faults=key.faults,
+            results=len(scores),
+            lost=sum(item.lost or 0 for item in trajectories),
+            matched=sum(item.matched for item in trajectories),
+            figures=pooled,
+            verdicts=tuple(verdicts_over(limits, of_drives, pooled, suite_subjects, next_drive, suite_items)),
+        )
+
+
+def by_group(results: Sequence[ScoredJob]) -> dict[GroupKey, list[ScoredJob]]:
+    """Return the results of each group by its key, in the order of their first occurrence."""
+    members: dict[GroupKey, list[ScoredJob]] = {}
+    for result in results:
+        members.setdefault(result.job.group, []).append(result)
+    return members
+
+
+def planned_groups_of(jobs: Sequence[Job]) -> tuple[GroupKey, ...]:
+    """Return the groups of planned jobs, in the order of their first occurrence."""
+    return tuple(dict.fromkeys(job.group for job in jobs))
+
+
+def are_decided(groups: Sequence[Group], planned: Collection[GroupKey]) -> bool:
+    """Return whether sequential tests have decided all limits of the planned groups.
+
+    A planned group without a result is undecided.
+    """
+    has_all_groups = {group.key for group in groups}.issuperset(planned)
+    items = [item for group in groups for item in group.verdicts]
+    return bool(has_all_groups and items) and all(
+        item.proof is not None
+        and item.proof.method == SEQUENTIAL
+        and item.state in (VerdictState.PASS, VerdictState.FAIL)
+        for item in items
+    )
+
+
+class SequentialDecision:
+    """Checks during a suite whether all limits are decided by sequential tests; reads and judges each result once."""
+
+    def __init__(self, store: Store, jobs: Sequence[Job], limits: Limits | None) -> None:
+        """Read the existing results of the jobs of a suite."""
+        self._store, self._jobs, self._limits = store, jobs, limits
+        self._planned = planned_groups_of(jobs)
+        done = [job for job in jobs if store.state(job) is JobState.DONE]
+        self._scored = {job.key: read_scored_job(job, store, limits) for job in done}
+
+    def add(self, job: Job) -> None:
+        """Read the result of a finished job."""
+        if self._store.state(job) is JobState.DONE:
+            self._scored[job.key] = read_scored_job(job, self._store, self._limits)
+        else:
+            self._scored.pop(job.key, None)
+
+    @property
+    def is_made(self) -> bool:
+        """Whether no more drives are required."""
+        results = [self._scored[job.key] for job in self._jobs if job.key in self._scored]
+        unfinished = [job for job in self._jobs if job.key not in self._scored]
+        return are_decided([*groups_of(results, self._limits, unfinished)], self._planned)

@@ -1,0 +1,78 @@
+"""A job of a suite with its score, judged by the limits of the suite."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sfr_loc_map.metrics.judging.judge import judged_by
+from sfr_loc_map.metrics.judging.limit_scope import limits_about, tasks_of
+from sfr_loc_map.metrics.judging.several_scores import undeclared_items
+from sfr_loc_map.metrics.score.limits import Limits
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.suite.running.job import NO_CONFIGURATION, Job
+from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.statistics.figures import figures_of
+from sfr_loc_map.suite.statistics.pooling import DriveScore
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredJob:
+    """A job with its score."""
+
+    job: Job
+    score: Score
+
+    @property
+    def of_drive(self) -> DriveScore:
+        """The score with the keys by which repeats and copies of a drive are identified."""
+        return DriveScore(self.job.drive_key, self.score, self.job.source.sha256)
+
+    @property
+    def position_m(self) -> float | None:
+        """Mean + 3 sigma of the position error of the first condition, m; None without a trajectory."""
+        return self.score.number("position", "mean_plus_3sigma")
+
+    def names(self) -> dict[str, object]:
+        """Return the names of the job as JSON values."""
+        job = self.job
+        return {
+            "key": job.key,
+            "label": job.label,
+            "task": job.task.value,
+            "source": job.source.name,
+            "configuration": job.configuration,
+            "faults": job.faults,
+            "variant": job.source.variant,
+            "seed": job.source.seed,
+            "repeat": job.repeat,
+        }
+
+    def to_dict(self) -> dict[str, object]:
+        """Return names, figures and verdicts of the result, and the file of its score, as JSON values."""
+        content = self.names() | {
+            "path": self.job.source.path,
+            "pairing": self.job.pairing,
+            "file": f"results/{self.job.key}.json",
+            "figures": [[*to_plain(name).values(), value] for name, value in figures_of(self.score).items()],
+            "verdicts": to_plain(self.score.verdicts),
+        }
+        for name in ("incomplete", "contradiction", "findings"):
+            if value := getattr(self.score, name):
+                content[name] = to_plain(value)
+        return content
+
+
+def read_scored_job(job: Job, store: Store, limits: Limits | None) -> ScoredJob:
+    """Read the result of a job, and judge the result by the limits that apply to its subjects."""
+    score = store.score(job)
+    of_score = limits_about(limits, tasks_of(score))
+    return ScoredJob(job, judged_by(score, of_score, partial=job.scoring.partial))
+
+
+def undeclared_items_in(results: Sequence[ScoredJob]) -> tuple[str, ...]:
+    """Return the names of the items under test if a result has another item than the configurations of the suite."""
+    undeclared = [result.score for result in results if result.job.configuration == NO_CONFIGURATION]
+    declared = [result.score for result in results if result.job.configuration != NO_CONFIGURATION]
+    return undeclared_items(undeclared, declared)

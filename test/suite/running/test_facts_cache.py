@@ -1,0 +1,70 @@
+"""Facts of sources in the cache: they are read again if a file of the source, the code or the cache has changed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sfr_loc_map.suite.running import facts_cache
+from sfr_loc_map.suite.running.digests import files_hash
+from sfr_loc_map.suite.running.facts_cache import FactsCache
+from sfr_loc_map.suite.running.source_readers import SourceFacts
+
+
+@pytest.fixture
+def reads(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Replace the reading of sources; return the sources that were read."""
+    found: list[Path] = []
+
+    def inspect(path: Path) -> SourceFacts:
+        found.append(path)
+        return SourceFacts(sha256=files_hash(path), pairs=1, nav_pairs=0)
+
+    monkeypatch.setattr(facts_cache, "inspect_file", inspect)
+    return found
+
+
+def test_a_source_is_read_once(tmp_path: Path, reads: list[Path]) -> None:
+    drive = tmp_path / "drive.mcap"
+    drive.write_text("drive")
+    first = FactsCache(tmp_path / "cache").facts_of(drive)
+    assert FactsCache(tmp_path / "cache").facts_of(drive) == first
+    assert reads == [drive]
+
+
+@pytest.mark.parametrize("changed", ["drive/0.png", "mytruth.csv", "drive/sfr.yaml"])
+def test_a_source_is_read_again_when_a_file_changes(tmp_path: Path, reads: list[Path], changed: str) -> None:
+    (tmp_path / "drive").mkdir()
+    files = {"drive/0.png": "image", "mytruth.csv": "truth", "drive/sfr.yaml": "truth: {source: ../mytruth.csv}\n"}
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    cache = FactsCache(tmp_path / "cache")
+    before = cache.facts_of(tmp_path / "drive")
+    (tmp_path / changed).write_text(files[changed] + "\n")
+    assert cache.facts_of(tmp_path / "drive").sha256 != before.sha256
+    assert len(reads) == 2
+
+
+def test_a_source_is_read_again_with_other_code(
+    tmp_path: Path, reads: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Other code may detect copies of a drive by other features."""
+    drive = tmp_path / "drive.mcap"
+    drive.write_text("drive")
+    for code in ("before", "before", "after"):
+        monkeypatch.setattr(facts_cache, "code_fingerprint", lambda code=code: code)
+        FactsCache(tmp_path / "cache").facts_of(drive)
+    assert len(reads) == 2
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"state": 1}', "[" * 10_000, "\xff"])
+def test_a_damaged_file_of_the_cache_is_written_again(tmp_path: Path, reads: list[Path], text: str) -> None:
+    drive = tmp_path / "drive.mcap"
+    drive.write_text("drive")
+    cache = FactsCache(tmp_path / "cache")
+    first = cache.facts_of(drive)
+    (file,) = (tmp_path / "cache/facts").glob("*.json")
+    file.write_bytes(text.encode("latin-1"))
+    assert cache.facts_of(drive) == cache.facts_of(drive) == first
+    assert len(reads) == 2
