@@ -65,6 +65,8 @@ LARGEST_RATIO = 20
 """Maximum ratio of decompressed to compressed size above `FREE_BYTES`. Images and points of real sensors have lower
 ratios."""
 HEAD_BYTES = 4096  #: Number of bytes at the start of a file by which a text is recognised.
+_PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\0": "xz", b"\x28\xb5\x2f\xfd": "zstd", b"PK\x03\x04": "zip"}
+"""Programs that compress files, by the first bytes of these files."""
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 _LONGEST_POINTER = 1024  #: Maximum size of a Git LFS pointer, bytes (git-lfs spec.md).
 _SPECIAL_FILES = {
@@ -125,10 +127,29 @@ def read_bytes(path: Path, limit: int) -> bytes:
     return data
 
 
+def check_is_not_packed(data: bytes) -> None:
+    """Raise ValueError if the first bytes of a file are those of compressed data."""
+    program = next((program for magic, program in _PACKED.items() if data.startswith(magic)), "")
+    if program == "zip":
+        raise ValueError("it is a ZIP archive or an Excel workbook: unpack it, or export it as text")
+    if program:
+        raise ValueError(f"it is compressed by {program}: decompress it first")
+
+
+def _decoded(data: bytes) -> str:
+    """Return a text in UTF-8, with or without a byte order mark; raise ValueError for another encoding."""
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ValueError(f"line {line} is not text in UTF-8: save it in UTF-8") from error
+
+
 def check_text(data: bytes) -> None:
     """Raise ValueError if the first bytes of a file are not those of a text in ASCII or UTF-8."""
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise ValueError("it is a text in UTF-16: save it in UTF-8")
+    check_is_not_packed(data)
     if b"\0" in data[:HEAD_BYTES]:
         raise ValueError("it is a binary file: a text file is required")
 
@@ -166,7 +187,7 @@ def read_table(path: Path, needed: str = "the data set requires it") -> Iterator
 def read_table_text(path: Path, needed: str = "the data set requires it") -> str:
     """Return the complete text of a table; raises InputError like `read_table`, or if the text is not UTF-8."""
     with refusing(f"cannot read '{path}'", needed):
-        return b"".join(read_table(path, needed)).decode("utf-8-sig")
+        return _decoded(b"".join(read_table(path, needed)))
 
 
 def split_lines(text: str) -> list[str]:
@@ -181,7 +202,7 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
     """Return the text of a regular file in UTF-8, with or without a byte order mark."""
     data = read_bytes(path, limit)
     check_text(data)
-    return data.decode("utf-8-sig")
+    return _decoded(data)
 
 
 def expansion_limit(compressed: int) -> int:

@@ -20,8 +20,9 @@ from sfr_loc_map.io.layouts.euroc import EurocWriter
 from sfr_loc_map.io.layouts.folder import FolderWriter
 from sfr_loc_map.io.layouts.kitti import KittiWriter
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.tables.trajectory_writer import format_of_name, save_trajectory
-from sfr_loc_map.suffixes import suffix_of
+from sfr_loc_map.io.tables.trajectory_writer import FILE_SUFFIXES, format_of_name, save_trajectory
+from sfr_loc_map.message_text import alternatives, counted
+from sfr_loc_map.suffixes import check_is_folder_name, suffix_of
 
 SourceWriter = BagWriter | FolderWriter | KittiWriter | EurocWriter
 Event = tuple[int, bool, Callable[..., None], tuple[Any, ...]]
@@ -59,6 +60,8 @@ def convert(
     The layout of another data set holds only the drive. `progress` is called with the number of pairs written so far.
     """
     destination = Path(destination)
+    if suffix_of(destination) not in STORAGE_BY_SUFFIX:
+        check_is_folder_name(destination, f"a bag ({alternatives(STORAGE_BY_SUFFIX)})")
     if destination.exists() and not destination.is_dir():
         raise OutputError(f"cannot write '{destination}': a file exists there; remove it or choose another name")
     if options.layout is not None:
@@ -90,6 +93,7 @@ def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
             for _, _, write, values in _truth_events(trajectory, writer):
                 write(*values)
     else:
+        check_is_folder_name(destination, f"a bag or a table ({alternatives((*STORAGE_BY_SUFFIX, *FILE_SUFFIXES))})")
         with atomic_path(destination) as temporary:
             temporary.mkdir()
             save_trajectory(temporary / "groundtruth.csv", trajectory)
@@ -160,6 +164,10 @@ def _truth_events(truth: Trajectory, writer: SourceWriter) -> Iterator[Event]:
 def convert_cloud(source: Path, destination: Path) -> int:
     """Write a cloud in another format, and return the number of points; without pixels, only positions are written."""
     loaded = load_cloud(source)
+    if loaded.not_finite:
+        _log.warning(
+            f"cloud '{source}': {counted(loaded.not_finite, 'point')} with a coordinate that is not finite omitted"
+        )
     if loaded.cloud is not None:
         save_cloud(destination, loaded.cloud)
     else:

@@ -44,6 +44,7 @@ def load_trajectories(paths: list[Path], truth: Path | None) -> tuple[dict[str, 
 
     Poses without stamps get the stamps of the truth. For a source without estimates, its truth is returned.
     """
+    paths = list(dict.fromkeys(paths))
     file_names = [path.name for path in paths]
     poses: dict[str, Trajectory] = {}
     true: ReadTruth | None = None  # read once for all estimates

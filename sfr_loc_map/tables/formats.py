@@ -77,7 +77,7 @@ def to_html(table: Table) -> str:
 def _html_cell(cell: Cell, column: Column, *, lean: bool) -> str:
     text = escape(cell.text)
     if cell.link:
-        text = f'<a href="{escape(quote(cell.link))}">{text}</a>'
+        text = f'<a href="{escape(_url_of(cell.link))}">{text}</a>'
     if cell.kind is CellKind.HEAD:
         return f'<th scope="row">{text}</th>'
     if cell.kind is CellKind.VERDICT:
@@ -92,6 +92,14 @@ def _html_cell(cell: Cell, column: Column, *, lean: bool) -> str:
     if isinstance(cell.value, (int, float)) and not lean:
         attributes += f' data-value="{cell.value}" title="{f"{escape(cell.key)} = " if cell.key else ""}{cell.value}"'
     return f"<td{attributes}>{text}</td>"
+
+
+def _url_of(link: str) -> str:
+    """Return a relative link as a URL; bytes of a file name that are not UTF-8 remain as they are."""
+    try:
+        return quote(link, errors="surrogateescape")
+    except UnicodeEncodeError:  # surrogates that do not represent bytes
+        return quote(link, errors="replace")
 
 
 def to_markdown(tables: Iterable[Table], title: str = "") -> str:

@@ -67,8 +67,10 @@ def number(
         return undefined
     shown = value if unit.size == 1.0 else value / unit.size
     sign = "+" if signed else ""
+    if isinstance(shown, int):
+        return f"{shown:{sign}d}"
     text = f"{shown:{sign}.{digits}g}"
-    if isinstance(shown, int) or 10.0**digits <= abs(float(text)) < LARGEST_IN_FULL:
+    if 10.0**digits <= abs(float(text)) < LARGEST_IN_FULL:
         return f"{shown:{sign}.0f}"
     return text
 
@@ -192,7 +194,7 @@ Row = tuple[Cell, ...]
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """One table."""
+    """One table; ValueError unless each row has a cell for each column."""
 
     name: str  #: Used as an anchor and in CSV.
     title: str
@@ -201,5 +203,7 @@ class Table:
     note: str = ""  #: Explanation of the figures.
 
     def __post_init__(self) -> None:
+        if wrong := [len(row) for row in self.rows if len(row) != len(self.columns)]:
+            raise ValueError(f"table '{self.name}' has a row of {wrong[0]} cells: {len(self.columns)} are required")
         object.__setattr__(self, "title", printable(self.title))
         object.__setattr__(self, "note", printable(self.note))

@@ -66,6 +66,8 @@ def test_nothing_is_left_when_the_source_breaks(tmp_path: Path, world: World) ->
         ("k", ConvertOptions(layout=Layout.KITTI, jpeg_quality=90), "apply only to bags"),
         ("k.mcap", ConvertOptions(layout=Layout.EUROC), "the name of a bag"),
         ("nav", ConvertOptions(layout=Layout.KITTI), "has no drive"),
+        *((f"x{end}", ConvertOptions(), f"no file that ends in {end} is written") for end in (".ply", ".zip", ".json")),
+        ("x.ply", ConvertOptions(layout=Layout.KITTI), "no file that ends in .ply is written"),
     ],
 )
 def test_options_that_do_not_fit(tmp_path: Path, world: World, name: str, options: ConvertOptions, words: str) -> None:
@@ -91,6 +93,8 @@ def test_options_of_the_command_and_trajectories(tmp_path: Path, world: World, s
     assert_same_trajectory(read_trajectory_file(tmp_path / "t" / "groundtruth.csv").trajectory, world.truth)
     assert convert_trajectory(world.truth, tmp_path / "t.mcap") == 4
     assert_same_trajectory(read_truth(tmp_path / "t.mcap"), world.truth)
+    no_table = sfr("convert", tum, tmp_path / "t.gz")
+    assert (no_table.code, "no file that ends in .gz is written" in no_table.err) == (2, True)
     no_truth = sfr("convert", write_folder(tmp_path / "n", world, loc=False), tmp_path / "n.txt")
     assert (no_truth.code, "has no true poses" in no_truth.err) == (2, True)
 

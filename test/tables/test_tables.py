@@ -83,6 +83,20 @@ def test_no_renderer_lets_markup_controls_and_surrogates_through() -> None:
         assert not {"\x1b", "\x07", "\udc80"} & set(text)
 
 
+@pytest.mark.parametrize(
+    ("link", "url"), [("a b/ü.html", "a%20b/%C3%BC.html"), ("\udce9.html", "%E9.html"), ("\ud800.html", "%3F.html")]
+)
+def test_a_link_to_a_file_of_any_name_is_a_url(link: str, url: str) -> None:
+    table = Table("t", "T", (Column("a"),), ((Cell("x", link=link),),))
+    assert f'href="{url}"' in to_html(table)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_row_has_a_cell_for_each_column(count: int) -> None:
+    with pytest.raises(ValueError, match=f"a row of {count} cells: 2 are required"):
+        Table("t", "T", (Column("a"), Column("b")), ((Cell("x"),) * count,))
+
+
 @pytest.mark.parametrize("value", [0.0200004, 0.020003, 0.0200049, 0.02 + 1e-12])
 def test_a_value_that_misses_its_limit_is_not_shown_as_the_limit(value: float) -> None:
     missed = Verdict(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.plausibility import plausible_poses
 from sfr_loc_map.geometry.rotation import quat_multiply, quat_rotate
@@ -17,6 +18,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.message_stamps import stamp_of
 
+MAX_NAMED = 6  #: Maximum number of frames in a message.
 MAX_CHAINS = 1000  #: Maximum number of frame chains that are searched at the same time.
 PoseRow = tuple[int, tuple[float, ...]]  #: Stamp, ns, and x, y, z, qx, qy, qz, qw.
 
@@ -146,6 +148,21 @@ def pose_row(message: Any, pose: Any) -> PoseRow:  # noqa: ANN401 - messages
     position = getattr(pose, "position", None) or pose.translation
     quat = getattr(pose, "orientation", None) or pose.rotation
     return stamp_of(message), (position.x, position.y, position.z, quat.x, quat.y, quat.z, quat.w)
+
+
+def body_of(message: Any) -> tuple[str, str]:  # noqa: ANN401 - any message with a header
+    """Return the frame of a pose and its body (`child_frame_id`, empty if the type has none), without slashes."""
+    return message.header.frame_id.strip("/"), getattr(message, "child_frame_id", "").strip("/")
+
+
+def check_one_body(bodies: Collection[tuple[str, str]], where: str) -> None:
+    """Raise InputError if the messages of a topic have several bodies or frames, as given by `body_of`."""
+    if len(bodies) > 1:
+        found = sorted(f"'{body}' in '{frame}'" if body else f"'{frame}'" for frame, body in bodies)
+        raise InputError(
+            f"{where} has poses of several bodies or frames: {', '.join(found[:MAX_NAMED])}: one body in one frame is "
+            "required; record each of them on its own topic, or use truth.frame for frames on /tf"
+        )
 
 
 def valid_indices(rows: Sequence[PoseRow], where: str) -> list[int]:

@@ -15,7 +15,16 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import Bag, Topic
-from sfr_loc_map.io.bag.frames import Frame, FrameSeries, add_transform, pose_row, trajectory_of, valid_indices
+from sfr_loc_map.io.bag.frames import (
+    Frame,
+    FrameSeries,
+    add_transform,
+    body_of,
+    check_one_body,
+    pose_row,
+    trajectory_of,
+    valid_indices,
+)
 from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.message_types import STRING, TF
 from sfr_loc_map.suite_names import Task
@@ -27,13 +36,16 @@ _log = logging.getLogger(__name__)
 def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
     """Read the poses and covariances `(N, 6, 6)` (m^2, rad^2) of a topic in the order of recording.
 
-    Invalid poses among valid poses are skipped, as in the monitor, and a warning reports their number.
+    Invalid poses among valid poses are skipped, as in the monitor, and a warning reports their number. InputError if
+    the topic has several bodies or frames.
     """
-    rows, covariances = [], []
+    rows, covariances, bodies = [], [], set[tuple[str, str]]()
     for _, _, message in bag.messages([topic]):
+        bodies.add(body_of(message))
         rows.append(pose_row(message, message.pose.pose))
         covariances.append(message.pose.covariance)
     where = f"'{topic.bag_name}' of bag '{bag.path}'"
+    check_one_body(bodies, where)
     valid = valid_indices(rows, where)
     with refusing(where, "record it again"):
         trajectory = trajectory_of([rows[k] for k in valid])

@@ -21,10 +21,10 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.inputs import check_exists, refusing
-from sfr_loc_map.io.calibration.camera_info import rig_from_projections
+from sfr_loc_map.io.calibration.camera_info import check_centre, rig_from_projections
 from sfr_loc_map.io.calibration.opened_file import open_calibration, partner_of
 from sfr_loc_map.io.calibration.programs import READERS
-from sfr_loc_map.io.calibration.rectification import common_projection
+from sfr_loc_map.io.calibration.rectification import check_one_scale, common_projection
 from sfr_loc_map.io.calibration.stereo_calibration import StereoCalibration
 from sfr_loc_map.suffixes import suffix_of
 
@@ -33,7 +33,9 @@ _log = logging.getLogger(__name__)
 ENDINGS = (".yaml", ".yml", ".xml", ".json", ".txt")
 LONG_BASELINE_M = 1.0
 """Baseline, m, that rovers do not exceed. A larger number may be in squares of the calibration board."""
-LARGEST_BASELINE_M = 5.0  #: Largest accepted baseline, m. Larger numbers are probably in millimetres.
+BASELINES_M = (1e-3, 5.0)
+"""Smallest and largest accepted baseline, m. Larger numbers are probably in millimetres, smaller ones in kilometres, or
+a baseline was given as Camera.bf, which is the baseline times fx."""
 
 
 class CalibrationError(InputError):
@@ -66,11 +68,15 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> StereoCalibration:
     if len(sizes := {left.size, right.size, size or left.size}) > 1:
         shown = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
         raise InputError(f"{where} and the images differ in size, {shown} px: calibrate both cameras at the image size")
+    check_one_scale(left, right, where)
+    for camera in (left, right):
+        check_centre(camera.k[2], camera.k[5], camera.size, where)
     rig = rig_from_projections(np.array(left.p), common_projection(left, right), left.size, where)
-    if rig.baseline_m > LARGEST_BASELINE_M:
+    shortest_m, longest_m = BASELINES_M
+    if not shortest_m <= rig.baseline_m <= longest_m:
         raise InputError(
-            f"{where}: the baseline is {rig.baseline_m:g} m: at most {LARGEST_BASELINE_M:g} m is allowed; give the "
-            "baseline in metres"
+            f"{where}: the baseline is {rig.baseline_m:g} m: {shortest_m:g} to {longest_m:g} m is required; give the "
+            "baseline in metres (Camera.bf: in metres times fx)"
         )
     if rig.baseline_m > LONG_BASELINE_M:
         _log.warning(

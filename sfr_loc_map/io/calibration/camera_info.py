@@ -54,7 +54,7 @@ def baseline_from_projection(fx: float, shift: float) -> float:
 
 
 def check_centre(cx: float, cy: float, size: tuple[int, int], where: str) -> None:
-    """Raise InputError if a calibration that states no image size is probably for another size than `size`.
+    """Raise InputError if a calibration is probably for another image size than `size`, which it may state wrongly.
 
     Scaling an image multiplies both coordinates of the principal point by one factor, which cropping rarely does. The
     size is therefore wrong if both ratios to `size` are below, or both are above, those of `CENTRE_RATIOS`.

@@ -91,6 +91,11 @@ def _with_word(name: str, old: str, new: str) -> str:
 def content_of(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
     """Return the content of YAML, JSON (which is YAML, except for tabs) or OpenCV's XML."""
     text = read_text(file).strip()
+    if text.startswith("[LEFT_CAM"):
+        raise ValueError(
+            "it is a factory calibration of a ZED camera, which is not supported: write M1 D1 M2 D2 R T of OpenCV with "
+            "the ZED SDK, or use rectified images with their camera_info"
+        )
     if text.startswith("<"):
         if "<!" in text.replace("<!--", ""):
             raise ValueError("XML with a DOCTYPE, an ENTITY or a CDATA section is not supported: remove it")

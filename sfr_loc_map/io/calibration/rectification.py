@@ -27,6 +27,8 @@ COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidi
 FISHEYE = ("equidistant", "fisheye")
 MAX_ROTATION_DEFECT = 1e-3  #: Largest accepted entry of R R^T - I.
 MIN_VALID = 0.25  #: Smallest accepted fraction of a rectified image that raw pixels cover.
+OTHER_SIZE = 1.2  #: Smallest factor between the camera matrices of two image sizes.
+SAME_FACTOR = 0.1  #: Largest deviation of focal lengths and principal points from this factor, as a fraction.
 SAME_DIRECTION = 1e-5
 """Change of a distortion coefficient or an entry of R below which a calibration counts as unchanged."""
 
@@ -80,6 +82,7 @@ class RectifiableCamera:
             raise InputError(f"{name} has no k or p, or contains a non-finite number: calibrate the camera")
         r = self.r if any(self.r) else tuple(np.eye(3).reshape(-1).tolist())
         check_camera_matrix(self.k, name)
+        _check_scale(_intrinsics_of_k(self.k), _intrinsics_of_p(self.p), f"{name}: P has", "those of K")
         rotation = np.reshape(r, (3, 3))
         defect = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         if defect > MAX_ROTATION_DEFECT or np.linalg.det(rotation) < 0.0:
@@ -120,6 +123,41 @@ class RectifiableCamera:
         return max(rotation, _largest_difference(self.k, p)) <= TOLERANCE
 
 
+def check_one_scale(left: RectifiableCamera, right: RectifiableCamera, name: str) -> None:
+    """Raise InputError if the camera matrices of two cameras are those of two image sizes."""
+    _check_scale(
+        _intrinsics_of_k(left.k), _intrinsics_of_k(right.k), f"{name}: the right camera has", "those of the left camera"
+    )
+
+
+def _intrinsics_of_k(k: Sequence[float]) -> FloatArray:
+    """Return fx, fy, cx, cy `(4,)` of a camera matrix `(9,)`."""
+    return np.take(k, (0, 4, 2, 5))
+
+
+def _intrinsics_of_p(p: ArrayLike) -> FloatArray:
+    """Return fx, fy, cx, cy `(4,)` of a projection matrix `(12,)`."""
+    return np.take(p, (0, 5, 2, 6))
+
+
+def _check_scale(one: FloatArray, other: FloatArray, which: str, reference: str) -> None:
+    """Raise InputError if intrinsics fx, fy, cx, cy `(4,)` are those of another image size.
+
+    Another image size multiplies all of them by one factor. A rectification or another lens does not move the
+    principal point by the factor of the focal length.
+    """
+    if min(one.min(), other.min()) <= 0.0:
+        return
+    factors = other / one
+    factor = float(np.median(factors))
+    is_scaled = max(factor, 1.0 / factor) >= OTHER_SIZE and float(np.abs(factors / factor - 1.0).max()) <= SAME_FACTOR
+    if is_scaled:
+        raise InputError(
+            f"{which} focal lengths and a principal point that are {factor:.3g} times {reference}, as of another image "
+            "size: give a calibration for one image size"
+        )
+
+
 def check_coefficients(model: str, coefficients: Sequence[float], name: str) -> None:
     """Raise InputError if a distortion model does not have this number of coefficients."""
     if len(coefficients) not in COEFFICIENTS[model]:
@@ -151,12 +189,16 @@ class StereoRectifier:
         for side, camera, maps in zip(SIDES, cameras, self._maps, strict=True):
             fraction = valid_fraction(maps[0], camera.size)
             (width, height), cx, cy = camera.size, camera.p[2], camera.p[6]
-            if fraction < MIN_VALID or not (0.0 <= cx < width and 0.0 <= cy < height):
-                raise InputError(
-                    f"{name}/{side}: with its R and P the raw image covers {100.0 * fraction:.3g} % of the rectified "
-                    f"image (focal length {camera.p[0]:g} px, principal point ({cx:g}, {cy:g}) of {width} x {height}): "
-                    "calibrate the pair again, or give a calibration whose R and P fit the images"
-                )
+            problem = f"the raw image covers {100.0 * fraction:.3g} % of the rectified image"
+            if not (0.0 <= cx < width and 0.0 <= cy < height):
+                problem = "the principal point is outside of the rectified image"
+            elif fraction >= MIN_VALID:
+                continue
+            raise InputError(
+                f"{name}/{side}: with its R and P {problem} (focal length {camera.p[0]:g} px, principal point ({cx:g}, "
+                f"{cy:g}) of {width} x {height}): calibrate the pair again, or give a calibration whose R and P fit "
+                "the images"
+            )
 
     def rectify(self, left: GreyImage, right: GreyImage) -> tuple[GreyImage, GreyImage]:
         """Return the rectified images; pixels outside of the raw image are 0."""
@@ -194,6 +236,7 @@ def rig_of_raw(
     Both images are rectified to the P of the left camera, even if the P of the right camera differs.
     """
     left, right = cameras
+    check_one_scale(left, right, name)
     if left.size == right.size and right.p[0] > 0.0:
         right = replace(right, p=tuple(_in_common(np.array(left.p), np.array(right.p)).tolist()))
     rig = rig_of_one_projection(left.rectified, right.rectified, name)
@@ -216,6 +259,9 @@ def rig_of_rectified(
         return rig_of_one_projection(left, right, name), None
     if have_one_camera_matrix(p_left, p_right):
         return rig_of_one_projection(left, right, name), None
+    _check_scale(
+        *map(_intrinsics_of_p, (p_left, p_right)), f"{name}: P of the right camera has", "those of the left camera"
+    )
     common = _in_common(p_left, p_right)
     rig = rig_of_one_projection(left, replace(right, p=common), name)
     if _largest_shift_px(p_left, p_right, left.size) <= SAME_PX:

@@ -21,17 +21,21 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
-from sfr_loc_map.inputs import MAX_CLOUD_BYTES, read_bytes, refusing
+from sfr_loc_map.inputs import MAX_CLOUD_BYTES, check_is_not_packed, read_bytes, refusing
 from sfr_loc_map.io.clouds.fields import CloudFields, Columns, stated_in
 from sfr_loc_map.io.clouds.npz import npz_bytes, read_npz
 from sfr_loc_map.io.clouds.pcd import pcd_bytes, read_pcd
 from sfr_loc_map.io.clouds.ply import ply_bytes, read_ply
+from sfr_loc_map.io.tables.length_units import unit_in_comment
 from sfr_loc_map.message_text import alternatives, counted
 from sfr_loc_map.suffixes import check_suffix, suffix_of
 
 _log = logging.getLogger(__name__)
 PIXEL_FIELDS = ("u", "v", "pair")
 SCALAR_PREFIX = "scalar_"
+ARCHIVE = ".npz"  #: Suffix of the format that is compressed itself.
+SMALLEST_CLOUD_M = 1e-6
+"""Smallest cloud: largest coordinate, m. Numbers in another byte order are often smaller."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,10 +87,10 @@ def load_cloud(path: Path) -> LoadedCloud:
     columns = fields.columns
     with np.errstate(invalid="ignore"):  # a signalling NaN would cause a warning
         xyz = np.column_stack([np.asarray(columns[name], np.float64) for name in "xyz"])
-    is_finite = np.asarray(np.isfinite(xyz).all(axis=1))
-    farthest = float(np.abs(xyz[is_finite]).max(initial=0.0))
-    if farthest > MAX_POSITION_M:
-        raise InputError(f"cloud '{path}' has a coordinate of {farthest:g} m: at most {MAX_POSITION_M:g} m is allowed")
+    is_valid = np.asarray(np.isfinite(xyz).all(axis=1))
+    _check_coordinates(xyz[is_valid], path)
+    if fields.grid is not None:
+        is_valid &= ~_placeholders(xyz, path)
     cloud = None
     if missing := [name for name in PIXEL_FIELDS if name not in columns]:
         _log.warning(
@@ -94,10 +98,38 @@ def load_cloud(path: Path) -> LoadedCloud:
             "their distance to the nearest true point"
         )
     else:
-        cloud = _point_cloud(fields, is_finite, path)
+        cloud = _point_cloud(fields, is_valid, path)
     is_organised = fields.grid is not None
-    not_finite = 0 if is_organised else int(np.count_nonzero(~is_finite))  # in organised clouds such points are normal
-    return LoadedCloud(xyz[is_finite], cloud, fields.grid, not_finite)
+    not_finite = 0 if is_organised else int(np.count_nonzero(~is_valid))  # in organised clouds such points are normal
+    return LoadedCloud(xyz[is_valid], cloud, fields.grid, not_finite)
+
+
+def _check_coordinates(xyz: FloatArray, path: Path) -> None:
+    """Raise InputError if finite points `(N, 3)`, m, are too far away, or all practically at the origin."""
+    farthest = float(np.abs(xyz).max(initial=0.0))
+    if farthest > MAX_POSITION_M:
+        raise InputError(
+            f"cloud '{path}' has a coordinate of {farthest:g} m: at most {MAX_POSITION_M:g} m is allowed; check the "
+            "byte order and the unit of the coordinates"
+        )
+    if 0.0 < farthest < SMALLEST_CLOUD_M:
+        raise InputError(
+            f"cloud '{path}': the largest coordinate is {farthest:g} m: at least {SMALLEST_CLOUD_M:g} m is required; "
+            "check the byte order and the unit of the coordinates"
+        )
+
+
+def _placeholders(xyz: FloatArray, path: Path) -> Mask:
+    """Return which points `(N, 3)` of an organised cloud are at 0, 0, 0, as some cameras write pixels without a point.
+
+    A warning reports these points. A single point may be at the origin.
+    """
+    is_origin = np.asarray((xyz == 0.0).all(axis=1))
+    count = int(np.count_nonzero(is_origin))
+    if count < 2:
+        return np.zeros(len(xyz), np.bool_)
+    _log.warning(f"cloud '{path}': {count} points at 0, 0, 0 ignored: they are pixels without a point")
+    return is_origin
 
 
 def _read_fields(path: Path) -> CloudFields:
@@ -110,10 +142,17 @@ def _read_fields(path: Path) -> CloudFields:
         raise InputError(f"cannot read cloud '{path}': a name that ends in {NAMES} is required; convert the cloud")
     with refusing(f"cannot read cloud '{path}'", f"give a {NAMES} file"):
         data = read_bytes(path, MAX_CLOUD_BYTES)
+        if suffix_of(path) != ARCHIVE:
+            check_is_not_packed(data)
     with refusing(f"cloud '{path}' cannot be read", "write it again"):
         fields = cloud_format.read(data)
     for note in fields.notes:
         _log.warning(f"cloud '{path}': {note}")
+    if stated := next(filter(unit_in_comment, fields.comments), ""):
+        raise InputError(
+            f"cloud '{path}' has the comment '{stated[:60]}', which states the unit {unit_in_comment(stated)}: "
+            "coordinates in metres are required; convert the cloud"
+        )
     columns = _without_prefix(fields.columns)
     if missing := [name for name in "xyz" if name not in columns]:
         found = ", ".join(columns) or "none"

@@ -67,6 +67,7 @@ CODECS = (
     (r"....jP  |\xff\x4f\xff\x51", "JPEG 2000"),
     (r"II\*\0|MM\0\*", "TIFF"),
     (r"BM", "BMP"),
+    (r"\x1f\x8b", "compressed by gzip"),
     (r"GIF8", "GIF"),
     (r"OggS", "Theora"),
     (r"\0\0\0?\x01[\x40-\x4f]", "H.265"),

@@ -39,6 +39,8 @@ def complete_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImageP
     Warnings report the other pairs, and images in the same folders that the list `name` does not contain.
     """
     check_order([entry.stamp_ns for entry in entries], name, strict=True)
+    if same := next((entry for entry in entries if entry.left == entry.right), None):
+        raise InputError(f"{name} lists '{same.left}' as the left and the right image of one pair: two are required")
     files = [file for entry in entries for file in (entry.left, entry.right)]
     missing = [file for file in files if not file.is_file()]
     if not missing:

@@ -33,7 +33,7 @@ from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
-from sfr_loc_map.io.tables.stamps import check_order, parse_stamp_ns
+from sfr_loc_map.io.tables.stamps import SHORTEST_IMAGE_STEP_NS, check_order, check_unit, parse_stamp_ns
 from sfr_loc_map.io.tables.text_table import read_lines
 from sfr_loc_map.io.tables.trajectory_file import TRUTH_OPTION, read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
@@ -103,6 +103,7 @@ def _load_list(path: Path) -> dict[int, Path]:
             stamps_ns.append(parse_stamp_ns(stamp))
         files.append(path.parent / "data" / name.strip())
     check_order(stamps_ns, f"'{path}'", strict=True)
+    check_unit(stamps_ns, f"'{path}'", shortest_ns=SHORTEST_IMAGE_STEP_NS)
     return dict(zip(stamps_ns, files, strict=True))
 
 

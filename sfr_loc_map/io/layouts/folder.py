@@ -33,9 +33,9 @@ from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.number_text import parse_number
-from sfr_loc_map.io.tables.pose_columns import CSV_HEADER, TrajectoryFormat
-from sfr_loc_map.io.tables.stamps import parse_stamp_ns
-from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.pose_columns import CSV_HEADER
+from sfr_loc_map.io.tables.stamps import SHORTEST_IMAGE_STEP_NS, check_unit, parse_stamp_ns
+from sfr_loc_map.io.tables.trajectory_file import is_suite_table, read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.io.truth.pose_checks import check_clock
 from sfr_loc_map.io.truth.recorded import RecordedTruth
@@ -121,6 +121,7 @@ def _read_part(folder: Path) -> _Part:
         pairs.append(_parse_pair(table, number, dict(zip(header, row, strict=True))))
     if not pairs:
         raise InputError(f"'{table}' lists no pair: at least one is required")
+    check_unit([pair.stamp_ns for pair in pairs], f"'{table}'", shortest_ns=SHORTEST_IMAGE_STEP_NS)
     found, missing_ns = complete_pairs(pairs, f"'{table}'")
     return _Part(folder, rig, len(header) > len(LOC_COLUMNS), found, missing_ns)
 
@@ -144,9 +145,12 @@ def _read_truth(folder: Path) -> RecordedTruth | None:
     file = folder / "groundtruth.csv"
     if not file.exists():
         return None
+    if not is_suite_table(file):
+        raise InputError(
+            f"'{file}' line 1 is not '{CSV_HEADER}', the header of the truth of a data set folder: convert the file by "
+            "sfr convert, or rename it and set truth.source"
+        )
     loaded = read_trajectory_file(file)
-    if loaded.format is not TrajectoryFormat.CSV:
-        raise InputError(f"'{file}' line 1 is not '{CSV_HEADER}': the truth of a data set folder requires this header")
     check_clock(loaded.trajectory.stamps_ns, f"'{file}'")
     return RecordedTruth(loaded.trajectory, str(file))
 

@@ -11,6 +11,7 @@ RB is the frame SB of the stereo rig, and DS is RB at the first pose: x forward,
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -36,7 +37,8 @@ from sfr_loc_map.io.tables.numbered_stamps import read_times
 from sfr_loc_map.io.tables.stamps import seconds_text
 from sfr_loc_map.io.tables.text_table import parse_table, read_lines
 from sfr_loc_map.io.truth.recorded import RecordedTruth
-from sfr_loc_map.suite_names import SIDES
+from sfr_loc_map.suffixes import suffix_of
+from sfr_loc_map.suite_names import IMAGE_ENDINGS, SIDES
 
 CAMERAS = ((0, 1), (2, 3))  #: Numbers of the left and right cameras, in the order of preference: grey, colour.
 _log = logging.getLogger(__name__)
@@ -58,6 +60,7 @@ def open_kitti(path: Path, config: SourceConfig) -> Source:
         ImagePair(stamp, path / f"image_{left}" / f"{i:06d}.png", path / f"image_{right}" / f"{i:06d}.png")
         for i, stamp in enumerate(stamps)
     ]
+    _check_names(entries)
     pairs, missing_ns = complete_pairs(entries, f"'{times}'")
     height, width = read_grey(pairs[0].left).shape
     cameras = _read_projections(calibration)
@@ -72,6 +75,19 @@ def open_kitti(path: Path, config: SourceConfig) -> Source:
     loc = configured_drive(path, config, rig, pairs, truth)
     beside = tuple(file for file in _pose_files(path) if file.is_file())
     return Source(path, SourceFormat.KITTI, loc, None, partial(tuple, missing_ns), truth_files=beside)
+
+
+def _check_names(entries: Sequence[ImagePair]) -> None:
+    """Raise InputError if the folder of the left images has only images of other names than those of the benchmark."""
+    folder = entries[0].left.parent
+    if any(entry.left.exists() for entry in entries):
+        return
+    found = sorted(file.name for file in folder.iterdir() if suffix_of(file) in IMAGE_ENDINGS)
+    if found:
+        raise InputError(
+            f"'{folder}' has images such as '{found[0]}': names like '{entries[0].left.name}', with the numbers of "
+            "their lines in times.txt, are required; rename the images, or link them by such names"
+        )
 
 
 def _read_projections(calibration: Path) -> dict[int, FloatArray]:

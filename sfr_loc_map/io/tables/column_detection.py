@@ -11,12 +11,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.tables.column_names import columns_of_header, columns_of_user, unknown_header, without_names
+from sfr_loc_map.io.tables.column_names import (
+    check_is_not_geographic,
+    columns_of_header,
+    columns_of_user,
+    unknown_header,
+    without_names,
+)
+from sfr_loc_map.io.tables.length_units import METRES, unit_in_comment
 from sfr_loc_map.io.tables.pose_columns import (
     DOWN,
     FRAME,
     MATRIX,
-    METRES,
     NANOSECONDS,
     POSITION,
     QUATERNION,
@@ -25,6 +31,7 @@ from sfr_loc_map.io.tables.pose_columns import (
     PoseColumns,
     TrajectoryFormat,
 )
+from sfr_loc_map.io.tables.quaternion_order import check_order_of_quaternions
 from sfr_loc_map.io.tables.row_layouts import columns_of_layout
 from sfr_loc_map.io.tables.stamps import TIMES, UTC_UNIT, check_padded, time_unit
 from sfr_loc_map.io.tables.table_head import TableHead, is_number, is_time
@@ -42,10 +49,16 @@ def detect_columns(lines: Sequence[str], name: str, columns: str, option: str) -
     """
     head = TableHead.of(lines, name, option)
     found = columns_of_user(head, columns) if columns else columns_of_header(head)
-    found = found or columns_of_layout(head)
+    if found is None:
+        check_is_not_geographic(head.before, name)
+        found = columns_of_layout(head)
+    if not columns:
+        check_order_of_quaternions(head, found)
     _check_complete(found, head)
     _check_units(found, head)
-    return replace(_with_time_unit(found, head), skip=len(head.before))
+    found = _with_time_unit(found, head)
+    _check_commented_unit(found, head)
+    return replace(found, skip=len(head.before))
 
 
 def _check_complete(found: PoseColumns, head: TableHead) -> None:
@@ -75,9 +88,8 @@ def _check_units(found: PoseColumns, head: TableHead) -> None:
             f"unit to the header, or {head.named_by('t=...,x=...[mm],y=...[mm],z=...[mm]')}"
         )
     fractions = [unit for unit, unit_ns in TIMES.items() if unit_ns < NS_PER_S]
-    seconds = [unit for unit, unit_ns in TIMES.items() if unit_ns == NS_PER_S]
     known = {STAMP: (*TIMES, UTC_UNIT, ""), NANOSECONDS: (*fractions, "")}
-    known[SECONDS] = (*seconds, "") if NANOSECONDS in found else known[STAMP]
+    known[SECONDS] = ("s", "") if NANOSECONDS in found else known[STAMP]
     known |= dict.fromkeys((*POSITION, DOWN), tuple(METRES))
     for key, unit in found.units.items():
         if key in known and unit not in known[key]:
@@ -86,6 +98,25 @@ def _check_units(found: PoseColumns, head: TableHead) -> None:
                 f"{head.name}: the unit of {key} is '{unit[:20]}', which is not supported: convert the column to "
                 f"one of {units}"
             )
+
+
+def _check_commented_unit(found: PoseColumns, head: TableHead) -> None:
+    """Raise InputError if a line before the rows states a unit of lengths, and the columns have no unit."""
+    if any(found.units.get(key) for key in found.position_keys):
+        return
+    stated = ((number, unit_in_comment(line)) for number, line in enumerate(head.before, 1))
+    number, unit = next(((number, unit) for number, unit in stated if unit), (0, ""))
+    if not unit:
+        return
+    advice = "convert the positions to metres"
+    if not found.is_matrix:
+        units = {**found.units, **dict.fromkeys(found.position_keys, unit)}
+        named = sorted(found.index_of.items(), key=lambda item: item[1])
+        columns = (f"{key}=#{index + 1}" + (f"[{units[key]}]" if key in units else "") for key, index in named)
+        advice = head.named_by(",".join(columns))
+    raise InputError(
+        f"{head.name} line {number} states the unit {unit}, but the columns of the position have no unit: {advice}"
+    )
 
 
 def _with_time_unit(found: PoseColumns, head: TableHead) -> PoseColumns:
@@ -104,6 +135,6 @@ def _with_time_unit(found: PoseColumns, head: TableHead) -> PoseColumns:
     if not unit:
         raise InputError(
             f"{head.name}: the unit of the stamps {', '.join(texts[:3])} is ambiguous: name the unit "
-            f"(s, ms, us or ns), for example {head.option.replace('COLUMNS', 't[ns],x,y,z,qx,qy,qz,qw')}"
+            f"(s, ms, us or ns), for example {head.option_with('t[ns],x,y,z,qx,qy,qz,qw')}"
         )
     return replace(found, units={**found.units, STAMP: unit}, inferred="" if unit == "s" and is_seconds else unit)

@@ -12,12 +12,12 @@ import re
 from collections.abc import Mapping, Sequence
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.io.tables.length_units import METRES
 from sfr_loc_map.io.tables.pose_columns import (
     COVARIANCE_KEYS,
     DOWN,
     FRAME,
     MATRIX,
-    METRES,
     NANOSECONDS,
     POSITION,
     QUATERNION,
@@ -56,20 +56,39 @@ NAMES |= {
 SMALLER_FRACTIONS = {"us": ("usec", "microsec"), "ms": ("msec", "millisec")}
 """Units of the fraction of a second other than ns, by the beginning of the name of the column."""
 UNITS = {*METRES, *TIMES, UTC_UNIT, "rad", "deg", "1"}  #: Contents of a line of units below a header.
+_OTHER_NAMES = {
+    **dict.fromkeys(("metre", "metres", "meter", "meters"), "m"),
+    **dict.fromkeys(("centimetre", "centimetres", "centimeter", "centimeters"), "cm"),
+    **dict.fromkeys(("millimetre", "millimetres", "millimeter", "millimeters"), "mm"),
+    **dict.fromkeys(("kilometre", "kilometres", "kilometer", "kilometers"), "km"),
+    **dict.fromkeys(("sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("msec", "msecs", "millisecond", "milliseconds"), "ms"),
+    **dict.fromkeys(("usec", "usecs", "microsecond", "microseconds"), "us"),
+    **dict.fromkeys(("nsec", "nsecs", "nanosecond", "nanoseconds"), "ns"),
+}
+"""Other names of units, and their symbols."""
 SKIPPED = "_"
 _UNIT = re.compile(
     r"^[#%/\s]*(.*?)\s*(?:\[([^\[\]]*)\]|\((\w*)\)|_(m|cm|mm|km|s|sec|ms|msec|us|usec|ns|nsec|utc))?$", re.IGNORECASE
 )
 _PREFIXES = ("field", "poseposepose", "posepose", "pose", "transform")
+_DEGREES = ({"lat", "latitude"}, {"lon", "long", "lng", "longitude"})
+"""Names of the two columns of a geographic position, in lower case."""
 
 
 def split_unit(cell: str) -> tuple[str, str]:
     """Return the name and the unit of a cell of a header: `East [mm]`, `time_ns`, `Height (m)`, `usec`."""
     match = _UNIT.match(cell.strip())
     title, *units = match.groups("") if match else (cell, "")
-    name, unit = str(title).strip(), "".join(units).strip().lower()
+    name, unit = str(title).strip(), symbol_of("".join(units))
     in_name = (unit for unit, starts in SMALLER_FRACTIONS.items() if name.lower().startswith(starts))
     return name, unit or next(in_name, "")
+
+
+def symbol_of(unit: str) -> str:
+    """Return the symbol of a unit: `mm` for `Millimetres`; an unknown unit in lower case."""
+    plain = unit.strip().lower()
+    return _OTHER_NAMES.get(plain, plain)
 
 
 def key_of(cell: str) -> tuple[str, int] | None:
@@ -199,19 +218,36 @@ def _units_below(head: TableHead, number: int, count: int) -> list[str]:
 
 def _as_units(cells: Sequence[str]) -> list[str]:
     """Return the units in the cells of a line; empty for a dash, which states that a number has no unit."""
-    return [cell.strip("()[] -=_").lower() for cell in cells]
+    return [symbol_of(cell.strip("()[] -=_")) for cell in cells]
 
 
 def _are_units(units: Sequence[str]) -> bool:
     return any(units) and (all(unit in UNITS for unit in units) or any(unit in TIMES for unit in units))
 
 
+def _unit_of(head: TableHead, key: str, title: str, below: str, given: str = "") -> str:
+    """Return the unit of a column by its title, the line of units below, and the user; empty if none states a unit.
+
+    A unit of another quantity is part of the title (`pos_s` for a position). InputError if two units differ.
+    """
+    in_title = split_unit(title)[1]
+    others = METRES if key in (STAMP, SECONDS, NANOSECONDS) else TIMES
+    stated = {
+        head.option.partition(" ")[0]: given,
+        f"its title '{title}'": "" if given and in_title in others else in_title,
+        "the line of units": below if below in UNITS else "",
+    }
+    units = {origin: unit for origin, unit in stated.items() if unit}
+    if len(set(units.values())) > 1:
+        states = " and ".join(f"{unit} by {origin}" for origin, unit in units.items())
+        raise InputError(f"{head.name}: the unit of {key} is {states}: one unit is required; correct the wrong one")
+    return next(iter(units.values()), below)
+
+
 def _of_header(cells: Sequence[str], found: Mapping[str, int], below: Sequence[str], head: TableHead) -> PoseColumns:
     """Return the columns of a header; `below` contains the units in the line below the header, or is empty."""
     index_of = dict(found)
-    units = {key: split_unit(cells[index])[1] for key, index in index_of.items()}
-    if below:
-        units = {key: unit or below[index_of[key]] for key, unit in units.items()}
+    units = {key: _unit_of(head, key, cells[index], below[index] if below else "") for key, index in found.items()}
     if SECONDS in index_of and NANOSECONDS not in index_of and STAMP not in index_of:
         index_of[STAMP] = index_of.pop(SECONDS)
         units[STAMP] = units.pop(SECONDS) or "s"
@@ -233,13 +269,15 @@ def _of_header(cells: Sequence[str], found: Mapping[str, int], below: Sequence[s
 def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
     """Return the columns that the user names as `NAME=HEADER[UNIT]`, or as `NAME[UNIT]` in the order of columns.
 
-    A given unit has priority over the unit in the header, which has priority over a line of units below the header.
+    A unit that the user does not give is that in the header, or in a line of units below the header. InputError if two
+    of these units differ.
     """
     header = _header_above(head)
     items = [item.strip() for item in columns.split(",")]
     is_ordered = not any("=" in item for item in items)
+    width = max(head.width, len(header))
     index_of: dict[str, int] = {}
-    units: dict[str, str] = {}
+    given: dict[str, str] = {}
     for number, item in enumerate(items):
         if is_ordered:
             key, unit = split_unit(item)
@@ -251,10 +289,8 @@ def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
             continue
         if key in index_of:
             raise InputError(
-                f"{head.name}: {head.option.replace('COLUMNS', columns)} names {key} twice, the second time by "
-                f"'{item}': name it once"
+                f"{head.name}: {head.option_with(columns)} names {key} twice, the second time by '{item}': name it once"
             )
-        width = max(head.width, len(header))
         if key not in {*NAMES, FRAME, *MATRIX} or index is None or not 0 <= index < width:
             shown = ", ".join(header) or f"{head.width} columns without a header"
             raise InputError(
@@ -266,13 +302,17 @@ def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
             other = next(name for name, place in index_of.items() if place == index)
             raise InputError(f"{head.name}: column #{index + 1} is named as {other} and as {key}: name it once")
         index_of[key] = index
-        if unit:
-            units[key] = unit
+        given[key] = unit
     number = max((number for number, line in enumerate(head.before) if head.cells_of(line) == header), default=0)
     below = _units_below(head, number, len(header)) if header else []
-    units = {key: below[index] for key, index in index_of.items() if index < len(below) and below[index]} | units
-    titles = [*header, *(f"#{number + 1}" for number in range(len(header), head.width))]
-    ignored = tuple(title for index, title in enumerate(titles) if index not in index_of.values())
+    titles = header if len(header) == head.width or not is_ordered else []
+    units = {}
+    for key, index in index_of.items():
+        title, unit_below = (cells[index] if index < len(cells) else "" for cells in (titles, below))
+        units[key] = _unit_of(head, key, title, unit_below, given[key])
+    units = {key: unit for key, unit in units.items() if unit}
+    names = [*header, *(f"#{number + 1}" for number in range(len(header), head.width))]
+    ignored = tuple(name for index, name in enumerate(names) if index not in index_of.values())
     return PoseColumns("columns as given", head.separator, index_of, units, head.width, by_header=True, ignored=ignored)
 
 
@@ -287,10 +327,10 @@ def _header_above(head: TableHead) -> list[str]:
 
 
 def _column(text: str, header: Sequence[str]) -> tuple[int | None, str]:
-    """Return the index and the unit of a column that the user names: `#3[mm]`, `East [mm]` or `East`.
+    """Return the index of a column that the user names, `#3[mm]`, `East [mm]` or `East`, and the unit in its name.
 
-    A column is named by its number, or by its title in the header with or without its unit. A given unit has priority
-    over the unit in the header. The index is None if there is no such column.
+    A column is named by its number, or by its title in the header with or without its unit. The index is None if there
+    is no such column.
     """
     title, unit = split_unit(text)
     without_bracket = text.rpartition("[")[0] if text.endswith("]") else text
@@ -301,8 +341,7 @@ def _column(text: str, header: Sequence[str]) -> tuple[int | None, str]:
     for names in (titles, titles_without_unit):
         for wanted in (text, without_bracket, title):
             if _compact(wanted) in names:
-                index = names.index(_compact(wanted))
-                return index, unit or split_unit(header[index])[1]
+                return names.index(_compact(wanted)), unit
     return None, ""
 
 
@@ -323,6 +362,17 @@ def unknown_header(before: Sequence[str]) -> int | None:
     return max(texts, key=lambda number: len(named_columns(header_cells(before[number], None))), default=None)
 
 
+def check_is_not_geographic(before: Sequence[str], name: str) -> None:
+    """Raise InputError if a line before the rows names latitude and longitude, because these are not lengths."""
+    for number, line in enumerate(before, 1):
+        titles = {re.sub(r"[^a-z]", "", split_unit(cell)[0].lower()) for cell in header_cells(line, separator_in(line))}
+        if all(titles & names for names in _DEGREES):
+            raise InputError(
+                f"{name} line {number} names latitude and longitude: positions in metres are required; convert them to "
+                "columns east, north and height"
+            )
+
+
 def without_names(head: TableHead, number: int, problem: str = "") -> InputError:
     """Return the error for a header that does not name stamps and positions; the message quotes the header's names."""
     header = head.before[number].strip() if head.before else ""
@@ -335,6 +385,8 @@ def without_names(head: TableHead, number: int, problem: str = "") -> InputError
             "value for each column is required; complete the rows, or correct the header"
         )
     problem = problem or f"{', '.join(key for key in needed if key not in found)} not found"
+    if not header:
+        return InputError(f"{head.name}: {problem} among the columns: {head.named_by_number()}")
     own = [cells[found[key]] if key in found else "HEADER" for key in needed]
     example = ",".join(f"{key}={cell}" for key, cell in zip(needed, own, strict=True))
     return InputError(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 
+from sfr_loc_map.io.tables.length_units import METRES
 from sfr_loc_map.io.tables.stamps import TIMES, UTC_UNIT, parse_decimal, parse_nanoseconds, parse_seconds, parse_utc
 from sfr_loc_map.message_stamps import NS_PER_S
 
@@ -17,7 +18,6 @@ SCALAR_FIRST = ("qw", "qx", "qy", "qz")
 MATRIX = tuple(f"m{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3, 4))
 LAST_ROW = ("m41", "m42", "m43", "m44")  #: Column names of the last row of a 4 x 4 matrix, whose values are 0, 0, 0, 1.
 DOWN = "down"  #: A height that is positive downwards; z is its negative.
-METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
 COVARIANCES = {
     "Pr": ("attitude", ("11", "12", "13", "22", "23", "33")),
     "Pt": ("position", ("11", "12", "13", "22", "23", "33")),
@@ -116,6 +116,12 @@ class PoseColumns:
     def scales(self) -> list[float]:
         """Factors that convert the columns of the position to metres."""
         return [METRES[self.units.get(key, "")] * (-1.0 if key == DOWN else 1.0) for key in self.position_keys]
+
+    @property
+    def length_units(self) -> tuple[str, ...]:
+        """The units of the columns of the position, without repetition, if one of them is not the metre."""
+        units = tuple(dict.fromkeys(self.units.get(key) or "m" for key in self.position_keys))
+        return () if units == ("m",) else units
 
     @property
     def small_unit(self) -> str:

@@ -5,10 +5,8 @@ Rows fit a layout by their number of columns, unit quaternions, orthonormal rota
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +14,6 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.plausibility import plausible_attitudes, plausible_positions, plausible_rotations
 from sfr_loc_map.io.tables.column_names import unknown_header, without_names
-from sfr_loc_map.io.tables.number_text import number_or_nan
 from sfr_loc_map.io.tables.pose_columns import (
     FRAME,
     LAST_ROW,
@@ -30,7 +27,7 @@ from sfr_loc_map.io.tables.pose_columns import (
     PoseColumns,
 )
 from sfr_loc_map.io.tables.table_head import TableHead
-from sfr_loc_map.io.tables.vehicle_motion import problem_of_scalar_last, unit_of_headings
+from sfr_loc_map.io.tables.vehicle_motion import are_degrees, unit_of_headings
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import alternatives
 
@@ -69,8 +66,6 @@ LAYOUTS = (
 MAX_FRAME = 1e7  #: Integers below are frame numbers; larger integers are stamps.
 FIT = 0.9  #: Minimum fraction of rows that must fit a layout; the others are invalid rows.
 HALF_FIT = 0.5  #: Minimum fraction if no layout reaches `FIT`, so that error messages can name the invalid rows.
-_SCALAR_FIRST_TEXT = re.compile(r"\bq?_?w\W+q?_?x\W+q?_?y\W+q?_?z\b|\bwxyz\b", re.IGNORECASE)
-_SCALAR_LAST_TEXT = re.compile(r"\bq?_?x\W+q?_?y\W+q?_?z\W+q?_?w\b|\bxyzw\b", re.IGNORECASE)
 
 
 def columns_of_layout(head: TableHead) -> PoseColumns:
@@ -82,11 +77,10 @@ def columns_of_layout(head: TableHead) -> PoseColumns:
     has_empty_end = all(len(cells) > 1 and not cells[-1] for cells in rows)  # a separator after the last number
     widths = sorted(len(cells) - has_empty_end for cells in rows)
     width = widths[len(widths) // 2]
-    table = _table([cells for cells in rows if len(cells) >= width], width)
+    table = head.numbers(width)
     layout = _only_layout(head, table)
-    _check_stated_order(head, layout)
-    _check_scalar_is_last(head, layout, table)
     _check_height_is_no_heading(head, layout, table)
+    _check_are_no_degrees(head, layout, table)
     index_of = {key: index for index, key in enumerate(layout.keys)}
     ignored = tuple(f"#{number + 1}" for number in range(len(layout.keys), width))
     units = {STAMP: layout.unit} if layout.unit and STAMP in index_of else {}
@@ -104,23 +98,18 @@ def _only_layout(head: TableHead, table: FloatArray) -> Layout:
     if len(fitting) == 1:
         return fitting[0]
     problem = f", and fits no layout of: {'; '.join(layout.name for layout in LAYOUTS)}"
-    examples = ["t[s],x,y,z,qx,qy,qz,qw"]
+    columns = "t[s],x,y,z" if table.shape[1] < len(_POSE) + 1 else ",".join(("t[s]", *_POSE))
+    advice = head.named_by(columns)
+    if table.shape[1] <= len(POSITION):
+        advice = "a stamp and three coordinates are required in each row"
     if fitting:
         problem = f"; possible layouts are {alternatives(layout.name for layout in fitting)}"
-        examples = [f"{layout.keys[0]}[UNIT],{','.join(layout.keys[1:])}" for layout in fitting]
+        columns_of = (f"{layout.keys[0]}[UNIT],{','.join(layout.keys[1:])}" for layout in fitting)
+        advice = f"name the columns: {alternatives(map(head.option_with, columns_of))}"
     raise InputError(
         f"{head.name} has {table.shape[1]} columns and no header{problem} (line {len(head.before) + 1}: "
-        f"'{head.first_row[:60]}'): {alternatives(head.named_by(example) for example in examples)}"
+        f"'{head.first_row[:60]}'): {advice}"
     )
-
-
-def _table(rows: Sequence[Sequence[str]], width: int) -> FloatArray:
-    """Return the numbers in rows; NaN if a cell is not a number."""
-    table = np.full((len(rows), width), np.nan)
-    for row, cells in enumerate(rows):
-        for column, cell in enumerate(cells[:width]):
-            table[row, column] = number_or_nan(cell)
-    return table
 
 
 def _fit(layout: Layout, table: FloatArray, separator: str) -> float:
@@ -175,58 +164,14 @@ def _is_integer(numbers: FloatArray) -> Mask:
     return np.asarray(numbers == np.floor(numbers))
 
 
-# ---- the order of quaternions in comments
-
-
-class _StatedOrder(NamedTuple):
-    line: int  #: From 1.
-    is_scalar_first: bool
-
-
-def _check_stated_order(head: TableHead, layout: Layout) -> None:
-    """Raise InputError if a comment states another order of quaternions than that of the layout."""
-    stated = _stated_order(head.before)
-    if stated is None or "qw" not in layout.keys:
-        return
-    if stated.is_scalar_first == (layout.keys.index("qw") < layout.keys.index("qx")):
-        return
-    order = "first" if stated.is_scalar_first else "last"
-    columns = "t[s],x,y,z,qw,qx,qy,qz" if stated.is_scalar_first else "t[s],x,y,z,qx,qy,qz,qw"
-    raise InputError(
-        f"{head.name} line {stated.line} states that quaternions have the scalar {order}, unlike {layout.name}: "
-        f"{head.named_by(columns)}"
-    )
-
-
-def _check_scalar_is_last(head: TableHead, layout: Layout, table: FloatArray) -> None:
-    """Raise InputError if the attitudes describe a vehicle when the scalar is read first, but not when read last."""
-    if layout.keys[-4:] != QUATERNION:
-        return
-    rows = table[np.isfinite(table[:, : len(layout.keys)]).all(axis=1)]
-    first = layout.keys.index("x")
-    rows = rows[_fitting_rows(layout.keys, rows) & plausible_positions(rows[:, first : first + 3])]
-    rows = rows[np.lexsort((rows[:, first - 1], rows[:, 0]))]  # by seconds and their fractions
-    positions, quats = (rows[:, [layout.keys.index(key) for key in keys]] for keys in (POSITION, QUATERNION))
-    problem = problem_of_scalar_last(positions, quats)
-    if not problem:
-        return
-    scalar_last, scalar_first = (
-        head.option.replace("COLUMNS", ",".join(("t[s]", *keys))) for keys in (_POSE, _POSE_SCALAR_FIRST)
-    )
-    raise InputError(
-        f"{head.name} has no header, and its attitudes are {problem} if read as {layout.name}, but level and along the "
-        f"path if the scalar of the quaternions is first: name the columns by {scalar_first} if it is first, or by "
-        f"{scalar_last} if it is last"
-    )
+# ---- four numbers that are not a position
 
 
 def _check_height_is_no_heading(head: TableHead, layout: Layout, table: FloatArray) -> None:
     """Raise InputError if the last column of `t x y z` is the heading of a planar pose, in radians or degrees."""
     if layout.keys != (STAMP, *POSITION):
         return
-    rows = table[np.isfinite(table[:, : len(layout.keys)]).all(axis=1)]
-    rows = rows[plausible_positions(rows[:, 1:4])]
-    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    rows = _stamped_positions(table)
     if unit := unit_of_headings(rows[:, 1:3], rows[:, 3]):
         raise InputError(
             f"{head.name} has four columns and no header, and the last one is the heading of the path in {unit}, "
@@ -235,10 +180,17 @@ def _check_height_is_no_heading(head: TableHead, layout: Layout, table: FloatArr
         )
 
 
-def _stated_order(comments: Sequence[str]) -> _StatedOrder | None:
-    """Return the order of quaternions in the last comment that states an order; None if no comment does."""
-    for number, comment in reversed([*enumerate(comments, 1)]):
-        for pattern, is_scalar_first in ((_SCALAR_FIRST_TEXT, True), (_SCALAR_LAST_TEXT, False)):
-            if pattern.search(comment):
-                return _StatedOrder(number, is_scalar_first)
-    return None
+def _check_are_no_degrees(head: TableHead, layout: Layout, table: FloatArray) -> None:
+    """Raise InputError if the positions of `t x y z` are latitude and longitude, deg."""
+    if layout.keys == (STAMP, *POSITION) and are_degrees(_stamped_positions(table)[:, 1:3]):
+        raise InputError(
+            f"{head.name} has four columns and no header, and the second and the third are probably latitude and "
+            f"longitude in degrees: positions in metres are required; convert them, or {head.named_by('t[s],x,y,z')}"
+        )
+
+
+def _stamped_positions(table: FloatArray) -> FloatArray:
+    """Return the rows t, x, y, z `(N, 4)` of a table that are positions, in the order of their stamps."""
+    rows = table[np.isfinite(table[:, :4]).all(axis=1), :4]
+    rows = rows[plausible_positions(rows[:, 1:])]
+    return rows[np.argsort(rows[:, 0], kind="stable")]

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,8 +23,7 @@ from sfr_loc_map.message_stamps import NS_PER_S
 
 STAMP_LENGTH = 64  #: Maximum length of a stamp in text, characters.
 STAMP_LIMIT = 2**62  #: 146 years from 1970, ns; differences of two stamps fit 64 bits.
-TIMES = {"s": NS_PER_S, "sec": NS_PER_S, "secs": NS_PER_S, "seconds": NS_PER_S}
-TIMES |= {"ms": 1_000_000, "msec": 1_000_000, "us": 1_000, "usec": 1_000, "ns": 1, "nsec": 1, "nanoseconds": 1}
+TIMES = {"s": NS_PER_S, "ms": 1_000_000, "us": 1_000, "ns": 1}
 """Units of stamps, ns."""
 UTC_UNIT = "utc"  #: Unit of times written as `2026-05-04 10:22:01.25`.
 UNIT_WORDS = {1: "nanoseconds", 1_000: "microseconds", 1_000_000: "milliseconds", NS_PER_S: "seconds"}
@@ -33,6 +33,8 @@ LATEST_CLOCK_S = 4.62e9  #: 146 years after 1970, the limit of stamps; larger nu
 LONGEST_SENSOR_STEP = 10.0  #: Longest step of stamps from which seconds are inferred.
 SECONDS_OR_MILLISECONDS = 1.0
 """Shortest step of stamps that is plausible for a sensor both in seconds and in milliseconds."""
+SHORTEST_POSE_STEP_NS = 500_000  #: Shortest step between poses, ns: 2 kHz, twice the rate of fast trackers.
+SHORTEST_IMAGE_STEP_NS = 2_000_000  #: Shortest step between images, ns: 500 Hz.
 LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps in seconds.
 EARLIEST_DAY = 1e4  #: Days of Excel, MATLAB and Julian dates are larger numbers.
 LONGEST_STEP_DAY = 1e-4  #: Longest step of a sensor, days (9 s).
@@ -148,52 +150,111 @@ def _parse_aligned(texts: NDArray[np.bytes_], *, has_point: bool) -> IntArray | 
     return np.asarray(seconds.astype(np.int64) * NS_PER_S + fraction_ns.astype(np.int64))
 
 
-def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
-    """Return the unit of stamps, inferred from their magnitude; empty if several units are possible.
+class _StampFigures(NamedTuple):
+    """Figures of the stamps in a table from which their unit is inferred, in the unit of the table."""
 
-    Stamps of a clock are between 1979 and 2116 in only one unit. Other stamps are in seconds if they have nine
-    decimals, or decimals and steps below 1. Whole numbers are in the only unit in which their steps are those of a
-    sensor. Unless the layout prescribes seconds, decimals with longer steps do not determine the unit, because smaller
-    units may have decimals, too. Day numbers are recognised by their short steps.
-    `is_seconds`: the layout prescribes seconds.
+    magnitude: float  #: Median of the absolute stamps.
+    step: float  #: Median difference of consecutive stamps; 0 for fewer than three stamps.
+    has_decimals: bool
+    has_nine_decimals: bool
+
+    @classmethod
+    def of(cls, texts: Sequence[str]) -> _StampFigures | None:
+        """Return the figures of stamps as written; None if no stamp is a number."""
+        numbers = np.array([number_or_nan(text) for text in texts])
+        numbers = numbers[np.isfinite(numbers)]
+        if not len(numbers):
+            return None
+        middle = (len(numbers) - 1) // 2
+        steps = np.abs(np.diff(numbers))
+        return cls(
+            magnitude=float(np.partition(np.abs(numbers), middle)[middle]),
+            step=float(np.median(steps)) if len(steps) > 1 else 0.0,
+            has_decimals=bool((numbers != np.floor(numbers)).any()),
+            has_nine_decimals=any(len(text.partition(".")[2]) >= NANOSECOND_DIGITS for text in texts),
+        )
+
+    def is_clock_in(self, unit: str) -> bool:
+        """Return whether stamps in this unit are times of a clock, which numbers of seconds cannot be."""
+        return self.magnitude > LATEST_CLOCK_S and _is_clock(self.magnitude * TIMES[unit] / NS_PER_S)
+
+
+def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
+    """Return the unit of stamps, inferred from their magnitude and steps; empty if several units are possible.
+
+    The first rule that applies decides. `is_seconds`: the layout prescribes seconds, unless the stamps contradict.
     """
-    numbers = np.array([number_or_nan(text) for text in texts])
-    numbers = numbers[np.isfinite(numbers)]
-    if not len(numbers):
+    found = _StampFigures.of(texts)
+    if found is None:
         return "s"
-    middle = (len(numbers) - 1) // 2
-    magnitude = float(np.partition(np.abs(numbers), middle)[middle])
-    for unit, unit_ns in (("ms", 1_000_000), ("us", 1_000), ("ns", 1)):
-        if EARLIEST_CLOCK_S <= magnitude * unit_ns / NS_PER_S <= LATEST_CLOCK_S < magnitude:
-            return unit
-    has_nine_decimals = any(len(text.partition(".")[2]) >= NANOSECOND_DIGITS for text in texts)
-    has_decimals = bool((numbers != np.floor(numbers)).any())
-    steps = np.abs(np.diff(numbers))
-    step = float(np.median(steps)) if len(steps) > 1 else 0.0
-    is_long = step > LONGEST_STEP_S if is_seconds or magnitude >= EARLIEST_CLOCK_S else step >= SECONDS_OR_MILLISECONDS
-    if has_decimals and EARLIEST_DAY <= magnitude < EARLIEST_CLOCK_S and 0.0 < step <= LONGEST_STEP_DAY:
-        return ""  # probably days
-    if magnitude <= LATEST_CLOCK_S and (has_nine_decimals or (has_decimals and not is_long)):
-        return "s"
-    unit = "" if has_decimals else _unit_of_step(step)
-    if unit == "s" and not is_seconds and magnitude < EARLIEST_CLOCK_S:  # the unit may also be milliseconds
-        return ""
-    return unit or ("s" if is_seconds and magnitude >= EARLIEST_CLOCK_S and step <= LONGEST_STEP_S else "")
+    step, has_decimals = found.step, found.has_decimals
+    may_be_clock = found.magnitude >= EARLIEST_CLOCK_S
+    may_be_seconds = found.magnitude <= LATEST_CLOCK_S
+    is_short = step <= LONGEST_STEP_S if is_seconds or may_be_clock else step < SECONDS_OR_MILLISECONDS
+    are_days = found.magnitude >= EARLIEST_DAY and not may_be_clock and 0.0 < step <= LONGEST_STEP_DAY
+    rules = (
+        # a time of a clock, 1979 to 2116, is possible in only one unit
+        *((unit, found.is_clock_in(unit)) for unit in ("ms", "us", "ns")),
+        # days of Excel, MATLAB or Julian dates
+        ("", has_decimals and are_days),
+        # resolution of nanoseconds, or fractions of seconds
+        ("s", may_be_seconds and found.has_nine_decimals),
+        ("s", may_be_seconds and has_decimals and is_short),
+        # whole numbers whose steps are those of a sensor, 1 ms to 10 s, in only one unit; milliseconds overlap with
+        # seconds and microseconds
+        ("s", not has_decimals and step <= LONGEST_SENSOR_STEP and (is_seconds or may_be_clock)),
+        ("us", not has_decimals and 1e4 < step <= 1e6),
+        ("ns", not has_decimals and step > 1e7),
+        # a slow sensor, in a layout of seconds
+        ("s", is_seconds and may_be_clock and step <= LONGEST_STEP_S),
+    )
+    return next((unit for unit, applies in rules if applies), "")
+
+
+def _is_clock(seconds: float) -> bool:
+    return EARLIEST_CLOCK_S <= seconds <= LATEST_CLOCK_S
+
+
+def check_unit(
+    stamps_ns: ArrayLike, name: str, *, shortest_ns: int = SHORTEST_POSE_STEP_NS, is_stated: bool = False
+) -> None:
+    """Raise InputError if stamps `(N,)`, ns, were probably read in a unit that is too small.
+
+    Their median step is then below `shortest_ns`, the shortest period of the sensor, and in a larger unit they are
+    times of a clock. `is_stated`: a header or the user states the unit, so that the short step alone is an error.
+    """
+    stamps = np.asarray(stamps_ns, dtype=np.int64)
+    steps = np.abs(np.diff(stamps))
+    step_ns = float(np.median(steps[steps > 0])) if steps.any() else 0.0
+    if not len(steps) or step_ns >= shortest_ns:
+        return
+    magnitude_s = float(np.median(np.abs(stamps))) / NS_PER_S
+    factor = next((factor for factor in (1e3, 1e6, 1e9) if _is_clock(magnitude_s * factor)), 0.0)
+    if factor:
+        raise InputError(
+            f"{name}: the stamps are {step_ns:g} ns apart, but would be times of a clock if they were {factor:g} times "
+            "as large: their unit is probably larger than stated; correct the unit or the stamps"
+        )
+    if is_stated and step_ns > 0.0:
+        raise InputError(
+            f"{name}: the stamps are {step_ns:g} ns apart, but at least {shortest_ns:g} ns are required: their unit is "
+            "probably larger than stated; correct the unit or the stamps"
+        )
 
 
 def check_padded(texts: Sequence[str], name: str) -> None:
     """Raise InputError if stamps are probably seconds, a point, and nanoseconds or microseconds without leading zeros.
 
     `1700000000.5000000` is then 5 ms after the second. Such fractions have different lengths and never begin with 0,
-    and shorter fractions may end in 0.
+    shorter fractions may end in 0, and the stamps increase only with the leading zeros.
     """
     fractions = [fraction for text in texts if len(fraction := text.strip().partition(".")[2]) > 1]
     longest = max(map(len, fractions), default=0)
     shorter = [fraction for fraction in fractions if len(fraction) < longest]
     if not shorter or not all(map(str.isdecimal, fractions)) or any(fraction[0] == "0" for fraction in fractions):
         return
-    ends_in_zero = any(fraction[-1] == "0" for fraction in shorter)
-    if longest in FRACTION_DIGITS and (ends_in_zero or len(fractions) >= SURELY_UNPADDED):
+    is_unpadded = len(fractions) >= SURELY_UNPADDED or any(fraction[-1] == "0" for fraction in shorter)
+    if longest in FRACTION_DIGITS and (is_unpadded or _increase_only_if_padded(texts, longest)):
         example = next(text for text in texts if text.strip().endswith(shorter[0]))
         raise InputError(
             f"{name}: the fractions of seconds have different lengths and no leading zeros, such as "
@@ -201,16 +262,12 @@ def check_padded(texts: Sequence[str], name: str) -> None:
         )
 
 
-def _unit_of_step(step: float) -> str:
-    """Return the only unit in which a step of a sensor (1 ms to 10 s) has this length; empty if several are possible.
-
-    Milliseconds cannot be inferred, because their steps overlap with those of seconds and microseconds.
-    """
-    if step <= LONGEST_SENSOR_STEP:
-        return "s"
-    if 1e4 < step <= 1e6:
-        return "us"
-    return "ns" if step > 1e7 else ""
+def _increase_only_if_padded(texts: Sequence[str], digits: int) -> bool:
+    """Return whether stamps increase if their fractions are padded by leading zeros, and do not increase as written."""
+    parts = [text.strip().partition(".") for text in texts if is_decimal(text.strip())]
+    padded = [float(f"{whole}.{fraction.rjust(digits, '0')}") for whole, _, fraction in parts]
+    as_written = [float(f"{whole}.{fraction or '0'}") for whole, _, fraction in parts]
+    return bool((np.diff(padded) >= 0.0).all() and (np.diff(as_written) < 0.0).any())
 
 
 def check_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:

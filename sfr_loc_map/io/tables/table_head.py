@@ -6,7 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.io.tables.number_text import number_or_nan
 from sfr_loc_map.io.tables.stamps import parse_utc
 from sfr_loc_map.io.tables.text_table import COMMENTS, split_cells
@@ -52,13 +55,22 @@ class TableHead:
         """Largest number of cells in a row."""
         return max(len(cells) for cells in self.rows)
 
+    def numbers(self, width: int) -> FloatArray:
+        """Return the numbers in the first `width` cells of each row that has so many; NaN for other cells."""
+        rows = [cells[:width] for cells in self.rows if len(cells) >= width]
+        return np.array([[number_or_nan(cell) for cell in cells] for cells in rows]).reshape(-1, width)
+
     def cells_of(self, line: str) -> list[str]:
         """Return the cells of a line that may be the header of the table."""
         return header_cells(line, self.separator, self.width)
 
     def named_by(self, columns: str) -> str:
         """Return the end of a message: the option with an example of columns."""
-        return f"name the columns: {self.option.replace('COLUMNS', columns)}"
+        return f"name the columns: {self.option_with(columns)}"
+
+    def option_with(self, columns: str) -> str:
+        """Return the option that gives these columns."""
+        return self.option.replace("COLUMNS", columns)
 
     def named_by_number(self, keys: Sequence[str] = ("x", "y", "z")) -> str:
         """Return the end of a message: the option with an example of columns by their numbers."""
@@ -99,6 +111,8 @@ def _separator_of_row(text: str) -> str | None:
     words = text.split()
     has_decimal_commas = len(words) >= NAMED_COLUMNS and all(is_number(word) and word[-1] != "," for word in words)
     separator = separator_in(text)
+    if separator == "\t" and all(map(is_number, words)) and any(" " in cell for cell in split_cells(text, separator)):
+        return None  # some columns are separated by tabs, others by spaces
     if separator == "," and has_decimal_commas and not _are_numbers(split_cells(text, separator)):
         return None
     return separator

@@ -16,7 +16,7 @@ the suite (x forward, y left, z up), so that yaw is the heading. The rotation do
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -39,12 +39,15 @@ from sfr_loc_map.io.tables.pose_columns import (
     KITTI_COLUMNS,
     NANOSECONDS,
     QUATERNION,
+    STAMP,
     PoseColumns,
     TrajectoryFormat,
 )
-from sfr_loc_map.io.tables.stamps import parse_stamp_ns, seconds_text
-from sfr_loc_map.io.tables.text_table import BOM, Table, parse_table
+from sfr_loc_map.io.tables.stamps import check_unit, parse_stamp_ns, seconds_text
+from sfr_loc_map.io.tables.table_head import SEPARATORS
+from sfr_loc_map.io.tables.text_table import BOM, MAX_BROKEN, Table, parse_table, split_cells
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_text import counted
 
 MAX_NEGATIVE = 1e-6  #: Largest negative eigenvalue of a covariance by rounding, as a fraction of its largest variance.
 CONJUGATED = np.array([-1.0, -1.0, -1.0, 1.0])
@@ -56,6 +59,8 @@ COLUMNS_OPTION = "--columns 'COLUMNS'"
 ESTIMATE_OPTION, TRUTH_OPTION = "--columns 'estimate:COLUMNS'", "--columns 'truth:COLUMNS'"
 CONFIGURED_OPTION = "--set 'truth.columns=COLUMNS'"  #: For a truth that `truth.source` names.
 MAX_EQUAL = 2  #: Largest mean number of poses with one stamp; some tools write each pose twice.
+SAME_PLACE_M = 0.01  #: Largest distance of positions at equal stamps that may be noise, m.
+APART_STEPS = 5.0  #: Smallest distance of two bodies, as a multiple of the median step between different stamps.
 RUN_ROWS = 10  #: Smallest number of rows of a run; rows in random order have shorter runs.
 MOST_NAMED = 8  #: Maximum number of columns that a message lists.
 FORMAT_NAMES = {  # all formats but COLUMNS, whose name is that of the detected columns
@@ -83,11 +88,13 @@ class LoadedTrajectory:
     @property
     def text(self) -> str:
         """The detected format and content, in one line."""
-        kind = "poses" if self.trajectory.has_attitude else "positions"
+        kind = "pose" if self.trajectory.has_attitude else "position"
         name = FORMAT_NAMES.get(self.format) or ("" if self.columns is None else self.columns.name)
-        parts = [name, f"{len(self.trajectory)} {kind}"]
+        parts = [name, counted(len(self.trajectory), kind)]
         parts += [f"stamps: {self.stamps}"] if self.stamps else []
         if self.columns is not None:
+            lengths = " and ".join(self.columns.length_units)
+            parts += [f"unit of the positions: {lengths}"] if lengths else []
             unit = self.columns.inferred
             parts += [f"unit of the stamps, inferred from their magnitude: {unit}"] if unit else []
             parts += ["covariances read"] if self.covariance is not None else []
@@ -101,7 +108,7 @@ class LoadedTrajectory:
     def is_announced(self) -> bool:
         """Whether commands report the detection: always, except for the default forms of the suite's csv and of TUM."""
         columns = self.columns
-        unusual = columns is not None and bool(columns.inferred or columns.ignored)
+        unusual = columns is not None and bool(columns.inferred or columns.ignored or columns.length_units)
         return self.format in ANNOUNCED or bool(self.skipped) or unusual
 
     @property
@@ -139,16 +146,37 @@ def read_trajectory_file(path: Path, columns: str = "", option: str = COLUMNS_OP
     rest = read_table(path, "give a csv, TUM, KITTI or EuRoC file")
     first = next(rest, b"")
     blocks = chain((first,), rest)
-    lines = split_lines(first.removeprefix(BOM).decode("utf-8", "replace"))
-    header_index = next((index for index, line in enumerate(lines) if line.strip()), 0)
-    header = "".join(lines[header_index : header_index + 1]).strip().replace(" ", "")
-    if header == CSV_HEADER and not columns:
+    lines = _lines_of(first)
+    header_index, separator = _suite_header(lines)
+    if separator and not columns:
         skip = header_index + 1
         table = parse_table(
-            blocks, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=skip, tolerant=True
+            blocks, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=separator, skip=skip, tolerant=True
         )
         return _loaded(path, table, TrajectoryFormat.CSV, signs=CONJUGATED)
     return _read_columns(path, blocks, name, detect_columns(lines, name, columns, option))
+
+
+def is_suite_table(path: Path) -> bool:
+    """Return whether the first line of a file is the header of the csv of the suite, `CSV_HEADER`."""
+    _, separator = _suite_header(_lines_of(next(read_table(path), b"")))
+    return bool(separator)
+
+
+def _lines_of(block: bytes) -> list[str]:
+    """Return the lines of the first block of a table."""
+    return split_lines(block.removeprefix(BOM).decode("utf-8", "replace"))
+
+
+def _suite_header(lines: Sequence[str]) -> tuple[int, str]:
+    """Return the index of the first line that is not blank, and its separator if it is the header of the suite.
+
+    The separator is empty for another header. Spreadsheets write the header with other separators and with quotes.
+    """
+    index = next((index for index, line in enumerate(lines) if line.strip()), 0)
+    text = "".join(lines[index : index + 1]).lower().replace(" ", "").lstrip("#")
+    names = CSV_HEADER.lower().split(",")
+    return index, next((separator for separator in SEPARATORS if split_cells(text, separator) == names), "")
 
 
 def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseColumns) -> LoadedTrajectory:
@@ -273,8 +301,11 @@ def _loaded(
         problems.append(f"line {table.lines[row]}: {problem}")
     kept = table.without(good, problems).checked()
     if not len(kept.lines):
-        raise InputError(f"{table.name} has no pose: at least one line with a pose is required")
-    _check_stamps_differ(kept)
+        skipped = f" ({kept.skipped})" if kept.skipped else ""
+        raise InputError(f"{table.name} has no pose{skipped}: at least one line with a pose is required")
+    is_stated = columns is not None and columns.by_header and STAMP in columns.units and not columns.inferred
+    check_unit(kept.stamps_ns, table.name, is_stated=is_stated)
+    _check_stamps_differ(kept, positions[good])
     _check_one_run(kept)
     trajectory = Trajectory(kept.stamps_ns, positions[good], quats[good])
     skipped = [kept.skipped] if kept.skipped else []
@@ -284,14 +315,32 @@ def _loaded(
     return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, "; ".join(skipped), covariance)
 
 
-def _check_stamps_differ(table: Table) -> None:
-    """Raise InputError if a stamp has more than `MAX_EQUAL` poses on average, as when its last digits are missing."""
-    stamps_ns = np.sort(table.stamps_ns)  # hundred times as fast as `np.unique`, which hashes integers
-    count, different = len(stamps_ns), 1 + np.count_nonzero(np.diff(stamps_ns))
+def _check_stamps_differ(table: Table, positions: FloatArray) -> None:
+    """Raise InputError if a stamp has more than `MAX_EQUAL` poses on average, as when its last digits are missing.
+
+    The positions `(N, 3)` of rows with equal stamps must not be apart, as those of two bodies are.
+    """
+    order = np.argsort(table.stamps_ns, kind="stable")  # hundred times as fast as `np.unique`, which hashes integers
+    is_equal = np.diff(table.stamps_ns[order]) == 0
+    count, different = len(order), 1 + np.count_nonzero(~is_equal)
     if count > MAX_EQUAL * different:
         raise InputError(
             f"{table.name}: the number of different stamps is {different} for {count} poses: one stamp for each pose "
             "is required; write the stamps with all their digits"
+        )
+    if np.count_nonzero(is_equal) <= MAX_BROKEN * count:
+        return
+    ordered = positions[order]
+    apart_m = np.linalg.norm(np.diff(ordered, axis=0), axis=1)[is_equal]
+    first_of_stamp = ordered[np.append(True, ~is_equal)]
+    steps_m = np.linalg.norm(np.diff(first_of_stamp, axis=0), axis=1)
+    typical_m = float(np.median(apart_m))
+    if typical_m > max(SAME_PLACE_M, APART_STEPS * float(np.median(steps_m)) if len(steps_m) else 0.0):
+        line = table.lines[order[1:][is_equal][0]]
+        raise InputError(
+            f"{table.name} line {line} and {len(apart_m) - 1} more have the stamp of another line, but positions that "
+            f"are typically {typical_m:.3g} m apart: the poses of one body are required; give each body a file of its "
+            "own"
         )
 
 

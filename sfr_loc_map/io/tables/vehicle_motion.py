@@ -1,4 +1,4 @@
-"""Meaning of numbers, inferred from a vehicle's motion: order of quaternions, and a heading in place of a height."""
+"""Meaning of numbers, inferred from a vehicle's motion: order of quaternions, headings, and degrees."""
 
 from __future__ import annotations
 
@@ -8,33 +8,45 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 
 LEVEL = 0.5  #: Smallest vertical component of the upward axis of a level vehicle: a tilt of 60 deg.
+NEARLY_LEVEL = 0.94  #: The same of a nearly level vehicle: a tilt of 20 deg.
 FORWARD = 0.5  #: Smallest mean component along the path of the forward axis of a vehicle that drives forward.
 CHORDS = 50  #: Number of parts of a path; their chords are longer than the position noise.
 HEADING_FIT = 0.1  #: Largest deviation of headings from the path, as a fraction of the deviation of a straight line.
-LEVEL_IF_FIRST = 0.9  #: Smallest fraction of level poses of a vehicle, read with the scalar first.
-LEVEL_IF_LAST = 0.5  #: The same with the scalar last. It is smaller, because this order is that of the layout.
+LARGEST_DEG = 180.0  #: Largest longitude, deg.
+KILOMETRE_DEG = 0.01  #: One kilometre on the ground, deg of latitude.
+FAR_EXTENTS = 1000.0  #: Smallest distance from the origin of a path in degrees, as a multiple of its extent.
+LEVEL_IN_OTHER = 0.9  #: Smallest fraction of level poses of a vehicle in the other order of quaternions.
+LEVEL_AS_READ = (
+    0.5  #: The same in the order of the header or the layout, which is smaller, because this order is stated.
+)
 
 
-def problem_of_scalar_last(positions: FloatArray, quats_xyzw: FloatArray) -> str:
+def problem_of_order(
+    positions: FloatArray, quats_xyzw: FloatArray, other_xyzw: FloatArray, *, is_named: bool = False
+) -> str:
     """Return the problem of attitudes `(N, 4)` at positions `(N, 3)` that only the other order of quaternions avoids.
 
-    The attitudes are read with the scalar last, but describe a vehicle if the scalar is read first. The text is empty
-    if there is no such problem. A vehicle is level. If the vehicle is level in both orders, its forward axis decides,
-    which points along the path. With the scalar last, the axes may also be those of a camera, whose y-axis points down
-    and whose z-axis points forward.
+    `other_xyzw` are the attitudes if the scalar, which was read as the first or the last number, is at the other end.
+    They describe a vehicle. The text is empty if there is no such problem. A vehicle is level. If the vehicle is level
+    in both orders, its forward axis decides, which points along the path. As read, the axes may also be those of a
+    camera, whose y-axis points down and whose z-axis points forward. If a header names the order (`is_named`), they may
+    also be those of a nearly level body whose z-axis points down.
     """
     if not quats_xyzw.any():  # positions without attitude
         return ""
-    if_first = matrix_from_quat(quats_xyzw[:, [1, 2, 3, 0]])
-    if np.mean(if_first[:, 2, 2] > LEVEL) < LEVEL_IF_FIRST:
+    of_other = matrix_from_quat(other_xyzw)
+    if np.mean(of_other[:, 2, 2] > LEVEL) < LEVEL_IN_OTHER:
         return ""
-    axes = _forward_and_upward(matrix_from_quat(quats_xyzw))
-    forward = [axis for axis, upward in axes if np.mean(upward > LEVEL) >= LEVEL_IF_LAST]
+    as_read = matrix_from_quat(quats_xyzw)
+    if is_named and np.mean(-as_read[:, 2, 2] > NEARLY_LEVEL) >= LEVEL_IN_OTHER:
+        return ""
+    axes = _forward_and_upward(as_read)
+    forward = [axis for axis, upward in axes if np.mean(upward > LEVEL) >= LEVEL_AS_READ]
     if not forward:
         return "not level"
     is_placeholder = not np.ptp(quats_xyzw, axis=0).any()
     is_opposite = all(_along_path(axis, positions) < 0.0 for axis in forward)
-    if is_placeholder or not is_opposite or _along_path(if_first[:, :, 0], positions) < FORWARD:
+    if is_placeholder or not is_opposite or _along_path(of_other[:, :, 0], positions) < FORWARD:
         return ""
     return "opposite to the path"
 
@@ -50,6 +62,21 @@ def unit_of_headings(path: FloatArray, values: FloatArray) -> str:
         if 1.0 - _along_path(axis, path) < HEADING_FIT * curvature:
             return unit
     return ""
+
+
+def are_degrees(path: FloatArray) -> bool:
+    """Return whether the coordinates `(N, 2)` of a smooth path are probably latitude and longitude.
+
+    In degrees, a drive of less than 1 km is small compared with its distance from the equator and the meridian. In
+    metres, so small an extent would be that of a stationary body, whose noise is not smooth.
+    """
+    if len(path) < 3 or float(np.abs(path).max()) > LARGEST_DEG:
+        return False
+    extent = float(np.ptp(path, axis=0).max())
+    steps = np.diff(path, axis=0)
+    length, bends = (float(np.linalg.norm(part, axis=1).sum()) for part in (steps, np.diff(steps, axis=0)))
+    is_far = 0.0 < extent < min(KILOMETRE_DEG, float(np.abs(np.median(path, axis=0)).max()) / FAR_EXTENTS)
+    return is_far and bends < length
 
 
 def _straightness(path: FloatArray) -> float:

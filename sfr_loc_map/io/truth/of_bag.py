@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.stamped_poses import LONGEST_GAP_S
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic
-from sfr_loc_map.io.bag.frames import chain_above, chain_poses, trajectory_of, valid_indices
+from sfr_loc_map.io.bag.frames import body_of, chain_above, chain_poses, check_one_body, trajectory_of, valid_indices
 from sfr_loc_map.io.bag.poses import read_frames, read_odometry
 from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
@@ -91,11 +91,13 @@ def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
     if topic.msgtype == PATH:  # the last path contains all earlier poses, possibly corrected
         messages = _last_path(bag, topic, where)
     reader = TruthReader(topic.msgtype, where)
-    rows = list[TrueRow]()
+    rows, bodies = list[TrueRow](), set[tuple[str, str]]()
     placeholders = 0
     for message in messages:
+        bodies.add(body_of(message))
         rows += reader.rows(message)
         placeholders += topic.msgtype == FIX and is_placeholder(message)
+    check_one_body(bodies, f"truth {where}")
     if placeholders:
         text = f"{placeholders} fixes at 0, 0 or with NaN are ignored, {len(rows)} are used"
         _log.warning(f"truth {where}: {text}")

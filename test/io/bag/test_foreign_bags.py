@@ -62,6 +62,33 @@ def test_single_fixes_that_are_none_are_left_out(tmp_path: Path, wrong: str, cou
     assert np.abs(found.positions - found.positions[0]).max() < 15.0
 
 
+@pytest.mark.parametrize("second", [("world", "rover"), ("map", "drone"), ("/map", "/rover")])
+@pytest.mark.parametrize("kind", ["odometry", "transform", "pose"])
+def test_poses_of_several_bodies_on_one_topic_are_refused(tmp_path: Path, kind: str, second: tuple[str, str]) -> None:
+    entries = []
+    for k, (stamp, xyz) in enumerate(zip(drive().stamps_ns.tolist(), drive().positions.tolist(), strict=True)):
+        frame, body = ("map", "rover") if k % 2 else second
+        if kind == "transform":
+            turn = T["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+            moved = T["geometry_msgs/msg/Transform"](T["geometry_msgs/msg/Vector3"](*xyz), turn)
+            message = T["geometry_msgs/msg/TransformStamped"](bag_messages.header(stamp, frame), body, moved)
+        elif kind == "odometry":
+            message = bag_messages.odometry(stamp, np.array(xyz), np.array([0.0, 0.0, 0.0, 1.0]))
+            object.__setattr__(message.header, "frame_id", frame)
+            object.__setattr__(message, "child_frame_id", body)
+        else:
+            message = pose(stamp, xyz, (0.0, 0.0, 0.0, 1.0))
+            object.__setattr__(message.header, "frame_id", frame)
+        entries.append(("/mocap", stamp, message))
+    bag = write_messages(tmp_path / "x", entries)
+    has_one_body = second[0].startswith("/") or (kind == "pose" and second[0] == "map")
+    if has_one_body:
+        assert len(truth_as(bag, TruthConfig(source="/mocap"))) == COUNT
+        return
+    with pytest.raises(InputError, match=r"'/mocap' of bag .* several bodies or frames"):
+        truth_as(bag, TruthConfig(source="/mocap"))
+
+
 def test_fixes_without_any_altitude_give_horizontal_errors_alone(tmp_path: Path, sfr: Sfr) -> None:
     poses = drive()
     places = np.degrees(poses.positions[:, [1, 0]] / [6_356_752.3**2 / 6_378_137.0, 6_378_137.0])

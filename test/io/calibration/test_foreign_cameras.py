@@ -171,6 +171,62 @@ def test_a_camera_matrix_of_another_form_is_refused(tmp_path: Path, matrix: str)
         read_calibration(tmp_path / "c.yaml")
 
 
+@pytest.mark.parametrize("factor", [0.5, 1.5, 2.0])
+def test_a_camera_matrix_of_another_image_size_is_refused(tmp_path: Path, factor: float) -> None:
+    fx, cx, cy = 421.0 * factor, 372.0 * factor, 242.0 * factor
+    of_right = "[421., 0., 372., 0., 421., 242., 0., 0., 1.]"
+    assert of_right in OPENCV
+    (tmp_path / "c.yaml").write_text(OPENCV.replace(of_right, f"[{fx}, 0., {cx}, 0., {fx}, {cy}, 0., 0., 1.]"))
+    with pytest.raises(InputError, match="as of another image size"):
+        read_calibration(tmp_path / "c.yaml")
+
+
+@pytest.mark.parametrize("size", [(376, 240), (1504, 960)])
+@pytest.mark.parametrize("name", ["OpenCV", "camera.bf"])
+def test_a_stated_size_that_does_not_fit_the_principal_point_is_refused(
+    tmp_path: Path, name: str, size: tuple[int, int]
+) -> None:
+    width, height = size
+    text = {
+        "OpenCV": OPENCV.replace("image_width:752", f"image_width: {width}").replace("height:480", f"height: {height}"),
+        "camera.bf": f"{SETTINGS['camera.bf']}Camera.width: {width}\nCamera.height: {height}\n",
+    }
+    (tmp_path / "c.yaml").write_text(text[name])
+    with pytest.raises(InputError, match=r"far from the centre|cannot be rectified"):
+        read_calibration(tmp_path / "c.yaml", size)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+@pytest.mark.parametrize(
+    ("describe", "scaled"),
+    [(rig_of_raw_infos, ("left", "right")), (rig_of_raw_infos, ("left",)), (rig_of_rectified_infos, ("right",))],
+)
+def test_a_projection_of_another_image_size_is_refused(
+    describe: Callable[..., object], scaled: tuple[str, ...], factor: float
+) -> None:
+    rig = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
+    infos = {side: camera_info(START_NS, rig, "loc", side) for side in SIDES}
+    for side in scaled:
+        p = projection(rig, side)
+        p[[0, 2, 3, 5, 6]] *= factor
+        object.__setattr__(infos[side], "p", p)
+    with pytest.raises(InputError, match="as of another image size"):
+        describe(tuple(infos.values()), "loc")
+
+
+@pytest.mark.parametrize("bf", [0.11, 47872.0])
+def test_a_baseline_in_another_unit_is_refused(tmp_path: Path, bf: float) -> None:
+    (tmp_path / "c.yaml").write_text(SETTINGS["camera.bf"].replace("47.872", str(bf)))
+    with pytest.raises(InputError, match=r"baseline is .* m: .* m is required"):
+        read_calibration(tmp_path / "c.yaml", (752, 480))
+
+
+def test_a_factory_calibration_of_a_zed_camera_is_named(tmp_path: Path) -> None:
+    (tmp_path / "SN1.conf").write_text("[LEFT_CAM_HD]\nfx=700\n[STEREO]\nBaseline=120\n")
+    with pytest.raises(InputError, match="factory calibration of a ZED camera"):
+        read_calibration(tmp_path / "SN1.conf")
+
+
 @pytest.mark.parametrize("size", [(376, 240), (1504, 960)])
 @pytest.mark.parametrize("name", ["OpenCV", "camera.bf", "Tlr"])
 def test_a_calibration_without_a_size_is_refused_for_scaled_images(

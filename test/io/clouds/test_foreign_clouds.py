@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 from collections.abc import Callable
 from pathlib import Path
@@ -138,6 +139,16 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "x twice.npz": (npz(x=np.ones(3), X=np.zeros(3), y=np.ones(3), z=np.ones(3)), "it has the field x twice"),
     "points.npz": (npz(points=POINTS), "it has the arrays points: x, y and z are required"),
     "grid.npz": (npz(x=np.ones((2, 3)), y=np.ones(6), z=np.ones(6)), "array x has the shape"),
+    "millimetres.ply": (ply(f"comment unit: mm\nelement vertex 50\n{VERTEX}", POINTS.tobytes()), "states the unit mm"),
+    "in millimetres.pcd": (
+        b"# all lengths in mm\n" + pcd(b"", "binary", "WIDTH 0\nHEIGHT 1").replace(b"POINTS 50", b"POINTS 0"),
+        "states the unit mm",
+    ),
+    "byte order.ply": (
+        ply(f"element vertex 3\n{VERTEX}", np.arange(1.0, 10.0).astype(">f4").tobytes()),
+        "check the byte order and the unit",
+    ),
+    "packed.pcd": (gzip.compress(pcd(POINTS_AND_PADDING, "binary")), "compressed by gzip: decompress it first"),
     "points.xyz": (b"1 2 3\n", "a name that ends in .ply, .pcd or .npz is required"),
 }
 
@@ -150,6 +161,19 @@ def test_a_cloud_that_cannot_be_understood_is_refused_by_what_was_found(tmp_path
     assert done.code == 2
     assert words in done.err
     assert len(done.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(("zeros", "count"), [(0, 50), (1, 50), (7, 43)])
+def test_pixels_without_a_point_may_be_written_as_zeros(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, zeros: int, count: int
+) -> None:
+    points = np.concatenate((POINTS, np.zeros((50, 1), "<f4")), axis=1)
+    points[10 : 10 + zeros] = 0.0
+    (tmp_path / "theirs.pcd").write_bytes(pcd(points.tobytes(), "binary", "WIDTH 10\nHEIGHT 5"))
+    found = load_cloud(tmp_path / "theirs.pcd")
+    assert found.cloud is not None
+    assert (len(found.xyz), len(found.cloud)) == (count, count)
+    assert ("points at 0, 0, 0 ignored" in caplog.text) == (count < 50)
 
 
 @pytest.mark.parametrize("viewpoint", ["0.0 0 0 1 0 0 0", "1 2 3 1 0 0 0"])

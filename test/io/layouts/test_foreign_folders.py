@@ -216,6 +216,55 @@ def test_a_pointer_to_a_cloud_is_named(tmp_path: Path, ending: str) -> None:
         load_cloud(tmp_path / f"x{ending}")
 
 
+LISTS = {"sfr": "pairs.csv", "euroc": "mav0/cam1/data.csv"}
+
+
+@pytest.mark.parametrize("unit_ns", [1_000, 1_000_000])
+@pytest.mark.parametrize("layout", LISTS)
+def test_a_list_of_images_in_another_unit_than_nanoseconds_is_refused(
+    tmp_path: Path, layout: str, unit_ns: int
+) -> None:
+    options = ConvertOptions() if layout == "sfr" else ConvertOptions(layout=Layout(layout))
+    convert(open_source(write_folder(tmp_path / "made", make_world(), nav=False)), tmp_path / "x", options)
+    table = tmp_path / "x" / LISTS[layout]
+    header, *lines = table.read_text().splitlines()
+    parts = [line.partition(",") for line in lines]
+    base = 1_700_000_000_000_000_000
+    stamps = [(base + 100_000_000 * k) // unit_ns for k in range(len(parts))]
+    table.write_text("\n".join([header, *(f"{s},{names}" for s, (_, _, names) in zip(stamps, parts, strict=True))]))
+    with pytest.raises(InputError, match="their unit is probably larger than stated"):
+        open_source(tmp_path / "x")
+
+
+@pytest.mark.parametrize("name", ["{}.jpg", "0000{}.png"])
+def test_images_of_kitti_with_other_names_are_named(tmp_path: Path, name: str) -> None:
+    convert(
+        open_source(write_folder(tmp_path / "made", make_world(), nav=False)),
+        tmp_path / "x",
+        ConvertOptions(layout=Layout.KITTI),
+    )
+    for image in (tmp_path / "x").rglob("*.png"):
+        image.rename(image.with_name(name.format(image.stem)))
+    with pytest.raises(InputError, match=r"names like '000000\.png'"):
+        open_source(tmp_path / "x")
+
+
+def test_one_image_for_both_sides_of_a_pair_is_refused(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "x", make_world(), nav=False)
+    table = folder / "pairs.csv"
+    table.write_text(table.read_text().replace("right/000001.png", "left/000001.png"))
+    with pytest.raises(InputError, match=r"left/000001.png' as the left and the right image of one pair"):
+        open_source(folder)
+
+
+def test_the_truth_of_a_folder_in_another_format_is_named_as_such(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "x", make_world(), nav=False)
+    for text in ("t,x,y,z\n1,2,3,4\n", "1.5 2 3 4 0 0 0 1\n", ""):
+        (folder / "groundtruth.csv").write_text(text)
+        with pytest.raises(InputError, match="the header of the truth of a data set folder"):
+            open_source(folder)
+
+
 @pytest.mark.parametrize("layout", ["sfr", "kitti", "euroc"])
 def test_images_that_a_list_does_not_name_are_reported(
     tmp_path: Path, layout: str, caplog: pytest.LogCaptureFixture

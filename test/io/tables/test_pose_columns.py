@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
 import json
+import lzma
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +18,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_quat, matrix_from_rotvec, quat_from_matrix, quat_normalised
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.tables.pose_columns import CSV_HEADER
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory, trajectory_text
 from sfr_loc_map.io.truth.config import TruthConfig
@@ -47,6 +51,8 @@ def read_as(name: str) -> object:
     return TrajectoryFormat(name)
 
 
+TUM_ROWS = "".join(f"{0.1 * k:.1f} {0.1 * k} 2 3 0 0 0 1\n" for k in range(20))
+DEGREES = "".join(f"{0.1 * k:.1f} {48 + 1e-6 * k:.7f} {11 + 2e-6 * k:.7f} 500\n" for k in range(20))
 POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 COVARIANCE = "Pr11 Pr12 Pr13 Pr22 Pr23 Pr33 Pt11 Pt12 Pt13 Pt22 Pt23 Pt33"
 WXYZ = [3, 0, 1, 2]
@@ -316,11 +322,78 @@ REFUSED = {
         "",
         "the unit of the stamps 0, 100, 200 is ambiguous",
     ),
+    "units in the titles and below them": (
+        "t[s],x[m],y[m],z[m]\ns,mm,mm,mm\n1,2,3,4\n",
+        "",
+        "m by its title .* mm by the",
+    ),
+    "a unit in a comment": ("# positions in mm\nt[s],x,y,z\n1,2,3,4\n", "", "line 1 states the unit mm"),
+    "a unit in a comment before TUM": (
+        "# t x y z qx qy qz qw, lengths: millimetres\n" + TUM_ROWS,
+        "",
+        "line 1 states the unit mm, .*qw=#8'",
+    ),
+    "a unit in a comment before given columns": (
+        "# unit: cm\n" + TUM_ROWS,
+        "t[s],x,y,z,qx,qy,qz,qw",
+        "line 1 states the unit cm",
+    ),
+    "microseconds as nanoseconds": (
+        "time_ns,x,y,z\n" + "".join(f"{1_700_000_000_000_000 + 100_000 * k},{k},2,3\n" for k in range(20)),
+        "",
+        "100000 ns apart, but would be times of a clock if they were 1000 times as large",
+    ),
+    "seconds as nanoseconds": (
+        "time_ns,x,y,z\n" + "".join(f"{1_700_000_000 + 0.1 * k:.1f},{k},2,3\n" for k in range(20)),
+        "",
+        r"times of a clock if they were 1e\+09 times as large",
+    ),
+    "seconds since a start as milliseconds": (
+        "time [ms],x,y,z\n" + "".join(f"{0.1 * k:.1f},{k},2,3\n" for k in range(20)),
+        "",
+        "the stamps are 100000 ns apart, but at least 500000 ns",
+    ),
+    "milliseconds in the csv of the suite": (
+        CSV_HEADER + "\n" + "".join(f"{1_700_000_000_000 + 100 * k},{k},2,3,0,0,0,1\n" for k in range(20)),
+        "",
+        "100 ns apart, but would be times of a clock",
+    ),
+    "latitude and longitude": ("time,latitude,longitude,altitude\n1.5,48.1,11.5,500\n", "", "line 1 names latitude"),
+    "latitude and longitude in a comment": ("# t[s] Lat[deg] Lon[deg] h\n" + DEGREES, "", "line 1 names latitude"),
+    "latitude and longitude without names": (DEGREES, "", "latitude and longitude in degrees"),
+    "two bodies": (
+        "".join(f"{0.1 * k:.1f} {0.1 * k} {b} 0 0 0 0 1\n" for k in range(20) for b in (0, 3)),
+        "",
+        "line 2 and 19 more have the stamp of another line, .* typically 3 m apart",
+    ),
+    "positions without stamps": ("1 2 3\n" * 9, "", "a stamp and three coordinates are required"),
     "headings in radians in place of heights": (planar_rows(1.0), "", "the heading of the path in radians"),
     "headings in degrees in place of heights": (planar_rows(180.0 / np.pi), "", "the heading of the path in degrees"),
     "times of day": ("time,x,y,z\n10:22:01.25,1,2,3\n", "", "line 1 is 'time,x,y,z', line 2 is '10:22:01.25,1,2,3'"),
     "a text without rows": ('{"poses": []}\n', "", """has no pose: .* line 1 is '{"poses": \\[\\]}'"""),
 }
+
+
+def test_rows_that_are_written_twice_and_a_stationary_body_are_read(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).normal(0.0, 0.004, (40, 3))
+    still = "".join(f"{0.1 * (k // 2):.1f} {48 + x} {11 + y} {z}\n" for k, (x, y, z) in enumerate(noise.tolist()))
+    for text, count in ((still, 40), (TUM_ROWS, 20)):
+        doubled = text if text is still else "".join(f"{line}\n{line}\n" for line in text.splitlines())
+        (tmp_path / "t.txt").write_text(doubled)
+        assert len(read_trajectory_file(tmp_path / "t.txt").trajectory) == (count if text is still else 2 * count)
+
+
+@pytest.mark.parametrize("separator", [";", "\t", ","])
+def test_the_csv_of_the_suite_is_read_as_a_spreadsheet_writes_it(tmp_path: Path, separator: str) -> None:
+    poses = drive()
+    lines = trajectory_text(poses).splitlines()
+    quoted = lines[0].replace(",", '","')
+    lines[0] = f'"{quoted}"'
+    text = "\r\n".join(line.replace(",", separator) for line in lines)
+    (tmp_path / "t.csv").write_bytes(("\ufeff" + text).encode())
+    found = read_trajectory_file(tmp_path / "t.csv")
+    assert found.format is read_as("csv")
+    assert found.trajectory.quats_xyzw.tolist() == poses.quats_xyzw.tolist()
 
 
 def level_path(heading_deg: float, *, is_camera: bool = False) -> Trajectory:
@@ -358,6 +431,42 @@ def test_a_drive_with_the_scalar_last_is_read_at_every_heading(tmp_path: Path, h
     assert len(read_trajectory_file(tmp_path / "xyzw.txt").trajectory) == COUNT
 
 
+LAST, FIRST = (0, 1, 2, 3), (3, 0, 1, 2)
+NAMES_OF = {LAST: "qx,qy,qz,qw", FIRST: "qw,qx,qy,qz"}
+
+
+@pytest.mark.parametrize("heading_deg", range(30, 360, 30))
+@pytest.mark.parametrize("is_camera", [False, True])
+@pytest.mark.parametrize("order", NAMES_OF)
+def test_a_header_with_the_other_order_of_quaternions_is_refused(
+    tmp_path: Path, order: tuple[int, ...], is_camera: bool, heading_deg: int
+) -> None:
+    poses = level_path(heading_deg, is_camera=is_camera)
+    for names in NAMES_OF:
+        numbers = rows(seconds(poses), poses.positions, poses.quats_xyzw[:, order])
+        (tmp_path / "t.csv").write_text(f"t,x,y,z,{NAMES_OF[names]}\n{numbers}")
+        if names == order:
+            assert len(read_trajectory_file(tmp_path / "t.csv").trajectory) == COUNT
+        elif not is_camera:
+            with pytest.raises(InputError, match="has a header that names its columns, and its attitudes are"):
+                read_trajectory_file(tmp_path / "t.csv")
+            given = read_trajectory_file(tmp_path / "t.csv", f"t[s],x,y,z,{NAMES_OF[order]}")
+            np.testing.assert_allclose(given.trajectory.quats_xyzw, poses.quats_xyzw, atol=1e-12)
+
+
+@pytest.mark.parametrize("heading_deg", range(0, 360, 30))
+@pytest.mark.parametrize("order", NAMES_OF)
+def test_a_header_with_the_attitudes_of_a_body_with_z_down_is_read(
+    tmp_path: Path, order: tuple[int, ...], heading_deg: int
+) -> None:
+    poses = level_path(heading_deg)
+    down = np.diag([1.0, -1.0, -1.0])
+    quats = np.array([quat_from_matrix(attitude @ down) for attitude in matrix_from_quat(poses.quats_xyzw)])
+    numbers = rows(seconds(poses), poses.positions, quats[:, order])
+    (tmp_path / "t.csv").write_text(f"t,x,y,z,{NAMES_OF[order]}\n{numbers}")
+    assert len(read_trajectory_file(tmp_path / "t.csv").trajectory) == COUNT
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_huge_position_does_not_affect_the_order_of_quaternions(tmp_path: Path) -> None:
     lines = tum_rows(level_path(40), (0, 1, 2, 3)).splitlines(keepends=True)
@@ -381,6 +490,16 @@ def test_an_inferred_unit_of_stamps_is_reported(tmp_path: Path) -> None:
     assert found.columns is not None
     assert found.columns.inferred == "s"
     assert found.is_announced
+
+
+@pytest.mark.parametrize(
+    ("pack", "words"),
+    [(gzip.compress, "compressed by gzip"), (bz2.compress, "compressed by bzip2"), (lzma.compress, "compressed by xz")],
+)
+def test_a_compressed_table_is_named_as_such(tmp_path: Path, pack: Callable[[bytes], bytes], words: str) -> None:
+    (tmp_path / "theirs.csv").write_bytes(pack(b"t,x,y,z\n1.0,2,3,4\n" * 99))
+    with pytest.raises(InputError, match=f"{words}: decompress it first"):
+        read_trajectory_file(tmp_path / "theirs.csv")
 
 
 @pytest.mark.parametrize(("encoding", "words"), [("utf-16", "UTF-16: save it in UTF-8"), ("utf-32-be", "binary file")])
@@ -417,13 +536,38 @@ def test_the_header_of_given_columns_is_below_a_title(tmp_path: Path) -> None:
     assert found.trajectory.positions.tolist() == [[1.25, 2.5, 3.0]]
 
 
-@pytest.mark.parametrize(("columns", "metres"), [("t,x,y,z", 0.001), ("t[s],x[cm],y[cm],z[cm]", 0.01)])
-def test_given_columns_have_the_units_below_the_header_unless_units_are_given(
-    tmp_path: Path, columns: str, metres: float
-) -> None:
-    (tmp_path / "x.csv").write_text("Zeit,Ost,Nord,Oben\ns,mm,mm,mm\n1,1000,2000,3000\n2,1000,2000,3500\n")
-    found = read_trajectory_file(tmp_path / "x.csv", columns).trajectory
-    np.testing.assert_allclose(found.positions[1], np.array([1000, 2000, 3500]) * metres)
+GIVEN = {"by name": "t=Zeit,x=Ost,y=Nord,z=Oben", "by number": "t=#1,x=#2,y=#3,z=#4", "in order": "t,x,y,z"}
+UNIT_PLACES = {
+    "title": "Zeit [s],Ost [mm],Nord [mm],Oben [mm]\n",
+    "suffix of the title": "Zeit_s,Ost_mm,Nord_mm,Oben_mm\n",
+    "word in the title": "Zeit (seconds),Ost (Millimetres),Nord [millimeters],Oben [mm]\n",
+    "line of units": "Zeit,Ost,Nord,Oben\ns,mm,mm,mm\n",
+}
+
+
+def with_units(columns: str, t: str, length: str) -> str:
+    return ",".join(f"{item}[{t if item.startswith('t') else length}]" for item in columns.split(","))
+
+
+@pytest.mark.parametrize("place", UNIT_PLACES)
+@pytest.mark.parametrize("columns", GIVEN)
+def test_given_columns_have_the_units_of_the_file_and_no_others(tmp_path: Path, columns: str, place: str) -> None:
+    file = tmp_path / "x.csv"
+    file.write_text(f"{UNIT_PLACES[place]}1,1000,2000,3000\n2,1000,2000,3500\n")
+    for given in (GIVEN[columns], with_units(GIVEN[columns], "s", "mm")):
+        found = read_trajectory_file(file, given)
+        np.testing.assert_allclose(found.trajectory.positions[1], (1.0, 2.0, 3.5))
+        assert found.trajectory.stamps_ns[1] == 2 * NS_PER_S
+        assert "unit of the positions: mm" in found.text
+    for t, length, key in (("s", "m", "x"), ("ms", "mm", "t")):
+        with pytest.raises(InputError, match=f"the unit of {key} is .* by --columns and .*: one unit is required"):
+            read_trajectory_file(file, with_units(GIVEN[columns], t, length))
+
+
+def test_a_suffix_of_another_quantity_is_no_unit_if_a_unit_is_given(tmp_path: Path) -> None:
+    (tmp_path / "x.csv").write_text("t,pos_s,pos_d,h\n1,2,3,4\n")
+    found = read_trajectory_file(tmp_path / "x.csv", "t=t[s],x=pos_s[m],y=pos_d[m],z=h[m]")
+    assert found.trajectory.positions.tolist() == [[2.0, 3.0, 4.0]]
 
 
 def test_a_truth_and_a_conversion_require_poses_with_stamps(tmp_path: Path, sfr: Sfr) -> None:

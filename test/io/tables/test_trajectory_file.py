@@ -245,6 +245,19 @@ def test_fractions_without_leading_zeros_are_refused(tmp_path: Path, unit: int) 
         read_trajectory_file(tmp_path / "t.txt")
 
 
+def test_few_fractions_without_leading_zeros_are_refused_because_the_stamps_decrease(tmp_path: Path) -> None:
+    stamps_ns = np.arange(20) * 96_789_123 + 12_345_678
+    lines = [f"{ns // 10**9 + 1_700_000_000}.{ns % 10**9} {ns} 2 3 0 0 0 1\n" for ns in stamps_ns.tolist()]
+    (tmp_path / "t.txt").write_text("".join(lines))
+    with pytest.raises(InputError, match="no leading zeros"):
+        read_trajectory_file(tmp_path / "t.txt")
+
+
+def test_tabs_and_spaces_may_separate_the_columns_of_one_table(tmp_path: Path) -> None:
+    (tmp_path / "t.txt").write_text("".join(f"{k / 10}\t{k} 2 3\t0 0 0 1\n" for k in range(20)))
+    assert read_trajectory_file(tmp_path / "t.txt").trajectory.positions[19].tolist() == [19.0, 2.0, 3.0]
+
+
 @pytest.mark.parametrize("step_s", [0.1, 0.037, 0.05, 1 / 3])
 def test_decimals_as_python_writes_them_are_read(tmp_path: Path, step_s: float) -> None:
     stamps_s = [1_700_000_000.0 + k * step_s for k in range(100)]
