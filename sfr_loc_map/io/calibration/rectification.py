@@ -189,10 +189,11 @@ class StereoRectifier:
         for side, camera, maps in zip(SIDES, cameras, self._maps, strict=True):
             fraction = valid_fraction(maps[0], camera.size)
             (width, height), cx, cy = camera.size, camera.p[2], camera.p[6]
-            problem = f"the raw image covers {100.0 * fraction:.3g} % of the rectified image"
-            if not (0.0 <= cx < width and 0.0 <= cy < height):
+            if fraction < MIN_VALID:
+                problem = f"the raw image covers {100.0 * fraction:.3g} % of the rectified image"
+            elif not (0.0 <= cx < width and 0.0 <= cy < height):
                 problem = "the principal point is outside of the rectified image"
-            elif fraction >= MIN_VALID:
+            else:
                 continue
             raise InputError(
                 f"{name}/{side}: with its R and P {problem} (focal length {camera.p[0]:g} px, principal point ({cx:g}, "
@@ -259,9 +260,7 @@ def rig_of_rectified(
         return rig_of_one_projection(left, right, name), None
     if have_one_camera_matrix(p_left, p_right):
         return rig_of_one_projection(left, right, name), None
-    _check_scale(
-        *map(_intrinsics_of_p, (p_left, p_right)), f"{name}: P of the right camera has", "those of the left camera"
-    )
+    _check_scale(_intrinsics_of_p(p_left), _intrinsics_of_p(p_right), f"{name}: P of right has", "those of P of left")
     common = _in_common(p_left, p_right)
     rig = rig_of_one_projection(left, replace(right, p=common), name)
     if _largest_shift_px(p_left, p_right, left.size) <= SAME_PX:

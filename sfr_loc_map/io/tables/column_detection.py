@@ -127,7 +127,7 @@ def _with_time_unit(found: PoseColumns, head: TableHead) -> PoseColumns:
     texts = [cells[column] for cells in head.rows if len(cells) > column]
     check_padded(texts, head.name)
     if found.units.get(STAMP):
-        return found
+        return replace(found, states_time_unit=found.by_header)
     if texts and not is_number(texts[0]) and is_time(texts[0]):
         return replace(found, units={**found.units, STAMP: UTC_UNIT}, inferred=UTC_UNIT)
     is_seconds = found.format is TrajectoryFormat.TUM

@@ -22,5 +22,5 @@ def unit_in_comment(text: str) -> str:
     found = _MENTION.search(text)
     if found is None:
         return ""
-    word = next(filter(None, found.groups())).lower()
+    word = next(str(group).lower() for group in found.groups() if group)
     return _PREFIXES.get(word, word)

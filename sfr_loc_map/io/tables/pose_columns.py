@@ -62,6 +62,7 @@ class PoseColumns:
     by_header: bool = False  #: Whether a header, `--columns` or `truth.columns` names the columns.
     ignored: tuple[str, ...] = ()  #: Names of columns that are not read.
     inferred: str = ""  #: Unit of the stamps if it was inferred from their magnitude.
+    states_time_unit: bool = False  #: Whether the header or `--columns` states the unit of the stamps.
 
     def __contains__(self, key: str) -> bool:
         return key in self.index_of

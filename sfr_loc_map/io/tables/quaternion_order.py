@@ -20,11 +20,11 @@ from sfr_loc_map.io.tables.pose_columns import (
     PoseColumns,
 )
 from sfr_loc_map.io.tables.table_head import TableHead
-from sfr_loc_map.io.tables.vehicle_motion import problem_of_order
+from sfr_loc_map.io.tables.vehicle_motion import contradicts_order, problem_of_order
 
-_ORDERS = {QUATERNION: "last", SCALAR_FIRST: "first"}
+_ORDERS: dict[tuple[str, ...], str] = {QUATERNION: "last", SCALAR_FIRST: "first"}
 """Place of the scalar by the order of the columns."""
-_COMMENTS = {
+_COMMENTS: dict[tuple[str, ...], re.Pattern[str]] = {
     QUATERNION: re.compile(r"\bq?_?x\W+q?_?y\W+q?_?z\W+q?_?w\b|\bxyzw\b", re.IGNORECASE),
     SCALAR_FIRST: re.compile(r"\bq?_?w\W+q?_?x\W+q?_?y\W+q?_?z\b|\bwxyz\b", re.IGNORECASE),
 }
@@ -67,16 +67,21 @@ def _check_motion(head: TableHead, found: PoseColumns, order: tuple[str, ...]) -
     """Raise InputError if the attitudes describe a vehicle only in the other order of quaternions."""
     positions, quats = _poses(head, found)
     to_other = [1, 2, 3, 0] if order == QUATERNION else [3, 0, 1, 2]
-    problem = problem_of_order(positions, quats, quats[:, to_other], is_named=found.by_header)
+    others = quats[:, to_other]
+    if found.by_header:
+        origin = "a header that names its columns"
+        problem = "not along the path" if contradicts_order(positions, quats, others) else ""
+    else:
+        origin = "no header"
+        problem = problem_of_order(positions, quats, others)
     if not problem:
         return
     other = next(place for each, place in _ORDERS.items() if each != order)
-    origin = "a header that names its columns" if found.by_header else "no header"
     first, last = (head.option_with(_columns_with(found, each)) for each in (SCALAR_FIRST, QUATERNION))
     raise InputError(
-        f"{head.name} has {origin}, and its attitudes are {problem} if the scalar of the quaternions is "
-        f"{_ORDERS[order]} ({found.name}), but level and along the path if it is {other}: name the columns by {first} "
-        f"if it is first, or by {last} if it is last"
+        f"{head.name} has {origin}, and its attitudes are {problem} if read as {found.name}, but level and along the "
+        f"path if the scalar of the quaternions is {other}: name the columns by {first} if it is first, or by {last} "
+        "if it is last"
     )
 
 

@@ -39,7 +39,6 @@ from sfr_loc_map.io.tables.pose_columns import (
     KITTI_COLUMNS,
     NANOSECONDS,
     QUATERNION,
-    STAMP,
     PoseColumns,
     TrajectoryFormat,
 )
@@ -301,12 +300,12 @@ def _loaded(
         problems.append(f"line {table.lines[row]}: {problem}")
     kept = table.without(good, problems).checked()
     if not len(kept.lines):
-        skipped = f" ({kept.skipped})" if kept.skipped else ""
-        raise InputError(f"{table.name} has no pose{skipped}: at least one line with a pose is required")
-    is_stated = columns is not None and columns.by_header and STAMP in columns.units and not columns.inferred
-    check_unit(kept.stamps_ns, table.name, is_stated=is_stated)
-    _check_stamps_differ(kept, positions[good])
+        reason = f" ({kept.skipped})" if kept.skipped else ""
+        raise InputError(f"{table.name} has no pose{reason}: at least one line with a pose is required")
+    check_unit(kept.stamps_ns, table.name, is_stated=columns is not None and columns.states_time_unit)
+    _check_stamps_differ(kept)
     _check_one_run(kept)
+    _check_one_body(kept, positions[good])
     trajectory = Trajectory(kept.stamps_ns, positions[good], quats[good])
     skipped = [kept.skipped] if kept.skipped else []
     if covariance is not None:
@@ -315,20 +314,22 @@ def _loaded(
     return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, "; ".join(skipped), covariance)
 
 
-def _check_stamps_differ(table: Table, positions: FloatArray) -> None:
-    """Raise InputError if a stamp has more than `MAX_EQUAL` poses on average, as when its last digits are missing.
-
-    The positions `(N, 3)` of rows with equal stamps must not be apart, as those of two bodies are.
-    """
-    order = np.argsort(table.stamps_ns, kind="stable")  # hundred times as fast as `np.unique`, which hashes integers
-    is_equal = np.diff(table.stamps_ns[order]) == 0
-    count, different = len(order), 1 + np.count_nonzero(~is_equal)
+def _check_stamps_differ(table: Table) -> None:
+    """Raise InputError if a stamp has more than `MAX_EQUAL` poses on average, as when its last digits are missing."""
+    stamps_ns = np.sort(table.stamps_ns)  # hundred times as fast as `np.unique`, which hashes integers
+    count, different = len(stamps_ns), 1 + np.count_nonzero(np.diff(stamps_ns))
     if count > MAX_EQUAL * different:
         raise InputError(
             f"{table.name}: the number of different stamps is {different} for {count} poses: one stamp for each pose "
             "is required; write the stamps with all their digits"
         )
-    if np.count_nonzero(is_equal) <= MAX_BROKEN * count:
+
+
+def _check_one_body(table: Table, positions: FloatArray) -> None:
+    """Raise InputError if positions `(N, 3)` with equal stamps are apart, as those of two bodies."""
+    order = np.argsort(table.stamps_ns, kind="stable")
+    is_equal = np.diff(table.stamps_ns[order]) == 0
+    if np.count_nonzero(is_equal) <= MAX_BROKEN * len(order):
         return
     ordered = positions[order]
     apart_m = np.linalg.norm(np.diff(ordered, axis=0), axis=1)[is_equal]

@@ -8,8 +8,10 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 
 LEVEL = 0.5  #: Smallest vertical component of the upward axis of a level vehicle: a tilt of 60 deg.
-NEARLY_LEVEL = 0.94  #: The same of a nearly level vehicle: a tilt of 20 deg.
 FORWARD = 0.5  #: Smallest mean component along the path of the forward axis of a vehicle that drives forward.
+FEWEST_POSES = 20  #: Smallest number of poses that can contradict a header.
+CLOSE_TO_PATH = 0.9  #: Smallest mean component along the path of the forward axis in the other order than that named.
+CLOSER_TO_PATH = 0.1  #: Smallest difference of this component to those in the named order.
 CHORDS = 50  #: Number of parts of a path; their chords are longer than the position noise.
 HEADING_FIT = 0.1  #: Largest deviation of headings from the path, as a fraction of the deviation of a straight line.
 LARGEST_DEG = 180.0  #: Largest longitude, deg.
@@ -21,26 +23,20 @@ LEVEL_AS_READ = (
 )
 
 
-def problem_of_order(
-    positions: FloatArray, quats_xyzw: FloatArray, other_xyzw: FloatArray, *, is_named: bool = False
-) -> str:
+def problem_of_order(positions: FloatArray, quats_xyzw: FloatArray, other_xyzw: FloatArray) -> str:
     """Return the problem of attitudes `(N, 4)` at positions `(N, 3)` that only the other order of quaternions avoids.
 
     `other_xyzw` are the attitudes if the scalar, which was read as the first or the last number, is at the other end.
     They describe a vehicle. The text is empty if there is no such problem. A vehicle is level. If the vehicle is level
     in both orders, its forward axis decides, which points along the path. As read, the axes may also be those of a
-    camera, whose y-axis points down and whose z-axis points forward. If a header names the order (`is_named`), they may
-    also be those of a nearly level body whose z-axis points down.
+    camera, whose y-axis points down and whose z-axis points forward.
     """
     if not quats_xyzw.any():  # positions without attitude
         return ""
     of_other = matrix_from_quat(other_xyzw)
     if np.mean(of_other[:, 2, 2] > LEVEL) < LEVEL_IN_OTHER:
         return ""
-    as_read = matrix_from_quat(quats_xyzw)
-    if is_named and np.mean(-as_read[:, 2, 2] > NEARLY_LEVEL) >= LEVEL_IN_OTHER:
-        return ""
-    axes = _forward_and_upward(as_read)
+    axes = _forward_and_upward(matrix_from_quat(quats_xyzw))
     forward = [axis for axis, upward in axes if np.mean(upward > LEVEL) >= LEVEL_AS_READ]
     if not forward:
         return "not level"
@@ -49,6 +45,23 @@ def problem_of_order(
     if is_placeholder or not is_opposite or _along_path(of_other[:, :, 0], positions) < FORWARD:
         return ""
     return "opposite to the path"
+
+
+def contradicts_order(positions: FloatArray, quats_xyzw: FloatArray, other_xyzw: FloatArray) -> bool:
+    """Return whether attitudes `(N, 4)` contradict the order of quaternions that a header names, at positions `(N, 3)`.
+
+    In the other order (`other_xyzw`), they describe a level vehicle whose forward axis points along the path, and in
+    the named order no axis of the body, forwards or backwards, is as close to the path. Bodies may have any axes.
+    """
+    if len(positions) < FEWEST_POSES or not np.ptp(quats_xyzw, axis=0).any():
+        return False
+    of_other = matrix_from_quat(other_xyzw)
+    along_other = _along_path(of_other[:, :, 0], positions)
+    if np.mean(of_other[:, 2, 2] > LEVEL) < LEVEL_IN_OTHER or along_other < CLOSE_TO_PATH:
+        return False
+    as_read = matrix_from_quat(quats_xyzw)
+    closest = max(abs(_along_path(as_read[:, :, axis], positions)) for axis in range(3))
+    return closest < along_other - CLOSER_TO_PATH
 
 
 def unit_of_headings(path: FloatArray, values: FloatArray) -> str:

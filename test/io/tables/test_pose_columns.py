@@ -433,9 +433,15 @@ def test_a_drive_with_the_scalar_last_is_read_at_every_heading(tmp_path: Path, h
 
 LAST, FIRST = (0, 1, 2, 3), (3, 0, 1, 2)
 NAMES_OF = {LAST: "qx,qy,qz,qw", FIRST: "qw,qx,qy,qz"}
+AXES = {
+    "z down": np.diag([1.0, -1.0, -1.0]),
+    "backwards": np.diag([-1.0, -1.0, 1.0]),
+    "y forward": np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    "x up, z forward": np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]),
+}
 
 
-@pytest.mark.parametrize("heading_deg", range(30, 360, 30))
+@pytest.mark.parametrize("heading_deg", [30, 60, 120, 150, 210, 240, 300, 330])
 @pytest.mark.parametrize("is_camera", [False, True])
 @pytest.mark.parametrize("order", NAMES_OF)
 def test_a_header_with_the_other_order_of_quaternions_is_refused(
@@ -456,12 +462,13 @@ def test_a_header_with_the_other_order_of_quaternions_is_refused(
 
 @pytest.mark.parametrize("heading_deg", range(0, 360, 30))
 @pytest.mark.parametrize("order", NAMES_OF)
-def test_a_header_with_the_attitudes_of_a_body_with_z_down_is_read(
-    tmp_path: Path, order: tuple[int, ...], heading_deg: int
+@pytest.mark.parametrize("axes", AXES)
+def test_a_header_with_the_attitudes_of_a_body_with_any_axes_is_read(
+    tmp_path: Path, axes: str, order: tuple[int, ...], heading_deg: int
 ) -> None:
     poses = level_path(heading_deg)
-    down = np.diag([1.0, -1.0, -1.0])
-    quats = np.array([quat_from_matrix(attitude @ down) for attitude in matrix_from_quat(poses.quats_xyzw)])
+    attitudes = matrix_from_quat(poses.quats_xyzw) @ AXES[axes]
+    quats = np.array([quat_from_matrix(attitude) for attitude in attitudes])
     numbers = rows(seconds(poses), poses.positions, quats[:, order])
     (tmp_path / "t.csv").write_text(f"t,x,y,z,{NAMES_OF[order]}\n{numbers}")
     assert len(read_trajectory_file(tmp_path / "t.csv").trajectory) == COUNT

@@ -184,10 +184,11 @@ def test_a_unit_applies_to_each_name_of_a_stamp(tmp_path: Path, place: str, name
     lines = {"header": [f"{name} [{unit}],x,y,z"], "line of units": [f"{name},x,y,z", f"{unit},m,m,m"], "columns": []}[
         place
     ]
-    lines += [f"{100 * k},{k},0,0" for k in range(20)]
+    step = 100 if UNITS[unit] >= 1e-3 else round(0.1 / UNITS[unit])
+    lines += [f"{step * k},{k},0,0" for k in range(20)]
     (tmp_path / "t.csv").write_text("\n".join(lines) + "\n")
     read = read_trajectory_file(tmp_path / "t.csv", f"{key}[{unit}],x,y,z" if place == "columns" else "")
-    assert read.trajectory.stamps_ns.tolist() == [round(100 * k * UNITS[unit] * 1e9) for k in range(20)]
+    assert read.trajectory.stamps_ns.tolist() == [round(step * k * UNITS[unit] * 1e9) for k in range(20)]
 
 
 @pytest.mark.parametrize(("unit", "is_read"), [("s", True), ("ms", False), ("m", False)])
@@ -298,6 +299,7 @@ def test_rows_that_are_shorter_than_their_header_are_named_as_such(tmp_path: Pat
 
 def test_only_nanoseconds_are_announced_as_euroc(tmp_path: Path) -> None:
     for unit, is_euroc in (("ns", True), ("s", False)):
-        rows = "".join(f"{k},1,{k},2,1,0,0,0\n" for k in range(5))
+        step = 100_000_000 if is_euroc else 1
+        rows = "".join(f"{step * k},1,{k},2,1,0,0,0\n" for k in range(5))
         (tmp_path / "t.csv").write_text(f"t [{unit}],x,y,z,qw,qx,qy,qz\n{rows}")
         assert ("EuRoC" in read_trajectory_file(tmp_path / "t.csv").text) == is_euroc
