@@ -142,7 +142,7 @@ def _decoded(data: bytes) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise ValueError(f"line {line} is not text in UTF-8: save it in UTF-8") from error
+        raise ValueError(f"line {line} is not text in UTF-8") from error
 
 
 def check_text(data: bytes) -> None:
