@@ -37,7 +37,8 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 | in `_begin`: too few landmarks, or swapped images (`Stages.check_window`) | lost |
 
 A pair may begin a window (`_begin`) if there is no map, or if several good images were refused. If the localiser is
-already lost, a pair that would otherwise be kept is lost as well, and counts as one of these images if it is good.
+already lost, a pair that would otherwise be kept is lost as well. In stage 7, such a pair counts as one of these images
+if its images are good. A repeated pair does not count.
 
 **Which reason wins.** Each point evaluates all findings so far with one table. Of the findings present, the first one
 in `findings.RULES` decides, and its reason is published. The order is:

@@ -39,7 +39,7 @@ smaller one, the correction follows noise, which accumulates."""
 DRIFT_FLOOR_PX: Final = 0.015
 """Shift, px, that is added to the detection threshold of a drift. Chosen by hand near the common error of all
 disparities (`ErrorSources.disparity_px`, 0.01 px). With a larger value, slow drifts are left to the yaw of the windows;
-with a smaller one, errors of the landmarks are taken for drift."""
+with a smaller one, errors of the landmarks are attributed to a drift."""
 AFTER_DRIFT_PAIRS: Final = 20
 """Number of pairs after the last correction for which the right camera is still reported as drifting. Chosen by hand,
 above the number of pairs that detect a drift (`MAX_SHIFTS`). With fewer pairs, the state alternates during a drift;

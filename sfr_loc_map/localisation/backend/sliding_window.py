@@ -195,7 +195,7 @@ class SlidingWindow:
         )
 
     def with_landmarks(self, left: Pyramid, new: NewLandmarks) -> SlidingWindow:
-        """Return the window with the landmarks that the newest keyframe hosts. Call it once per keyframe."""
+        """Return the window with the landmarks that the newest keyframe hosts. Each keyframe allows one call."""
         problem = self.problem
         count = len(new.uv)
         keyframes = self.keyframe_count

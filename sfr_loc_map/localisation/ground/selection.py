@@ -8,7 +8,7 @@
 | 4 | `cases.case_of`, which may search for other motions | `Case`, with the motions that it found |
 | 5 | `selection_of` | `Selection`: tracks that follow the ground, and what is excluded |
 | 6 | `cases.effect_of`, `GroundMemory.after` | `NextMemory` |
-| 7 | `cases.findings_of` | `Findings` |
+| 7 | `cases.findings_of` | the findings of the pair: at most one |
 
 In the following examples the rover moves in each pair.
 

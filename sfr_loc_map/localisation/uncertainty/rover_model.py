@@ -1,4 +1,4 @@
-"""The rover as the localiser models it: where its camera is, how fast it moves, and how large the errors are."""
+"""The rover model of the localiser: extrinsics and geometry of the cameras, bounds of the motion, error sources."""
 
 from __future__ import annotations
 
