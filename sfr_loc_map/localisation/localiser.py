@@ -94,7 +94,6 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import (
     PoseEstimate,
     StartPose,
-    StateReason,
     TrackingState,
     TrackingStatistics,
     check_given,
@@ -290,12 +289,22 @@ class Localiser:
     # ---- pairs without an accepted pose
 
     def _refuse(self, state: State, verdict: Verdict, stamp_ns: int, tracks: Tracks | None = None) -> Outcome:
-        """Refuse a pair: the last pose is kept, or the localiser is lost."""
+        """Refuse a pair: the last pose is published again with a larger covariance, or the localiser is lost.
+
+        While the localiser is lost, a pair that would be kept is lost, too, and the earlier reason is published again.
+        A kept pose is lost once the motion since this pose is as uncertain as an unknown pose.
+        """
         is_repeated = verdict.finding is Finding.REPEATED_PAIR
         statistics = TrackingStatistics(repeated=1) if is_repeated else TrackingStatistics(inliers=0)
+        reason = verdict.reason
         if verdict.action is Action.KEEP:
-            return self._keep(state, verdict, stamp_ns, statistics, tracks)
-        return self._lose(state, verdict.reason, statistics, tracks)
+            if state.status is TrackingState.LOST:
+                reason = state.reason
+            else:
+                kept, step = transitions.kept(state, reason, stamp_ns, self._model)
+                if kept.path.errors.kept_motion.max() < LOST_VARIANCE:
+                    return Outcome(kept, statistics, tracks, step)
+        return Outcome(transitions.lost(state, reason), statistics, tracks)
 
     def _refuse_or_restart(
         self, state: State, verdict: Verdict, frame: StereoFrame, tracks: Tracks | None = None
@@ -316,26 +325,6 @@ class Localiser:
                 return self._begin(state, frame, frozenset(), tracks)
         return self._refuse(state, verdict, frame.stamp_ns, tracks)
 
-    def _keep(
-        self, state: State, verdict: Verdict, stamp_ns: int, statistics: TrackingStatistics, tracks: Tracks | None
-    ) -> Outcome:
-        """Publish the last pose again with a larger covariance. A lost localiser stays lost and keeps its reason.
-
-        The localiser is lost once the motion since the last pose is as uncertain as an unknown pose.
-        """
-        if state.status is TrackingState.LOST:
-            return self._lose(state, state.reason, statistics, tracks)
-        after, step = transitions.kept(state, verdict.reason, stamp_ns, self._model)
-        if after.path.errors.kept_motion.max() >= LOST_VARIANCE:
-            return self._lose(state, verdict.reason, statistics, tracks)
-        return Outcome(after, statistics, tracks, step)
-
-    def _lose(
-        self, state: State, reason: StateReason | None, statistics: TrackingStatistics, tracks: Tracks | None = None
-    ) -> Outcome:
-        """Report that the pose is unknown."""
-        return Outcome(transitions.lost(state, reason), statistics, tracks)
-
     def _begin(
         self, state: State, frame: StereoFrame, findings: frozenset[Finding], tracks: Tracks | None = None
     ) -> Outcome:
@@ -353,7 +342,7 @@ class Localiser:
             findings |= {Finding.DIVERGED}
         verdict = decide(findings)
         if not verdict.can_be_reference:  # checked first: with a blanked image, no landmark is triangulated
-            return self._lose(state, verdict.reason, TrackingStatistics(inliers=0), tracks)
+            return Outcome(transitions.lost(state, verdict.reason), TrackingStatistics(inliers=0), tracks)
         pose = Pose.of(state.path.last.T_world_left)
         mask = state.ground_memory.excluded.mask
         window = self._stages.keyframes.begin(frame, pose, state.calibration, mask)
@@ -361,7 +350,7 @@ class Localiser:
         statistics = TrackingStatistics(features=len(landmarks.rows))
         verdict = decide(findings | self._stages.check_window(state, frame, landmarks))
         if verdict.refuses:
-            return self._lose(state, verdict.reason, replace(statistics, inliers=0), tracks)
+            return Outcome(transitions.lost(state, verdict.reason), replace(statistics, inliers=0), tracks)
         state, step = transitions.begun(state, frame, window, verdict, clean_from, self._model)
         return Outcome(state, statistics, tracks, step)
 
