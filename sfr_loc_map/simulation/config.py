@@ -36,14 +36,22 @@ class ReliefConfig:
     slope_deg: float = param(0.0, unit="deg", doc="Slope of the terrain, rising to the east.", low=-35.0, high=35.0)
     ripple_height_m: float = param(0.012, unit="m", doc="Height of ripples on sand.", low=0.0, high=5.0)
     ripple_length_m: float = param(0.55, unit="m", doc="Wavelength of wind ripples.", low=0.05, high=100.0)
-    ripple_azimuth_deg: float = param(35.0, unit="deg", doc="Azimuth across the ripples, DS.", low=-360.0, high=360.0)
+    ripple_azimuth_deg: float = param(
+        35.0, unit="deg", doc="Direction across the ripples in DS, from east to north.", low=-360.0, high=360.0
+    )
     crater_density: float = param(
         0.004, unit="1/m^2", doc="Number of craters wider than 1 m, per area.", low=0.0, high=MAX_CRATER_DENSITY
     )
     rim_radius_m: float = param(0.0, unit="m", doc="Radius of one large crater; 0 for none.", low=0.0, high=10_000.0)
     rim_x_m: float = param(0.0, unit="m", doc="Large crater: east coordinate in DS.", low=-10_000.0, high=10_000.0)
     rim_y_m: float = param(0.0, unit="m", doc="Large crater: north coordinate in DS.", low=-10_000.0, high=10_000.0)
-    coarseness: float = param(1.0, doc="Triangle size relative to full detail, for previews.", low=1.0, high=64.0)
+    coarseness: float = param(
+        1.0,
+        doc="Triangle size relative to full detail, for previews. Waves that the triangles do not resolve are absent, "
+        "such as the default ripples from 13 on.",
+        low=1.0,
+        high=64.0,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +72,10 @@ class RockConfig:
     """Number, size and depth of the rocks."""
 
     cover: float = param(0.05, doc="Fraction of the ground under rocks (Golombek and Rapp 1997).", low=0.0, high=0.4)
-    smallest_m: float = param(0.03, unit="m", doc="Smallest diameter; smaller stones are pebbles.", low=0.01, high=10.0)
-    largest_m: float = param(1.5, unit="m", doc="Largest diameter.", low=0.05, high=50.0)
+    smallest_m: float = param(0.03, unit="m", doc="Smallest diameter; smaller stones are pebbles.", low=0.01, high=5.0)
+    largest_m: float = param(
+        1.5, unit="m", doc="Largest diameter; the size distribution ends at 5 m.", low=0.05, high=5.0
+    )
     buried: float = param(0.35, doc="Mean fraction of the height below ground.", low=0.0, high=0.9)
     angular: float = param(0.5, doc="0 for rounded, 1 for angular rocks.", low=0.0, high=1.0)
     albedo: float = param(0.19, doc="Mean reflectance of rocks.", low=0.01, high=1.0)
@@ -77,7 +87,9 @@ class LightConfig:
     """Sun, sky and haze."""
 
     sun_elevation_deg: float = param(38.0, unit="deg", doc="Elevation of the sun.", low=1.0, high=90.0)
-    sun_azimuth_deg: float = param(120.0, unit="deg", doc="Azimuth of the sun in DS.", low=-360.0, high=360.0)
+    sun_azimuth_deg: float = param(
+        120.0, unit="deg", doc="Azimuth of the sun in DS, from east to north.", low=-360.0, high=360.0
+    )
     sun_radius_deg: float = param(
         0.18, unit="deg", doc="Angular radius of the sun, for soft shadows.", low=0.0, high=10.0
     )
@@ -140,7 +152,9 @@ class DriveConfig:
     )
     start_x_m: float = param(0.0, unit="m", doc="East coordinate of the start in DS.", low=-10_000.0, high=10_000.0)
     start_y_m: float = param(0.0, unit="m", doc="North coordinate of the start in DS.", low=-10_000.0, high=10_000.0)
-    start_heading_deg: float = param(30.0, unit="deg", doc="Heading at the start in DS.", low=-360.0, high=360.0)
+    start_heading_deg: float = param(
+        30.0, unit="deg", doc="Heading at the start in DS, from east to north.", low=-360.0, high=360.0
+    )
     speed_m_s: float = param(0.15, unit="m/s", doc="Speed along straight lines and arcs.", low=0.001, high=100.0)
     turn_rate_deg_s: float = param(4.0, unit="deg/s", doc="Angular rate of point turns.", low=0.01, high=360.0)
     period_s: float = param(0.5, unit="s", doc="Time between two pairs.", low=0.001, high=3600.0)

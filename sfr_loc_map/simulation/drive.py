@@ -18,13 +18,16 @@ from sfr_loc_map.simulation.config import DriveConfig
 STEP_S = 0.05  #: Time between the states of the trajectory, s; poses are interpolated in between.
 VIBRATION_HZ = 6.0  #: Rate of the independent values between which the vibration is interpolated (chosen by eye).
 SLIP_TIME_S = 2.5  #: Correlation time of the slip, s: 0.4 m of path at the default speed. Chosen by hand.
-SLIP_SPREAD, MOST_SLIP = 0.6, 0.95
-"""Ratio of the standard deviation of the slip to its mean, and the largest slip. Chosen by hand."""
+SLIP_SPREAD = 0.6  #: Ratio of the standard deviation of the slip to its mean. Chosen by hand.
+MAX_SLIP = 0.95  #: Largest slip. Chosen by hand.
 SWAY_TIME_S = 2.0  #: Driving time between independent values of drift and heading error, s. Chosen by hand.
 ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}  #: Number of arguments of each segment.
 NEAR_M = 1e-6  #: Length below which a segment has no motion, m; also the least radius, m, and angle, deg.
 FARTHEST_M = 400.0  #: Largest distance from the start along x or y, m; the ground is 1024 m wide.
 COURSE_STEP_RAD = math.radians(1.0)  #: Turn from one position of an arc to the next at which `FARTHEST_M` is checked.
+LONGEST_S = 20_000.0  #: Longest drive, s: the heights of the ground under the wheels then require 1 GB of memory.
+ROUNDING = 1e-9  #: Added to a number of periods, so that a pair at the end of the drive is counted despite rounding.
+COMPLETE = 1.0 - 1e-12  #: Fraction of a leg from which the leg is complete, because fractions are rounded.
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +38,7 @@ class Arc:
     turn_rad: float
     wheels_turn: ClassVar[float] = 1.0
 
-    def share_per_s(self, config: DriveConfig, grip: float) -> float:
+    def fraction_per_s(self, config: DriveConfig, grip: float) -> float:
         """Return the fraction of the leg per second; `grip` is the fraction of the motion that remains after slip."""
         return config.speed_m_s * grip / abs(self.length_m)
 
@@ -48,7 +51,7 @@ class PointTurn:
     length_m: ClassVar[float] = 0.0
     wheels_turn: ClassVar[float] = 1.0
 
-    def share_per_s(self, config: DriveConfig, grip: float) -> float:
+    def fraction_per_s(self, config: DriveConfig, grip: float) -> float:
         """Return the fraction of the leg per second; `grip` is the fraction of the motion that remains after slip."""
         return math.radians(config.turn_rate_deg_s) * grip / abs(self.turn_rad)
 
@@ -62,7 +65,7 @@ class Wait:
     turn_rad: ClassVar[float] = 0.0
     wheels_turn: ClassVar[float] = 0.0
 
-    def share_per_s(self, config: DriveConfig, grip: float) -> float:
+    def fraction_per_s(self, config: DriveConfig, grip: float) -> float:
         """Return the fraction of the leg per second."""
         return 1.0 / self.duration_s
 
@@ -89,7 +92,7 @@ class Drive:
     @property
     def count(self) -> int:
         """Number of pairs along the path."""
-        whole = math.floor(self.duration_s / self.config.period_s + 1e-9) + 1
+        whole = math.floor(self.duration_s / self.config.period_s + ROUNDING) + 1
         return min(whole, self.config.pairs) if self.config.pairs else whole
 
     def pose(self, time_s: float) -> Transform:
@@ -103,12 +106,13 @@ class Drive:
         return pose @ self._pose_inside(mirrored).inverse() @ pose
 
     def _pose_inside(self, time_s: float) -> Transform:
+        """Return `T_ds_rb` at a time between start and end."""
         i = min(int(np.searchsorted(self.times_s, time_s, side="right")) - 1, len(self.times_s) - 2)
-        share = (time_s - self.times_s[i]) / (self.times_s[i + 1] - self.times_s[i])
-        origin = (1 - share) * self.origins[i] + share * self.origins[i + 1]
-        u, _, vt = np.linalg.svd((1 - share) * self.rotations[i] + share * self.rotations[i + 1])
+        fraction = (time_s - self.times_s[i]) / (self.times_s[i + 1] - self.times_s[i])
+        origin = (1 - fraction) * self.origins[i] + fraction * self.origins[i + 1]
+        u, _, vt = np.linalg.svd((1 - fraction) * self.rotations[i] + fraction * self.rotations[i + 1])
         rotation = np.asarray(u @ vt)  # the rotation nearest to the blend
-        moving = (1 - share) * self.moving[i] + share * self.moving[i + 1]
+        moving = (1 - fraction) * self.moving[i] + fraction * self.moving[i + 1]
         before, eased = _smooth(np.array(time_s * VIBRATION_HZ))
         vibration = moving * ((1 - eased) * self.vibration[before] + eased * self.vibration[before + 1])
         angles = np.radians(self.config.vibration_deg) * vibration[:3]
@@ -117,9 +121,9 @@ class Drive:
 
 
 def legs_of(config: DriveConfig) -> list[Leg]:
-    """Return the legs of a path; ConfigError if a segment is invalid or leaves the ground."""
+    """Return the legs of a path; ConfigError if a segment is invalid or leaves the ground, or the drive is too long."""
     legs: list[Leg] = []
-    x, y, heading = config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg)
+    x, y, heading = _start(config)
     for segment in config.segments:
         for leg in _legs_of_segment(segment, x, y, heading):
             course = _course(x, y, heading, leg)
@@ -130,7 +134,19 @@ def legs_of(config: DriveConfig) -> list[Leg]:
                     f"drive.segments go {away:.3g} m away from the start: at most {FARTHEST_M:g} m are allowed"
                 )
             legs.append(leg)
+    mean_grip = 1.0 - min(config.slip, MAX_SLIP)
+    duration_s = sum(1.0 / leg.fraction_per_s(config, mean_grip) for leg in legs)
+    if duration_s > LONGEST_S:
+        raise ConfigError(
+            f"drive.segments take {duration_s:.3g} s: at most {LONGEST_S:g} s are allowed; shorten the segments, or "
+            "increase drive.speed_m_s or drive.turn_rate_deg_s"
+        )
     return legs
+
+
+def _start(config: DriveConfig) -> tuple[float, float, float]:
+    """Return x and y, m, and heading, rad, of the start of a drive in DS."""
+    return config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg)
 
 
 def _legs_of_segment(segment: str, x: float, y: float, heading: float) -> list[Leg]:
@@ -144,10 +160,12 @@ def _legs_of_segment(segment: str, x: float, y: float, heading: float) -> list[L
         known = "'straight M', 'arc RADIUS_M ANGLE_DEG', 'turn DEG', 'stop S', 'goto X Y'"
         raise ConfigError(f"drive.segments has '{segment}': one of {known} is required")
     if word == "goto":
-        dx, dy = numbers[0] - x, numbers[1] - y
-        turn, length = math.remainder(math.atan2(dy, dx) - heading, 2 * math.pi), math.hypot(dx, dy)
+        dx = numbers[0] - x
+        dy = numbers[1] - y
+        length = math.hypot(dx, dy)
         if length <= NEAR_M:
             return []
+        turn = math.remainder(math.atan2(dy, dx) - heading, 2 * math.pi)
         return [PointTurn(turn), Arc(length, 0.0)] if turn else [Arc(length, 0.0)]
     if word == "stop" and numbers[0] <= 0.0:
         raise ConfigError(f"drive.segments has '{segment}': a time greater than 0 s is required")
@@ -159,15 +177,16 @@ def _legs_of_segment(segment: str, x: float, y: float, heading: float) -> list[L
         return [Arc(numbers[0], 0.0)]
     if word == "turn":
         return [PointTurn(math.radians(numbers[0]))]
-    radius, angle = numbers[0], math.radians(numbers[1])
+    radius = numbers[0]
+    angle = math.radians(numbers[1])
     return [Arc(abs(radius) * angle, math.copysign(1.0, radius) * angle)]
 
 
 def _course(x: float, y: float, heading: float, leg: Leg) -> list[tuple[float, float, float]]:
     """Return positions and headings along a leg: at steps of the first full circle of an arc, and at the end."""
     circle = min(abs(leg.turn_rad), 2.0 * math.pi) if leg.length_m else 0.0
-    shares = [step * COURSE_STEP_RAD / abs(leg.turn_rad) for step in range(1, math.ceil(circle / COURSE_STEP_RAD))]
-    return [_advance(x, y, heading, share * leg.length_m, share * leg.turn_rad) for share in (*shares, 1.0)]
+    fractions = [step * COURSE_STEP_RAD / abs(leg.turn_rad) for step in range(1, math.ceil(circle / COURSE_STEP_RAD))]
+    return [_advance(x, y, heading, fraction * leg.length_m, fraction * leg.turn_rad) for fraction in (*fractions, 1.0)]
 
 
 def _advance(x: float, y: float, heading: float, length: float, turn: float) -> tuple[float, float, float]:
@@ -179,28 +198,30 @@ def _advance(x: float, y: float, heading: float, length: float, turn: float) -> 
 
 def states_of(config: DriveConfig, legs: list[Leg], rng: np.random.Generator) -> FloatArray:
     """Return x, y, heading and whether the wheels turn (1 or 0), `(N, 4)`, every `STEP_S`."""
-    states = [(config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg), 0.0)]
+    states = [(*_start(config), 0.0)]
     # a slowly changing standard normal number (first-order Gauss-Markov process)
-    slip, keep = float(rng.normal()), math.exp(-STEP_S / SLIP_TIME_S)
+    slip = float(rng.normal())
+    keep = math.exp(-STEP_S / SLIP_TIME_S)
     for leg in legs:
         base = states[-1][:3]
         done = 0.0
-        while done < 1.0 - 1e-12:
+        while done < COMPLETE:
             slip = keep * slip + math.sqrt(1 - keep**2) * float(rng.normal())
-            grip = 1.0 - min(max(config.slip * (1.0 + SLIP_SPREAD * slip), 0.0), MOST_SLIP)
-            done = min(done + STEP_S * leg.share_per_s(config, grip), 1.0)
+            grip = 1.0 - min(max(config.slip * (1.0 + SLIP_SPREAD * slip), 0.0), MAX_SLIP)
+            done = min(done + STEP_S * leg.fraction_per_s(config, grip), 1.0)
             states.append((*_advance(*base, leg.length_m * done, leg.turn_rad * done), leg.wheels_turn))
     rows = np.array(states if len(states) > 1 else 2 * states)
     # sideways drift and heading errors change smoothly, and only while the wheels turn
     travelled = np.cumsum(rows[:, 3]) * STEP_S
     side, turn = rng.normal(size=(2, int(travelled[-1] / SWAY_TIME_S) + 3))
-    side[0] = turn[0] = 0.0
-    i, share = _smooth(travelled / SWAY_TIME_S)
-    drift = config.sway_m * ((1 - share) * side[i] + share * side[i + 1])
+    side[0] = 0.0
+    turn[0] = 0.0
+    i, fraction = _smooth(travelled / SWAY_TIME_S)
+    drift = config.sway_m * ((1 - fraction) * side[i] + fraction * side[i + 1])
     out = rows.copy()
     out[:, 0] -= drift * np.sin(rows[:, 2])
     out[:, 1] += drift * np.cos(rows[:, 2])
-    out[:, 2] += math.radians(config.sway_deg) * ((1 - share) * turn[i] + share * turn[i + 1])
+    out[:, 2] += math.radians(config.sway_deg) * ((1 - fraction) * turn[i] + fraction * turn[i + 1])
     return out
 
 

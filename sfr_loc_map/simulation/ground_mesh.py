@@ -55,52 +55,77 @@ def coarseness(terrain: Terrain, path: FloatArray) -> float:
 
 
 def ground_mesh(terrain: Terrain, path: FloatArray) -> Mesh:
-    """Return the mesh of the ground around rover positions `(P, 2)`, metres, DS."""
+    """Return the mesh of the ground around rover positions `(P, 2)`, metres, DS.
+
+    The ground is a quadtree of square tiles with `CELLS` x `CELLS` cells each, whose cells are smaller near the path.
+    """
     corner = np.floor(0.5 * (path.min(axis=0) + path.max(axis=0))) - 0.5 * ROOT_M
-    # the tiles `(level, i, j)` whose cells are small enough for their distance from the path
-    leaves: list[tuple[int, int, int]] = []
-    level, todo = 0, np.zeros((1, 2), np.int64)
+    tiles = _tiles(terrain, path, corner)
+    known = set(tiles)
+    side = np.arange(-1, CELLS + 2)  # the vertices of a tile, and one more on either side for the normals
+    columns, rows = np.meshgrid(side, side, indexing="ij")
+    vertices = np.empty((len(tiles), CELLS + 1, CELLS + 1, 3), np.float32)
+    normals = np.empty_like(vertices)
+    for n, (level, i, j) in enumerate(tiles):
+        cell = ROOT_M / 2**level / CELLS
+        x = corner[0] + (i * CELLS + columns.ravel()) * cell
+        y = corner[1] + (j * CELLS + rows.ravel()) * cell
+        spacing = cell_size(terrain, path_distance(np.column_stack((x, y)), path), path)
+        z = terrain.height(x, y, spacing).reshape(columns.shape)
+        normals[n] = _normals(z, cell)
+        inner = z[1:-1, 1:-1].copy()
+        _stitch(inner, known, level, i, j)
+        vertices[n, ..., 0] = x.reshape(columns.shape)[1:-1, 1:-1]
+        vertices[n, ..., 1] = y.reshape(columns.shape)[1:-1, 1:-1]
+        vertices[n, ..., 2] = inner
+    per_tile = np.int32((CELLS + 1) ** 2)
+    starts = np.arange(len(tiles), dtype=np.int32)[:, None, None] * per_tile
+    triangles = (_triangles_of_tile()[None] + starts).reshape(-1, 3)
+    return Mesh(vertices.reshape(-1, 3), normals.reshape(-1, 3), triangles, np.full(len(triangles), -1, np.int32))
+
+
+def _tiles(terrain: Terrain, path: FloatArray, corner: FloatArray) -> list[tuple[int, int, int]]:
+    """Return the tiles `(level, i, j)` whose cells are small enough for their distance from the path.
+
+    A tile of a level is the tile i along x and j along y, counted from the corner `(2,)` of the ground, metres, DS.
+    """
+    tiles: list[tuple[int, int, int]] = []
+    level = 0
+    todo = np.zeros((1, 2), np.int64)
+    quarters = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
     while len(todo):
         size = ROOT_M / 2**level
         low = corner + todo * size
         gap = np.maximum(np.maximum(low[:, None] - path[None], path[None] - low[:, None] - size), 0.0)
         distance = np.sqrt(np.square(gap).sum(axis=2).min(axis=1))
-        split = size / CELLS > cell_size(terrain, distance, path)
-        leaves += [(level, int(i), int(j)) for i, j in todo[~split]]
-        steps = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
-        todo = (2 * todo[split][:, None] + steps[None]).reshape(-1, 2)
+        is_split = size / CELLS > cell_size(terrain, distance, path)
+        tiles += [(level, int(i), int(j)) for i, j in todo[~is_split]]
+        todo = (2 * todo[is_split][:, None] + quarters[None]).reshape(-1, 2)
         level += 1
-    known = set(leaves)
-    side = np.arange(-1, CELLS + 2)
-    ii, jj = np.meshgrid(side, side, indexing="ij")
+    return tiles
+
+
+def _normals(z: FloatArray, cell_m: float) -> FloatArray:
+    """Return the unit normals `(CELLS + 1, CELLS + 1, 3)` of heights with one more vertex on either side."""
+    normal = np.stack(
+        (
+            (z[:-2, 1:-1] - z[2:, 1:-1]) / (2 * cell_m),
+            (z[1:-1, :-2] - z[1:-1, 2:]) / (2 * cell_m),
+            np.ones((CELLS + 1, CELLS + 1)),
+        ),
+        axis=-1,
+    )
+    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+
+
+def _triangles_of_tile() -> NDArray[np.int32]:
+    """Return the triangles of a tile `(T, 3)` as indices of its vertices, two for each cell."""
     index = np.arange((CELLS + 1) ** 2, dtype=np.int32).reshape(CELLS + 1, CELLS + 1)
-    a, b, c, d = (q.ravel() for q in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
-    quads = np.concatenate((np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)))
-    vertices = np.empty((len(leaves), CELLS + 1, CELLS + 1, 3), np.float32)
-    normals = np.empty_like(vertices)
-    for n, (level, i, j) in enumerate(leaves):
-        cell = ROOT_M / 2**level / CELLS
-        x = corner[0] + (i * CELLS + ii.ravel()) * cell
-        y = corner[1] + (j * CELLS + jj.ravel()) * cell
-        spacing = cell_size(terrain, path_distance(np.column_stack((x, y)), path), path)
-        z = terrain.height(x, y, spacing).reshape(ii.shape)
-        normal = np.stack(
-            (
-                (z[:-2, 1:-1] - z[2:, 1:-1]) / (2 * cell),
-                (z[1:-1, :-2] - z[1:-1, 2:]) / (2 * cell),
-                np.ones((CELLS + 1, CELLS + 1)),
-            ),
-            axis=-1,
-        )
-        normals[n] = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-        inner = z[1:-1, 1:-1].copy()
-        _stitch(inner, known, level, i, j)
-        vertices[n, ..., 0] = x.reshape(ii.shape)[1:-1, 1:-1]
-        vertices[n, ..., 1] = y.reshape(ii.shape)[1:-1, 1:-1]
-        vertices[n, ..., 2] = inner
-    starts = np.arange(len(leaves), dtype=np.int32)[:, None, None] * np.int32(index.size)
-    triangles = (quads[None] + starts).reshape(-1, 3)
-    return Mesh(vertices.reshape(-1, 3), normals.reshape(-1, 3), triangles, np.full(len(triangles), -1, np.int32))
+    a = index[:-1, :-1].ravel()
+    b = index[1:, :-1].ravel()
+    c = index[1:, 1:].ravel()
+    d = index[:-1, 1:].ravel()
+    return np.concatenate((np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)))
 
 
 def _stitch(z: FloatArray, known: set[tuple[int, int, int]], level: int, i: int, j: int) -> None:

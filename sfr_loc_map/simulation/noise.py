@@ -16,9 +16,14 @@ _M2 = np.uint32(0x846CA68B)
 _X = np.uint32(0x9E3779B1)
 _Y = np.uint32(0x85EBCA77)
 _Z = np.uint32(0xC2B2AE3D)
-_S15, _S16 = np.uint32(15), np.uint32(16)
+_S15 = np.uint32(15)
+_S16 = np.uint32(16)
 _TOP_BIT = np.uint32(0x80000000)
-_TO_UNIT = 1.0 / 4294967296.0
+_TO_UNIT = 1.0 / 2.0**32
+DIRECTIONS = 1024  #: Number of the gradient directions of `gradient2`, which suffices to hide the grid.
+_DIRECTION_SHIFT = np.uint32(22)  #: Number of bits by which a hash is shifted for one of `DIRECTIONS` numbers.
+_DIRECTION_STEP_RAD = 2.0 * math.pi / DIRECTIONS
+GRADIENT_RANGE = 1.4  #: Factor that scales the range of noise with unit gradients, +-0.71, to +-1.
 
 
 class Stream(IntEnum):
@@ -82,12 +87,13 @@ def unit(value: np.uint32) -> float:
 
 @jit_inline
 def _quintic(t: float) -> float:
-    # a polynomial whose first two derivatives are zero at 0 and 1 (Perlin 2002)
+    """Return the polynomial whose first two derivatives are zero at 0 and 1 (Perlin 2002)."""
     return t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
 
 
 @jit_inline
 def _quintic_slope(t: float) -> float:
+    """Return the derivative of `_quintic`."""
     return 30.0 * t * t * (t - 1.0) * (t - 1.0)
 
 
@@ -97,54 +103,91 @@ def value2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
 
     This is value noise: a quintic blends the corner values of a cell, so that the gradient is also smooth.
     """
-    xf, yf = np.floor(x), np.floor(y)
-    i, j = np.int32(xf), np.int32(yf)  # 32 bits and no branch, so that loops are vectorised
-    a, b = x - xf, y - yf
-    h00, h10 = _signed(hash2(i, j, seed)), _signed(hash2(i + 1, j, seed))
-    h01, h11 = _signed(hash2(i, j + 1, seed)), _signed(hash2(i + 1, j + 1, seed))
-    u, v = _quintic(a), _quintic(b)
-    du, dv = _quintic_slope(a), _quintic_slope(b)
-    k1, k2, k3 = h10 - h00, h01 - h00, h00 - h10 - h01 + h11
+    xf = np.floor(x)
+    yf = np.floor(y)
+    i = np.int32(xf)  # 32 bits and no branch, so that loops are vectorised
+    j = np.int32(yf)
+    a = x - xf
+    b = y - yf
+    h00 = _signed(hash2(i, j, seed))
+    h10 = _signed(hash2(i + 1, j, seed))
+    h01 = _signed(hash2(i, j + 1, seed))
+    h11 = _signed(hash2(i + 1, j + 1, seed))
+    u = _quintic(a)
+    v = _quintic(b)
+    du = _quintic_slope(a)
+    dv = _quintic_slope(b)
+    k1 = h10 - h00
+    k2 = h01 - h00
+    k3 = h00 - h10 - h01 + h11
     return h00 + k1 * u + k2 * v + k3 * u * v, du * (k1 + k3 * v), dv * (k2 + k3 * u)
 
 
 @jit
 def gradient2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
-    """Return gradient noise (Perlin 2002), about -1 to 1, standard deviation about 0.3, and the derivatives by x and y.
+    """Return gradient noise (Perlin 2002) at a position in cells, and the derivatives by x and y.
 
-    The factor 1.4 scales the range of noise with unit gradients, +-0.71, to +-1.
+    The values are about -1 to 1, with a standard deviation of about 0.3.
     """
-    xf, yf = math.floor(x), math.floor(y)
-    i, j = int(xf), int(yf)
-    a, b = x - xf, y - yf
+    xf = math.floor(x)
+    yf = math.floor(y)
+    i = int(xf)
+    j = int(yf)
+    a = x - xf
+    b = y - yf
     ax, ay = _direction(hash2(i, j, seed))
     bx, by = _direction(hash2(i + 1, j, seed))
     cx, cy = _direction(hash2(i, j + 1, seed))
     dx, dy = _direction(hash2(i + 1, j + 1, seed))
-    na, nb_ = ax * a + ay * b, bx * (a - 1.0) + by * b
-    nc, nd = cx * a + cy * (b - 1.0), dx * (a - 1.0) + dy * (b - 1.0)
-    u, v = _quintic(a), _quintic(b)
-    du, dv = _quintic_slope(a), _quintic_slope(b)
-    k1, k2, k3 = nb_ - na, nc - na, na - nb_ - nc + nd
+    na = ax * a + ay * b
+    nb = bx * (a - 1.0) + by * b
+    nc = cx * a + cy * (b - 1.0)
+    nd = dx * (a - 1.0) + dy * (b - 1.0)
+    u = _quintic(a)
+    v = _quintic(b)
+    du = _quintic_slope(a)
+    dv = _quintic_slope(b)
+    k1 = nb - na
+    k2 = nc - na
+    k3 = na - nb - nc + nd
     gx = ax + u * (bx - ax) + v * (cx - ax) + u * v * (ax - bx - cx + dx) + du * (k1 + k3 * v)
     gy = ay + u * (by - ay) + v * (cy - ay) + u * v * (ay - by - cy + dy) + dv * (k2 + k3 * u)
-    return 1.4 * (na + k1 * u + k2 * v + k3 * u * v), 1.4 * gx, 1.4 * gy
+    value = na + k1 * u + k2 * v + k3 * u * v
+    return GRADIENT_RANGE * value, GRADIENT_RANGE * gx, GRADIENT_RANGE * gy
 
 
 @jit
 def value3(x: float, y: float, z: float, seed: np.uint32) -> tuple[float, float, float, float]:
     """Return three-dimensional value noise in [-1, 1] and its gradient; see `value2`."""
-    xf, yf, zf = math.floor(x), math.floor(y), math.floor(z)
-    i, j, k = int(xf), int(yf), int(zf)
-    a, b, c = x - xf, y - yf, z - zf
-    u, v, w = _quintic(a), _quintic(b), _quintic(c)
-    du, dv, dw = _quintic_slope(a), _quintic_slope(b), _quintic_slope(c)
-    h000, h100 = _signed(hash3(i, j, k, seed)), _signed(hash3(i + 1, j, k, seed))
-    h010, h110 = _signed(hash3(i, j + 1, k, seed)), _signed(hash3(i + 1, j + 1, k, seed))
-    h001, h101 = _signed(hash3(i, j, k + 1, seed)), _signed(hash3(i + 1, j, k + 1, seed))
-    h011, h111 = _signed(hash3(i, j + 1, k + 1, seed)), _signed(hash3(i + 1, j + 1, k + 1, seed))
-    k1, k2, k3 = h100 - h000, h010 - h000, h001 - h000
-    k4, k5, k6 = h000 - h100 - h010 + h110, h000 - h010 - h001 + h011, h000 - h100 - h001 + h101
+    xf = math.floor(x)
+    yf = math.floor(y)
+    zf = math.floor(z)
+    i = int(xf)
+    j = int(yf)
+    k = int(zf)
+    a = x - xf
+    b = y - yf
+    c = z - zf
+    u = _quintic(a)
+    v = _quintic(b)
+    w = _quintic(c)
+    du = _quintic_slope(a)
+    dv = _quintic_slope(b)
+    dw = _quintic_slope(c)
+    h000 = _signed(hash3(i, j, k, seed))
+    h100 = _signed(hash3(i + 1, j, k, seed))
+    h010 = _signed(hash3(i, j + 1, k, seed))
+    h110 = _signed(hash3(i + 1, j + 1, k, seed))
+    h001 = _signed(hash3(i, j, k + 1, seed))
+    h101 = _signed(hash3(i + 1, j, k + 1, seed))
+    h011 = _signed(hash3(i, j + 1, k + 1, seed))
+    h111 = _signed(hash3(i + 1, j + 1, k + 1, seed))
+    k1 = h100 - h000
+    k2 = h010 - h000
+    k3 = h001 - h000
+    k4 = h000 - h100 - h010 + h110
+    k5 = h000 - h010 - h001 + h011
+    k6 = h000 - h100 - h001 + h101
     k7 = -h000 + h100 + h010 - h110 + h001 - h101 - h011 + h111
     value = h000 + k1 * u + k2 * v + k3 * w + k4 * u * v + k5 * v * w + k6 * u * w + k7 * u * v * w
     gx = du * (k1 + k4 * v + k6 * w + k7 * v * w)
@@ -155,13 +198,14 @@ def value3(x: float, y: float, z: float, seed: np.uint32) -> tuple[float, float,
 
 @jit_inline
 def _signed(value: np.uint32) -> float:
+    """Return a hash as a number in [-1, 1)."""
     return np.int32(value ^ _TOP_BIT) * (2.0 * _TO_UNIT)
 
 
 @jit
 def _direction(value: np.uint32) -> tuple[float, float]:
-    """Return a unit vector in one of 1024 directions, which suffice to hide the grid."""
-    angle = (value >> np.uint32(22)) * 0.006135923151542565  # 2 pi / 1024
+    """Return a unit vector in one of `DIRECTIONS` directions."""
+    angle = (value >> _DIRECTION_SHIFT) * _DIRECTION_STEP_RAD
     return math.cos(angle), math.sin(angle)
 
 

@@ -23,6 +23,7 @@ from sfr_loc_map.simulation.terrain import Terrain
 from sfr_loc_map.suite_names import Task
 
 PATH_STEP_M = 0.3  #: Distance between path points, around which ground and rocks are generated.
+MAX_PAIRS = 1_000_000  #: Largest number of pairs of a drive, as of the setting `drive.pairs`.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,19 +39,7 @@ class Plan:
     @classmethod
     def make(cls, config: SimulationConfig) -> Plan:
         """Return the plan of a configuration; ConfigError if nothing is enabled or the path is invalid."""
-        pans, tilts = len(config.panorama.pan_deg), len(config.panorama.tilt_deg)
-        if pans != tilts:
-            raise ConfigError(f"panorama has {pans} pans and {tilts} tilts: equal numbers are required")
-        if not (config.drive.enabled or config.panorama.enabled):
-            raise ConfigError("neither drive nor panorama is enabled: enable at least one")
-        if not config.drive.segments:
-            raise ConfigError("drive.segments is empty: give a segment ('stop 1')")
-        rocks = config.rocks
-        if rocks.cover > 0.0 and rocks.smallest_m >= rocks.largest_m:
-            raise ConfigError(
-                f"rocks.smallest_m is {rocks.smallest_m:g} m and rocks.largest_m {rocks.largest_m:g} m: no rock has "
-                "such a size; give a larger rocks.largest_m, or rocks.cover 0"
-            )
+        _check_settings(config)
         terrain = Terrain.make(config.seed, config.terrain, config.ground)
         rng = np.random.default_rng([config.seed, Stream.DRIVE])
         states = states_of(config.drive, legs_of(config.drive), rng)
@@ -58,6 +47,11 @@ class Plan:
         origins, rotations = settle_on_terrain(terrain, *states.T[:3])
         vibration = rng.normal(size=(int(times[-1] * VIBRATION_HZ) + 3, 4))
         drive = Drive(times, origins, rotations, states[:, 3], vibration, config.drive)
+        if drive.count > MAX_PAIRS:
+            raise ConfigError(
+                f"the drive has {drive.count} pairs: at most {MAX_PAIRS} are allowed; increase drive.period_s, or set "
+                "drive.pairs"
+            )
         start = drive.pose(0.0)
         x, y = start.translation[:2]
         ground = terrain.height(np.array([x]), np.array([y]), np.array([SPACING_M]))[0]
@@ -92,8 +86,8 @@ class Plan:
     def rig_pose(self, task: Task, frame: int, delay_s: float = 0.0) -> Transform:
         """Return `T_ds_locsb` or `T_ds_navsb` at the stamp of a pair plus a short delay."""
         if task is Task.MAPPING:
-            panorama = self.config.panorama
-            pan, tilt = math.radians(panorama.pan_deg[frame]), math.radians(panorama.tilt_deg[frame])
+            pan = math.radians(self.config.panorama.pan_deg[frame])
+            tilt = math.radians(self.config.panorama.tilt_deg[frame])
             return self.rover_pose(task, frame) @ mast_head_in_rb(pan, tilt) @ rig_extrinsics(self.config.nav)
         return self.rover_pose(task, frame, delay_s) @ rig_extrinsics(self.config.loc)
 
@@ -118,3 +112,23 @@ class Plan:
         travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))))
         picks = np.searchsorted(travelled, np.arange(0.0, travelled[-1] + PATH_STEP_M, PATH_STEP_M))
         return np.asarray(positions[np.unique(np.minimum(picks, last))].copy())
+
+
+def _check_settings(config: SimulationConfig) -> None:
+    """Raise ConfigError if settings contradict each other."""
+    pans = len(config.panorama.pan_deg)
+    tilts = len(config.panorama.tilt_deg)
+    if pans != tilts:
+        raise ConfigError(f"panorama has {pans} pans and {tilts} tilts: equal numbers are required")
+    if not (config.drive.enabled or config.panorama.enabled):
+        raise ConfigError("neither drive nor panorama is enabled: enable at least one")
+    if config.panorama.enabled and not pans:
+        raise ConfigError("panorama.pan_deg is empty: give the pan and the tilt of a pair, or disable the panorama")
+    if not config.drive.segments:
+        raise ConfigError("drive.segments is empty: give a segment ('stop 1')")
+    rocks = config.rocks
+    if rocks.cover > 0.0 and rocks.smallest_m >= rocks.largest_m:
+        raise ConfigError(
+            f"rocks.smallest_m is {rocks.smallest_m:g} m and rocks.largest_m {rocks.largest_m:g} m: no rock has "
+            "such a size; give a larger rocks.largest_m, or rocks.cover 0"
+        )

@@ -43,7 +43,7 @@ from sfr_loc_map.simulation.world import World
 from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import SIDES, Task
 
-SETTINGS = "simulation.yaml"
+SETTINGS = "simulation.yaml"  #: Name of the file with the settings in the folder of a simulation.
 CODE = (Path(__file__).parent, Path(geometry.__file__).parent)  #: Folders of the code that determines the images.
 
 
@@ -51,8 +51,8 @@ class RenderJob(NamedTuple):
     """One image (`left`, `right`), or one ground truth with mask (`truth`), of a task."""
 
     task: Task
-    frame: int
-    what: str
+    frame: int  #: Number of the pair.
+    what: str  #: `left`, `right` or `truth`.
 
     def files(self, folder: Path) -> list[Path]:
         """Return the output files."""
@@ -120,6 +120,7 @@ def settings_text(config: SimulationConfig) -> str:
 
 
 def _code_line() -> str:
+    """Return the first line of the file of settings, which names the version and the hash of the code."""
     code = "-".join(hash_path(folder)[:8] for folder in CODE)
     return f"# rendered by sfr_loc_map {__version__}, code {code}\n"
 
@@ -135,6 +136,10 @@ def _difference(config: SimulationConfig, out: Path) -> str:
 
 
 def _claim(config: SimulationConfig, out: Path) -> None:
+    """Write the settings into a new or empty folder; OutputError if the folder contains anything else.
+
+    A folder with a simulation of the same settings by the same code is accepted, and its run is continued.
+    """
     if (out / SETTINGS).exists():
         if difference := _difference(config, out):
             raise OutputError(f"'{out}' contains a simulation {difference}: remove it or choose another name")
@@ -146,8 +151,13 @@ def _claim(config: SimulationConfig, out: Path) -> None:
 
 
 def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress: Callable[[int], None]) -> None:
+    """Write the files of jobs, in this process or in `workers` processes; OutputError if a process is killed.
+
+    `progress` is called with the number of finished jobs.
+    """
     if workers <= 1:
-        world, folders = World(plan), task_folders(plan, out)
+        world = World(plan)
+        folders = task_folders(plan, out)
         for done, job in enumerate(jobs, start=1):
             _write_job(world, folders[job.task], job)
             progress(done)
@@ -188,12 +198,14 @@ def _start_worker(config: SimulationConfig, out: Path) -> None:
 
 
 def _run_on_worker(job: RenderJob) -> None:
+    """Write the files of a job in a worker process."""
     assert _worker is not None
     world, folders = _worker
     _write_job(world, folders[job.task], job)
 
 
 def _write_job(world: World, folder: Path, job: RenderJob) -> None:
+    """Write the files of a job into the folder of its task."""
     for file, content in zip(job.files(folder), rendered(world, job), strict=True):
         _write(file, content)
 
@@ -209,6 +221,7 @@ def rendered(world: World, job: RenderJob) -> list[bytes]:
 
 
 def _write(path: Path, content: bytes) -> None:
+    """Write a file atomically: an interrupted process leaves no incomplete file under this name."""
     with atomic_path(path) as temporary:
         temporary.write_bytes(content)
 

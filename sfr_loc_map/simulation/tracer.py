@@ -1,4 +1,4 @@
-"""Ray tracing of pixels and shadows."""
+"""Ray tracing of pixels, shadows and occlusions."""
 
 from __future__ import annotations
 
@@ -16,13 +16,17 @@ from sfr_loc_map.jit import jit
 from sfr_loc_map.simulation.ground_mesh import Mesh
 from sfr_loc_map.simulation.noise import hash2, mix, unit
 
-SKY, GROUND = -2, -1  #: Object numbers of sky and ground; rocks are numbered from 0.
+SKY = -2  #: Object number of the sky.
+GROUND = -1  #: Object number of the ground; rocks are numbered from 0.
 BAND_RAYS = 1 << 17  #: Rays that are traced together: few enough for the processor's cache.
 LIFT_M = 2e-4  #: Shadow rays start this far above the surface, m, so that a triangle does not shade itself.
 LIFT_PER_RANGE = 1e-4  #: Additional height per metre of range, because float32 is coarser at long range.
 NUDGE = 1e-5  #: Change of direction with which a ray is traced again if it passed between two tiles.
 LEVEL_RAY = -0.05  #: Rays whose z component is below this value are expected to hit the ground.
 SKY_RANGE_M = 1e9  #: Range of a ray that hits no surface, m: beyond all haze.
+CAMERA_REACH = 0.999  #: Rays to a camera end at this fraction of the distance, so that they do not reach the camera.
+PLASTIC_NUMBER = 1.32471795724474602596  #: Root of `x^3 = x + 1`, for `sample_offsets`.
+SUN_SAMPLE_KEY = 17  #: Arbitrary key of the random points of the sun's disc.
 Float32s = NDArray[np.float32]
 
 
@@ -37,7 +41,8 @@ class Hits(NamedTuple):
 
 def pixel_rays(rig: StereoRig, T_ds_cam: Transform, u: FloatArray | IntArray, v: FloatArray | IntArray) -> FloatArray:
     """Return unit rays `(N, 3)` in DS through pixels `(N,)` of a camera with the optical frame `T_ds_cam`."""
-    x, y = (u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy
+    x = (u - rig.cx) / rig.fx
+    y = (v - rig.cy) / rig.fy
     length = 1.0 / np.sqrt(x * x + y * y + 1.0)
     return np.column_stack([(a * x + b * y + c) * length for a, b, c in T_ds_cam.rotation])
 
@@ -48,8 +53,8 @@ def sample_offsets(samples: int) -> FloatArray:
     The two-dimensional additive recurrence of the plastic number covers the pixel uniformly, even with few samples.
     """
     k = np.arange(samples)
-    root = 1.32471795724474602596
-    offset = np.mod(0.5 + np.outer(k + 1, (1 / root, 1 / root**2)), 1.0)
+    steps = (1 / PLASTIC_NUMBER, 1 / PLASTIC_NUMBER**2)
+    offset = np.mod(0.5 + np.outer(k + 1, steps), 1.0)
     table = np.column_stack((offset, (k + 0.5) / samples))
     return np.asarray(table - table.mean(axis=0))
 
@@ -67,15 +72,18 @@ def sun_rays(sun: FloatArray, radius_rad: float, count: int, key: np.uint32) -> 
 def _disc(
     sun: FloatArray, side: FloatArray, up: FloatArray, radius: float, key: np.uint32, out: NDArray[np.float32]
 ) -> None:
+    """Write directions `(N, 3)` to points of a disc of angular radius `radius`, rad, around the direction `sun`."""
     for n in range(len(out)):
-        h = hash2(n, 17, key)
-        r, angle = radius * np.sqrt(unit(h)), 6.283185307179586 * unit(mix(h))
-        a, b = r * np.cos(angle), r * np.sin(angle)
+        h = hash2(n, SUN_SAMPLE_KEY, key)
+        r = radius * np.sqrt(unit(h))
+        angle = 2.0 * np.pi * unit(mix(h))
+        a = r * np.cos(angle)
+        b = r * np.sin(angle)
         for k in range(3):
             out[n, k] = sun[k] + a * side[k] + b * up[k]
 
 
-def camera_pose(T_ds_sb: Transform, rig: StereoRig, right: bool) -> Transform:
+def camera_pose(T_ds_sb: Transform, rig: StereoRig, *, right: bool) -> Transform:
     """Return `T_ds_cam` of the left or right optical frame."""
     T_ds_left = T_ds_sb @ rig.T_sb_left
     if not right:
@@ -143,36 +151,45 @@ def _intersect_planes(
     out: Hits,
 ) -> None:
     """Write the hits: intersections of the rays with the planes of their triangles, in double precision."""
-    edge1, edge2, face = np.empty(3), np.empty(3), np.empty(3)
+    edge1 = np.empty(3)
+    edge2 = np.empty(3)
+    face = np.empty(3)
     for n in range(len(triangles)):
         number = triangles[n]
         if number < 0:
-            out.objects[n], out.ranges[n] = SKY, SKY_RANGE_M
+            out.objects[n] = SKY
+            out.ranges[n] = SKY_RANGE_M
             for k in range(3):
                 out.points[n, k] = 0.0
                 out.normals[n, k] = 0.0
             continue
-        a, b, c = mesh.triangles[number, 0], mesh.triangles[number, 1], mesh.triangles[number, 2]
+        a = mesh.triangles[number, 0]
+        b = mesh.triangles[number, 1]
+        c = mesh.triangles[number, 2]
         out.objects[n] = mesh.objects[number]
         for k in range(3):
             start = np.float64(mesh.vertices[a, k])
             edge1[k] = np.float64(mesh.vertices[b, k]) - start
             edge2[k] = np.float64(mesh.vertices[c, k]) - start
-        top, bottom, length = 0.0, 0.0, 0.0
+        top = 0.0
+        bottom = 0.0
         for k in range(3):
-            p, q = (k + 1) % 3, (k + 2) % 3
+            p = (k + 1) % 3
+            q = (k + 2) % 3
             face[k] = edge1[p] * edge2[q] - edge1[q] * edge2[p]
             top += face[k] * (np.float64(mesh.vertices[a, k]) - origin[k])
             bottom += face[k] * rays[n, k]
         out.ranges[n] = top / bottom
-        u, v = us[n], vs[n]
+        u = us[n]
+        v = vs[n]
+        squared_length = 0.0
         for k in range(3):
             out.points[n, k] = origin[k] + out.ranges[n] * rays[n, k]
             out.normals[n, k] = (1.0 - u - v) * mesh.normals[a, k] + u * mesh.normals[b, k] + v * mesh.normals[c, k]
-            length += out.normals[n, k] * out.normals[n, k]
-        length = 1.0 / np.sqrt(length)
+            squared_length += out.normals[n, k] * out.normals[n, k]
+        scale = 1.0 / np.sqrt(squared_length)
         for k in range(3):
-            out.normals[n, k] *= length
+            out.normals[n, k] *= scale
 
 
 def trace_shadow_rays(
@@ -187,17 +204,20 @@ def trace_shadow_rays(
     sunward = np.flatnonzero((hits.objects != SKY) & (np.einsum("ij,ij->i", hits.normals, suns) > 0.0))
     if not len(sunward):
         return lit
-    starts, rays = _just_above(hits, sunward), suns[sunward]
+    starts = _just_above(hits, sunward)
+    rays = suns[sunward]
     free = ~tracer.blocked(starts, rays)
     if occluder is not None:
-        shape, T_own_ds = occluder[0], occluder[1].inverse()
-        own = T_own_ds.apply(starts).astype(np.float32)
-        free &= ~shape.blocked(own, (rays @ T_own_ds.rotation.T).astype(np.float32))
+        shape, T_ds_own = occluder
+        T_own_ds = T_ds_own.inverse()
+        own_starts = T_own_ds.apply(starts).astype(np.float32)
+        free &= ~shape.blocked(own_starts, (rays @ T_own_ds.rotation.T).astype(np.float32))
     lit[sunward] = free
     return lit
 
 
 def _just_above(hits: Hits, rows: NDArray[np.intp]) -> Float32s:
+    """Return the starts `(M, 3)` of rays from hits, given by their rows `(M,)`, slightly above their surfaces."""
     points = hits.normals[rows]
     points *= (LIFT_M + LIFT_PER_RANGE * hits.ranges[rows])[:, None]
     points += hits.points[rows]
@@ -206,12 +226,21 @@ def _just_above(hits: Hits, rows: NDArray[np.intp]) -> Float32s:
 
 def occlusion_mask(tracer: Tracer, hits: Hits, T_ds_cam: Transform, rig: StereoRig) -> Mask:
     """Return the mask `(N,)` of surface hits that a camera does not see: outside of the image or occluded."""
-    x, y, depth = T_ds_cam.inverse().apply(hits.points).T  # the principal point is the image centre
-    inside = (np.abs(rig.fx * x) < 0.5 * rig.width * depth) & (np.abs(rig.fy * y) < 0.5 * rig.height * depth)
+    x, y, depth = T_ds_cam.inverse().apply(hits.points).T
+    u_times_depth = rig.fx * x + rig.cx * depth
+    v_times_depth = rig.fy * y + rig.cy * depth
+    # The image extends by half a pixel beyond the centres of its outer pixels. Behind the camera, no point is inside.
+    inside = (
+        (-0.5 * depth < u_times_depth)
+        & (u_times_depth < (rig.width - 0.5) * depth)
+        & (-0.5 * depth < v_times_depth)
+        & (v_times_depth < (rig.height - 0.5) * depth)
+    )
     surface = hits.objects != SKY
     mask: Mask = surface & ~inside
     rows = np.flatnonzero(surface & inside)
     if len(rows):
         towards = np.asarray(T_ds_cam.translation - hits.points[rows], np.float32)
-        mask[rows] = tracer.blocked(_just_above(hits, rows), towards, np.full(len(rows), 0.999, np.float32))
+        reach = np.full(len(rows), CAMERA_REACH, np.float32)
+        mask[rows] = tracer.blocked(_just_above(hits, rows), towards, reach)
     return mask

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from enum import IntFlag
 
@@ -18,7 +17,7 @@ from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.rocks import place_rocks, rock_meshes
 from sfr_loc_map.simulation.rover import HALF_WIDTH_M, rover_mesh
 from sfr_loc_map.simulation.sensor import TASK_SEEDS, sensor_image
-from sfr_loc_map.simulation.shading import shade, shading_parameters
+from sfr_loc_map.simulation.shading import shade, shading_parameters, sun_direction
 from sfr_loc_map.suite_names import Task
 
 
@@ -39,12 +38,9 @@ class World:
         self.plan = plan
         path = plan.path()
         rocks = place_rocks(config.seed, config.rocks, plan.terrain, path, HALF_WIDTH_M)
-        self._tracer = tracer.Tracer(
-            Mesh.join([ground_mesh(plan.terrain, path), *rock_meshes(config.seed, config.rocks, rocks)])
-        )
-        elevation, azimuth = math.radians(config.light.sun_elevation_deg), math.radians(config.light.sun_azimuth_deg)
-        level = math.cos(elevation)
-        self._sun = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
+        meshes = [ground_mesh(plan.terrain, path), *rock_meshes(config.seed, config.rocks, rocks)]
+        self._tracer = tracer.Tracer(Mesh.join(meshes))
+        self._sun = sun_direction(config.light)
         self._shading = shading_parameters(config, self._sun, plan.terrain)
         self._rover = tracer.Tracer(rover_mesh()) if config.light.rover_shadow else None
 
@@ -55,20 +51,22 @@ class World:
 
     def brightness(self, task: Task, frame: int, camera: int) -> FloatImage:
         """Return the brightness `(H, W)` before the sensor, as a fraction of the full range."""
-        config, rig = self.plan.config, self.plan.rig(task)
+        config = self.plan.config
+        rig = self.plan.rig(task)
         sensor = config.sensor
-        radius = math.radians(config.light.sun_radius_deg)
+        sun_radius_rad = np.radians(config.light.sun_radius_deg)
         total = np.zeros(rig.height * rig.width, np.float32)
         for k, (du, dv, moment) in enumerate(tracer.sample_offsets(sensor.samples)):
             delay = moment * sensor.exposure_s
-            T_ds_cam = tracer.camera_pose(self.plan.rig_pose(task, frame, delay), rig, bool(camera))
+            T_ds_cam = tracer.camera_pose(self.plan.rig_pose(task, frame, delay), rig, right=bool(camera))
             occluder = self._occluder(task, frame, delay)
             for pixels in _bands(len(total)):
-                u, v = pixels % rig.width + du, pixels // rig.width + dv
+                u = pixels % rig.width + du
+                v = pixels // rig.width + dv
                 rays = tracer.pixel_rays(rig, T_ds_cam, u, v)
                 hits = tracer.trace_primary_rays(self._tracer, T_ds_cam.translation, rays)
                 key = sub_seed(config.seed, Stream.SUN_SAMPLES, TASK_SEEDS[task], frame, camera, k, int(pixels[0]))
-                suns = tracer.sun_rays(self._sun, radius, len(pixels), key)
+                suns = tracer.sun_rays(self._sun, sun_radius_rad, len(pixels), key)
                 lit = tracer.trace_shadow_rays(self._tracer, hits, suns, occluder)
                 bright = np.empty(len(pixels), np.float32)
                 shade(hits, rays, lit, 1.0 / rig.fx, self._shading, bright)
@@ -79,9 +77,11 @@ class World:
         """Return the points `(H, W, 3)` of the left image, m, LM, NaN for sky, and the mask `(H, W)` of `MaskBit`."""
         rig = self.plan.rig(Task.MAPPING)
         T_ds_sb = self.plan.rig_pose(Task.MAPPING, frame)
-        T_ds_left, T_ds_right = (tracer.camera_pose(T_ds_sb, rig, right) for right in (False, True))
+        T_ds_left = tracer.camera_pose(T_ds_sb, rig, right=False)
+        T_ds_right = tracer.camera_pose(T_ds_sb, rig, right=True)
         count = rig.height * rig.width
-        points, mask = np.empty((count, 3), np.float32), np.zeros(count, np.uint8)
+        points = np.empty((count, 3), np.float32)
+        mask = np.zeros(count, np.uint8)
         T_lm_ds = self.plan.T_ds_lm.inverse()
         occluder = self._occluder(Task.MAPPING, frame, 0.0)
         for pixels in _bands(count):
@@ -96,6 +96,7 @@ class World:
         return points.reshape(rig.height, rig.width, 3), mask.reshape(rig.height, rig.width)
 
     def _occluder(self, task: Task, frame: int, delay_s: float) -> tuple[tracer.Tracer, Transform] | None:
+        """Return the boxes of the rover with their pose in DS; None if the rover casts no shadow."""
         return None if self._rover is None else (self._rover, self.plan.rover_pose(task, frame, delay_s))
 
 

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from math import cos, pi, radians, sin
+from typing import Any
 
 import numpy as np
 import pytest
@@ -150,10 +151,55 @@ def test_circle_within_the_allowed_distance_is_driven(config: Maker) -> None:
     assert legs == [Arc(pytest.approx(199 * 2 * math.pi), pytest.approx(2 * math.pi))]
 
 
-def test_slip_makes_a_drive_longer_by_its_mean(config: Maker) -> None:
-    settings = FLAT | STEADY | {"drive__segments": ["straight 150"], "drive__speed_m_s": 1.0}
-    drive = Plan.make(config(**settings | {"drive__slip": 0.2})).drive
-    assert drive.duration_s == pytest.approx(150.0 / 0.8, rel=0.05)
+@pytest.mark.parametrize(
+    ("segment", "slip", "duration_s"),
+    [
+        ("straight 150", 0.0, 150.0),
+        ("straight 150", 0.2, 150.0 / 0.8),
+        ("straight -150", 0.2, 150.0 / 0.8),
+        ("arc 50 -172", 0.2, 150.0 / 0.8),
+        ("turn 3000", 0.2, 150.0 / 0.8),
+        ("stop 150", 0.2, 150.0),
+    ],
+)
+def test_slip_makes_a_drive_longer_by_its_mean(config: Maker, segment: str, slip: float, duration_s: float) -> None:
+    speeds = {"drive__speed_m_s": 1.0, "drive__turn_rate_deg_s": 20.0}
+    settings = FLAT | STEADY | speeds | {"drive__segments": [segment], "drive__slip": slip}
+    assert Plan.make(config(**settings)).drive.duration_s == pytest.approx(duration_s, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_allowed"),
+    [
+        ({"drive__segments": ["stop 20000"]}, True),
+        ({"drive__segments": ["stop 15000", "stop 5001"]}, False),
+        ({"drive__segments": ["stop 1e300"]}, False),
+        ({"drive__segments": ["turn 1e9"]}, False),
+        ({"drive__segments": ["straight 100"], "drive__speed_m_s": 0.006}, True),
+        ({"drive__segments": ["straight 100"], "drive__speed_m_s": 0.006, "drive__slip": 0.2}, False),
+    ],
+)
+def test_a_drive_whose_states_do_not_fit_into_memory_is_refused(
+    config: Maker, changes: dict[str, Any], *, is_allowed: bool
+) -> None:
+    settings = config(**FLAT, **STEADY | changes).drive
+    if is_allowed:
+        assert legs_of(settings)
+    else:
+        with pytest.raises(ConfigError, match=r"drive\.segments take .* at most 20000 s"):
+            legs_of(settings)
+
+
+def test_too_many_pairs_are_refused(config: Maker) -> None:
+    with pytest.raises(ConfigError, match=r"1000001 pairs: at most 1000000 .* drive\.period_s"):
+        Plan.make(config(**FLAT, **STEADY, drive__segments=["stop 1000"], drive__period_s=0.001))
+
+
+@pytest.mark.parametrize("drives", [True, False])
+def test_a_panorama_without_a_pair_is_refused(config: Maker, *, drives: bool) -> None:
+    panorama = {"panorama__enabled": True, "panorama__pan_deg": [], "panorama__tilt_deg": []}
+    with pytest.raises(ConfigError, match=r"panorama\.pan_deg is empty"):
+        Plan.make(config(**panorama, drive__enabled=drives))
 
 
 def test_sway_has_the_configured_standard_deviations(config: Maker) -> None:

@@ -13,6 +13,7 @@ from sfr_loc_map.simulation.shading import (
     reflect,
     shade,
     shading_parameters,
+    sun_direction,
     surface_brightness,
 )
 from sfr_loc_map.simulation.terrain import Terrain
@@ -89,3 +90,39 @@ def test_haze_takes_the_contrast_exponentially() -> None:
     near, far, one = grey(SUN), grey(SUN, distance=1e7), grey(SUN, distance=LightConfig().haze_m)
     assert far == pytest.approx(0.9 * LightConfig().sky_grey, rel=1e-9)
     assert one == pytest.approx(far + (near - far) * np.exp(-1.0), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("elevation_deg", "azimuth_deg", "direction"),
+    [
+        (90.0, 70.0, (0.0, 0.0, 1.0)),
+        (30.0, 0.0, (np.sqrt(0.75), 0.0, 0.5)),  # in the east
+        (30.0, 90.0, (0.0, np.sqrt(0.75), 0.5)),  # in the north
+        (45.0, 225.0, (-0.5, -0.5, np.sqrt(0.5))),  # in the south-west
+    ],
+)
+def test_the_azimuth_of_the_sun_is_measured_from_east_to_north(
+    elevation_deg: float, azimuth_deg: float, direction: tuple[float, float, float]
+) -> None:
+    light = LightConfig(sun_elevation_deg=elevation_deg, sun_azimuth_deg=azimuth_deg)
+    np.testing.assert_allclose(sun_direction(light), direction, atol=1e-12)
+
+
+@pytest.mark.parametrize("albedo", [0.1, 0.4])
+@pytest.mark.parametrize("sky", [0.0, 0.35])
+def test_level_sunlit_ground_of_mean_reflectance_has_the_brightness_of_the_target(albedo: float, sky: float) -> None:
+    light = parameters(LightConfig(sky=sky, haze_m=1e6), albedo=albedo)
+    assert surface_brightness((0.0, 0.0, 1.0), 0.5, 1e-3, albedo, 1.0, 1.0, light) == pytest.approx(1.0, rel=1e-6)
+    assert light.target == SimulationConfig().sensor.target_grey
+
+
+def test_sky_light_decreases_with_the_slope_and_in_the_shadow_of_a_pebble() -> None:
+    """Ground in shadow: a vertical wall has 55 % of the light of level ground, the shadow of a pebble 60 %."""
+    light = parameters(LightConfig(sky=0.5, haze_m=1e6))
+
+    def shaded(normal: tuple[float, float, float], sunlit: float) -> float:
+        return surface_brightness(normal, 0.5, 1e-3, 1.0, sunlit, 0.0, light)
+
+    level = shaded((0.0, 0.0, 1.0), 1.0)
+    assert shaded((0.0, 1.0, 0.0), 1.0) == pytest.approx(0.55 * level, rel=1e-4)
+    assert shaded((0.0, 0.0, 1.0), 0.0) == pytest.approx(0.6 * level, rel=1e-4)
