@@ -41,13 +41,7 @@ class ViewPoints(NamedTuple):
     def select(self, which: Mask | NDArray[np.intp]) -> ViewPoints:
         """Return the points that a mask or indices select."""
         rows = np.flatnonzero(which) if which.dtype == np.bool_ else which
-        return ViewPoints(
-            xyz=self.xyz.take(rows, axis=0),
-            fusion_sigma=self.fusion_sigma.take(rows),
-            intensity=self.intensity.take(rows),
-            u=self.u.take(rows),
-            v=self.v.take(rows),
-        )
+        return ViewPoints._make(values.take(rows, axis=0) for values in self)
 
     @classmethod
     def concatenated(cls, parts: Sequence[ViewPoints]) -> ViewPoints:

@@ -22,6 +22,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
+from sfr_loc_map.jit import KERNELS
 from sfr_loc_map.mapping import mapper as mapper_module
 from sfr_loc_map.mapping.checks import MAX_LM_M, check_pose
 from sfr_loc_map.mapping.config import MappingConfig
@@ -158,6 +159,32 @@ def test_same_input_gives_same_bits_on_any_number_of_threads() -> None:
     finally:
         numba.set_num_threads(threads)
     assert one.cloud.to_structured().tobytes() == several.cloud.to_structured().tobytes()
+
+
+def in_larger_image(image: np.ndarray) -> np.ndarray:
+    larger = np.zeros((image.shape[0] + 3, image.shape[1] + 5), np.uint8)
+    larger[2:-1, 3:-2] = image
+    return larger[2:-1, 3:-2]
+
+
+LAYOUTS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "column by column": np.asfortranarray,
+    "part of a larger image": in_larger_image,
+    "read only": lambda image: np.frombuffer(image.tobytes(), np.uint8).reshape(image.shape),
+    "backwards": lambda image: image[::-1].copy()[::-1],
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_images_of_any_memory_layout_give_the_same_map(layout: str) -> None:
+    """No kernel is compiled for another memory layout, which would take longer than the call."""
+    made = make_world(hills)
+    change = LAYOUTS[layout]
+    other = replace(made, pair=StereoPair(0, change(made.pair.left), change(made.pair.right)))
+    expected = mapped(made).cloud.to_structured().tobytes()
+    compiled = sum(len(kernel.signatures) for kernel in KERNELS)
+    assert mapped(other).cloud.to_structured().tobytes() == expected
+    assert sum(len(kernel.signatures) for kernel in KERNELS) == compiled
 
 
 def arrays_of(pair_map: PairMap) -> list[bytes]:

@@ -42,11 +42,11 @@ from sfr_loc_map.mapping.filters import local_variance
 
 def estimate_disparity(pair: StereoPair, camera: StereoCamera, disparity_count: int) -> DisparityMap:
     """Return the disparity map of a pair from a search over `disparity_count` integer disparities from 0."""
-    left = pair.left.astype(F)
+    left = pair.left.astype(F, order="C")  # the kernels are compiled for this order
     initial_px = semi_global_matching(pair.left, pair.right, disparity_count)
     initial_cells = cells_from_disparity(initial_px)
     dense_px = disparity_from_cells(initial_cells, left.shape)
-    corrected = correct_right_image(left, pair.right.astype(F), dense_px, camera)
+    corrected = correct_right_image(left, pair.right.astype(F, order="C"), dense_px, camera)
     right = corrected.image
     refined = refine_disparity(left, right, initial_cells)
     sigma_px = disparity_sigma(refined)

@@ -107,26 +107,25 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     fewer than `MIN_SAMPLES` samples are available for the maximum cost.
     """
     was_valid = disparity_map.valid
-    unsaturated = ~disparity_map.saturation.square_saturated
-    has_hypotheses = dilated(was_valid, REACH)
     scene = HoleScene(
         left=disparity_map.left,
         right=disparity_map.right,
         disparity=disparity_map.px,
         valid=was_valid,
-        fillable=unsaturated & has_hypotheses & ~was_valid,
         initial=disparity_map.initial_px,
     )
     cost_limit = _cost_limit(scene)
     if cost_limit is None:
         return disparity_map
     min_margin = F(MARGIN_SIGMAS * disparity_map.noise_grey)
+    unsaturated = ~disparity_map.saturation.square_saturated
+    newly_valid = was_valid
     for _ in range(PASSES):
-        filled = _filled(scene, cost_limit, min_margin)
-        valid = scene.valid | filled.accepted
-        has_new_hypotheses = dilated(filled.accepted, REACH)
-        fillable = unsaturated & has_new_hypotheses & ~valid
-        scene = scene._replace(disparity=filled.px, valid=valid, fillable=fillable)
+        has_new_hypotheses = dilated(newly_valid, REACH)
+        fillable = unsaturated & has_new_hypotheses & ~scene.valid
+        filled = _filled(scene, fillable, cost_limit, min_margin)
+        scene = scene._replace(disparity=filled.px, valid=scene.valid | filled.accepted)
+        newly_valid = filled.accepted
     px = scene.disparity
     valid = scene.valid
     # Depths are compared after all passes. A rejected pixel may therefore have provided a hypothesis in a later pass.
@@ -140,11 +139,11 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     )
 
 
-def _filled(scene: HoleScene, cost_limit: np.float32, min_margin: np.float32) -> FilledPixels:
-    """Return the disparities and the accepted pixels of one pass."""
+def _filled(scene: HoleScene, fillable: Mask, cost_limit: np.float32, min_margin: np.float32) -> FilledPixels:
+    """Return the disparities and the accepted pixels of one pass; `fillable` is the mask of the pixels to fill."""
     distance = np.asarray(cv2.distanceTransform((~scene.valid).astype(np.uint8), cv2.DIST_C, 3), F)
     surfaces = right_surfaces(scene.disparity, scene.valid)
-    proposed_px = _fill_pass(scene, distance, surfaces, cost_limit, min_margin)
+    proposed_px = _fill_pass(scene, fillable, distance, surfaces, cost_limit, min_margin)
     is_proposed = np.isfinite(proposed_px)
     px = np.where(is_proposed, proposed_px, scene.disparity)
     valid = scene.valid | is_proposed
@@ -163,9 +162,14 @@ def _cost_limit(scene: HoleScene) -> np.float32 | None:
 
 @jit_rows
 def _fill_pass(
-    scene: HoleScene, distance: FloatImage, surfaces: RightSurfaces, cost_limit: np.float32, min_margin: np.float32
+    scene: HoleScene,
+    fillable: Mask,
+    distance: FloatImage,
+    surfaces: RightSurfaces,
+    cost_limit: np.float32,
+    min_margin: np.float32,
 ) -> FloatImage:
-    """Return the disparities `(H, W)` that one pass proposes, NaN elsewhere.
+    """Return the disparities `(H, W)` that one pass proposes for fillable pixels, NaN elsewhere.
 
     `distance` `(H, W)` is the distance to the nearest valid pixel, rows or columns. `surfaces` are the surfaces of the
     valid pixels in the right image. `cost_limit` is the maximum cost of a filled pixel, and `min_margin` the required
@@ -176,7 +180,7 @@ def _fill_pass(
     for k in prange(rows):
         y = interleaved_row(k, rows)
         for x in range(cols):
-            if scene.fillable[y, x]:
+            if fillable[y, x]:
                 hypotheses = find_hypotheses(scene, distance, y, x)
                 out[y, x] = _best_hypothesis(scene, hypotheses, surfaces, cost_limit, min_margin, y, x)
     return out

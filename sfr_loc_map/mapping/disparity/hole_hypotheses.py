@@ -27,7 +27,6 @@ class HoleScene(NamedTuple):
     right: FloatImage  #: Corrected grey levels.
     disparity: FloatImage  #: Pixels.
     valid: Mask  #: Pixels with a valid disparity, measured or filled in an earlier pass.
-    fillable: Mask  #: Invalid pixels that may be filled.
     initial: FloatImage  #: Disparities of the semi-global matching, pixels; NaN at unmatched pixels.
 
 

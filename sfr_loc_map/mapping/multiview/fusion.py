@@ -22,7 +22,7 @@ metres apart, converting the difference reduces the error by at most 5 % (measur
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -60,146 +60,149 @@ class FusedViews(NamedTuple):
     findings: Findings
 
 
+class FusedView(NamedTuple):
+    """The points of one view after their comparison with all other views."""
+
+    points: ViewPoints  #: The kept points, at the weighted means of their ranges.
+    agreeing_count: int  #: Number of points with which another view agrees, including dropped points.
+    conflict_count: int  #: Number of points that are dropped because of a conflict.
+    agreement: Findings  #: Agreement of the poses with those of the other views.
+
+
+class PointRanges(NamedTuple):
+    """The N points of a view as their own camera observes them."""
+
+    rays: FloatArray32  #: `(N, 3)`, vector from the camera to the point, metres, LM.
+    ranges: FloatArray32  #: `(N,)`, length of this vector, metres.
+    sigma: FloatArray32  #: `(N,)`, standard deviation of the range, metres (`ViewPoints.fusion_sigma`).
+    weight: FloatArray32  #: `(N,)`, weight of the range, 1 / m^2.
+
+
 class Judgement(NamedTuple):
     """Judgement of the N points of a view by another view, `(N,)` each.
 
-    At points that the other view does not observe, no flag is set, and weight and difference are 0.
+    At points that the other view does not observe, no flag is set, and all numbers are 0.
     """
 
     weight: FloatArray32  #: Weight of the observed range, 1 / m^2; 0 if the ranges do not agree.
     difference: FloatArray32  #: Observed range minus the range of the point, metres; 0 if the ranges do not agree.
+    sigma: FloatArray32  #: Standard deviation of the observed range, metres.
     agrees: Mask  #: Whether the ranges agree.
     is_duplicate: Mask  #: Whether the other view is preferred and samples the same spot.
     is_conflict: Mask  #: Whether the other view is preferred and observes a farther surface.
 
 
-class Comparison(NamedTuple):
-    """The N points of a view, compared with all other views."""
-
-    rays: FloatArray32  #: `(N, 3)`, vector from the point's own camera to the point, metres, LM.
-    own_range: FloatArray32  #: `(N,)`, range of the point from its own camera, metres.
-    total_weight: FloatArray32  #: `(N,)`, sum of the weights of the point and of the agreeing views, 1 / m^2.
-    weighted_difference: FloatArray32  #: `(N,)`, sum of weight times range difference of the agreeing views, 1 / m.
-    #: `(N,)`, sum of weight^2 sigma^2 of the point and of the agreeing views, 1 / m^2: the variance of their weighted
-    #: sum.
-    weighted_variance: FloatArray32
-    agrees: Mask  #: `(N,)`, whether another view agrees.
-    is_duplicate: Mask  #: `(N,)`, whether a preferred view samples the same spot.
-    is_conflict: Mask  #: `(N,)`, whether a preferred view observes a farther surface.
-    agreement: Findings  #: Agreement of the poses: statistics and warnings only.
-
-
 def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
     """Return the points of all views on one surface, in LM."""
-    parts = []
-    agreeing_count = 0
-    conflict_count = 0
-    agreement = Findings()
-    for index, view in enumerate(views):
-        comparison = _compare_with_others(index, views, rig)
-        parts.append(_fused_points(view, comparison))
-        agreeing_count += int(np.count_nonzero(comparison.agrees))
-        conflict_count += int(np.count_nonzero(comparison.is_conflict))
-        agreement += comparison.agreement
-    points = ViewPoints.concatenated(parts)
-    pair_index = np.repeat(np.arange(len(views), dtype=np.uint8), [part.size for part in parts])
+    parts = [_fuse_view(index, views, rig) for index in range(len(views))]
+    points = ViewPoints.concatenated([part.points for part in parts])
+    pair_index = np.repeat(np.arange(len(views), dtype=np.uint8), [part.points.size for part in parts])
     statistics = {
         "points_in": float(sum(view.points.size for view in views)),
-        "merged": float(agreeing_count),
-        "dropped_conflict": float(conflict_count),
+        "merged": float(sum(part.agreeing_count for part in parts)),
+        "dropped_conflict": float(sum(part.conflict_count for part in parts)),
         "points": float(points.size),
         "pairs": float(len(views)),
         "fused": float(len(views) > 1),
     }
     warnings = () if points.size else ("the fused cloud has no points: the other warnings state the causes",)
-    return FusedViews(points, pair_index, Findings(statistics, warnings) + agreement)
+    findings = Findings(statistics, warnings)
+    for part in parts:
+        findings += part.agreement
+    return FusedViews(points, pair_index, findings)
 
 
-def _compare_with_others(index: int, views: Sequence[PairView], rig: StereoRig) -> Comparison:
-    """Compare the points of a view with all other views."""
+def _fuse_view(index: int, views: Sequence[PairView], rig: StereoRig) -> FusedView:
+    """Return the points of a view that are kept, fused with the observations of all other views.
+
+    To add a test of points across pairs, add a flag to `Judgement`, set the flag in `_judge`, and drop the points here.
+    """
     view = views[index]
-    own_sigma = view.points.fusion_sigma
-    own_weight = point_weights(view)
-    rays = view.points.xyz - view.T_lm_left.translation.astype(F)
-    own_range = np.sqrt(np.einsum("ij,ij->i", rays, rays))
-    total_weight = own_weight.copy()
-    weighted_difference = np.zeros_like(own_weight)
-    weighted_variance = np.square(own_weight * own_sigma)
-    agrees = np.zeros(len(own_weight), np.bool_)
-    is_duplicate = np.zeros(len(own_weight), np.bool_)
-    is_conflict = np.zeros(len(own_weight), np.bool_)
+    points = view.points
+    own = _ranges_of_points(view)
+    judgements = []
     agreement = Findings()
     for other_index, other in enumerate(views):
         if other_index == index:
             continue
-        observed = project_into_view(view.points.xyz, other.T_lm_left, other.images, rig)
-        judgement = _judge(observed, own_weight, own_range, own_sigma, is_earlier=other_index < index)
-        total_weight += judgement.weight
-        weighted_difference += judgement.weight * judgement.difference
-        weighted_variance += np.square(judgement.weight * observed.fusion_sigma)
-        agrees |= judgement.agrees
-        is_duplicate |= judgement.is_duplicate
-        is_conflict |= judgement.is_conflict
+        observed = project_into_view(points.xyz, other.T_lm_left, other.images, rig)
+        judgements.append(_judge(observed, own, is_earlier=other_index < index))
         agreement += agreement_findings(index, other_index, views, observed)
-    return Comparison(
-        rays=rays,
-        own_range=own_range,
-        total_weight=total_weight,
-        weighted_difference=weighted_difference,
-        weighted_variance=weighted_variance,
-        agrees=agrees,
-        is_duplicate=is_duplicate,
-        is_conflict=is_conflict,
+    agrees = _any_of((judgement.agrees for judgement in judgements), points.size)
+    is_duplicate = _any_of((judgement.is_duplicate for judgement in judgements), points.size)
+    is_conflict = _any_of((judgement.is_conflict for judgement in judgements), points.size)
+    fused = _at_weighted_mean(points, own, judgements, agrees)
+    return FusedView(
+        points=fused.select(~(is_duplicate | is_conflict)),
+        agreeing_count=int(np.count_nonzero(agrees)),
+        conflict_count=int(np.count_nonzero(is_conflict)),
         agreement=agreement,
     )
 
 
-def _judge(
-    observed: Observations,
-    own_weight: FloatArray32,
-    own_range: FloatArray32,
-    own_sigma: FloatArray32,
-    *,
-    is_earlier: bool,
-) -> Judgement:
-    """Judge the points of a view, with weight, range and sigma `(N,)`, by the observations of another view.
+def _ranges_of_points(view: PairView) -> PointRanges:
+    """Return the ranges of the points of a view from their own camera."""
+    rays = view.points.xyz - view.T_lm_left.translation.astype(F)
+    return PointRanges(
+        rays=rays,
+        ranges=np.sqrt(np.einsum("ij,ij->i", rays, rays)),
+        sigma=view.points.fusion_sigma,
+        weight=point_weights(view),
+    )
+
+
+def _judge(observed: Observations, own: PointRanges, *, is_earlier: bool) -> Judgement:
+    """Judge the points of a view by the observations of another view.
 
     The other view is preferred at a point if its weight there is larger, or if both weights are equal and the other
     view is the earlier view. The other view is ignored at points that it observes from too far away
     (`MAX_RANGE_FACTOR`).
-
-    To add a test of points across pairs, add a flag to `Judgement`, combine the flag over the other views in
-    `_compare_with_others`, and apply the flag in `_fused_points`.
     """
-    is_preferred = observed.weight >= own_weight if is_earlier else observed.weight > own_weight
-    is_used = observed.point_range <= MAX_RANGE_FACTOR * own_range
-    sigma = observed.difference_sigma(own_sigma)
+    is_preferred = observed.weight >= own.weight if is_earlier else observed.weight > own.weight
+    is_used = observed.point_range <= MAX_RANGE_FACTOR * own.ranges
+    sigma = observed.difference_sigma(own.sigma)
     agrees = is_used & (np.abs(observed.difference) / sigma <= AGREE_SIGMAS)  # false if the difference is NaN
     is_farther = is_used & (observed.difference > AGREE_SIGMAS * sigma)
     return Judgement(
         weight=np.where(agrees, observed.weight, F(0.0)),
         difference=np.where(agrees, observed.difference, F(0.0)),
+        sigma=observed.fusion_sigma,
         agrees=agrees,
         is_duplicate=agrees & is_preferred & (observed.sample_distance_px < SAME_SAMPLE_PX),
         is_conflict=is_farther & is_preferred,
     )
 
 
-def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:
-    """Return the kept points of a view, moved along their rays to the weighted mean with the agreeing views.
+def _any_of(masks: Iterable[Mask], size: int) -> Mask:
+    """Return the mask `(size,)` of the points that at least one of the masks contains; all False without masks."""
+    found = np.zeros(size, np.bool_)
+    for mask in masks:
+        found |= mask
+    return found
+
+
+def _at_weighted_mean(
+    points: ViewPoints, own: PointRanges, judgements: Sequence[Judgement], agrees: Mask
+) -> ViewPoints:
+    """Return the points of a view, moved along their rays to the weighted mean of their range and the agreeing ranges.
 
     The point and the agreeing views have the ranges r_i, their standard deviations s_i and the weights w_i. The new
     range is `sum w_i r_i / sum w_i`. Its variance is `c sigma^2 + (1 - c) sum w_i^2 s_i^2 / (sum w_i)^2`, where sigma
     is the standard deviation of the point and c the fraction of the variance that is common to all pairs. Away from the
     image border the weights are `1 / s_i^2`, and the last term is `(1 - c) / sum w_i`.
+
+    `agrees` `(N,)` is the mask of the points with which at least one view agrees. The sigma of other points is kept.
     """
-    points = view.points
-    total_weight = comparison.total_weight
-    relative_step = comparison.weighted_difference / total_weight / comparison.own_range
-    variance_of_mean = comparison.weighted_variance / np.square(total_weight)  # if all errors were independent
-    variance = COMMON_VARIANCE * np.square(points.fusion_sigma) + (1.0 - COMMON_VARIANCE) * variance_of_mean
-    fused = points._replace(
-        xyz=points.xyz + comparison.rays * relative_step[:, None],
-        fusion_sigma=np.where(comparison.agrees, np.sqrt(variance), points.fusion_sigma),
+    total_weight = own.weight.copy()
+    weighted_difference = np.zeros_like(own.weight)
+    weighted_variance = np.square(own.weight * own.sigma)
+    for judgement in judgements:
+        total_weight += judgement.weight
+        weighted_difference += judgement.weight * judgement.difference
+        weighted_variance += np.square(judgement.weight * judgement.sigma)
+    relative_step = weighted_difference / total_weight / own.ranges
+    variance_of_mean = weighted_variance / np.square(total_weight)  # if all errors were independent
+    variance = COMMON_VARIANCE * np.square(own.sigma) + (1.0 - COMMON_VARIANCE) * variance_of_mean
+    return points._replace(
+        xyz=points.xyz + own.rays * relative_step[:, None], fusion_sigma=np.where(agrees, np.sqrt(variance), own.sigma)
     )
-    return fused.select(~(comparison.is_duplicate | comparison.is_conflict))

@@ -60,7 +60,7 @@ class Observations(NamedTuple):
 
     def select(self, indices: NDArray[np.intp]) -> Observations:
         """Return the observations of the points with the given indices."""
-        return Observations._make(values.take(indices) for values in self)
+        return Observations._make(values.take(indices, axis=0) for values in self)
 
 
 def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> Observations:
