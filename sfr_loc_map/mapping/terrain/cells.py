@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import FloatArray32
+from sfr_loc_map.mapping.cloud_checks import check_points
 
 MAX_CELLS = 2_500_000  #: Maximum number of cells: 300 MB at up to 120 bytes per cell while a grid is computed.
 
@@ -53,10 +54,9 @@ class CellGrid:
             raise MappingError(f"the cell size is {cell_m} m: a positive number is required")
         if len(xyz) == 0:
             raise MappingError("the cloud has no points: an elevation model requires at least one")
+        check_points(xyz)
         low = np.array([float(xyz[:, axis].min()) for axis in (0, 1)])
         high = np.array([float(xyz[:, axis].max()) for axis in (0, 1)])
-        if not (np.isfinite((low, high)).all() and np.isfinite(xyz[:, 2]).all()):
-            raise MappingError("the cloud has points that are not finite: remove them")
         if within is not None:
             centre = np.array((within.x_m, within.y_m))
             low = np.maximum(low, centre - within.half_side_m)

@@ -15,7 +15,7 @@ LIGHT = np.array([-1.0, 1.0, 1.5])
 AMBIENT = 0.35  #: Fraction of the light that does not depend on the slope.
 MAX_BRIGHTNESS = 1.3  #: Maximum brightness by the light, relative to level ground. Brighter slopes are clipped.
 GAP_SIGMA_CELLS = 1.0  #: Standard deviation of the Gaussian that fills gaps, cells.
-BRIDGED_SHARE = 0.1  #: Minimum weighted fraction of neighbours with a height for a gap to be filled in the image.
+MIN_KNOWN_FRACTION = 0.1  #: Minimum weighted fraction of neighbours with a height for a gap to be filled in the image.
 MIN_DIVISOR = 1e-6  #: Lower bound of the weights and of the range of the heights, m, which are divisors.
 VOID = (32, 32, 32)  #: Colour of a cell without a height.
 
@@ -45,9 +45,9 @@ def _with_filled_gaps(height_m: FloatArray32) -> FloatArray32:
     weight = np.isfinite(height_m).astype(np.float32)
     weighted = np.where(weight > 0, height_m, 0.0)
     total = cv2.GaussianBlur(weighted, (0, 0), GAP_SIGMA_CELLS)
-    near_share = cv2.GaussianBlur(weight, (0, 0), GAP_SIGMA_CELLS)
-    near = np.asarray(total / np.maximum(near_share, MIN_DIVISOR), np.float32)
-    near[near_share < BRIDGED_SHARE] = np.nan
+    known_fraction = cv2.GaussianBlur(weight, (0, 0), GAP_SIGMA_CELLS)
+    near = np.asarray(total / np.maximum(known_fraction, MIN_DIVISOR), np.float32)
+    near[known_fraction < MIN_KNOWN_FRACTION] = np.nan
     return np.where(weight > 0, height_m, near)
 
 

@@ -22,7 +22,7 @@ from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.jit import jit_rows
+from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.cells import CellGrid, Square
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel, elevation_model
@@ -36,7 +36,8 @@ STEP_RADIUS_M = 0.25
 """Radius within which a difference of heights is a step, metres. Chosen by hand: with a larger radius, the shape of the
 ground would count as a step, and with a smaller radius, steps across several cells would be missed. The radius is part
 of the definition of a step; the parameters `max_step_m` and `footprint_radius_m` describe the rover. If cells are
-larger than the radius, no cell is compared with another: a step is then the difference of heights within a cell."""
+larger than the radius, a cell with a plane is not compared with other cells: its step is then the difference of the
+heights within the cell."""
 MIN_FOOTPRINT_FRACTION = 0.5
 """Minimum fraction of the footprint's cells with a height for slope and roughness. At the edge of the mapped ground,
 half of the footprint has heights, so that the plane is interpolated and not extrapolated. Chosen by hand."""
@@ -77,7 +78,8 @@ class TerrainGrid:
     #: `(R, C)` float32, root of the mean squared difference of these heights from the plane.
     roughness_m: FloatArray32
     #: `(R, C)` float32, largest difference, relative to that plane, between the high and the low heights of the cells
-    #: within `STEP_RADIUS_M`. Without a plane, the difference is that of the heights of the cell itself.
+    #: within `STEP_RADIUS_M`. Without a plane, largest height difference between the cell and a cell of the footprint,
+    #: reduced by the rise of the steepest passable slope between both cells.
     step_m: FloatArray32
     #: `(R, C)` int8, 100 if a criterion reaches its limit, otherwise the largest ratio to a limit in percent; -1 where
     #: unknown.
@@ -106,8 +108,8 @@ def terrain_grid(
     cell then counts anywhere in the footprint.
 
     Raises ConfigError if a value of the configuration is invalid. Raises MappingError if the cloud has no points within
-    the range, a coordinate is not finite, the grid or the footprint would have too many cells, `random_sigma` has
-    another length than the cloud, or the pose of a point is missing.
+    the range, a coordinate is not finite, a sigma is negative or not finite, the grid or the footprint would have too
+    many cells, `random_sigma` has another length than the cloud, or the pose of a point is missing.
     """
     config = checked(config)
     cell_m = config.cell_m
@@ -123,11 +125,14 @@ def terrain_grid(
     cell_of_point = cells.cell_of(cloud.xyz)
     model = _without_sparse_cells(elevation_model(cloud, cells, cell_of_point, poses, random_sigma))
     outer = _outer_heights(cell_of_point, cloud.xyz[:, 2], model.count)
-    planes = _fit_planes(model.height_m.astype(np.float64), _disc(max(footprint_cells, MIN_RADIUS_CELLS)), cell_m)
+    plane_window = _disc(max(footprint_cells, MIN_RADIUS_CELLS))
+    planes = _fit_planes(model.height_m.astype(np.float64), plane_window, cell_m)
     slope_rad = np.arctan(np.hypot(planes.slope_x, planes.slope_y)).astype(F)
     roughness_m = planes.residual_m.astype(F)
-    step_m = _steps(outer, planes, _disc(STEP_RADIUS_M / cell_m), cell_m).astype(F)
-    slope_ratio = slope_rad / np.radians(config.max_slope_deg)
+    max_slope_rad = np.radians(config.max_slope_deg)
+    near = _disc(STEP_RADIUS_M / cell_m)
+    step_m = _steps(outer, planes, near, plane_window, float(np.tan(max_slope_rad)), cell_m).astype(F)
+    slope_ratio = slope_rad / max_slope_rad
     roughness_ratio = roughness_m / config.max_roughness_m
     step_ratio = step_m / F(config.max_step_m)
     hazard = _hazards(np.maximum(slope_ratio, roughness_ratio).astype(F), step_ratio, _disc(footprint_cells))
@@ -259,35 +264,65 @@ def _fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> Planes:
 
 
 @jit_rows
-def _steps(outer: OuterHeights, planes: Planes, window: IntArray, cell_m: float) -> FloatArray:
+def _steps(
+    outer: OuterHeights, planes: Planes, near: IntArray, footprint: IntArray, max_rise: float, cell_m: float
+) -> FloatArray:
     """Return the step of each cell `(R, C)`, metres, NaN without heights.
 
-    The step is the largest high height minus the smallest low height (`_outer_heights`) of the cells of a window, both
-    relative to the plane of the footprint, so that a slope alone is not a step. Without a plane, the slope of the
-    ground is unknown, and cells cannot be compared. The step is then the difference within the cell, so that an
-    isolated obstacle is a hazard.
+    `near` and `footprint` `(K, 2)` are the cells within `STEP_RADIUS_M` and within the footprint. `max_rise` is the
+    rise of the steepest slope that is not a hazard, metres per metre.
     """
-    low = outer.low
-    high = outer.high
-    rows, columns = low.shape
+    rows, columns = outer.low.shape
     step = np.full((rows, columns), np.nan)
     for row in prange(rows):
         for column in range(columns):
             a = planes.slope_x[row, column]
             b = planes.slope_y[row, column]
             if np.isnan(a):
-                step[row, column] = high[row, column] - low[row, column]
-                continue
-            lowest = np.inf
-            highest = -np.inf
-            for k in range(len(window)):
-                i = row + window[k, 0]
-                j = column + window[k, 1]
-                if 0 <= i < rows and 0 <= j < columns and not np.isnan(low[i, j]):
-                    plane = (a * window[k, 1] + b * window[k, 0]) * cell_m
-                    lowest = min(lowest, low[i, j] - plane)
-                    highest = max(highest, high[i, j] - plane)
-            step[row, column] = highest - lowest
+                step[row, column] = _step_beyond_slope(outer, row, column, footprint, max_rise * cell_m)
+            else:
+                step[row, column] = _step_from_plane(outer, row, column, near, a * cell_m, b * cell_m)
+    return step
+
+
+@jit_rows_inline
+def _step_from_plane(outer: OuterHeights, row: int, column: int, near: IntArray, rise_x: float, rise_y: float) -> float:
+    """Return the largest high height minus the smallest low height of the cells near a cell.
+
+    Both heights are relative to the plane of the footprint, which rises by `rise_x` per column and by `rise_y` per row,
+    so that a slope alone is not a step.
+    """
+    rows, columns = outer.low.shape
+    lowest = np.inf
+    highest = -np.inf
+    for k in range(len(near)):
+        i = row + near[k, 0]
+        j = column + near[k, 1]
+        if 0 <= i < rows and 0 <= j < columns and not np.isnan(outer.low[i, j]):
+            plane = rise_x * near[k, 1] + rise_y * near[k, 0]
+            lowest = min(lowest, outer.low[i, j] - plane)
+            highest = max(highest, outer.high[i, j] - plane)
+    return highest - lowest
+
+
+@jit_rows_inline
+def _step_beyond_slope(outer: OuterHeights, row: int, column: int, footprint: IntArray, max_rise: float) -> float:
+    """Return the step of a cell without a plane; NaN without heights.
+
+    The slope of the ground is unknown. Any slope that is not a hazard explains at most the height difference
+    `max_rise` times the distance, in cells, between the cell and another cell of the footprint. The step is the largest
+    rest of a difference, so that an isolated obstacle is a hazard even if its sides are not observed.
+    """
+    rows, columns = outer.low.shape
+    low = outer.low[row, column]
+    high = outer.high[row, column]
+    step = high - low
+    for k in range(len(footprint)):
+        i = row + footprint[k, 0]
+        j = column + footprint[k, 1]
+        if 0 <= i < rows and 0 <= j < columns and not np.isnan(outer.low[i, j]):
+            rise = max_rise * np.hypot(footprint[k, 0], footprint[k, 1])
+            step = max(step, high - outer.low[i, j] - rise, outer.high[i, j] - low - rise)
     return step
 
 

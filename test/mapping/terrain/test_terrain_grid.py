@@ -1,5 +1,6 @@
 """Slope, roughness, step and hazard of ground that is known."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -137,6 +138,47 @@ def test_a_rock_or_a_hole_beyond_a_gap_is_a_hazard(height_m: float, gap_m: float
     assert (grid.hazard[unknown] == -1).all()
 
 
+def beyond_a_gap(gap_m: float, height: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> PointCloud:
+    """Return ground at x < 0, and a patch of 0.3 x 0.3 m beyond a gap, both at a height that depends on x and y."""
+    return ground(height, keep=lambda x, y: (x < 0.0) | ((np.abs(x - gap_m - 0.15) < 0.15) & (np.abs(y - 0.15) < 0.15)))
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "height_m", "is_hazard"),
+    [
+        (0.0, 0.3, True),
+        (0.1, 0.3, True),
+        (0.2, 0.5, True),
+        (0.2, -0.5, True),  # the bottom of a hole
+        (0.4, 0.5, True),
+        (0.4, -1.0, True),
+        (0.2, 0.1, False),
+        (0.4, 0.15, False),
+        (0.6, 1.0, False),  # beyond the footprint: unknown
+    ],
+)
+def test_the_flat_top_of_an_obstacle_beyond_a_gap_is_a_hazard(
+    gap_m: float, height_m: float, *, is_hazard: bool
+) -> None:
+    """Within the footprint of 0.5 m, the difference exceeds the limit of a step and what a slope of 20 deg explains."""
+    cloud = beyond_a_gap(gap_m, lambda x, y: height_m * (x > 0.0))
+    grid = terrain_grid(cloud, CONFIG, CAMERA)
+    hazard = at(grid, grid.hazard, gap_m + 0.05, 0.15)
+    assert (hazard == 100.0) == is_hazard
+    step = at(grid, grid.step_m, gap_m + 0.05, 0.15)
+    if np.isnan(at(grid, grid.slope_rad, gap_m + 0.05, 0.15)) and gap_m < 0.5:
+        rise = np.tan(np.radians(CONFIG.max_slope_deg)) * (gap_m + CONFIG.cell_m)
+        assert step == pytest.approx(max(abs(height_m) - rise, 0.0), abs=1e-3)
+
+
+@pytest.mark.parametrize("slope_deg", [-18.0, 18.0])
+@pytest.mark.parametrize("gap_m", [0.1, 0.2, 0.4])
+def test_a_passable_slope_beyond_a_gap_is_no_hazard(gap_m: float, slope_deg: float) -> None:
+    rise = np.tan(np.radians(slope_deg))
+    grid = terrain_grid(beyond_a_gap(gap_m, lambda x, y: rise * x), CONFIG, CAMERA)
+    assert grid.hazard.max() < 100
+
+
 def test_poses_bound_the_range_and_lower_the_sigma() -> None:
     cloud = ground(lambda x, y: 0.0 * x)
     near = terrain_grid(cloud, replace(CONFIG, range_m=1.0), CAMERA)
@@ -177,6 +219,33 @@ def test_a_point_at_its_camera_has_no_covariance(*, is_exact: bool) -> None:
             point_covariances(cloud, at_point, 400.0)
     else:
         assert np.isfinite(point_covariances(cloud, at_point, 400.0)).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -1e-3])
+def test_a_sigma_that_is_negative_or_not_finite_is_refused(value: float) -> None:
+    cloud = ground(lambda x, y: 0.0 * x)
+    sigma = cloud.sigma.copy()
+    sigma[7] = value
+    wrong = replace(cloud, sigma=sigma)
+    with pytest.raises(MappingError, match="sigma of the cloud has values that are negative or not finite"):
+        terrain_grid(wrong, CONFIG, CAMERA)
+    with pytest.raises(MappingError, match="random_sigma has values that are negative or not finite"):
+        terrain_grid(cloud, CONFIG, CAMERA, sigma)
+    with pytest.raises(MappingError, match="sigma of the cloud has values that are negative or not finite"):
+        point_covariances(wrong, CAMERA, 400.0)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_point_that_is_not_finite_is_refused(axis: int, value: float) -> None:
+    cloud = ground(lambda x, y: 0.0 * x)
+    xyz = cloud.xyz.copy()
+    xyz[7, axis] = value
+    wrong = replace(cloud, xyz=xyz)
+    with pytest.raises(MappingError, match="points that are not finite"):
+        terrain_grid(wrong, CONFIG, CAMERA)
+    with pytest.raises(MappingError, match="points that are not finite"):
+        point_covariances(wrong, CAMERA, 400.0)
 
 
 def test_a_missing_pose_or_sigma_of_a_point_is_refused() -> None:
