@@ -1,4 +1,4 @@
-"""Mutation tests of metrics, geometry, scores, reports, suites and measurements of methods: `make mutants`.
+"""Mutation tests of metrics, geometry, scores, reports, suites, methods, maps and simulation: `make mutants`.
 
 Each mutation is a defect in one place: a sign, n for n - 1, an axis, an order, degrees for radians, a boundary of a
 condition, a bound of a range, the pixel of a true point, or an unexpected part. The test modules of `TESTS`, and
@@ -93,6 +93,8 @@ EXPECTED_ITEMS, DRIVE = "metrics/completeness/expected_items.py", "metrics/compl
 GAPS = "metrics/completeness/gaps.py"
 CALL_CHECKS, CALL_POSES = "scoring/call_checks.py", "calls/call_poses.py"
 DRIVES, JOB = "suite/running/drive_copies.py", "suite/running/job.py"
+EXPOSURE, HOLES = "mapping/disparity/exposure.py", "mapping/disparity/hole_filling.py"
+FUSION, TERRAIN_GRID = "mapping/multiview/fusion.py", "mapping/terrain/terrain_grid.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
     Mutation(FORMULAS, "np.arange(0, frames, spacing)", "np.arange(1, frames, spacing)"),
@@ -569,6 +571,66 @@ MUTATIONS = (
     Mutation("geometry/trajectory.py", "poses.positions + quat_rotate(", "poses.positions - quat_rotate("),
     Mutation("metrics/conventions/pose_convention.py", '{"left": 0.5, "right": -0.5}', '{"left": -0.5, "right": 0.5}'),
     Mutation("geometry/extrinsics.py", "Transform(pan @ tilt,", "Transform(tilt @ pan,"),
+    # maps
+    Mutation("mapping/mapper.py", "warnings=warnings_of_pairs(maps) + fused.warnings", "warnings=fused.warnings"),
+    Mutation(
+        "mapping/reprojection.py",
+        "length * depth * depth / scale * sigma_px[i, j]",
+        "depth * depth / scale * sigma_px[i, j]",
+    ),
+    Mutation(EXPOSURE, "(right_high - right_low) / (left_high", "(left_high - left_low) / (left_high"),
+    Mutation(
+        "mapping/disparity/surfaces.py",
+        "surfaces.high[y, u] > disparity[y, x] + SURFACE_JUMP_PX",
+        "surfaces.high[y, u] > disparity[y, x]",
+    ),
+    Mutation("mapping/disparity/uncertainty.py", "F(0.125) / np.sqrt(information", "F(0.25) / np.sqrt(information"),
+    Mutation(
+        "mapping/disparity/smoothness.py",
+        "m1_right[j] - m1[j] - m0_right[j] + m0[j]",
+        "m1_right[j] - m1[j] + m0_right[j] - m0[j]",
+    ),
+    Mutation(
+        "mapping/disparity/right_camera.py",
+        "error_px = -px_per_row * rows_below_centre",
+        "error_px = px_per_row * rows_below_centre",
+    ),
+    Mutation(HOLES, "unsaturated & has_new_hypotheses & ~scene.valid", "has_new_hypotheses & ~scene.valid"),
+    Mutation(HOLES, "NEARBY_PX) < MAX_DEPTH_RATIO", "NEARBY_PX) < F(100.0) * MAX_DEPTH_RATIO"),
+    Mutation(FUSION, "points.xyz + own.rays * relative_step", "points.xyz - own.rays * relative_step"),
+    Mutation(FUSION, "COMMON_VARIANCE * np.square(own.sigma) + (1.0", "0.0 * np.square(own.sigma) + (1.0"),
+    Mutation(FUSION, "is_conflict=is_farther & is_preferred", "is_conflict=is_farther"),
+    Mutation(FUSION, "(observed.difference > AGREE_SIGMAS * sigma)", "(observed.difference < -AGREE_SIGMAS * sigma)"),
+    Mutation(FUSION, "<= MAX_RANGE_FACTOR * own.ranges", "<= own.ranges"),
+    Mutation("mapping/multiview/registration.py", "rhs = rhs - weighted.T @ r", "rhs = rhs + weighted.T @ r"),
+    Mutation("mapping/multiview/fixed_content.py", "motion_px > MIN_MOTION_PX", "motion_px < MIN_MOTION_PX"),
+    Mutation("mapping/terrain/elevation.py", "z_squared / (x_squared", "x_squared / (x_squared"),
+    Mutation(
+        "mapping/terrain/elevation.py", "variance_of_points = count / weights", "variance_of_points = 1.0 / weights"
+    ),
+    Mutation(TERRAIN_GRID, "high - outer.low[i, j] - rise", "high - outer.low[i, j] + rise"),
+    Mutation(TERRAIN_GRID, "outer.high[i, j] - low - rise", "outer.high[i, j] - low + rise"),
+    Mutation(TERRAIN_GRID, "if n < MIN_FOOTPRINT_FRACTION * size", "if n < size"),
+    Mutation(TERRAIN_GRID, "cov_xx * cov_yy - cov_xy * cov_xy", "cov_xx * cov_yy"),
+    # simulated drives
+    Mutation("simulation/drive.py", "grip = 1.0 - min(max(", "grip = 1.0 + min(max("),
+    Mutation("simulation/drive.py", "math.copysign(1.0, radius) * angle", "angle"),
+    Mutation("simulation/drive.py", "duration_s > LONGEST_S", "duration_s > 100.0 * LONGEST_S"),
+    Mutation("simulation/terrain.py", "return -depth * bowl + rim", "return depth * bowl + rim"),
+    Mutation("simulation/rocks.py", "bottom * (1 - buried) + top * buried", "top * (1 - buried) + bottom * buried"),
+    Mutation("simulation/rocks.py", "found[:, 2] < config.clear_m", "found[:, 2] > config.clear_m"),
+    Mutation("simulation/rocks.py", "(1.0 / low - 1.0 / high))", "(1.0 / high - 1.0 / low))"),
+    Mutation(
+        "simulation/shading.py",
+        "level * math.cos(azimuth), level * math.sin(azimuth)",
+        "level * math.sin(azimuth), level * math.cos(azimuth)",
+    ),
+    Mutation("simulation/shading.py", "WALL_SKY + SKY_PER_COSINE * nz", "WALL_SKY - SKY_PER_COSINE * nz"),
+    Mutation("simulation/shading.py", "math.exp(-distance / parameters.haze_m)", "math.exp(-distance)"),
+    Mutation("simulation/sensor.py", "(0, 0), config.blur_px", "(0, 0), 2.0 * config.blur_px"),
+    Mutation("simulation/sensor.py", "config.gain_mismatch if camera else 0.0", "config.gain_mismatch"),
+    Mutation("simulation/tracer.py", "rig.fx * x + rig.cx * depth", "rig.fx * x + 0.5 * (rig.width - 1) * depth"),
+    Mutation("simulation/tracer.py", "T_own_ds = T_ds_own.inverse()", "T_own_ds = T_ds_own"),
 )
 
 
