@@ -1,4 +1,4 @@
-"""Array types of all packages, read-only views, and two reductions that are faster than those of numpy.
+"""Array types of all packages, their names in messages, read-only views, and two reductions faster than those of numpy.
 
 The name of a type describes the content of an array. Shape and unit are given where the array is used.
 """
@@ -22,6 +22,11 @@ FloatArray32 = NDArray[np.float32]  #: Values other than images in float32, wher
 T = TypeVar("T", bound=np.generic)  #: Type of the elements of an array.
 F = np.float32
 """Scalar type in image kernels: a constant `F(0.5)` keeps an expression in float32."""
+
+
+def kind_of(value: object) -> str:
+    """Return type and shape of an array, as in `float32 (3,)`, or the type of another object, for messages."""
+    return f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
 
 
 def read_only(array: NDArray[T]) -> NDArray[T]:

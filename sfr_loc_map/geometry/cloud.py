@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.arrays import FloatArray32, Mask
+from sfr_loc_map.geometry.arrays import FloatArray32, Mask, kind_of
 
 FIELD_TYPES: dict[str, type[np.generic]] = {
     **dict.fromkeys(("x", "y", "z", "sigma", "intensity"), np.float32),
@@ -39,15 +39,14 @@ class PointCloud:
     pair_stamps_ns: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes and types."""
-        count = len(self.xyz)
+        """Check shapes and types; GeometryError if a field is not an array of its shape and type."""
+        count = np.size(self.xyz) // 3
         for name in COLUMNS:
             array = getattr(self, name)
             kind = FIELD_TYPES.get(name, np.float32)
             shape = (count, 3) if name == "xyz" else (count,)
-            if array.shape != shape or array.dtype != kind:
-                found = f"{array.dtype} {array.shape}"
-                raise GeometryError(f"cloud field '{name}' is {found}: {kind.__name__} {shape} is required")
+            if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != kind:
+                raise GeometryError(f"cloud field '{name}' is {kind_of(array)}: {kind.__name__} {shape} is required")
 
     def __len__(self) -> int:
         return len(self.xyz)

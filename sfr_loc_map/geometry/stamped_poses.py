@@ -38,8 +38,9 @@ def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: i
 def sampled(poses: Trajectory, stamps_ns: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return interpolated positions `(S, 3)`, metres, and unit quaternions `(S, 4)` at stamps `(S,)`.
 
-    There must be at least one pose. A single pose is valid at all stamps. Before the first and after the last pose, the
-    motion between the two nearest poses is extrapolated; use `covered` to select the stamps between poses.
+    There must be at least one pose, and the poses are sorted by stamp. A single pose is valid at all stamps. Before the
+    first and after the last pose, the motion between the two nearest poses is extrapolated; use `covered` to select the
+    stamps between poses.
     """
     if len(poses) == 1:
         quats_xyzw = unit_quats(poses.quats_xyzw)
@@ -55,7 +56,7 @@ def sampled(poses: Trajectory, stamps_ns: IntArray) -> tuple[FloatArray, FloatAr
 def covered(known_ns: IntArray, stamps_ns: IntArray) -> Mask:
     """Return whether each stamp is a known stamp, or between two neighbouring known stamps within `LONGEST_GAP_S`.
 
-    There must be at least one known stamp.
+    There must be at least one known stamp, and the known stamps are sorted.
     """
     after = np.searchsorted(known_ns, stamps_ns).clip(max=len(known_ns) - 1)
     before = np.where(known_ns[after] == stamps_ns, after, (after - 1).clip(0))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, PointImage
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, PointImage, kind_of
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.plausibility import BASELINE_M, check_camera, check_extrinsics
 from sfr_loc_map.geometry.transform import Transform
@@ -130,9 +130,9 @@ class StereoPair:
         if not isinstance(self.stamp_ns, int | np.integer):
             raise GeometryError(f"stamp {self.stamp_ns!r} of a pair: whole nanoseconds are required")
         for name, image in (("left", self.left), ("right", self.right)):
-            if image.ndim != 2 or image.dtype != np.uint8:
+            if not isinstance(image, np.ndarray) or image.ndim != 2 or image.dtype != np.uint8:
                 raise GeometryError(
-                    f"{name} image of stamp {self.stamp_ns} is {image.dtype} {image.shape}: 8-bit grey is required"
+                    f"{name} image of stamp {self.stamp_ns} is {kind_of(image)}: a grey image uint8 (H, W) is required"
                 )
         if self.left.shape != self.right.shape:
             raise GeometryError(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, kind_of
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_poses
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import Transform
@@ -32,11 +32,13 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         """Check shapes and values; GeometryError if stamps are not whole numbers or a pose is invalid."""
-        count = len(self.stamps_ns)
-        shapes = self.stamps_ns.shape, self.positions.shape, self.quats_xyzw.shape
+        count = np.size(self.stamps_ns)
+        arrays = (self.stamps_ns, self.positions, self.quats_xyzw)
+        shapes = tuple(getattr(array, "shape", None) for array in arrays)
         if shapes != ((count,), (count, 3), (count, 4)):
             raise GeometryError(
-                f"stamps, positions and quaternions have the shapes {shapes}: (N,), (N, 3), (N, 4) are required"
+                f"stamps, positions and quaternions are {', '.join(map(kind_of, arrays))}: arrays (N,), (N, 3) and "
+                "(N, 4) are required"
             )
         if not np.issubdtype(self.stamps_ns.dtype, np.signedinteger):
             raise GeometryError(f"stamps are {self.stamps_ns.dtype}: whole nanoseconds, int64, are required")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, kind_of
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, QUATERNION_SQUARES, plausible_rotations
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,
@@ -41,10 +41,11 @@ class Transform:
 
     def __post_init__(self) -> None:
         """Check shapes and values; GeometryError if a number is not finite or a coordinate exceeds `MAX_POSITION_M`."""
-        if self.rotation.shape != (3, 3) or self.translation.shape != (3,):
+        rotation_shape = getattr(self.rotation, "shape", None)
+        if rotation_shape != (3, 3) or getattr(self.translation, "shape", None) != (3,):
             raise GeometryError(
-                f"a transform has a rotation of shape {self.rotation.shape} and a translation of shape "
-                f"{self.translation.shape}: (3, 3) and (3,) are required"
+                f"a transform has the rotation {kind_of(self.rotation)} and the translation "
+                f"{kind_of(self.translation)}: arrays (3, 3) and (3,) are required"
             )
         position = self.translation.tolist()  # Python loops are faster than numpy for so few numbers
         numbers = (*position, *self.rotation.reshape(-1).tolist())
@@ -72,11 +73,12 @@ class Transform:
         return cls(matrix_from_quat(quat), np.array(translation, dtype=np.float64), quat)
 
     @classmethod
-    def from_matrix(cls, matrix: FloatArray) -> Transform:
+    def from_matrix(cls, matrix: ArrayLike) -> Transform:
         """Return `T_a_b` from a matrix `(3, 4)` or `(4, 4)`.
 
         GeometryError if the shape, the rotation or the last row is invalid.
         """
+        matrix = np.asarray(matrix, dtype=np.float64)
         if matrix.shape not in ((3, 4), (4, 4)):
             raise GeometryError(f"a matrix has the shape {matrix.shape}: (3, 4) or (4, 4) is required")
         if not plausible_rotations(matrix[:3, :3]):

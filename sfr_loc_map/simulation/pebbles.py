@@ -25,6 +25,8 @@ MAX_SHADOW = 0.85  #: Fraction of the sunlight that is blocked in the middle of 
 RIM_SLOPE = 0.9  #: Slope at the rim of a pebble, which makes the pebble look round.
 TILT_SLOPE = 0.8  #: Slope of a pebble's surface per unit of its tilt.
 MAX_FILL = 0.95  #: Largest fraction of the cells of a size that have a pebble.
+MIN_LEVEL = 1e-6  #: Lower bound of the horizontal component of the direction of the sun, which is a divisor.
+MIN_SHADOW_LEVEL = 1e-3  #: Lower bound of the same component for the length of shadows.
 _PEBBLE = np.uint32(Stream.PEBBLES)
 _LOW_BYTE = np.uint32(255)
 _ANGLES = np.arange(256) * (2.0 * np.pi / 255.0)  # indexed by 8 bits of a hash
@@ -37,10 +39,6 @@ PEBBLE = np.dtype([(name, np.float64) for name in (
 """A pebble, with lengths in cells: centre; reach; inverse of the smaller half axis; matrix `(px py; qx qy)` from an
 offset to outline coordinates; shift of the shadow in outline coordinates; skew; tone; tilt. The pebble exists if the
 fraction of filled cells exceeds the threshold."""
-
-
-MIN_LEVEL = 1e-6  #: Lower bound of the horizontal component of the direction of the sun, which is a divisor.
-MIN_SHADOW_LEVEL = 1e-3  #: Lower bound of the same component for the length of shadows.
 
 
 class PebbleField(NamedTuple):
