@@ -316,7 +316,7 @@ def _step_beyond_slope(outer: OuterHeights, row: int, column: int, footprint: In
     rows, columns = outer.low.shape
     low = outer.low[row, column]
     high = outer.high[row, column]
-    step = high - low
+    step: float = high - low
     for k in range(len(footprint)):
         i = row + footprint[k, 0]
         j = column + footprint[k, 1]
