@@ -22,8 +22,8 @@ from sfr_loc_map.calls.call_findings import findings_of_records
 from sfr_loc_map.calls.call_record import CallRecord, tracking_warning
 from sfr_loc_map.calls.call_rows import stats_of
 from sfr_loc_map.calls.call_stats import CallStats
-from sfr_loc_map.config import build
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.parameters import build
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.calls.call_files import save_stats
 from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate
-from sfr_loc_map.config import build, suggestion
+from sfr_loc_map.configuration.parameters import build, suggestion
 from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError, OutputError
 from sfr_loc_map.geometry import cloud, trajectory
 from sfr_loc_map.io import sequence

@@ -12,60 +12,77 @@ import sfr_loc_map
 PACKAGE = Path(sfr_loc_map.__file__).parent
 NAME = PACKAGE.name
 LAYERS = {
+    "configuration": ("", "Parameters: their declaration, and the YAML files that give their values"),
     "geometry": ("", "Values with frames and units: rotations, transforms, cameras, trajectories, clouds"),
-    "io": ("geometry", "Reading and writing of recorded data"),
-    "localisation": ("geometry", "The trajectory of a drive from its stereo pairs"),
-    "mapping": ("geometry", "A point cloud and the terrain from one to three stereo pairs"),
+    "io": ("configuration geometry", "Reading and writing of recorded data"),
+    "localisation": ("configuration geometry", "The trajectory of a drive from its stereo pairs"),
+    "mapping": ("configuration geometry", "A point cloud and the terrain from one to three stereo pairs"),
     "kernels": ("localisation mapping", "The compiled code of localiser and mapper, loaded or compiled in a process"),
-    "metrics": ("geometry", "The figures of the specification, and the verdicts by limits"),
+    "metrics": ("configuration geometry", "The figures of the specification, and the verdicts by limits"),
     "faults": ("geometry io", "Faults that are injected into the stereo pairs of a source"),
-    "simulation": ("geometry io", "Stereo pairs of a Mars-like scene with exact truth"),
+    "simulation": ("configuration geometry io", "Stereo pairs of a Mars-like scene with exact truth"),
     "tables": ("metrics", "The model of a table, and its formats: terminal, HTML, Markdown and CSV"),
-    "report": ("geometry metrics tables", "Views of scores and other results; a view computes no verdict"),
+    "report": (
+        "configuration geometry metrics tables",
+        "Views of scores and other results; a view computes no verdict",
+    ),
     "ros": ("geometry io localisation mapping", "The parts that every program with a ROS node requires"),
     "calls": (
         "geometry io localisation mapping metrics",
         "The record of each call of a localiser or mapper, and its forms",
     ),
-    "methods": ("geometry io localisation mapping metrics", "Localisers and mappers under test, in their processes"),
+    "methods": (
+        "configuration geometry io localisation mapping metrics",
+        "Localisers and mappers under test, in their processes",
+    ),
     "runs": (
-        "calls geometry io kernels localisation mapping methods metrics",
+        "calls configuration geometry io kernels localisation mapping methods metrics",
         "A localiser or mapper over a complete source, and its files",
     ),
-    "source_setup": ("geometry io localisation mapping metrics tables", "The content of a source, and its `sfr.yaml`"),
-    "scoring": ("calls geometry io mapping metrics", "A score with its provenance from files, memory or topics"),
-    "doctor": ("geometry io source_setup", "The issues of an observed recording or graph"),
+    "source_setup": (
+        "configuration geometry io localisation mapping metrics tables",
+        "The content of a source, and its `sfr.yaml`",
+    ),
+    "scoring": (
+        "calls configuration geometry io mapping metrics",
+        "A score with its provenance from files, memory or topics",
+    ),
+    "doctor": ("configuration geometry io source_setup", "The issues of an observed recording or graph"),
     "evidence": (
-        "calls faults geometry io kernels localisation mapping metrics runs tables",
+        "calls configuration faults geometry io kernels localisation mapping metrics runs tables",
         "The consistency of runs that should agree, without a ground truth",
     ),
     "nodes": (
-        "calls geometry io kernels localisation mapping metrics ros scoring",
+        "calls configuration geometry io kernels localisation mapping metrics ros scoring",
         "The three nodes, from a message to a result, and their processes",
     ),
     "graph": ("doctor geometry io ros", "Programs that observe or record a running graph"),
     "live": (
-        "calls geometry io localisation mapping metrics nodes report ros tables",
+        "calls configuration geometry io localisation mapping metrics nodes report ros tables",
         "Views of a run in progress, and their connection to the nodes",
     ),
     "replay": (
-        "calls geometry io live localisation mapping methods metrics nodes ros runs scoring",
+        "calls configuration geometry io live localisation mapping methods metrics nodes ros runs scoring",
         "A source that is played to the nodes, and the score of their results",
     ),
     "bench": ("faults geometry io localisation mapping methods metrics runs", "Benchmarks, one drive after the other"),
     "suite": (
-        "calls evidence faults geometry io localisation mapping methods metrics report runs scoring simulation tables",
+        "calls configuration evidence faults geometry io localisation mapping methods metrics report runs "
+        "scoring simulation tables",
         "Many runs on Dask, and their pooled results",
     ),
     "cli": (
-        "bench calls doctor evidence faults geometry graph io live localisation mapping methods metrics nodes "
-        "replay report ros runs scoring simulation source_setup suite tables",
+        "bench calls configuration doctor evidence faults geometry graph io live localisation mapping methods "
+        "metrics nodes replay report ros runs scoring simulation source_setup suite tables",
         "The subcommands of `sfr`",
     ),
     "__main__": ("cli", "`python -m sfr_loc_map`"),
-    "api_types": ("calls geometry io localisation metrics report tables", "The types of the Python interface"),
+    "api_types": (
+        "calls configuration geometry io localisation metrics report tables",
+        "The types of the Python interface",
+    ),
     "api": (
-        "api_types calls geometry io localisation mapping methods metrics runs scoring",
+        "api_types calls configuration geometry io localisation mapping methods metrics runs scoring",
         "The functions of Python users",
     ),
 }

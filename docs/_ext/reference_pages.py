@@ -62,7 +62,7 @@ def _prose(text: str) -> str:
 
 def parameters() -> str:
     """Return the parameters of the three nodes, then those of the simulator."""
-    from sfr_loc_map.config import parameters as declared
+    from sfr_loc_map.configuration.parameters import parameters as declared
     from sfr_loc_map.nodes.parameter_files import FILES
     from sfr_loc_map.simulation.config import SimulationConfig
 
@@ -77,8 +77,8 @@ def parameters() -> str:
 
 def configuration() -> str:
     """Return the keys of `sfr.yaml` that say how a source is read, section by section."""
-    from sfr_loc_map.config import parameters as declared
-    from sfr_loc_map.config_file import Configuration
+    from sfr_loc_map.configuration.parameters import parameters as declared
+    from sfr_loc_map.configuration.sections import Configuration
     from sfr_loc_map.io.source_config import SourceConfig
 
     parts = []

@@ -19,7 +19,7 @@ from sfr_loc_map.cli.options import (
     require_ros,
 )
 from sfr_loc_map.cli.output import check_outputs
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.sections import Configuration
 
 
 @app.command(epilog=examples("sfr doctor", "sfr doctor --namespace rover1 --seconds 5"))

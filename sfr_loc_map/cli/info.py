@@ -22,7 +22,7 @@ from sfr_loc_map.cli.options import (
     given_words,
 )
 from sfr_loc_map.cli.output import check_outputs, progress_bar, say
-from sfr_loc_map.config_file import Configuration, is_ros_parameter_file
+from sfr_loc_map.configuration.sections import Configuration, is_ros_parameter_file
 from sfr_loc_map.errors import ConfigError, InputError
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from sfr_loc_map.cli.options import (
     refuse_given,
 )
 from sfr_loc_map.cli.output import check_outputs, make_folder, say
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import FailedVerdictError
 
 

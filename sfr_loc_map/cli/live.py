@@ -10,8 +10,8 @@ from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.former import FormerArgument, check_live
 from sfr_loc_map.cli.live_option import PortOption, require_live
 from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, RosRemapOption, refuse_given, require_ros
-from sfr_loc_map.config import build
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.parameters import build
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import InterruptedRunError
 from sfr_loc_map.live.config import DEFAULT_HOST, DEFAULT_PORT, LiveConfig
 

@@ -16,8 +16,8 @@ import yaml
 from typer import Argument, Context, Option
 
 from sfr_loc_map.cli.output import say
-from sfr_loc_map.config import build
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.parameters import build
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError, MissingExtraError
 from sfr_loc_map.json_yaml import parse_yaml
 from sfr_loc_map.suite_names import OURS, Task

@@ -38,7 +38,7 @@ from sfr_loc_map.cli.options import (
 )
 from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude, present
-from sfr_loc_map.config_file import is_ros_parameter_file
+from sfr_loc_map.configuration.sections import is_ros_parameter_file
 from sfr_loc_map.errors import InterruptedRunError
 from sfr_loc_map.live.config import DEFAULT_PORT
 from sfr_loc_map.localisation.config import LocalisationConfig

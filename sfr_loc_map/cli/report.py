@@ -31,7 +31,7 @@ from sfr_loc_map.cli.output import (
     warn,
 )
 from sfr_loc_map.cli.verdict import conclude_all, say_deviations, write_junit
-from sfr_loc_map.config import build
+from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.config import AlignedErrorConfig

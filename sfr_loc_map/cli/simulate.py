@@ -18,8 +18,8 @@ from sfr_loc_map.cli.options import (
     refuse_given,
 )
 from sfr_loc_map.cli.output import output_folder, pairs_progress, progress_bar, say
-from sfr_loc_map.config import build, flatten
-from sfr_loc_map.config_yaml import load_yaml
+from sfr_loc_map.configuration.parameters import build, flatten
+from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault
 from sfr_loc_map.simulation.config import SimulationConfig

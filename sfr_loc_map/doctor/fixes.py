@@ -6,7 +6,7 @@ import shlex
 from dataclasses import replace
 from pathlib import Path
 
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.observation import observe
 from sfr_loc_map.errors import SfrError

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.evidence import kinds
 from sfr_loc_map.evidence.calibration import Advice

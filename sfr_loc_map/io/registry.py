@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from sfr_loc_map.config import changed
+from sfr_loc_map.configuration.parameters import changed
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import check_exists, check_regular, refusing

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import get_type_hints
 
-from sfr_loc_map.config import changed, param
-from sfr_loc_map.config_file import SECTIONS, Configuration
+from sfr_loc_map.configuration.parameters import changed, param
+from sfr_loc_map.configuration.sections import SECTIONS, Configuration
 from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import flatten, is_empty, suggestion
-from sfr_loc_map.config_file import SECTIONS, Configuration, Key, check_form, check_one_name
+from sfr_loc_map.configuration.parameters import flatten, is_empty, suggestion
+from sfr_loc_map.configuration.sections import SECTIONS, Configuration, Key, check_form, check_one_name
 from sfr_loc_map.errors import ConfigError, SfrError, naming_key
 from sfr_loc_map.inputs import parent_of
 from sfr_loc_map.io.bag.files import is_bag

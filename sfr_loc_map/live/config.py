@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 from dataclasses import dataclass
 
-from sfr_loc_map.config import param
+from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import ConfigError
 
 DEFAULT_HOST = "127.0.0.1"

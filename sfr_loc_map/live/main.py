@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from sfr_loc_map.config import build
+from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.live.config import LiveConfig
 from sfr_loc_map.live.server import LiveServer, serve_until_signal

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from sfr_loc_map.config import param
+from sfr_loc_map.configuration.parameters import param
 
 
 @dataclass(frozen=True, slots=True)

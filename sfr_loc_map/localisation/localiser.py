@@ -81,7 +81,7 @@ from dataclasses import replace
 import numpy as np
 
 from sfr_loc_map import __version__
-from sfr_loc_map.config import checked
+from sfr_loc_map.configuration.parameters import checked
 from sfr_loc_map.errors import LocalisationError
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE

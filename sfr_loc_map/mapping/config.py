@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from sfr_loc_map.config import param
+from sfr_loc_map.configuration.parameters import param
 
 MAX_PAIRS = 3  #: Maximum number of stereo pairs of one map [1.3].
 

@@ -66,7 +66,7 @@ from dataclasses import replace
 import numpy as np
 
 from sfr_loc_map import __version__
-from sfr_loc_map.config import checked
+from sfr_loc_map.configuration.parameters import checked
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig, check_rig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.calibration_sigma import largest_of, sigma_of_calibration

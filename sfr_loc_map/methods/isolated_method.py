@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from types import MappingProxyType
 from typing import Self, TypeVar
 
-from sfr_loc_map.config import checked
+from sfr_loc_map.configuration.parameters import checked
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform

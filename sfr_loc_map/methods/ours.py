@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sfr_loc_map.config import build
+from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.json_yaml import parse_yaml

@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from sfr_loc_map import __version__
-from sfr_loc_map.config import param
+from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.inputs import missing, read_text, refusing
 from sfr_loc_map.methods.own_code import code_sha256, has_module

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from sfr_loc_map.config import build, check_parameters, param
+from sfr_loc_map.configuration.parameters import build, check_parameters, param
 from sfr_loc_map.errors import ConfigError, naming_key
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 

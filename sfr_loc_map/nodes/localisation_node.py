@@ -20,7 +20,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
 from sfr_loc_map.calls.call_record import call_of_estimate
-from sfr_loc_map.config import param
+from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform

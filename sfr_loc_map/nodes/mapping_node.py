@@ -18,7 +18,7 @@ from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.calls.call_record import call_of_fusion, call_of_stages, mapping_call
-from sfr_loc_map.config import param
+from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform

@@ -23,7 +23,7 @@ from std_msgs.msg import String
 
 from sfr_loc_map import __version__
 from sfr_loc_map.calls.call_record import decode_call
-from sfr_loc_map.config import param
+from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
 from sfr_loc_map.inputs import MAX_TEXT_BYTES
 from sfr_loc_map.io.calibration.rectification import rig_of_rectified_infos

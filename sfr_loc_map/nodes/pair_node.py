@@ -12,7 +12,7 @@ from typing import TypeVar
 from std_msgs.msg import String
 
 from sfr_loc_map.calls.call_record import CallRecord, encode_call
-from sfr_loc_map.config import param
+from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.message_types import Level

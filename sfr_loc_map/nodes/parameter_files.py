@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.atomic import write_text
-from sfr_loc_map.config_yaml import to_yaml_lines
+from sfr_loc_map.configuration.yaml_file import to_yaml_lines
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import changed
-from sfr_loc_map.config_nodes import node_parameters
+from sfr_loc_map.configuration.nodes import node_parameters
+from sfr_loc_map.configuration.parameters import changed
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.truth.config import TrackedBodyConfig
 from sfr_loc_map.mapping.config import MAX_PAIRS

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import changed
+from sfr_loc_map.configuration.parameters import changed
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.io.message_stream import begin_of
 from sfr_loc_map.io.sequence import Source

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from sfr_loc_map.config import flatten
+from sfr_loc_map.configuration.parameters import flatten
 from sfr_loc_map.metrics.conditions import shortest
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score.score import Score

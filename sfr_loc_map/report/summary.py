@@ -12,7 +12,7 @@ from operator import itemgetter
 from pathlib import PurePath
 from typing import NamedTuple
 
-from sfr_loc_map.config import flatten
+from sfr_loc_map.configuration.parameters import flatten
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import VerdictState

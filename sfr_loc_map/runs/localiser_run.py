@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate
-from sfr_loc_map.config import changed
+from sfr_loc_map.configuration.parameters import changed
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from sfr_loc_map.calls.call_record import CallRecord, call_of_fusion, call_of_stages, mapping_call
-from sfr_loc_map.config import changed
+from sfr_loc_map.configuration.parameters import changed
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig

@@ -8,7 +8,7 @@ from dataclasses import replace
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.calls.call_stats import method_under_test
-from sfr_loc_map.config import flatten
+from sfr_loc_map.configuration.parameters import flatten
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of

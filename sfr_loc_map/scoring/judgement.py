@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.score.limits import Limits

@@ -6,7 +6,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from sfr_loc_map.config import param
+from sfr_loc_map.configuration.parameters import param
 
 MAX_CRATER_DENSITY = 0.057
 """Largest density of craters, 1/m^2. At 1 / (0.75 * 4.8^2) = 0.058, every cell of a size class has its one crater."""

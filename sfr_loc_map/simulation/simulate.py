@@ -25,8 +25,8 @@ import yaml
 from sfr_loc_map import __version__, geometry
 from sfr_loc_map.atomic import atomic_path, make_folder
 from sfr_loc_map.child_process import end_with_parent
-from sfr_loc_map.config import build, flatten
-from sfr_loc_map.config_yaml import load_yaml
+from sfr_loc_map.configuration.parameters import build, flatten
+from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import ConfigError, OutputError
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import read_text

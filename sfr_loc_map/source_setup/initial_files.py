@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sfr_loc_map.config_file import Key
-from sfr_loc_map.config_yaml import to_yaml_lines
+from sfr_loc_map.configuration.sections import Key
+from sfr_loc_map.configuration.yaml_file import to_yaml_lines
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.judging.limits_template import CONDITION, active_limits, is_edited, limits_text

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
-from sfr_loc_map.config import build, flatten
-from sfr_loc_map.config_file import NOTHING_GIVEN, Configuration, Key
-from sfr_loc_map.config_yaml import yaml_text
+from sfr_loc_map.configuration.parameters import build, flatten
+from sfr_loc_map.configuration.sections import NOTHING_GIVEN, Configuration, Key
+from sfr_loc_map.configuration.yaml_file import yaml_text
 from sfr_loc_map.errors import ConfigError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.trajectory import Truth

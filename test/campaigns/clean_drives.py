@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import binomtest, spearmanr
 
-from sfr_loc_map.config import build
-from sfr_loc_map.config_yaml import load_yaml
+from sfr_loc_map.configuration.parameters import build
+from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.evidence.check import DriveCheck, check_drive
 from sfr_loc_map.evidence.check_result import CheckResult
 from sfr_loc_map.geometry.trajectory import Trajectory

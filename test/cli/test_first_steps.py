@@ -10,8 +10,8 @@ import pytest
 from helpers import broken_sources as broken
 from helpers.cli_result import Sfr
 from helpers.made_scores import whole_score
-from sfr_loc_map.config import parameters
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.parameters import parameters
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits

@@ -11,8 +11,8 @@ import pytest
 
 from helpers import broken_sources as broken
 from helpers.cli_result import Sfr
-from sfr_loc_map import config_file
 from sfr_loc_map.cli.output import output_folder
+from sfr_loc_map.configuration import sections
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
@@ -125,8 +125,8 @@ def test_a_command_reads_the_configuration_once_and_reports_the_file_beside_the_
     config = out / "other.yaml" if given else source / "sfr.yaml"
     config.write_text("truth:\n  sigma_m: 0.01\n")
     read: list[Path] = []
-    real = config_file.load_yaml
-    monkeypatch.setattr(config_file, "load_yaml", lambda path: read.append(path) or real(path))
+    real = sections.load_yaml
+    monkeypatch.setattr(sections, "load_yaml", lambda path: read.append(path) or real(path))
     options = ("--config", config) if given else ()
     result = sfr(*(word.format(tum=tum, source=source, out=out) for word in words), *options)
     assert read == [config]

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.doctor import fixes
 from sfr_loc_map.issues import Cause, Issue
 

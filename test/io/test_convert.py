@@ -17,7 +17,7 @@ from helpers.made_worlds import (
     make_world,
     write_folder,
 )
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.hashes import hash_path

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
 from sfr_loc_map.io.source_settings import config_beside, source_config, truth_config, with_settings

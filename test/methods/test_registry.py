@@ -13,7 +13,7 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, loc_pair, true_pose
 from sfr_loc_map import __version__
 from sfr_loc_map.bench.method_benchmark import methods_to_compare
-from sfr_loc_map.config import parameters
+from sfr_loc_map.configuration.parameters import parameters
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig

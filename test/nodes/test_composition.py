@@ -10,7 +10,7 @@ from helpers import ROOT
 from helpers.made_scene import LOC_RIG
 from helpers.manager import Capture, LocalNode, Manager
 from helpers.node_scenes import MOUNT, params, send_infos
-from sfr_loc_map.config import param
+from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 
 PAGE = ROOT / "docs" / "nodes.md"

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from helpers.made_scene import compressed_bag
-from sfr_loc_map.config import build
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.parameters import build
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.nodes.launch.ros_arguments import arguments_of_config, topic_rules

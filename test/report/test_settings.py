@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 
 from helpers.made_scores import whole_score
-from sfr_loc_map.config import flatten
+from sfr_loc_map.configuration.parameters import flatten
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain

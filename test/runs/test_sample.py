@@ -7,8 +7,8 @@ import pytest
 
 from helpers import ROOT
 from helpers.hazard_truth import hazard_accuracy
-from sfr_loc_map.config import build
-from sfr_loc_map.config_yaml import load_yaml
+from sfr_loc_map.configuration.parameters import build
+from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping.config import MappingConfig

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from sfr_loc_map.config import build
+from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.simulation.config import SimulationConfig
 
 SMALL = {

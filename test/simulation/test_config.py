@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from sfr_loc_map.config import build, flatten
+from sfr_loc_map.configuration.parameters import build, flatten
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.simulate import lists_of, render_jobs, rendered

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.config import build
+from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.simulation.config import SensorConfig
 from sfr_loc_map.simulation.sensor import sensor_image

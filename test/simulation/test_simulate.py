@@ -14,8 +14,8 @@ import psutil
 import pytest
 
 from helpers.cli_result import Sfr
-from sfr_loc_map.config import build
-from sfr_loc_map.config_yaml import load_yaml
+from sfr_loc_map.configuration.parameters import build
+from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of, panorama_of

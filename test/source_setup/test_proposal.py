@@ -12,7 +12,7 @@ from helpers import broken_sources as broken
 from helpers.cli_result import Sfr
 from helpers.made_worlds import make_world
 from helpers.message_bags import write_messages
-from sfr_loc_map.config_file import Configuration, Key
+from sfr_loc_map.configuration.sections import Configuration, Key
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.source_config import SyncConfig

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sfr_loc_map.config import changed
+from sfr_loc_map.configuration.parameters import changed
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.geometry.extrinsics import RigInBody
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig

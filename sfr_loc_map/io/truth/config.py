@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sfr_loc_map.config import changed, param
+from sfr_loc_map.configuration.parameters import changed, param
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.transform import Transform
 

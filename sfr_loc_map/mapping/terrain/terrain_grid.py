@@ -17,7 +17,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.config import checked
+from sfr_loc_map.configuration.parameters import checked
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from sfr_loc_map.config import build, changed, check_parameters, param, parameters
+from sfr_loc_map.configuration.parameters import build, changed, check_parameters, param, parameters
 from sfr_loc_map.errors import ConfigError, GeometryError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_from_matrix, quat_multiply, quat_normalised, quat_rotate

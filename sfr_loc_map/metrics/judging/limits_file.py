@@ -10,8 +10,8 @@ from typing import Any
 from msgspec.structs import asdict
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.config import suggestion
-from sfr_loc_map.config_yaml import load_yaml
+from sfr_loc_map.configuration.parameters import suggestion
+from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.score.limits import (

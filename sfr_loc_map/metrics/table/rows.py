@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from sfr_loc_map.config import suggestion
+from sfr_loc_map.configuration.parameters import suggestion
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.conditions import Condition

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from sfr_loc_map.config import param
+from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos

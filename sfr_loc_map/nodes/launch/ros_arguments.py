@@ -10,9 +10,9 @@ from pathlib import Path
 
 import yaml
 
-from sfr_loc_map.config import changed
-from sfr_loc_map.config_file import Configuration
-from sfr_loc_map.config_nodes import node_parameters
+from sfr_loc_map.configuration.nodes import node_parameters
+from sfr_loc_map.configuration.parameters import changed
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import check_regular, refusing
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig

@@ -25,7 +25,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from sfr_loc_map.calls.call_record import CallRecord
-from sfr_loc_map.config import param
+from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.message_types import HealthKey, Level, StatusKind
 from sfr_loc_map.ros.messages import header_msg

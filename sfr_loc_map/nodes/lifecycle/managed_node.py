@@ -30,7 +30,7 @@ from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from sfr_loc_map.config import build, flatten, parameters
+from sfr_loc_map.configuration.parameters import build, flatten, parameters
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.message_stamps import JUMP_BACK_NS, NS_PER_S
 from sfr_loc_map.message_types import COMPILING, Level

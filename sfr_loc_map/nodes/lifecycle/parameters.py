@@ -14,7 +14,7 @@ from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
-from sfr_loc_map.config import ParamInfo, param
+from sfr_loc_map.configuration.parameters import ParamInfo, param
 from sfr_loc_map.nodes.lifecycle.diagnostics import HealthConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.ros.qos import RELIABILITIES

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from sfr_loc_map.config import build, flatten
-from sfr_loc_map.config_yaml import entries_by_name
+from sfr_loc_map.configuration.parameters import build, flatten
+from sfr_loc_map.configuration.yaml_file import entries_by_name
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import read_text, refusing

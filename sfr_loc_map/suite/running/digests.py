@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from sfr_loc_map import __version__
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.hashes import hash_path, visible_files
 from sfr_loc_map.io.source_config import SourceConfig

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from sfr_loc_map.config import build
+from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth

@@ -17,7 +17,7 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.calls.call_files import load_call_stats, save_stats
 from sfr_loc_map.child_process import child_environment, end_with_parent, ending_of
-from sfr_loc_map.config import build
+from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.errors import ConfigError, ExitCode, InputError, NodeError, SfrError
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import faulty

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfr_loc_map.atomic import atomic_path
-from sfr_loc_map.config import build
+from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.errors import InputError, MissingExtraError
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.simulation.config import SimulationConfig

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from sfr_loc_map.config import build, flatten
-from sfr_loc_map.config_yaml import load_yaml
+from sfr_loc_map.configuration.parameters import build, flatten
+from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import estimate_hash, file_state, files_hash, files_of_estimate, files_of_source

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import build, flatten, param, suggestion
-from sfr_loc_map.config_yaml import load_yaml
+from sfr_loc_map.configuration.parameters import build, flatten, param, suggestion
+from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import ConfigError, InputError, naming_key
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.message_text import alternatives

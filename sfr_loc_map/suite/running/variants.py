@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sfr_loc_map.config import build, flatten
-from sfr_loc_map.config_yaml import entries_by_name
+from sfr_loc_map.configuration.parameters import build, flatten
+from sfr_loc_map.configuration.yaml_file import entries_by_name
 from sfr_loc_map.errors import ConfigError, naming_key
 from sfr_loc_map.faults.kinds import parse_fault, with_amount
 from sfr_loc_map.simulation.config import SimulationConfig

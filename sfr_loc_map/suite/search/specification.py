@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import build, flatten, param
-from sfr_loc_map.config_yaml import entries_by_name, load_yaml
+from sfr_loc_map.configuration.parameters import build, flatten, param
+from sfr_loc_map.configuration.yaml_file import entries_by_name, load_yaml
 from sfr_loc_map.errors import ConfigError, naming_key
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault, with_amount
 from sfr_loc_map.message_text import alternatives

@@ -141,8 +141,8 @@ def _trajectory(name: str) -> tuple[Command, ...]:
 
 def plan_simulation(path: Path) -> None:
     """Read a scenario like `sfr simulate`, without rendering."""
-    from sfr_loc_map.config import build
-    from sfr_loc_map.config_yaml import load_yaml
+    from sfr_loc_map.configuration.parameters import build
+    from sfr_loc_map.configuration.yaml_file import load_yaml
     from sfr_loc_map.simulation.config import SimulationConfig
     from sfr_loc_map.simulation.plan import Plan
 

@@ -9,7 +9,7 @@ import pytest
 from campaigns.recordings.bags import Recording, add_static, nav_sat_fix
 from campaigns.recordings.drive import Drive, load_drive
 from campaigns.recordings.rows import ROWS, Made
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.trajectory import Trajectory

@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from helpers import ROOT
-from sfr_loc_map.config import flatten
+from sfr_loc_map.configuration.parameters import flatten
 from sfr_loc_map.nodes.parameter_files import FILES, parameter_file
 
 CONFIG = ROOT / "config"

@@ -13,7 +13,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sfr_loc_map.config import MAPPING, is_empty, suggestion
+from sfr_loc_map.configuration.parameters import MAPPING, is_empty, suggestion
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.suite_names import MONITOR_NODE, SUITE_NODES, Task

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from sfr_loc_map.config import MAPPING, build, flatten, is_empty, suggestion
-from sfr_loc_map.config_nodes import NODE_SECTIONS, has_nodes, sections_of_nodes
-from sfr_loc_map.config_yaml import load_yaml
+from sfr_loc_map.configuration.nodes import NODE_SECTIONS, has_nodes, sections_of_nodes
+from sfr_loc_map.configuration.parameters import MAPPING, build, flatten, is_empty, suggestion
+from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import ConfigError, naming_key
 
 C = TypeVar("C")

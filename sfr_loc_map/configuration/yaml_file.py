@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from sfr_loc_map.config import ParamInfo, parameters
+from sfr_loc_map.configuration.parameters import ParamInfo, parameters
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import read_text
 from sfr_loc_map.json_yaml import parse_yaml

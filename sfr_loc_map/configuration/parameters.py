@@ -2,8 +2,6 @@
 
 The metadata of a field from `param` contain unit, range and description. `flatten` returns the dotted names that ROS
 parameters and YAML files use. `build` constructs the dataclass from such names and rejects unknown names.
-`config_yaml` reads and writes the YAML of parameters. `config_file` reads the sections of `sfr.yaml`, and
-`config_nodes` relates them to the parameters of nodes.
 """
 
 from __future__ import annotations
