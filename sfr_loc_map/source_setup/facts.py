@@ -21,7 +21,7 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import counted
-from sfr_loc_map.source_setup.topic_guess import seen_topics
+from sfr_loc_map.source_setup.seen_topics import seen_topics
 from sfr_loc_map.tables.model import Cell, Column, Table
 
 GAP = 1.5  #: Longest time between two pairs, in periods, that is not a gap.

@@ -16,11 +16,12 @@ from sfr_loc_map.errors import ConfigError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.bag.bag import Bag, Topic
+from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.bag.poses import read_frame_tree
 from sfr_loc_map.io.calibration.calibration_file import CalibrationError
 from sfr_loc_map.io.layouts.bag_rig import image_name
 from sfr_loc_map.io.layouts.bag_source import BagLocSequence
-from sfr_loc_map.io.registry import format_of, open_source
+from sfr_loc_map.io.registry import format_of, open_source, read_truth
 from sfr_loc_map.io.sequence import LocSequence, SourceFormat
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 from sfr_loc_map.io.source_settings import FILE_SETTINGS, copied
@@ -29,7 +30,8 @@ from sfr_loc_map.io.truth.of_bag import could_be_truth
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 from sfr_loc_map.metrics.config import SPACING_FRAMES
-from sfr_loc_map.source_setup.topic_guess import guess_topics, seen_topics
+from sfr_loc_map.source_setup.seen_topics import seen_topics
+from sfr_loc_map.source_setup.topic_guess import guess_topics
 from sfr_loc_map.stamp_pairing import MAX_TOLERANCE_S, below_half_period, nearest_stamps
 from sfr_loc_map.suite_names import SIDES, Task
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
@@ -155,20 +157,28 @@ def propose_config(source: Path, given: Configuration, before: Configuration = N
     except CalibrationError:
         raise
     except SfrError as error:  # if values are missing, they are the cause, and the error is not reported
+        _check_given_truth(source, given, proposal.config)
         return proposal if proposal.missing else proposal.adding(Findings(missing=(str(error),)))
     if loc is None:
+        _check_given_truth(source, given, proposal.config)
         return proposal
     proposal = proposal.adding(_extrinsics(loc, proposal.config))
     try:
         truth = loc.ground_truth
     except SfrError as error:
-        if {"source", "frame"} & given.section("truth").keys():
-            raise
+        _check_given_truth(source, given, proposal.config)
         return proposal.adding(Findings(missing=(str(error),)))
     if truth is None and recorded is not None:
         text = f"no truth: a score requires --set truth.source=TOPIC or FILE{could_be_truth(recorded)}"
         return proposal.adding(Findings(remarks=(text,)))
     return proposal if truth is None or len(truth) < 2 else _with_truth(proposal, truth, loc.stamps_ns)
+
+
+def _check_given_truth(source: Path, given: Configuration, config: SourceConfig) -> None:
+    """Raise the error of a given truth that is invalid or corrupt, also if the images of the source cannot be read."""
+    truth = given.section("truth")
+    if truth.get("source") or (truth.get("frame") and is_bag(source)):
+        read_truth(source, config)
 
 
 def _with_topics_and_stamps(proposal: Proposal, recorded: Bag) -> Proposal:

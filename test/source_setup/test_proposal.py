@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +41,16 @@ def raw_stereo(path: Path, late_ns: int = 40_000_000) -> Path:
             message = messages.image(recorded_ns + offset_ns, image, "loc", side)
             entries.append((f"/loc/{side}/image_raw", recorded_ns, message))
     return write_messages(path, entries)
+
+
+def bag_of_a_drive(path: Path) -> Path:
+    return broken.good_bag(path.with_suffix(".mcap"))
+
+
+def only_mapping_pairs(path: Path) -> Path:
+    folder = broken.good_folder(path)
+    shutil.rmtree(folder / "loc")
+    return folder
 
 
 def test_a_given_baseline_is_not_missing(tmp_path: Path) -> None:
@@ -116,9 +128,22 @@ def test_right_images_that_are_half_a_period_late_are_not_paired(tmp_path: Path)
     assert any("sync.right_offset_s" in text for text in found.missing)
 
 
-def test_a_wrong_given_truth_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="neither a file nor a topic"):
-        propose_config(broken.good_bag(tmp_path / "x.mcap"), Configuration(None, {"truth": {"source": "/none"}}))
+@pytest.mark.parametrize("make", [bag_of_a_drive, broken.good_folder, raw_stereo, only_mapping_pairs])
+@pytest.mark.parametrize(
+    ("truth", "words"),
+    [
+        ("/none", "neither a file nor a topic"),
+        ("missing.csv", "neither a file nor a topic"),
+        ("corrupt.csv", "corrupt.csv' line 3 has 1 column"),
+        ("empty.csv", "empty.csv' has no pose"),
+    ],
+)
+def test_a_wrong_given_truth_is_refused(tmp_path: Path, make: Callable[[Path], Path], truth: str, words: str) -> None:
+    (tmp_path / "corrupt.csv").write_text("stamp_ns,x,y,z\n1,2,3,4\nx\n")
+    (tmp_path / "empty.csv").write_text("")
+    source = truth if truth.startswith("/") else str(tmp_path / truth)
+    with pytest.raises(InputError, match=words):
+        propose_config(make(tmp_path / "x"), Configuration(None, {"truth": {"source": source}}))
 
 
 def test_findings_keep_what_is_given() -> None:

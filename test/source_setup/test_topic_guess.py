@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfr_loc_map.io.truth.names import is_own
-from sfr_loc_map.source_setup.topic_guess import Guess, SeenTopic, guess_topics
+from sfr_loc_map.source_setup.seen_topics import SeenTopic
+from sfr_loc_map.source_setup.topic_guess import Guess, guess_topics
 
 KINDS = {
     "Image": "sensor_msgs/msg/Image",
