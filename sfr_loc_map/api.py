@@ -11,6 +11,7 @@ import os
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, TypeVar, overload
 
@@ -37,14 +38,13 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.methods.registry import config_text, find_method
-from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.runs.drive_start import start_pose, unstamped_start_warning
 from sfr_loc_map.runs.localiser_run import Step, localiser_steps, run_localiser
 from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.runs.under_test import UnderTest
-from sfr_loc_map.scoring.inputs import InMemory, Run, ScoreInputs
+from sfr_loc_map.scoring.inputs import InMemory, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.request import ScoreRequest
 from sfr_loc_map.suite_names import OURS, Task
@@ -132,7 +132,7 @@ def localise(
     is_named = isinstance(start, str) and start in ("identity", "truth")
     if not is_named and not isinstance(start, Transform | StartPose):
         required = "'identity', 'truth' or a pose of RB in DS (Transform) is required"
-        raise ConfigError(one_line(f"start is {start!r:.60}: {required}"))
+        raise ConfigError(one_line(f"'start' is {start!r:.60}: {required}"))
     with naming(opened.path):
         first = start_pose(drive, start) if isinstance(start, str) else StartPose.of(start)
     how = _parameters_or_method(LocalisationConfig, Task.LOCALISATION, method, config, opened)
@@ -246,28 +246,30 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
     _check_flag("apply_diagnosis", apply_diagnosis)
     if fused is not None:
         _check_flag("fused", fused)
-    request = ScoreRequest.of(
-        _conditions(conditions),
-        _limits(limits),
-        spacing=spacing,
-        rebase=rebase,
-        partial=partial,
-        frames=frames,
-        associate=associate,
-        max_gap=max_gap,
-        scored_range=scored_range,
-        align=align,
-        max_difference=max_difference,
-        rpe_delta=rpe_delta,
-        convention=_texts("convention", convention),
-        apply_diagnosis=apply_diagnosis,
-    )
+    of_trajectories: dict[str, Any] = {
+        "spacing": spacing,
+        "rebase": rebase,
+        "partial": partial,
+        "frames": frames,
+        "associate": associate,
+        "max_gap": max_gap,
+        "align": align,
+        "max_difference": max_difference,
+        "rpe_delta": rpe_delta,
+        "convention": _texts("convention", convention),
+        "apply_diagnosis": apply_diagnosis,
+    }
+    wanted = _conditions(conditions)
+    request = ScoreRequest.of(wanted, _limits(limits), scored_range=scored_range, **of_trajectories)
     inputs, in_memory = _inputs(estimate, truth, [path_of(file, "stats") for file in _items(stats)])
+    if inputs.estimate is None and in_memory.estimate is None:
+        _refuse_given({"conditions": wanted, **of_trajectories}, "trajectories: omit it for a cloud")
+    if inputs.cloud is None and in_memory.cloud is None:
+        _refuse_given({"scored_range": scored_range, "fused": fused}, "clouds: omit it for a trajectory")
     limits_file = None if limits is None or isinstance(limits, Mapping) else path_of(limits)
     run = load_run(replace(inputs, limits=limits_file), fused, in_memory)
     if run.drive is not None:
         _warn(*run.drive.notes)
-    _check_applies(request, fused, run)
     return api_types.Score.of(request.score(request.converted(run)))
 
 
@@ -301,16 +303,14 @@ def _truth_file(truth: PathLike | Source) -> Path:
     return path_of(truth, "truth", "a path, a Trajectory or an open source")
 
 
-def _check_applies(request: ScoreRequest, fused: bool | None, run: Run) -> None:
-    """Raise ConfigError if an argument differs from its default although it does not apply to the kind of estimate."""
-    is_of_trajectories = request.config.trajectory != TrajectoryScoreConfig() or request.aligned is not None
-    if run.drive is None and (is_of_trajectories or request.correction.is_wanted):
-        raise ConfigError(
-            "conditions, spacing, rebase, partial, frames, associate, max_gap, align, convention and apply_diagnosis "
-            "apply only to trajectories: omit them for a cloud"
-        )
-    if run.cloud is None and (request.config.map != MapScoreConfig() or fused is not None):
-        raise ConfigError("scored_range and fused apply only to clouds: omit them for a trajectory")
+def _refuse_given(arguments: Mapping[str, Any], kind: str) -> None:
+    """Raise ConfigError if a valid argument of `score` differs from its default, because it applies only to a kind."""
+    parameters = signature(score).parameters
+    for name, value in arguments.items():
+        default = parameters[name].default
+        found = tuple(value) if isinstance(default, tuple) else value
+        if found != default:
+            raise ConfigError(f"'{name}' applies only to {kind}")
 
 
 def _loaded(cloud: PointCloud) -> LoadedCloud:
@@ -340,12 +340,17 @@ def _limits(given: PathLike | Mapping[str, object] | None) -> Limits | None:
 def _conditions(given: Sequence[str] | None) -> Sequence[str] | None:
     texts = None if given is None else _texts("conditions", given)
     if texts is not None and not texts:
-        raise ConfigError("conditions is empty: give at least one, such as 'distance=5', or None for the default")
+        raise ConfigError("'conditions' is empty: give at least one, such as 'distance=5', or None for the default")
     return texts
 
 
 def _opened(source: SourceLike, config: object, method: str) -> api_types.Source:
-    """Return the open source; a path is opened with a `config` that is a file, if the file is not that of a method."""
+    """Return the open source; a path is opened with a `config` that is a file, if the file is not that of a method.
+
+    ConfigError, also if `method` is no text.
+    """
+    if not isinstance(method, str):
+        raise wrong_type("method", method, "the name of a method")
     is_file = method == OURS and isinstance(config, str | os.PathLike)
     if is_file and not isinstance(source, Source):
         return open(source, config=path_of(config))
@@ -354,8 +359,6 @@ def _opened(source: SourceLike, config: object, method: str) -> api_types.Source
 
 def _parameters_or_method(kind: type[C], task: Task, method: str, config: object, source: Source) -> C | UnderTest:
     """Return the parameters of our localiser or mapper, or another method with the text of its configuration file."""
-    if not isinstance(method, str):
-        raise wrong_type("method", method, "the name of a method")
     if method != OURS:
         text = config_text(None if config is None else path_of(config, "config"))
         return UnderTest(find_method(method, task, text), hidden=source.truth_paths())
@@ -382,14 +385,14 @@ def _texts(name: str, values: Sequence[str]) -> Sequence[str]:
     wrong = [text for text in texts if not isinstance(text, str)]
     if wrong:
         found = one_line(f"{wrong[0]!r:.60}")
-        raise ConfigError(f"{name} has {found}: strings are required, such as 'distance=5' or 'frame=left_optical'")
+        raise ConfigError(f"'{name}' has {found}: strings are required, such as 'distance=5' or 'frame=left_optical'")
     return texts
 
 
 def _check_flag(name: str, value: object) -> None:
     """Raise ConfigError with the name of the argument unless its value is a boolean: `"no"` would be true."""
     if not isinstance(value, bool | np.bool_):
-        raise ConfigError(f"{name} is {value!r:.60}: True or False is required")
+        raise ConfigError(one_line(f"'{name}' is {value!r:.60}: True or False is required"))
 
 
 # ---- results

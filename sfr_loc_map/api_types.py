@@ -24,7 +24,7 @@ from sfr_loc_map.atomic import write_text
 from sfr_loc_map.calls.call_files import save_stats
 from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate
 from sfr_loc_map.configuration.parameters import build, suggestion
-from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError, OutputError
+from sfr_loc_map.errors import ConfigError, GeometryError, InputError, MissingExtraError, OutputError
 from sfr_loc_map.geometry import cloud, trajectory
 from sfr_loc_map.io import sequence
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud, save_cloud
@@ -59,7 +59,7 @@ def path_of(value: object, name: str = "path", required: str = "a path") -> Path
     if not isinstance(value, str | os.PathLike):
         raise wrong_type(name, value, required)
     if "\0" in str(value):
-        raise ConfigError(f"{name} is {str(value)!r:.60}, which contains a NUL character: {required} is required")
+        raise ConfigError(f"'{name}' is {str(value)!r:.60}, which contains a NUL character: {required} is required")
     return Path(value)
 
 
@@ -113,6 +113,15 @@ class Trajectory(Shown, trajectory.Trajectory):
     records: tuple[CallRecord, ...] = ()
     method: MethodRecord | None = None  #: The method that estimated the poses; None if unknown.
 
+    def __post_init__(self) -> None:
+        """Check the poses and the number of calls; GeometryError if they are invalid."""
+        super().__post_init__()
+        if not isinstance(self.records, tuple) or len(self.records) not in (0, len(self)):
+            raise GeometryError(
+                f"records is {self.records!r:.60} for {len(self)} poses: a tuple with one call for each pose, or an "
+                "empty tuple, is required"
+            )
+
     @classmethod
     def from_estimates(cls, estimates: Iterable[PoseEstimate]) -> Self:
         """Return the poses of estimates, as `sfr.localise(..., live=True)` and `sfr.Localiser` return them.
@@ -159,10 +168,7 @@ class Trajectory(Shown, trajectory.Trajectory):
 
         ConfigError for a trajectory without calls, OutputError if the file cannot be written.
         """
-        if not self.records:
-            raise ConfigError("these poses have no calls: to_stats() requires a trajectory that sfr.localise returned")
-        methods = {} if self.method is None else {Task.LOCALISATION: self.method}
-        save_stats(path_of(path), self.records, methods, self)
+        _save_calls(path, "sfr.localise", Task.LOCALISATION, self)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a pandas DataFrame, one row per pose, indexed by `stamp_ns`; with `state` and `reason` if known."""
@@ -178,22 +184,24 @@ class Trajectory(Shown, trajectory.Trajectory):
     def plot(self, truth: trajectory.Trajectory | None = None, align: str = "none") -> Figure:
         """Return the path as a plotly figure, as in `sfr report`; with a ground truth, also the distance to it.
 
-        `align` is the alignment with the truth: `none`, `origin`, `se3` or `sim3`. ConfigError for another value,
-        MetricsError if the poses have no common stamps or cannot be aligned.
+        `align` is the alignment with the truth: `none`, `origin`, `se3` or `sim3`. ConfigError for another value, and
+        for an alignment without a truth. MetricsError if the poses have no common stamps or cannot be aligned.
         """
         from sfr_loc_map.report.path_plot import curves_of, path_plot
         from sfr_loc_map.report.plots import to_figure
 
         if truth is not None and not isinstance(truth, trajectory.Trajectory):
             raise wrong_type("truth", truth, "a Trajectory")
-        config = build(AlignedErrorConfig, {"align": align}, origin="align")
+        config = build(AlignedErrorConfig, {"align": align}, origin="")
+        if truth is None and config.align != "none":
+            raise ConfigError(f"'align' is '{align}', but no truth is given: give the truth, or omit align")
         return to_figure(path_plot(curves_of({"estimate": self}, truth, config)))
 
     def at_rows(self, rows: NDArray[np.intp]) -> Self:
         """Return the poses and calls in `rows`; the step of a call that does not follow its previous call is None."""
-        poses = super().at_rows(rows)
-        if len(self.records) != len(self):
-            return replace(poses, records=())
+        poses = trajectory.Trajectory.at_rows(replace(self, records=()), rows)
+        if not self.records:
+            return poses
         numbers = rows.tolist()
         calls = tuple(
             self.records[row] if row == before + 1 else replace(self.records[row], step=None)
@@ -250,6 +258,13 @@ class PointCloud(Shown, cloud.PointCloud):
         """Write the cloud: .ply, .pcd or .npz. OutputError for another suffix, or if the file cannot be written."""
         save_cloud(path_of(path), self)
 
+    def to_stats(self, path: PathLike) -> None:
+        """Write one row per call (time, memory, state) as `sfr map --stats` does.
+
+        ConfigError for a cloud without calls, OutputError if the file cannot be written.
+        """
+        _save_calls(path, "sfr.map", Task.MAPPING, self)
+
     def to_pandas(self) -> pandas.DataFrame:
         """Return a pandas DataFrame with one row per point."""
         structured = self.to_structured()
@@ -291,7 +306,9 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
 
     @classmethod
     def of(cls, found: score.Score) -> Self:
-        """Return a score of the lower layers as this type."""
+        """Return a score of the lower layers as this type; ConfigError for another object."""
+        if not isinstance(found, score.Score):
+            raise wrong_type("value", found, "a Score")
         return cls(**msgspec.structs.asdict(found))
 
     @property
@@ -388,6 +405,8 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         `sfr score --pieces` writes all sub-trajectories. ConfigError for another name of a table, MissingExtraError if
         pandas is not installed.
         """
+        if not isinstance(table, str):
+            raise wrong_type("table", table, "figures or sub_trajectories")
         if table == "figures":
             return data_frame({name: [row.as_dict()[name] for row in self.figures] for name in COLUMNS})
         if table != "sub_trajectories":
@@ -404,9 +423,11 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         from sfr_loc_map.report.score_plots import score_plots
 
         plots = {plot.name: plot for _, plots in score_plots(self._plain) for plot in plots}
-        chosen = next(iter(plots), None) if name is None else name
         if not plots:
             raise ConfigError("this score has no plots: it contains no data of a drive, a map or calls")
+        chosen = next(iter(plots)) if name is None else name
+        if not isinstance(chosen, str):
+            raise wrong_type("name", chosen, "the name of a plot, or None,")
         if chosen not in plots:
             raise ConfigError(f"this score has no plot '{chosen}': give one of {', '.join(plots)}")
         return to_figure(plots[chosen])
@@ -428,6 +449,14 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
 
         tables = "".join(to_html(table) for table in summary_tables(self._plain))
         return f"<b>{self.verdict or 'no verdict'}</b>{tables}"
+
+
+def _save_calls(path: PathLike, function: str, task: Task, result: Trajectory | PointCloud) -> None:
+    """Write the calls of a result of a function of this interface; ConfigError if the result has no calls."""
+    if not result.records:
+        raise ConfigError(f"the result has no calls: to_stats() requires a result of {function}")
+    methods = {} if result.method is None else {task: result.method}
+    save_stats(path_of(path), result.records, methods, result if isinstance(result, Trajectory) else None)
 
 
 def _check_name(kind: str, name: object, known: Collection[str]) -> None:

@@ -116,8 +116,11 @@ def naming(source: Path | str) -> Iterator[None]:
 
 @contextmanager
 def naming_key(origin: str) -> Iterator[None]:
-    """Add the file and the key to the errors of a parser that knows neither; raise each error as a ConfigError."""
+    """Add the file and the key to the errors of a parser that knows neither; raise each error as a ConfigError.
+
+    An empty origin adds nothing.
+    """
     try:
         yield
     except (ConfigError, MetricsError) as error:
-        raise ConfigError(f"{origin}: {error}") from error
+        raise ConfigError(f"{origin}: {error}" if origin else str(error)) from error

@@ -18,6 +18,7 @@ from sfr_loc_map.cli.options import (
     SourceArgument,
     SpacingOption,
     announced_config,
+    option_names,
     refuse_given,
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, counting, progress_bar, say, show
@@ -25,7 +26,6 @@ from sfr_loc_map.cli.verdict import check_conditions
 from sfr_loc_map.errors import FailedVerdictError, InputError, InterruptedRunError, NotJudgedError
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.suite_names import Task
 
 app = command_group("Compare methods on the same input in separate processes. Test ours with injected faults.")
@@ -50,7 +50,7 @@ def localise(
     vocabulary: Annotated[
         Path | None, Option("--vocab", metavar="F.txt", help="ORB-SLAM3 vocabulary (text file).")
     ] = None,
-    condition: ConditionOption = None,
+    conditions: ConditionOption = None,
     spacing: SpacingOption = 10,
     rate: Annotated[
         float | None,
@@ -73,11 +73,12 @@ def localise(
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.runs.drive_start import true_start
+    from sfr_loc_map.scoring.request import ScoreRequest
 
     propose("sfr localise SRC -o T.csv --stats S.csv --method NAME", why="runs one method, with files to score")
     if peer_python is None:
         refuse_given(context, ("vocabulary",), "is the vocabulary of ORB-SLAM3: give --peer-python PYTHON, too")
-    scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
+    scoring = ScoreRequest.of(conditions, spacing=spacing, called=option_names(context)).config.trajectory
     how = announced_config(source, config, remap)
     check_outputs(json_path, inputs=(source, how.given.path, vocabulary), overwrite=overwrite)
     opened = open_source(source, how)
@@ -131,6 +132,7 @@ def map_(
 
 @app.command(epilog=examples("sfr bench faults data/ --fault torn+noisy --json faults.json"))
 def faults(
+    context: Context,
     source: SourceArgument,
     fault: Annotated[
         list[str] | None,
@@ -139,8 +141,8 @@ def faults(
             help="Fault as in sfr simulate; + joins several faults; repeatable. Default: common faults.",
         ),
     ] = None,
-    condition: Annotated[
-        str, Option(metavar="distance=M|time=S|frames=N", help="End of a sub-trajectory.")
+    conditions: Annotated[
+        str, Option("--condition", metavar="distance=M|time=S|frames=N", help="End of a sub-trajectory.")
     ] = "distance=5",
     spacing: SpacingOption = 10,
     seed: Annotated[int, Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
@@ -157,11 +159,13 @@ def faults(
     from sfr_loc_map.bench.fault_benchmark import FAULTS, benchmark_faults
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.sequence import drive_of, without_truth
+    from sfr_loc_map.scoring.request import ScoreRequest
 
     propose("sfr simulate DST --from SRC --fault KIND:amount=A", why="writes the data with a single fault")
     how = announced_config(source, config, remap)
     check_outputs(json_path, inputs=(source, how.given.path), overwrite=overwrite)
     wanted = tuple(fault or FAULTS)
+    scoring = ScoreRequest.of([conditions], spacing=spacing, called=option_names(context)).config.trajectory
     opened = open_source(source, how)
     localiser = how.given.build(LocalisationConfig, "localisation")
     drive = drive_of(opened)
@@ -169,8 +173,7 @@ def faults(
         raise without_truth(source)
     if not drive.ground_truth.has_attitude:
         raise InputError(f"the ground truth of '{source}' has only positions: give a source that has true attitudes")
-    check_conditions(drive.ground_truth, (condition,), lenient=lenient)
-    scoring = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing)
+    check_conditions(drive.ground_truth, scoring.conditions, lenient=lenient)
     with progress_bar("faults") as bar:
         advance = counting(bar, "drives localised", len(wanted) + 1)
         result = benchmark_faults(drive, wanted, localiser, scoring, seed, advance)

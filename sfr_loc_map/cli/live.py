@@ -62,7 +62,8 @@ def live(
 
     if not terminal:
         require_live()
-    page = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="'--host', '--port', '--token'")
+    values = {"host": host, "port": port, "token": token}
+    page = build(LiveConfig, values, origin="", called={name: f"--{name}" for name in values})
     remaps = list(remap or ())
     if config is not None:
         remaps += remaps_of(SourceConfig.of(Configuration.read(config)))

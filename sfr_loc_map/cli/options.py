@@ -62,6 +62,11 @@ def given_words(context: Context, *names: str) -> list[str]:
     return words
 
 
+def option_names(context: Context) -> dict[str, str]:
+    """Return the names of the options of a command on the command line, such as `--max-gap`, by parameter."""
+    return {str(option.name): max(option.opts, key=len) for option in context.command.params}
+
+
 def _given(context: Context, names: Iterable[str]) -> Iterator[tuple[str, Any]]:
     """Yield the long name and the value of each of the parameters that was given, in the order of the help.
 
@@ -234,7 +239,8 @@ def method_under_test(
         refuse_given(context, of_others, "applies to a method under test, not to ours: give --method, or omit it")
         return None
     values = {"call_timeout_s": call_timeout_s, "memory_mb": memory_mb}
-    limits = build(MethodLimits, values, origin="'--call-timeout', '--memory-limit'")
+    called = {"call_timeout_s": "--call-timeout", "memory_mb": "--memory-limit"}
+    limits = build(MethodLimits, values, origin="", called=called)
     refuse_given(context, OF_OUR_METHOD[task], f"applies to our method: omit it with --method {name}")
     if name == EXTERNAL:
         raise ConfigError("'--method external': a node is scored by sfr replay SRC --external TASK")
@@ -247,6 +253,7 @@ LimitsOption = Annotated[Path | None, Option(metavar="F.yaml", help="Limits file
 ConditionOption = Annotated[
     list[str] | None,
     Option(
+        "--condition",
         metavar="distance=M|time=S|frames=N",
         rich_help_panel=TRAJECTORIES,
         show_default="distance=5",

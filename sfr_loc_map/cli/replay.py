@@ -33,6 +33,7 @@ from sfr_loc_map.cli.options import (
     StartOption,
     announced_config,
     of_panels,
+    option_names,
     refuse_given,
     require_ros,
 )
@@ -73,7 +74,7 @@ def replay(
     overwrite: OverwriteOption = False,
     start: StartOption = "identity",
     limits: LimitsOption = None,
-    condition: ConditionOption = None,
+    conditions: ConditionOption = None,
     partial: PartialOption = False,
     lenient: LenientOption = False,
     config: ConfigOption = None,
@@ -184,7 +185,7 @@ def replay(
         if opened.loc is None:
             of_drives = ("start", *of_panels(context, TRAJECTORIES))
             refuse_given(context, of_drives, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
-        by = Judgement.of(limits, condition, how.given)
+        by = Judgement.of(limits, conditions, how.given)
         check_data_set(opened, by.limits)
         request = ScoreRequest.of(
             by.conditions,
@@ -194,6 +195,7 @@ def replay(
             partial=partial,
             convention=convention or (),
             apply_diagnosis=apply_diagnosis,
+            called=option_names(context),
         )
         require_ros("replay")
         from sfr_loc_map.replay.options import ReplayOptions, first_pose, node_under_test, task_under_test

@@ -17,6 +17,7 @@ from sfr_loc_map.cli.options import (
     LenientOption,
     OverwriteOption,
     of_panels,
+    option_names,
     refuse_given,
     refuse_others,
 )
@@ -152,7 +153,8 @@ def report(
         case ResultKind.SUITES:
             _compare_suites(results, output, json_path)
         case ResultKind.TRAJECTORIES:
-            config = build(AlignedErrorConfig, {"align": align, "max_difference": max_difference}, origin="options")
+            settings = {"align": align, "max_difference": max_difference}
+            config = build(AlignedErrorConfig, settings, origin="", called=option_names(context))
             _draw(results, truth, config, output)
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from typer import Argument, Context, Option
 
@@ -35,6 +36,7 @@ from sfr_loc_map.cli.options import (
     columns_of,
     given_words,
     of_panels,
+    option_names,
     parse_settings,
     refuse_given,
     refuse_others,
@@ -54,8 +56,10 @@ from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig
 
 if TYPE_CHECKING:
+    from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.metrics.score.score import Score
     from sfr_loc_map.scoring.inputs import Run, ScoreInputs
+    from sfr_loc_map.scoring.request import ScoreRequest
 
 
 TABLE_SUFFIXES = (".parquet", ".csv")
@@ -83,7 +87,7 @@ def score(
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
     limits: LimitsOption = None,
-    condition: ConditionOption = None,
+    conditions: ConditionOption = None,
     stats: Annotated[
         list[Path] | None,
         Option(
@@ -212,24 +216,21 @@ def score(
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
-    from sfr_loc_map.io.source_config import DEFAULT_SOURCE
     from sfr_loc_map.io.source_settings import truth_config
-    from sfr_loc_map.scoring.assembly import with_conditions
     from sfr_loc_map.scoring.inputs import ScoreInputs
     from sfr_loc_map.scoring.judgement import Judgement
-    from sfr_loc_map.scoring.load import load_run
     from sfr_loc_map.scoring.request import ScoreRequest
 
     found = ScoreInputs.of(estimate, truth, stats)
-    is_configured = config_file is not None or truth.is_dir() or is_bag(truth)
-    how = announced_config(truth, config_file) if is_configured else DEFAULT_SOURCE
-    by = Judgement.of(limits, condition, how.given)
-    read = (estimate, truth, how.given.path, by.limits_file, *found.stats, target_timing)
-    check_suffix(html, HTML_SUFFIXES)
-    for table in (points, pieces):
-        check_suffix(table, TABLE_SUFFIXES)
-    check_outputs(json_path, html, junit, points, pieces, inputs=read, overwrite=overwrite)
     _check_options(context, found)
+    how = _configuration_of_truth(truth, config_file)
+    by = Judgement.of(limits, conditions, how.given)
+    of_estimate, of_truth = columns_of(columns)
+    configured = truth_config(truth, how, parse_settings(settings), of_truth)
+    inputs = replace(found, columns=of_estimate, config=configured, limits=by.limits_file)
+    inputs = _measured_on(inputs, target, target_timing, target_run)
+    outputs = _Outputs(json_path, html, junit, points, pieces)
+    outputs.check((estimate, truth, *inputs.paths), overwrite=overwrite)
     request = ScoreRequest.of(
         by.conditions,
         by.limits,
@@ -245,31 +246,24 @@ def score(
         rpe_delta=rpe_delta,
         convention=convention or (),
         apply_diagnosis=apply_diagnosis,
-    )
-    of_estimate, of_truth = columns_of(columns)
-    inputs = replace(
-        found,
-        columns=of_estimate,
-        config=truth_config(truth, how, parse_settings(settings), of_truth),
-        limits=by.limits_file,
+        called=option_names(context),
     )
     if diagnose:
         _diagnose(inputs, request.config, json_path, lenient=lenient)
         return
-    inputs = _measured_on(inputs, target, target_timing, target_run)
-    loaded = load_run(inputs, fused, command=shlex.join(["sfr", *sys.argv[1:]]))
-    for note in () if loaded.drive is None else loaded.drive.notes:
-        say(note, err=True)
-    run = request.converted(loaded)
-    if points is not None and (run.cloud is None or run.cloud.loaded.cloud is None):
-        raise ConfigError("'--points' writes errors of map points: give a cloud with the pixel and pair of each point")
-    result = request.score(run)
-    present(result, json_path, html)
-    _write_secondary(result, run, with_conditions(request.config, by.limits), junit, points, pieces)
+    result = _scored(inputs, request, outputs, fused)
     _propose_next(context, result)
     conclude(result, by.asked, lenient=lenient)
     if junit is not None and not result.is_judged:
         not_judged([NO_LIMITS], lenient=lenient)
+
+
+def _configuration_of_truth(truth: Path, config_file: Path | None) -> SourceConfig:
+    """Return how the truth is read; a file of poses uses no `sfr.yaml` beside it."""
+    from sfr_loc_map.io.source_config import DEFAULT_SOURCE
+
+    is_configured = config_file is not None or truth.is_dir() or is_bag(truth)
+    return announced_config(truth, config_file) if is_configured else DEFAULT_SOURCE
 
 
 def _check_options(context: Context, given: ScoreInputs) -> None:
@@ -298,25 +292,57 @@ def _measured_on(inputs: ScoreInputs, target: str | None, timing: Path | None, r
     return replace(inputs, target_run=run)
 
 
-def _write_secondary(
-    result: Score, run: Run, config: ScoreConfig, junit: Path | None, points: Path | None, pieces: Path | None
-) -> None:
-    """Write the verdicts as JUnit XML and the tables of points and sub-trajectories, if requested."""
-    from sfr_loc_map.io.tables.table_file import save_table
-    from sfr_loc_map.metrics.errors.point_errors import points_table
-    from sfr_loc_map.metrics.errors.trajectory_score import sub_trajectory_table
+class _Outputs(NamedTuple):
+    """Files that the command writes; None if a file is not requested. The JSON may be standard output."""
 
-    if junit is not None:
-        with secondary_output():
-            write_junit([result], junit)
-    if points is not None and run.cloud is not None and run.cloud.loaded.cloud is not None:
-        with secondary_output():
-            save_table(points, points_table(run.cloud.loaded.cloud, run.cloud.truths))
-    if pieces is not None and run.drive is not None:
-        with secondary_output():
-            drive = run.drive
-            table = sub_trajectory_table(drive.estimates, drive.truth, config.trajectory, drive.image_stamps_ns)
-            save_table(pieces, table)
+    json: str | None
+    html: Path | None
+    junit: Path | None
+    points: Path | None
+    pieces: Path | None
+
+    def check(self, inputs: Sequence[Path], *, overwrite: bool) -> None:
+        """Raise OutputError if a file cannot be written, or is one of the inputs."""
+        check_suffix(self.html, HTML_SUFFIXES)
+        for table in (self.points, self.pieces):
+            check_suffix(table, TABLE_SUFFIXES)
+        check_outputs(*self, inputs=inputs, overwrite=overwrite)
+
+    def write(self, result: Score, run: Run, request: ScoreRequest) -> None:
+        """Print the score, and write all requested files."""
+        from sfr_loc_map.io.tables.table_file import save_table
+        from sfr_loc_map.metrics.errors.point_errors import points_table
+        from sfr_loc_map.metrics.errors.trajectory_score import sub_trajectory_table
+        from sfr_loc_map.scoring.assembly import with_conditions
+
+        present(result, self.json, self.html)
+        if self.junit is not None:
+            with secondary_output():
+                write_junit([result], self.junit)
+        if self.points is not None and run.cloud is not None and run.cloud.loaded.cloud is not None:
+            with secondary_output():
+                save_table(self.points, points_table(run.cloud.loaded.cloud, run.cloud.truths))
+        if self.pieces is not None and run.drive is not None:
+            config = with_conditions(request.config, request.limits).trajectory
+            with secondary_output():
+                drive = run.drive
+                table = sub_trajectory_table(drive.estimates, drive.truth, config, drive.image_stamps_ns)
+                save_table(self.pieces, table)
+
+
+def _scored(inputs: ScoreInputs, request: ScoreRequest, outputs: _Outputs, fused: bool | None) -> Score:
+    """Read the files, score the run and write the outputs; return the score."""
+    from sfr_loc_map.scoring.load import load_run
+
+    loaded = load_run(inputs, fused, command=shlex.join(["sfr", *sys.argv[1:]]))
+    for note in () if loaded.drive is None else loaded.drive.notes:
+        say(note, err=True)
+    if outputs.points is not None and (loaded.cloud is None or loaded.cloud.loaded.cloud is None):
+        raise ConfigError("'--points' writes errors of map points: give a cloud with the pixel and pair of each point")
+    run = request.converted(loaded)
+    result = request.score(run)
+    outputs.write(result, run, request)
+    return result
 
 
 def _propose_next(context: Context, result: Score) -> None:

@@ -82,7 +82,8 @@ def simulate(
     values.update(parse_settings(settings, "KEY=VALUE is required, such as terrain.relief_m=0.2"))
     if seed is not None:
         values["seed"] = seed
-    config = build(SimulationConfig, values, origin=str(paths[0]) if len(paths) == 2 else "settings")
+    origins = [str(path) for path in paths[:-1]] + (["--set"] if settings else [])
+    config = build(SimulationConfig, values, origin=" and ".join(origins) or "settings")
     out = paths[-1]
     room: AbstractContextManager[Path] = output_folder(out, overwrite=overwrite, inputs=paths[:-1], resumable=True)
     with nullcontext(out) if can_continue(config, out) else room as place, progress_bar("images") as bar:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -27,9 +27,13 @@ def param(
     low: float | None = None,
     high: float | None = None,
     choices: tuple[str, ...] = (),
+    check: Callable[[Any], object] | None = None,
 ) -> Any:  # noqa: ANN401 - stands for the field's value, as dataclasses.field does
-    """Declare a parameter. Numbers require a range."""
-    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices}
+    """Declare a parameter. Numbers require a range.
+
+    `check` is called with each value and raises a ConfigError or MetricsError for an invalid value.
+    """
+    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "check": check}
     if isinstance(default, (list, dict)):
         raise TypeError("use a tuple: defaults are shared")
     if _has_numbers(default) and (low is None or high is None or not -math.inf < low <= high < math.inf):
@@ -50,6 +54,7 @@ class ParamInfo:
     low: float | None
     high: float | None
     choices: tuple[str, ...]
+    check: Callable[[Any], object] | None  #: Raises a ConfigError or MetricsError for an invalid value.
 
 
 def parameters(config_type: type, prefix: str = "") -> Iterator[ParamInfo]:
@@ -113,14 +118,22 @@ _ITEMS: Mapping[type, str] = {bool: "Booleans", int: "whole numbers", float: "nu
 """Words for the types of the items of a list in a message."""
 
 
-def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "configuration") -> C:
+def build(
+    config_type: type[C],
+    values: Mapping[str, Any],
+    *,
+    origin: str = "configuration",
+    called: Mapping[str, str] | None = None,
+) -> C:
     """Return a configuration from values by dotted or nested name; missing values have their defaults.
 
-    Raises ConfigError, whose single line reports all faults.
+    Raises ConfigError, whose single line begins with `origin`, unless this is empty, and reports all faults. `called`
+    has the names under which the user gave parameters, such as options, if these are not the names of the parameters.
     """
     with naming_key(origin):
         flat = flatten(values, keeps_empty=True)
     known = {info.name: info for info in parameters(config_type)}
+    names = {name: name for name in known} | dict(called or {})
     groups = _groups_of(known)
     flat = {name: value for name, value in flat.items() if name not in groups or not is_empty(value)}
     problems = [
@@ -134,12 +147,12 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
     for name, value in flat.items():
         if name in known:
             try:
-                converted[name] = _converted(known[name], value)
+                converted[name] = _converted(known[name], value, names[name])
             except ConfigError as error:
                 problems.append(str(error))
-    if problems:
-        raise ConfigError(f"{origin}: " + "; ".join(problems))
     with naming_key(origin):
+        if problems:
+            raise ConfigError("; ".join(problems))
         return _construct(config_type, converted, "")
 
 
@@ -152,22 +165,28 @@ def _groups_of(names: Collection[str]) -> set[str]:
     return groups
 
 
-def _converted(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type
-    """Return a value with the type of its parameter; ConfigError if the type, the range or the choice is wrong."""
+def _converted(info: ParamInfo, value: Any, name: str) -> Any:  # noqa: ANN401 - any parameter type
+    """Return a value with the type of its parameter; ConfigError if the type, range, choice or check is wrong.
+
+    `name` is that of the parameter in messages.
+    """
     value = _without_numpy(value)
     if isinstance(value, bool) and "yes" in info.choices:
         value = "yes" if value else "no"  # YAML 1.1 reads yes and no as Booleans
     try:
         value = msgspec.convert(value, info.type)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"'{info.name}' is {value!r:.40}: {info.kind} is required") from error
+        raise ConfigError(f"'{name}' is {value!r:.40}: {info.kind} is required") from error
     for item in value if isinstance(value, tuple) else (value,):
         if info.low is not None and info.high is not None and not info.low <= item <= info.high:
             limits = f"{info.low} to {info.high} {info.unit}".rstrip()
-            raise ConfigError(f"'{info.name}' is {item}: {limits} is required")
+            raise ConfigError(f"'{name}' is {item}: {limits} is required")
     if info.choices and value not in info.choices:
         choices = ", ".join(filter(None, info.choices))  # the empty text is the choice of a missing value
-        raise ConfigError(f"'{info.name}' is '{value}': one of {choices} is required")
+        raise ConfigError(f"'{name}' is '{value}': one of {choices} is required")
+    if info.check is not None:
+        with naming_key(f"'{name}'"):
+            info.check(value)
     return value
 
 
@@ -178,7 +197,7 @@ def check_parameters(config: Any) -> None:  # noqa: ANN401 - any configuration d
     """
     for info in parameters(type(config)):
         if "." not in info.name:
-            _converted(info, getattr(config, info.name))
+            _converted(info, getattr(config, info.name), info.name)
 
 
 def _without_numpy(value: Any) -> Any:  # noqa: ANN401 - any parameter type

@@ -129,6 +129,7 @@ class Configuration:
     path: Path | None = None  #: The file; None if all values are those of options.
     sections: Mapping[str, Any] = field(default_factory=dict)
     """Values by section; a section is a mapping of dotted names, except `conditions` and `limits` (`check_form`)."""
+    is_changed: bool = False  #: Whether options changed values of the file.
 
     @classmethod
     def read(cls, path: Path | None) -> Configuration:
@@ -143,8 +144,10 @@ class Configuration:
 
     @property
     def origin(self) -> str:
-        """The beginning of messages about the values: the file, or the word settings."""
-        return "settings" if self.path is None else str(self.path)
+        """The beginning of messages about the values: the file and the options that changed it, or only settings."""
+        if self.path is None:
+            return "settings"
+        return f"{self.path} and the options" if self.is_changed else str(self.path)
 
     @property
     def folder(self) -> Path:

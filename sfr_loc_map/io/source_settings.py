@@ -76,7 +76,7 @@ def with_settings(
             check_form(key, item, f"setting '{dotted}'")
             if key.name or not is_empty(item):
                 key.put(_in_working_directory(key, item), sections)
-    return replace(given, sections=sections)
+    return replace(given, sections=sections, is_changed=given.is_changed or sections != given.sections)
 
 
 def copied(sections: Mapping[str, Any]) -> dict[str, Any]:

@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     os.nice(NICENESS)
     try:
-        config = build(LiveConfig, {"port": options.port}, origin="'--port'")
+        config = build(LiveConfig, {"port": options.port}, origin="", called={"port": "--port"})
         serve_page(config, LiveState(), options.namespace, options.remaps, end_file=options.end_file)
     except KeyboardInterrupt:
         return 0

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from sfr_loc_map.configuration.parameters import build, check_parameters, param
-from sfr_loc_map.errors import ConfigError, naming_key
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 
 SPACING_FRAMES = 10  #: Frames from one start of a sub-trajectory to the next, as the specification recommends [4.1.1].
@@ -99,6 +99,19 @@ def worst_of(states: Iterable[VerdictState]) -> VerdictState | None:
     return min(states, key=lambda state: state.severity, default=None)
 
 
+def _check_conditions(texts: Iterable[str]) -> None:
+    """Raise MetricsError unless every text is a condition."""
+    for text in texts:
+        Condition.parse(text)
+
+
+def _check_rpe_delta(text: str) -> None:
+    """Raise MetricsError or ConfigError unless a text is one number of frames or metres."""
+    delta = Condition.parse(text)
+    if delta.others or delta.kind not in (ConditionKind.FRAMES, ConditionKind.DISTANCE):
+        raise ConfigError(f"'{text}' is not a length: frames=NUMBER or distance=METRES is required")
+
+
 @dataclass(frozen=True, slots=True)
 class AssociationConfig:
     """Settings of the association of estimates with the truth; see `metrics.frames.association`."""
@@ -126,6 +139,7 @@ class TrajectoryScoreConfig:
     conditions: tuple[str, ...] = param(
         ("distance=5",),
         doc="Conditions that end a sub-trajectory, such as distance=METRES, time=SECONDS or frames=NUMBER.",
+        check=_check_conditions,
     )
     spacing: int = param(
         SPACING_FRAMES, unit="frames", doc="Number of frames from one start to the next.", low=1, high=1_000_000
@@ -144,9 +158,6 @@ class TrajectoryScoreConfig:
     def __post_init__(self) -> None:
         """Check the settings; ConfigError if a value is invalid."""
         check_parameters(self)
-        with naming_key("'conditions'"):
-            for text in self.conditions:
-                Condition.parse(text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,15 +172,13 @@ class AlignedErrorConfig:
     max_difference: float = param(
         0.01, unit="s", doc="Largest difference between the stamps of paired poses.", low=0.0, high=3600.0
     )
-    rpe_delta: str = param("frames=1", doc="Length of a relative error: frames=NUMBER or distance=METRES.")
+    rpe_delta: str = param(
+        "frames=1", doc="Length of a relative error: frames=NUMBER or distance=METRES.", check=_check_rpe_delta
+    )
 
     def __post_init__(self) -> None:
         """Check the settings; ConfigError if a value is invalid."""
         check_parameters(self)
-        with naming_key("'rpe_delta'"):
-            delta = Condition.parse(self.rpe_delta)
-        if delta.others or delta.kind not in (ConditionKind.FRAMES, ConditionKind.DISTANCE):
-            raise ConfigError(f"'rpe_delta' is '{self.rpe_delta}': frames=NUMBER or distance=METRES is required")
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,18 +212,30 @@ class ScoreConfig:
     map: MapScoreConfig = field(default_factory=MapScoreConfig)
 
 
-def score_config(conditions: Sequence[str] | None, settings: Mapping[str, object]) -> ScoreConfig:
-    """Return the settings of a score from options: conditions of sub-trajectories, and settings by dotted name."""
+def score_config(
+    conditions: Sequence[str] | None, settings: Mapping[str, object], called: Mapping[str, str] | None = None
+) -> ScoreConfig:
+    """Return the settings of a score from options: conditions of sub-trajectories, and settings by dotted name.
+
+    `called` has the names of the options by the names of the settings. ConfigError if a value is invalid.
+    """
     named = {"trajectory.conditions": tuple(conditions)} if conditions else {}
-    return build(ScoreConfig, {**settings, **named}, origin="options")
+    return build(ScoreConfig, {**settings, **named}, origin="", called=called)
 
 
-def aligned_error_config(align: str | None, settings: Mapping[str, object]) -> AlignedErrorConfig | None:
-    """Return the settings of APE and RPE, None without an alignment; a value of None selects the default."""
+def aligned_error_config(
+    align: str | None, settings: Mapping[str, object], called: Mapping[str, str] | None = None
+) -> AlignedErrorConfig | None:
+    """Return the settings of APE and RPE, None without an alignment; a value of None selects the default.
+
+    `called` has the names of the options by the names of the settings. ConfigError if a value is invalid.
+    """
+    names = called or {}
     given = {name: value for name, value in settings.items() if value is not None}
     if align is None and given:
+        options = ", ".join(f"'{names.get(name, name)}'" for name in given)
         raise ConfigError(
-            f"{', '.join(given)} of APE and RPE require the option align: give none, origin, se3 or sim3, or omit "
-            f"{', '.join(given)}"
+            f"{options} is a setting of APE and RPE, which require '{names.get('align', 'align')}': give none, origin, "
+            f"se3 or sim3, or omit {options}"
         )
-    return None if align is None else build(AlignedErrorConfig, {"align": align, **given}, origin="options")
+    return None if align is None else build(AlignedErrorConfig, {"align": align, **given}, origin="", called=names)

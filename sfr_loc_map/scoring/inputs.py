@@ -45,6 +45,13 @@ class ScoreInputs:
     config: SourceConfig | None = None
     columns: str = ""  #: Columns of the estimate, if its file does not name them (`io.tables.column_names`).
 
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """All given files and folders, and the file of the configuration."""
+        given = (self.estimate, self.truth, self.cloud, self.map_truth, self.target, self.target_about, self.limits)
+        configured = None if self.config is None else self.config.given.path
+        return (*self.stats, *(path for path in (*given, configured) if path is not None))
+
     @classmethod
     def of(cls, estimate: Path, truth: Path | None, stats: Sequence[Path] | None = None) -> ScoreInputs:
         """Return the inputs of one estimate and its truth: a trajectory, a cloud, or a folder of target results.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sfr_loc_map.configuration.sections import Configuration
+from sfr_loc_map.errors import naming_key
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.score.limits import Limits
@@ -22,8 +23,14 @@ class Judgement:
 
     @classmethod
     def of(cls, limits_file: Path | None, conditions: Sequence[str] | None, config: Configuration) -> Judgement:
-        """Return the given limits and conditions, or else those of the configuration."""
+        """Return the given limits and conditions, or else those of the configuration.
+
+        ConfigError for invalid limits, and for an invalid condition of the configuration.
+        """
         named, listed = config.sections.get("limits"), config.sections.get("conditions")
+        with naming_key(f"{config.origin}, conditions"):
+            for text in listed or ():
+                Condition.parse(text)
         if limits_file is None and named:
             limits_file = config.folder / named
         limits = None if limits_file is None else load_limits(limits_file)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -22,6 +22,21 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.scoring.conversion import converted_run
 from sfr_loc_map.scoring.inputs import Correction, Run
 from sfr_loc_map.scoring.score_run import score_run
+
+SETTINGS = {
+    "trajectory.conditions": "conditions",
+    "trajectory.spacing": "spacing",
+    "trajectory.rebase": "rebase",
+    "trajectory.partial": "partial",
+    "trajectory.association.truth": "associate",
+    "trajectory.association.max_gap_s": "max_gap",
+    "map.scored_from_m": "scored_range",
+    "map.scored_to_m": "scored_range",
+    "align": "align",
+    "max_difference": "max_difference",
+    "rpe_delta": "rpe_delta",
+}
+"""The argument of `ScoreRequest.of` by the name of the setting that the argument gives."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,15 +66,22 @@ class ScoreRequest:
         rpe_delta: str | None = None,
         convention: Sequence[str] = (),
         apply_diagnosis: bool = False,
+        called: Mapping[str, str] | None = None,
     ) -> Self:
-        """Return a request from options, which `sfr_loc_map.score` describes; ConfigError if a value is invalid."""
-        if frames not in ("truth", "images"):
-            raise ConfigError(f"frames is '{frames}': truth or images is required")
-        if frames == "images" and associate == "match":
+        """Return a request from options, which `sfr_loc_map.score` describes; ConfigError if a value is invalid.
+
+        `called` has the names of the options in messages, such as `--max-gap` for `max_gap`.
+        """
+        names = {argument: argument for argument in (*SETTINGS.values(), "frames")} | dict(called or {})
+        name_of_setting = {setting: names[argument] for setting, argument in SETTINGS.items()}
+        if not isinstance(frames, str) or frames not in ("truth", "images"):
+            raise ConfigError(f"'{names['frames']}' is {frames!r:.60}: truth or images is required")
+        if frames == "images" and isinstance(associate, str) and associate == "match":
             raise ConfigError(
-                "frames 'images' interpolates the truth, but associate 'match' does not: omit one of them"
+                f"'{names['frames']}' images interpolates the truth, but '{names['associate']}' match does not: omit "
+                "one of them"
             )
-        scored_from_m, scored_to_m = _interval(scored_range)
+        scored_from_m, scored_to_m = _interval(scored_range, names["scored_range"])
         settings = {
             "trajectory.spacing": spacing,
             "trajectory.rebase": rebase,
@@ -70,9 +92,9 @@ class ScoreRequest:
             "map.scored_to_m": scored_to_m,
         }
         return cls(
-            score_config(conditions, settings),
+            score_config(conditions, settings, name_of_setting),
             limits,
-            aligned_error_config(align, {"max_difference": max_difference, "rpe_delta": rpe_delta}),
+            aligned_error_config(align, {"max_difference": max_difference, "rpe_delta": rpe_delta}, name_of_setting),
             Correction(PoseConvention.parse(convention), apply_diagnosis),
         )
 
@@ -85,9 +107,12 @@ class ScoreRequest:
         return score_run(run, self.config, self.limits, self.aligned)
 
 
-def _interval(scored_range: object) -> tuple[object, object]:
-    """Return the two ends of an interval; their values are checked with the other settings."""
+def _interval(scored_range: object, name: str) -> tuple[object, object]:
+    """Return the two ends of an interval; their values are checked with the other settings.
+
+    `name` is that of the option in messages.
+    """
     if not isinstance(scored_range, Sequence | np.ndarray) or len(scored_range) != 2 or isinstance(scored_range, str):
-        raise ConfigError(f"scored_range is {scored_range!r:.60}: two distances in metres, (FROM, TO), are required")
+        raise ConfigError(f"'{name}' is {scored_range!r:.60}: two distances in metres, (FROM, TO), are required")
     first, last = scored_range
     return first, last
