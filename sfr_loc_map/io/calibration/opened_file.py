@@ -57,7 +57,7 @@ def _with_plain_names(content: Mapping[Any, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in content.items():
         plain = plain_name(str(name))
-        if plain in found and found[plain] != value:
+        if plain in found and not are_equal(found[plain], value):
             raise ValueError(f"it has two values of {name}, whose names differ only in case or underscores")
         found[plain] = value
     return found
@@ -170,6 +170,14 @@ def _numbers_in(item: Any, name: str) -> tuple[float, ...]:  # noqa: ANN401 - an
         if rows * columns != len(numbers):
             raise ValueError(f"{name} has {len(numbers)} numbers for {rows:g} rows and {columns:g} columns")
     return tuple(numbers.tolist())
+
+
+def are_equal(one: Any, other: Any) -> bool:  # noqa: ANN401 - any YAML or XML
+    """Return whether two values of files are equal. XML has numbers as texts, which may be written in several ways."""
+    try:
+        return _numbers_in(one, "") == _numbers_in(other, "")
+    except ValueError:  # a value has no numbers
+        return str(one).lower() == str(other).lower()
 
 
 def number_of(content: Mapping[str, Any], name: str) -> float:

@@ -20,6 +20,7 @@ from sfr_loc_map.io.calibration.opened_file import (
     HEIGHTS,
     WIDTHS,
     OpenedFile,
+    are_equal,
     content_of,
     is_colmap_list,
     named_values,
@@ -372,7 +373,7 @@ def _opencv_values(files: Sequence[Path]) -> dict[str, Any]:
         with refusing(f"calibration '{file}'"):
             found = named_values(file)
         for name in sorted(values.keys() & found.keys()):
-            if values[name] != found[name] and _is_read(name):
+            if _is_read(name) and not are_equal(values[name], found[name]):
                 raise ValueError(f"{name} differs between '{files[0]}' and '{file}': rename or remove one of the files")
         values |= found
     return values
@@ -386,7 +387,8 @@ def _is_read(name: str) -> bool:
 
 def _states_fisheye(values: Mapping[str, Any]) -> bool | None:
     """Return whether a flag (`fisheye: 1`) or a model in the file states a fisheye lens; None if it has neither."""
-    flags = [str(value).lower() not in ("0", "false") for name, value in values.items() if "fisheye" in name]
+    stated = [value for name, value in values.items() if "fisheye" in name]
+    flags = [not are_equal(value, 0) and not are_equal(value, "false") for value in stated]
     models = [str(values[name]).lower() for name in MODEL_NAMES if name in values]
     found = [*flags, *(True for model in models if re.search(r"fisheye|\bequi", model))]
     return any(found) if found else None

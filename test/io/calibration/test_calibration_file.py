@@ -511,6 +511,19 @@ def test_only_a_flag_or_a_model_states_a_fisheye_lens(name: str, text: str, mode
     assert read_calibration(path, SIZE).cameras[0].model == model
 
 
+@pytest.mark.parametrize(("old", "new"), [(f">{SIZE[0]}<", f">{SIZE[0]}.0<"), (" 0. ", " 0.0e0 "), (">0<", ">0.<")])
+def test_equal_numbers_of_two_files_may_be_written_differently(old: str, new: str, tmp_path: Path) -> None:
+    values = {**lenses(Pair()), **apart(Pair()), "image_width": SIZE[0], "image_height": SIZE[1]}
+    for name in ("intrinsics.xml", "extrinsics.xml"):
+        storage(tmp_path / name, values)
+    expected = read_calibration(tmp_path / "intrinsics.xml", SIZE)
+    text = (tmp_path / "extrinsics.xml").read_text()
+    assert old in text
+    (tmp_path / "extrinsics.xml").write_text(text.replace(old, new))
+    found = read_calibration(tmp_path / "intrinsics.xml", SIZE)
+    np.testing.assert_array_equal(found.cameras[1].p, expected.cameras[1].p)
+
+
 @pytest.mark.parametrize("write", [ros, camera_info, opencv_in_two_files, colmap])
 @pytest.mark.parametrize("letters", [str.upper, str.capitalize])
 def test_two_files_are_found_by_names_in_any_case(
