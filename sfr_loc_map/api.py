@@ -363,7 +363,7 @@ def _parameters_or_method(kind: type[C], task: Task, method: str, config: object
         text = config_text(None if config is None else path_of(config, "config"))
         return UnderTest(find_method(method, task, text), hidden=source.truth_paths())
     if config is None:
-        return source.config.given.build(kind, task.value)
+        return source.config.configuration.build(kind, task.value)
     if isinstance(config, kind):
         return config
     if isinstance(config, Mapping):

@@ -80,9 +80,9 @@ def localise(
         refuse_given(context, ("vocabulary",), "is the vocabulary of ORB-SLAM3: give --peer-python PYTHON, too")
     scoring = ScoreRequest.of(conditions, spacing=spacing, called=option_names(context)).config.trajectory
     how = announced_config(source, config, remap)
-    check_outputs(json_path, inputs=(source, how.given.path, vocabulary), overwrite=overwrite)
+    check_outputs(json_path, inputs=(source, how.configuration.path, vocabulary), overwrite=overwrite)
     opened = open_source(source, how)
-    parameters = how.given.build(LocalisationConfig, "localisation")
+    parameters = how.configuration.build(LocalisationConfig, "localisation")
     sequence = drive_of(opened)
     check_conditions(sequence.ground_truth, scoring.conditions, lenient=lenient)
     methods, missing = methods_to_compare(Task.LOCALISATION, parameters, peer_python, vocabulary, method or ())
@@ -118,9 +118,9 @@ def map_(
 
     propose("sfr map SRC -o C.ply --stats S.csv --method NAME", why="runs one method, with files to score")
     how = announced_config(source, config, remap)
-    check_outputs(json_path, inputs=(source, how.given.path), overwrite=overwrite)
+    check_outputs(json_path, inputs=(source, how.configuration.path), overwrite=overwrite)
     opened = open_source(source, how)
-    parameters = how.given.build(MappingConfig, "mapping")
+    parameters = how.configuration.build(MappingConfig, "mapping")
     sequence = panorama_of(opened)
     methods, missing = methods_to_compare(Task.MAPPING, parameters, peer_python, added=method or ())
     trial = MapperTrial.of(sequence, parameters, opened.truth_paths())
@@ -163,11 +163,11 @@ def faults(
 
     propose("sfr simulate DST --from SRC --fault KIND:amount=A", why="writes the data with a single fault")
     how = announced_config(source, config, remap)
-    check_outputs(json_path, inputs=(source, how.given.path), overwrite=overwrite)
+    check_outputs(json_path, inputs=(source, how.configuration.path), overwrite=overwrite)
     wanted = tuple(fault or FAULTS)
     scoring = ScoreRequest.of([conditions], spacing=spacing, called=option_names(context)).config.trajectory
     opened = open_source(source, how)
-    localiser = how.given.build(LocalisationConfig, "localisation")
+    localiser = how.configuration.build(LocalisationConfig, "localisation")
     drive = drive_of(opened)
     if drive.ground_truth is None:
         raise without_truth(source)

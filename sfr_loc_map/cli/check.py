@@ -62,7 +62,7 @@ def check(
     from sfr_loc_map.io.registry import open_source
 
     how = announced_config(source, config, remap)
-    check_outputs(json_path, inputs=(source, how.given.path, *(estimate or ())), overwrite=overwrite)
+    check_outputs(json_path, inputs=(source, how.configuration.path, *(estimate or ())), overwrite=overwrite)
     if len(estimate or ()) > MAX_ESTIMATES:
         raise ConfigError(
             f"'--estimate' is given {len(estimate or ())} times: at most {MAX_ESTIMATES} estimates can be compared "
@@ -76,7 +76,7 @@ def check(
         refuse_given(context, of_drives, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
     with naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("checking", total=calls_of_check(opened, pairs))
-        found = check_recording(opened, how.given, conditions, pairs, others, lambda: bar.advance(task))
+        found = check_recording(opened, how.configuration, conditions, pairs, others, lambda: bar.advance(task))
     show(found.to_dict(), json_path, check_tables(found.figures, found.advice))
     is_silent = json_path == STANDARD_OUTPUT
     for subject, item in found.checks.items():

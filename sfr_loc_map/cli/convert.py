@@ -182,7 +182,7 @@ def _convert_pairs(
     from sfr_loc_map.runs.drive_start import true_start
 
     how = announced_config(source, config, remap)
-    check_outputs(destination, inputs=(source, how.given.path), overwrite=overwrite)
+    check_outputs(destination, inputs=(source, how.configuration.path), overwrite=overwrite)
     opened = open_source(source, how)
     start = None if opened.loc is None else true_start(opened.loc).T_ds_rb
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
@@ -217,7 +217,7 @@ def _write_true_trajectory(
     from sfr_loc_map.io.tables.trajectory_writer import files_written
 
     how = announced_config(source, config, remap)
-    check_outputs(*files_written(destination), inputs=(source, how.given.path), overwrite=overwrite)
+    check_outputs(*files_written(destination), inputs=(source, how.configuration.path), overwrite=overwrite)
     _write_poses(read_truth(source, how), source, destination, overwrite=overwrite)
 
 

@@ -75,11 +75,11 @@ def localise(
     check_suffix(output, FILE_SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
     how = announced_config(source, config if method == OURS else None, remap)
-    inputs = (source, how.given.path, config)
+    inputs = (source, how.configuration.path, config)
     check_outputs(*files_written(output), stats, video, inputs=inputs, overwrite=overwrite)
     opened = open_source(source, how)
     theirs = method_under_test(context, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
-    parameters = how.given.build(LocalisationConfig, "localisation")
+    parameters = how.configuration.build(LocalisationConfig, "localisation")
     sequence = drive_of(opened)
     with ExitStack() as film, naming(source):
         first_pose = start_pose(sequence, start)

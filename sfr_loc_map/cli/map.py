@@ -82,12 +82,12 @@ def map_cloud(
     check_suffix(output, SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
     how = announced_config(source, config if method == OURS else None, remap)
-    parameters = how.given.build(MappingConfig, "mapping")
+    parameters = how.configuration.build(MappingConfig, "mapping")
     if refine_poses is not None:
         parameters = replace(parameters, refine_poses=refine_poses)
     check_dems(dem or ())
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)
-    check_outputs(output, stats, *outputs.more, inputs=(source, how.given.path, config), overwrite=overwrite)
+    check_outputs(output, stats, *outputs.more, inputs=(source, how.configuration.path, config), overwrite=overwrite)
     opened = open_source(source, how)
     theirs = method_under_test(context, Task.MAPPING, opened, config, call_timeout, memory_limit)
     sequence = panorama_of(opened)

@@ -186,8 +186,8 @@ def announced_config(source: Path, config: Path | None, remap: list[str] | None 
     from sfr_loc_map.io.source_settings import source_config
 
     how = source_config(source, config, parse_remaps(remap))
-    if config is None and how.given.path is not None:
-        say(f"configuration: {how.given.path}", err=True)
+    if config is None and how.configuration.path is not None:
+        say(f"configuration: {how.configuration.path}", err=True)
     return how
 
 

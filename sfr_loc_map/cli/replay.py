@@ -181,11 +181,11 @@ def replay(
 
         how = announced_config(source, config, remap)
         opened = open_source(source, how)
-        file = how.given.path
+        file = how.configuration.path
         if opened.loc is None:
             of_drives = ("start", *of_panels(context, TRAJECTORIES))
             refuse_given(context, of_drives, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
-        by = Judgement.of(limits, conditions, how.given)
+        by = Judgement.of(limits, conditions, how.configuration)
         check_data_set(opened, by.limits)
         request = ScoreRequest.of(
             by.conditions,
@@ -210,8 +210,8 @@ def replay(
             correction=request.correction,
         )
         options = ReplayOptions(
-            localisation=how.given.build(LocalisationConfig, "localisation"),
-            mapping=how.given.build(MappingConfig, "mapping"),
+            localisation=how.configuration.build(LocalisationConfig, "localisation"),
+            mapping=how.configuration.build(MappingConfig, "mapping"),
             parameter_file=file if file is not None and is_ros_parameter_file(file) else None,
             request=request,
             limits_file=by.limits_file,
@@ -220,7 +220,7 @@ def replay(
             offset_s=start_offset,
             duration_s=math.inf if duration is None else duration,
             paused=start_paused,
-            monitor=how.given.section("monitor"),
+            monitor=how.configuration.section("monitor"),
             page=page,
             external=external_node,
         )

@@ -224,7 +224,7 @@ def score(
     found = ScoreInputs.of(estimate, truth, stats)
     _check_options(context, found)
     how = _configuration_of_truth(truth, config_file)
-    by = Judgement.of(limits, conditions, how.given)
+    by = Judgement.of(limits, conditions, how.configuration)
     of_estimate, of_truth = columns_of(columns)
     configured = truth_config(truth, how, parse_settings(settings), of_truth)
     inputs = replace(found, columns=of_estimate, config=configured, limits=by.limits_file)

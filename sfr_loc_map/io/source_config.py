@@ -136,9 +136,9 @@ class SourceConfig:
     extrinsics: ExtrinsicsConfig = ExtrinsicsConfig()
     sync: SyncConfig = SyncConfig()
     truth: TruthConfig = field(default_factory=TruthConfig)
-    #: The file and the sections from which the values were built. They are not compared, because equal values can be
-    #: written in several forms.
-    given: Configuration = field(default_factory=Configuration, compare=False)
+    #: The complete configuration, whose other sections configure the processing and the judgement. The sections are not
+    #: compared, because equal values can be written in several forms.
+    configuration: Configuration = field(default_factory=Configuration, compare=False)
 
     @property
     def uses_messages_as_recorded(self) -> bool:
@@ -181,7 +181,7 @@ class SourceConfig:
         types = get_type_hints(cls)
         sections = [item.name for item in fields(cls) if item.name in SECTIONS]
         parts = {name: given.build(types[name], name) for name in sections}
-        config = cls({topic: name for name, topic in topics.items()}, **parts, given=given)
+        config = cls({topic: name for name, topic in topics.items()}, **parts, configuration=given)
         config.extrinsics.transform(f"{given.origin}, extrinsics")  # reports invalid values with the name of the file
         config.frames.head_transform(f"{given.origin}, frames")
         return replace(

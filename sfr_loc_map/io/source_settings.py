@@ -143,4 +143,4 @@ def truth_config(truth: Path, config: SourceConfig, settings: Mapping[str, Any],
         values["truth.columns"] = columns
     if not truth.is_dir() and not is_bag(truth):
         values = {"truth.source": ""} | values  # the truth itself is the file
-    return SourceConfig.of(with_settings(config.given, values)) if values else config
+    return SourceConfig.of(with_settings(config.configuration, values)) if values else config

@@ -62,7 +62,7 @@ def configuration_files(how: SourceConfig) -> dict[str, Path | None]:
     calibration = Path(how.calibration.file) if how.calibration.file else None
     if calibration is not None and not calibration.exists():
         calibration = None
-    return {"configuration": how.given.path, "truth_file": how.truth.file, "calibration": calibration}
+    return {"configuration": how.configuration.path, "truth_file": how.truth.file, "calibration": calibration}
 
 
 def _states_of(path: Path) -> tuple[FileState, ...]:

@@ -49,7 +49,7 @@ class ScoreInputs:
     def paths(self) -> tuple[Path, ...]:
         """All given files and folders, and the file of the configuration."""
         given = (self.estimate, self.truth, self.cloud, self.map_truth, self.target, self.target_about, self.limits)
-        configured = None if self.config is None else self.config.given.path
+        configured = None if self.config is None else self.config.configuration.path
         return (*self.stats, *(path for path in (*given, configured) if path is not None))
 
     @classmethod

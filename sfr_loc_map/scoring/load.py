@@ -14,7 +14,7 @@ from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TargetRe
 from sfr_loc_map.scoring.input_files import ReadFile, configuration_files, read_files
 from sfr_loc_map.scoring.inputs import InMemory, Origin, Run, ScoreInputs
 from sfr_loc_map.scoring.load_calls import read_calls, unbound_calls
-from sfr_loc_map.scoring.load_drive import ReadDrive, ReadTruth, read_drive, read_truth
+from sfr_loc_map.scoring.load_drive import ReadDrive, ReadTruth, load_truth, read_drive
 from sfr_loc_map.scoring.load_map import read_cloud
 
 
@@ -39,7 +39,7 @@ def load_run(
     true: ReadTruth | None = None
     read: ReadDrive | None = None
     if (inputs.estimate or given.estimate) is not None and (inputs.truth or given.truth) is not None:
-        true = read_truth(inputs.truth, given.truth, how)
+        true = load_truth(inputs.truth, given.truth, how)
         read = read_drive(inputs, given, true, calls)
     stats = [*calls.here, *(() if read is None else read.of_bag)]
     if nav_stamps_ns is None and true is not None:

@@ -44,8 +44,12 @@ class ReadDrive(NamedTuple):
     of_bag: Sequence[CallStats]  #: Calls in the bag of the estimate.
 
 
-def read_truth(place: Path | None, given: Trajectory | None, how: SourceConfig) -> ReadTruth:
-    """Read true poses of a file, bag or data set folder, or use those in memory."""
+def load_truth(place: Path | None, given: Trajectory | None, how: SourceConfig) -> ReadTruth:
+    """Return true poses with the source of their images: those of a file, bag or data set folder, or those in memory.
+
+    `io.read_truth` reads the truth of bags, and the truth that `truth.source` names. This function reads other files,
+    because their poses may have no stamps, and takes the truth of a data set folder from the opened source.
+    """
     if place is None:
         assert given is not None  # by the caller
         return ReadTruth(LoadedTrajectory(Path(f"the truth {IN_MEMORY}"), given), None, place, how)

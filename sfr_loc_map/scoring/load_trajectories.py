@@ -13,7 +13,7 @@ from sfr_loc_map.scoring.bag_estimates import read_bag_estimate
 from sfr_loc_map.scoring.inputs import DriveToScore, InMemory, ScoreInputs
 from sfr_loc_map.scoring.load import how_to_read
 from sfr_loc_map.scoring.load_calls import RunCalls, estimates_of_calls
-from sfr_loc_map.scoring.load_drive import ReadTruth, read_drive, read_truth
+from sfr_loc_map.scoring.load_drive import ReadTruth, load_truth, read_drive
 from sfr_loc_map.topics import ESTIMATE
 
 
@@ -23,7 +23,7 @@ def load_drive(estimate: Path, truth: Path) -> DriveToScore:
 
 
 def _truth_at(path: Path) -> ReadTruth:
-    return read_truth(path, None, how_to_read(ScoreInputs(truth=path)))
+    return load_truth(path, None, how_to_read(ScoreInputs(truth=path)))
 
 
 def _drive_of(estimate: Path, true: ReadTruth) -> DriveToScore:

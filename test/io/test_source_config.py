@@ -137,7 +137,7 @@ def test_the_parameters_are_those_of_the_time_when_the_file_was_read(
     config = source_config(data, Path("q.yaml"))
     Path("q.yaml").unlink()
     monkeypatch.chdir(data.parent)
-    assert config.given.build(LocalisationConfig, "localisation").max_features == 300
+    assert config.configuration.build(LocalisationConfig, "localisation").max_features == 300
 
 
 @pytest.mark.parametrize(
