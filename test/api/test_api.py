@@ -6,7 +6,7 @@ import builtins
 import inspect
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from helpers.broken_sources import renamed_bag
 from helpers.cli_result import Sfr
 from helpers.score_rows import number, rows_about
 from sfr_loc_map import api
-from sfr_loc_map.errors import ConfigError, InputError, OutputError
+from sfr_loc_map.errors import ConfigError, GeometryError, InputError, OutputError
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.scoring.request import ScoreRequest
 
@@ -156,37 +156,49 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
             "'identity', 'truth' or a pose of RB in DS .Transform. is required",
         ),
         (lambda: suite.localise(folder, config={"max_featurs": 3}), "unknown key 'max_featurs'"),
-        (lambda: suite.score(folder, folder, frames="odd"), "truth or images is required"),
-        (lambda: suite.score(cloud, folder, apply_diagnosis=True), "omit them for a cloud"),
-        (lambda: suite.score(cloud, folder, [5]), "conditions has 5: strings are required"),  # type: ignore[list-item]
-        (lambda: suite.score(cloud, folder, 5), "conditions has 5: strings are required"),  # type: ignore[arg-type]
+        (lambda: suite.score(folder, folder, frames="odd"), "'frames' is 'odd': truth or images is required"),
+        (lambda: suite.score(cloud, folder, apply_diagnosis=True), "'apply_diagnosis' .*: omit it for a cloud"),
+        (lambda: suite.score(cloud, folder, [5]), "'conditions' has 5: strings are required"),  # type: ignore[list-item]
+        (lambda: suite.score(cloud, folder, 5), "'conditions' has 5: strings are required"),  # type: ignore[arg-type]
         (lambda: suite.score(3, folder), "estimate has the type int: a path, a Trajectory or a PointCloud"),  # type: ignore[arg-type]
         (lambda: suite.score(cloud, [1]), "truth has the type list"),  # type: ignore[arg-type]
         (lambda: suite.score(cloud, folder, limits=[1]), "limits has the type list"),  # type: ignore[arg-type]
         (lambda: suite.open(None), "source has the type NoneType"),  # type: ignore[arg-type]
         (lambda: suite.open(folder, config={}), "config has the type dict: a path is required"),  # type: ignore[arg-type]
-        (lambda: suite.localise(folder, (1, 2, 3)), "start is .1, 2, 3.: 'identity', 'truth' or a pose"),  # type: ignore[call-overload]
-        (lambda: suite.localise(folder, np.eye(4)), "start is array[^\n]*: 'identity', 'truth' or a pose"),  # type: ignore[call-overload]
-        (lambda: suite.score(truth, folder, []), "conditions is empty: give at least one"),
+        (lambda: suite.localise(folder, (1, 2, 3)), "'start' is .1, 2, 3.: 'identity', 'truth' or a pose"),  # type: ignore[call-overload]
+        (lambda: suite.localise(folder, np.eye(4)), "'start' is array[^\n]*: 'identity', 'truth' or a pose"),  # type: ignore[call-overload]
+        (lambda: suite.score(truth, folder, []), "'conditions' is empty: give at least one"),
         (lambda: truth.save(folder / "poses.xyz"), "a name that ends in .csv, .txt, .tum or .kitti is required"),
         (lambda: truth.plot("truth"), "truth has the type str: a Trajectory is required"),  # type: ignore[arg-type]
         (lambda: suite.Trajectory.from_estimates([1]), "an item of estimates has the type int"),  # type: ignore[list-item]
         (lambda: suite.Trajectory.load(folder / "t.csv", 3), "columns has the type int"),  # type: ignore[arg-type]
-        (lambda: suite.localise(folder, None), "start is None"),  # type: ignore[call-overload]
+        (lambda: suite.localise(folder, None), "'start' is None"),  # type: ignore[call-overload]
         (lambda: suite.localise(folder, config=MappingConfig()), "config has the type MappingConfig"),  # type: ignore[call-overload]
         (lambda: suite.score(folder, folder, stats=5), "stats has the type int: a path is required"),  # type: ignore[arg-type]
-        (lambda: suite.score(truth, folder, fused=True), "fused apply only to clouds"),
-        (lambda: suite.score(truth, folder, scored_range=(1.0, 2.0)), "fused apply only to clouds"),
-        (lambda: suite.score(cloud, folder, partial=True), "apply only to trajectories"),
-        (lambda: suite.score(cloud, folder, ["frames=2"]), "apply only to trajectories"),
-        (lambda: suite.score(cloud, folder, align="none"), "apply only to trajectories"),
-        (lambda: suite.score(truth, folder, apply_diagnosis="no"), "apply_diagnosis is 'no'"),  # type: ignore[arg-type]
-        (lambda: suite.score(cloud, folder, scored_range=5), "scored_range is 5: two distances"),  # type: ignore[arg-type]
-        (lambda: suite.map(folder, fuse="no"), "fuse is 'no'"),  # type: ignore[arg-type]
+        (lambda: suite.score(truth, folder, fused=True), "'fused' applies only to clouds"),
+        (lambda: suite.score(truth, folder, scored_range=(1.0, 2.0)), "'scored_range' applies only to clouds"),
+        (lambda: suite.score("x.ply", folder, partial=True), "'partial' applies only to trajectories"),
+        (lambda: suite.score(cloud, folder, ["frames=2"]), "'conditions' applies only to trajectories"),
+        (lambda: suite.score(cloud, folder, align="none"), "'align' applies only to trajectories"),
+        (lambda: suite.score(truth, folder, apply_diagnosis="no"), "'apply_diagnosis' is 'no'"),  # type: ignore[arg-type]
+        (lambda: suite.score(cloud, folder, scored_range=5), "'scored_range' is 5: two distances"),  # type: ignore[arg-type]
+        (lambda: suite.score(cloud, folder, scored_range=(0, "a")), "^'scored_range' is 'a': a number"),  # type: ignore[arg-type]
+        (lambda: suite.score(truth, folder, associate="x"), "^'associate' is 'x': one of auto, match"),
+        (lambda: suite.score(truth, folder, max_gap=-1.0), "^'max_gap' is -1.0: 0.0 to 3600.0 s is required"),
+        (lambda: suite.score(truth, folder, "far"), "^'conditions': 'far' is not a condition"),
+        (lambda: suite.map(folder, fuse="no"), "'fuse' is 'no'"),  # type: ignore[arg-type]
+        (lambda: suite.map(folder, method=np.zeros(2)), "method has the type ndarray"),  # type: ignore[arg-type]
+        (lambda: truth.plot(align="se3"), "'align' is 'se3', but no truth is given"),
+        (lambda: truth.plot(align="x"), "^'align' is 'x'"),
+        (lambda: scored.plot(["x"]), "name has the type list"),  # type: ignore[arg-type]
+        (lambda: scored.to_pandas(np.zeros(2)), "table has the type ndarray"),  # type: ignore[arg-type]
+        (lambda: suite.Score.of(5), "value has the type int: a Score is required"),  # type: ignore[arg-type]
+        (lambda: suite.PointCloud.of(replace(cloud, records=())).to_stats("s.csv"), "requires a result of sfr.map"),
+        (lambda: suite.Trajectory.of(truth).to_stats("s.csv"), "requires a result of sfr.localise"),
         (lambda: suite.map(folder, method=None), "method has the type NoneType"),  # type: ignore[arg-type]
-        (lambda: truth.save("a\0.csv"), "path is 'a.*0.csv', which contains a NUL character"),
+        (lambda: truth.save("a\0.csv"), "'path' is 'a.*0.csv', which contains a NUL character"),
         (lambda: suite.Trajectory.empty().save(folder / "poses.csv"), "the trajectory has no pose"),
-        (lambda: suite.score(truth, folder, max_difference=0.1), "^max_difference of APE"),
+        (lambda: suite.score(truth, folder, max_difference=0.1), "^'max_difference' is a setting of APE .* 'align'"),
         (lambda: suite.score(truth, folder, align="se3", max_difference=-1.0), "'max_difference' is -1.0"),
         (lambda: suite.Trajectory.of(3), "value has the type int"),
         (lambda: suite.PointCloud.load(3), "path has the type int"),  # type: ignore[arg-type]
@@ -201,6 +213,48 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
     for call, words in calls:
         with pytest.raises((ConfigError, InputError, OutputError), match=words):
             call()
+
+
+@pytest.mark.parametrize("wrong", [{"a": 1}, "x", None, [1.0], np.array(["x"]), np.zeros(2, object)], ids=repr)
+def test_values_of_wrong_types_are_refused_by_the_types_of_the_interface(
+    estimate: suite.Trajectory, cloud: suite.PointCloud, wrong: Any
+) -> None:
+    image = np.zeros((16, 16), np.uint8)
+    arrays = (estimate.stamps_ns, estimate.positions, estimate.quats_xyzw)
+    columns = (cloud.xyz, cloud.sigma, cloud.intensity, cloud.u, cloud.v, cloud.pair)
+    makers: list[tuple[Callable[..., object], Sequence[Any]]] = [
+        (suite.Transform, (np.eye(3), np.zeros(3))),
+        (suite.Transform.from_matrix, (np.eye(4),)),
+        (suite.Transform.from_quat, (np.zeros(3), (0.0, 0.0, 0.0, 1.0))),
+        (suite.Transform.from_origin_and_attitude, (np.zeros(3), (0.0, 0.0, 0.0, 1.0))),
+        (suite.Trajectory, arrays),
+        (suite.Trajectory.from_poses, ([(0, estimate.pose(0))],)),
+        (suite.PointCloud, columns),
+        (lambda left, right: suite.StereoPair(0, left, right), (image, image)),
+        (lambda *numbers: suite.StereoRig(32, 32, *numbers), (30.0, 30.0, 16.0, 16.0, 0.2)),
+    ]
+    for make, values in makers:
+        make(*values)
+        for place in range(len(values)):
+            with pytest.raises(GeometryError):
+                make(*values[:place], wrong, *values[place + 1 :])
+
+
+@pytest.mark.parametrize("count", [1, 7])
+def test_a_trajectory_has_one_call_for_each_pose(estimate: suite.Trajectory, count: int) -> None:
+    records = (estimate.records * 2)[:count]
+    with pytest.raises(GeometryError, match="for 6 poses: a tuple with one call for each pose"):
+        replace(estimate, records=records)
+    assert len(estimate[:count].records) == len(estimate[:count])
+
+
+def test_the_calls_of_a_map_are_saved_as_by_the_command(folder: Path, tmp_path: Path) -> None:
+    cloud = suite.map(folder)
+    cloud.save(tmp_path / "cloud.npz")
+    cloud.to_stats(tmp_path / "stats.csv")
+    scores = [suite.score(cloud, folder), suite.score(tmp_path / "cloud.npz", folder, stats=[tmp_path / "stats.csv"])]
+    assert scores[0].number("mapping_call", "mean") is not None
+    assert scores[0].number("mapping_call", "mean") == scores[1].number("mapping_call", "mean")
 
 
 def test_the_defaults_of_a_score_are_those_of_the_configuration() -> None:

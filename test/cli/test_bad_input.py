@@ -208,6 +208,33 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("score", "{tum}", "{tum}", "--diagnose", "--condition", "time=1"), "'--condition' has no effect"),
         (("simulate", "{tum}", "{out}/f", "--from={source}"), "has no effect with --from"),
         (("suite", "run", "{tum}", "--out", "{out}/s", "--dry-run", "--json", "-"), "'--json' has no effect"),
+        (("score", "{tum}", "{tum}", "--max-gap", "-1"), "sfr: '--max-gap' is -1.0: 0.0 to 3600.0 s is required"),
+        (("score", "{tum}", "{tum}", "--spacing", "2000000"), "sfr: '--spacing' is 2000000: 1 to"),
+        (("score", "{tum}", "{tum}", "--condition", "far"), "sfr: '--condition': 'far' is not a condition"),
+        (("score", "{out}/c.ply", "{source}", "--range", "-1", "5"), "sfr: '--range' is -1.0: 0.0 to"),
+        (("score", "{tum}", "{tum}", "--rpe-delta", "frames=2"), "sfr: '--rpe-delta' .* require '--align'"),
+        (("score", "{tum}", "{tum}", "--align=se3", "--rpe-delta=time=2"), "sfr: '--rpe-delta': 'time=2' is not a"),
+        (("score", "{tum}", "{tum}", "--align=se3", "--max-difference=-1"), "sfr: '--max-difference' is -1.0"),
+        (
+            ("score", "{tum}", "{tum}", "--frames=images", "--associate=match"),
+            "'--frames' images .* '--associate' match",
+        ),
+        (
+            ("report", "{tum}", "--truth={tum}", "-o", "{out}/p.html", "--max-difference=-1"),
+            "sfr: '--max-difference' is",
+        ),
+        (("replay", "{source}", "--condition", "far"), "sfr: '--condition': 'far' is not a condition"),
+        (("bench", "faults", "{source}", "--condition", "far"), "sfr: '--condition': 'far' is not a condition"),
+        (("bench", "localise", "{source}", "--condition", "far"), "sfr: '--condition': 'far' is not a condition"),
+        (
+            ("map", "{source}", "-o", "{out}/c.ply", "--method=sgbm", "--memory-limit=1"),
+            "sfr: '--memory-limit' is 1: 50 to",
+        ),
+        (
+            ("map", "{source}", "-o", "{out}/c.ply", "--method=sgbm", "--call-timeout=0"),
+            "sfr: '--call-timeout' is 0.0: 0.05 to",
+        ),
+        (("simulate", "{out}/f", "--set", "terrain.relief_m=-1"), "sfr: --set: 'terrain.relief_m' is -1"),
     ],
 )
 def test_bad_usage(
