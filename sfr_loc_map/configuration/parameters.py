@@ -176,18 +176,22 @@ def _converted(info: ParamInfo, value: Any, name: str) -> Any:  # noqa: ANN401 -
     try:
         value = msgspec.convert(value, info.type)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"'{name}' is {value!r:.40}: {info.kind} is required") from error
+        raise ConfigError(f"'{name}' is {value!r:.40}: {_choices_in_words(info) or info.kind} is required") from error
     for item in value if isinstance(value, tuple) else (value,):
         if info.low is not None and info.high is not None and not info.low <= item <= info.high:
             limits = f"{info.low} to {info.high} {info.unit}".rstrip()
             raise ConfigError(f"'{name}' is {item}: {limits} is required")
     if info.choices and value not in info.choices:
-        choices = ", ".join(filter(None, info.choices))  # the empty text is the choice of a missing value
-        raise ConfigError(f"'{name}' is '{value}': one of {choices} is required")
+        raise ConfigError(f"'{name}' is '{value}': {_choices_in_words(info)} is required")
     if info.check is not None:
         with naming_key(f"'{name}'"):
             info.check(value)
     return value
+
+
+def _choices_in_words(info: ParamInfo) -> str:
+    """Return the choices of a parameter; empty without choices. The empty text is the choice of a missing value."""
+    return f"one of {', '.join(filter(None, info.choices))}" if info.choices else ""
 
 
 def check_parameters(config: Any) -> None:  # noqa: ANN401 - any configuration dataclass

@@ -28,9 +28,7 @@ class Judgement:
         ConfigError for invalid limits, and for an invalid condition of the configuration.
         """
         named, listed = config.sections.get("limits"), config.sections.get("conditions")
-        with naming_key(f"{config.origin}, conditions"):
-            for text in listed or ():
-                Condition.parse(text)
+        check_conditions_of(config)
         if limits_file is None and named:
             limits_file = config.folder / named
         limits = None if limits_file is None else load_limits(limits_file)
@@ -41,3 +39,10 @@ class Judgement:
         """The conditions that the user named in options, in the configuration or in the limits."""
         of_limits = () if self.limits is None else self.limits.conditions
         return tuple(map(Condition.parse, (*(self.conditions or ()), *of_limits)))
+
+
+def check_conditions_of(config: Configuration) -> None:
+    """Raise ConfigError for an invalid condition of a configuration."""
+    with naming_key(f"{config.origin}, conditions"):
+        for text in config.sections.get("conditions") or ():
+            Condition.parse(text)

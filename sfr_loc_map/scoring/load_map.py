@@ -64,10 +64,10 @@ def with_fusion_flag(loaded: LoadedCloud, fused: bool | None, name: str) -> Load
     said = loaded.cloud.fused
     if said is None and fused is None:
         raise InputError(
-            f"{name} does not declare whether it is fused, which changes the coverage: give --fused (one surface of "
-            "several pairs) or --not-fused (separate points of each pair)"
+            f"{name} does not declare whether it is fused, which changes the coverage: give --fused or fused=True (one "
+            "surface of several pairs), or --not-fused or fused=False (separate points of each pair)"
         )
     if said is not None and fused is not None and said != fused:
-        option, word = ("--fused", "not fused") if fused else ("--not-fused", "fused")
-        raise ConfigError(f"'{option}': {name} declares that it is {word}; omit the option")
+        option, word = ("--fused or fused=True", "not fused") if fused else ("--not-fused or fused=False", "fused")
+        raise ConfigError(f"{name} declares that it is {word}: omit {option}")
     return replace(loaded, cloud=replace(loaded.cloud, fused=fused if said is None else said))

@@ -212,8 +212,8 @@ class Bag:
             if old not in names.values():
                 if new in names.values() and any(f"/{old}".endswith(f"/{name}") for name in TOPICS_READ):
                     raise ConfigError(
-                        f"'--remap {old}:={new}': the names are in the order of ROS (-r), but '{new}' is a topic of "
-                        f"'{self.path}': write --remap {new}:={old}"
+                        f"bag '{self.path}' has no topic '{old}' to remap to '{new}', but has a topic '{new}': exchange "
+                        f"both names (--remap {new}:={old}, or {old}: {new} in the section topics)"
                     )
                 near = _near(old, sorted(self.topics))
                 raise InputError(
@@ -221,8 +221,8 @@ class Bag:
                 )
             if not any(f"/{new}".endswith(f"/{name}") for name in TOPICS_READ):
                 raise ConfigError(
-                    f"'--remap {old}:={new}': no topic is read as '{new}', so '{old}' of "
-                    f"'{self.path}' would be ignored: {_near(new, TOPICS_READ)}"
+                    f"'{old}' of bag '{self.path}' is remapped to '{new}', but no topic is read as '{new}': "
+                    f"{_near(new, TOPICS_READ)}; correct this name"
                 )
         return {topic: wanted.get(name, name) for topic, name in names.items()}
 

@@ -18,6 +18,11 @@ TOPIC = re.compile(r"(/[A-Za-z_]\w*)+")  #: The absolute name of a topic.
 ORIGIN_SETTINGS = ("truth.source", "truth.frame")  #: Settings of the origin of the truth.
 
 
+def _check_unit(quat_xyzw: tuple[float, ...]) -> None:
+    if abs(float(np.linalg.norm(quat_xyzw)) - 1.0) > 1e-2:
+        raise ConfigError(f"{list(quat_xyzw)} is not a rotation: a unit quaternion is required")
+
+
 @dataclass(frozen=True, slots=True)
 class TrackedBodyConfig:
     """The body that a truth tracks, and the accuracy of the truth."""
@@ -26,7 +31,11 @@ class TrackedBodyConfig:
         NO_LEVER, unit="m", doc="Position of the tracked body (prism, antenna, marker) in RB.", low=-100.0, high=100.0
     )
     lever_quat_xyzw: tuple[float, float, float, float] = param(
-        NO_TURN, doc="Orientation of the tracked body in RB, as in ROS messages.", low=-1.01, high=1.01
+        NO_TURN,
+        doc="Orientation of the tracked body in RB, as in ROS messages.",
+        low=-1.01,
+        high=1.01,
+        check=_check_unit,
     )
     clock_offset_s: float = param(
         0.0, unit="s", doc="Offset that is added to the stamps of the truth.", low=-4e9, high=4e9
@@ -52,10 +61,6 @@ class TrackedBodyConfig:
         ),
         choices=("auto", "none", "height", "tilt", "planar"),
     )
-
-    def __post_init__(self) -> None:
-        if abs(float(np.linalg.norm(self.lever_quat_xyzw)) - 1.0) > 1e-2:
-            raise ConfigError(f"truth.lever_quat_xyzw is {self.lever_quat_xyzw}: a unit quaternion is required")
 
     @property
     def has_lever(self) -> bool:
