@@ -74,9 +74,8 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
     settings += [setting for section in sections for setting in changed(getattr(config, section), f"{section}.")]
     without_effect = (*reader.ignored, *_ignored_of_truth(path, config.truth))
     if ignored := [setting for setting in settings if setting.startswith(without_effect)]:
-        _log.warning(
-            f"'{path}': settings that do not apply to the files of this source are ignored: {', '.join(ignored)}"
-        )
+        names = ", ".join(ignored)
+        _log.warning(f"'{path}': settings that do not apply to the files of this source are ignored: {names}")
     source = reader.open(path, config)
     if config.truth.file is not None:
         source = replace(source, truth_files=(*source.truth_files, config.truth.file))

@@ -212,8 +212,8 @@ class Bag:
             if old not in names.values():
                 if new in names.values() and any(f"/{old}".endswith(f"/{name}") for name in TOPICS_READ):
                     raise ConfigError(
-                        f"bag '{self.path}' has no topic '{old}' to remap to '{new}', but has a topic '{new}': exchange "
-                        f"both names (--remap {new}:={old}, or {old}: {new} in the section topics)"
+                        f"bag '{self.path}' has no topic '{old}' to remap to '{new}', but has a topic '{new}': "
+                        f"exchange both names (--remap {new}:={old}, or {old}: {new} in the section topics)"
                     )
                 near = _near(old, sorted(self.topics))
                 raise InputError(
