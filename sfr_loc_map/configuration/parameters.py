@@ -182,7 +182,7 @@ def _converted(info: ParamInfo, value: Any, name: str) -> Any:  # noqa: ANN401 -
             limits = f"{info.low} to {info.high} {info.unit}".rstrip()
             raise ConfigError(f"'{name}' is {item}: {limits} is required")
     if info.choices and value not in info.choices:
-        raise ConfigError(f"'{name}' is '{value}': {_choices_in_words(info)} is required")
+        raise ConfigError(f"'{name}' is {value!r:.40}: {_choices_in_words(info)} is required")
     if info.check is not None:
         with naming_key(f"'{name}'"):
             info.check(value)
@@ -195,7 +195,7 @@ def _choices_in_words(info: ParamInfo) -> str:
 
 
 def check_parameters(config: Any) -> None:  # noqa: ANN401 - any configuration dataclass
-    """Check types, ranges and choices of the parameters of a configuration, without its groups; ConfigError if invalid.
+    """Check the values of the parameters of a configuration, without its groups; ConfigError if one is invalid.
 
     A configuration class that is also constructed without `build` calls this function after its construction.
     """
