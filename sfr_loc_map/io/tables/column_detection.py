@@ -7,6 +7,7 @@ several layouts fit, or none, the error message lists them and asks the user to 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,6 +16,7 @@ from sfr_loc_map.io.tables.column_names import (
     check_is_not_geographic,
     columns_of_header,
     columns_of_user,
+    named_positions,
     unknown_header,
     without_names,
 )
@@ -104,7 +106,9 @@ def _check_commented_unit(found: PoseColumns, head: TableHead) -> None:
     """Raise InputError if a line before the rows states a unit of lengths, and the columns have no unit."""
     if any(found.units.get(key) for key in found.position_keys):
         return
-    stated = ((number, unit_in_comment(line)) for number, line in enumerate(head.before, 1))
+    stated = (
+        (number, unit_in_comment(_without_units_of_titles(line, head))) for number, line in enumerate(head.before, 1)
+    )
     number, unit = next(((number, unit) for number, unit in stated if unit), (0, ""))
     if not unit:
         return
@@ -117,6 +121,12 @@ def _check_commented_unit(found: PoseColumns, head: TableHead) -> None:
     raise InputError(
         f"{head.name} line {number} states the unit {unit}, but the columns of the position have no unit: {advice}"
     )
+
+
+def _without_units_of_titles(line: str, head: TableHead) -> str:
+    """Return a line without the units in brackets if its titles name a position: these are units of single columns."""
+    is_header = bool(named_positions(head.cells_of(line)))
+    return re.sub(r"\[[^\]]*\]|\([^)]*\)", "", line) if is_header else line
 
 
 def _with_time_unit(found: PoseColumns, head: TableHead) -> PoseColumns:

@@ -571,6 +571,11 @@ def test_given_columns_have_the_units_of_the_file_and_no_others(tmp_path: Path, 
             read_trajectory_file(file, with_units(GIVEN[columns], t, length))
 
 
+def test_the_unit_of_another_column_is_none_of_the_position(tmp_path: Path) -> None:
+    (tmp_path / "x.csv").write_text("t[s],x,y,z,sigma [mm],range (cm)\n1,2,3,4,5,6\n")
+    assert read_trajectory_file(tmp_path / "x.csv").trajectory.positions.tolist() == [[2.0, 3.0, 4.0]]
+
+
 def test_a_suffix_of_another_quantity_is_no_unit_if_a_unit_is_given(tmp_path: Path) -> None:
     (tmp_path / "x.csv").write_text("t,pos_s,pos_d,h\n1,2,3,4\n")
     found = read_trajectory_file(tmp_path / "x.csv", "t=t[s],x=pos_s[m],y=pos_d[m],z=h[m]")
