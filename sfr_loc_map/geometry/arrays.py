@@ -9,7 +9,9 @@ import math
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from sfr_loc_map.errors import GeometryError
 
 FloatArray = NDArray[np.float64]  #: Values, vectors, matrices, poses; float64.
 IntArray = NDArray[np.int64]  #: Stamps in nanoseconds, indices, counts; int64.
@@ -27,6 +29,21 @@ F = np.float32
 def kind_of(value: object) -> str:
     """Return type and shape of an array, as in `float32 (3,)`, or the type of another object, for messages."""
     return f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
+
+
+def check_numbers(**values: object) -> None:
+    """Raise GeometryError unless every value is a real number. The keywords are the names in messages."""
+    for name, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+            raise GeometryError(f"{name} has the type {kind_of(value)}: a number is required")
+
+
+def as_numbers(name: str, values: ArrayLike) -> FloatArray:
+    """Return a copy of external values as float64; GeometryError with their name if they are not numbers."""
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise GeometryError(f"{name} is {values!r:.60}: numbers are required") from error
 
 
 def read_only(array: NDArray[T]) -> NDArray[T]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, PointImage, kind_of
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, PointImage, check_numbers, kind_of
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.plausibility import BASELINE_M, check_camera, check_extrinsics
 from sfr_loc_map.geometry.transform import Transform
@@ -44,10 +44,14 @@ class StereoRig:
 
     def __post_init__(self) -> None:
         """Check the values; GeometryError if a value is implausible for a camera or a rover."""
+        check_numbers(width=self.width, height=self.height, fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy)
+        check_numbers(baseline=self.baseline_m)
         check_camera((self.width, self.height), (self.fx, self.fy), (self.cx, self.cy))
         low, high = BASELINE_M
         if not low <= self.baseline_m <= high:
             raise GeometryError(f"baseline is {self.baseline_m:g} m: {low:g} to {high:g} m is required")
+        if not isinstance(self.T_rb_sb, Transform | None):
+            raise GeometryError(f"T_rb_sb has the type {kind_of(self.T_rb_sb)}: a Transform or None is required")
         if self.T_rb_sb is not None:
             check_extrinsics(self.T_rb_sb.translation)
 

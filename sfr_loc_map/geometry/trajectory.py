@@ -78,8 +78,11 @@ class Trajectory:
 
     @classmethod
     def from_poses(cls, stamped: Iterable[tuple[int, Transform]]) -> Self:
-        """Return the trajectory of pairs `(stamp_ns, T_ds_rb)`."""
-        items = list(stamped)
+        """Return the trajectory of pairs `(stamp_ns, T_ds_rb)`; GeometryError if an item is no such pair."""
+        items = [*stamped] if isinstance(stamped, Iterable) else [stamped]
+        for item in items:
+            if not (isinstance(item, tuple | list) and len(item) == 2 and isinstance(item[1], Transform)):
+                raise GeometryError(f"a pose has the type {type(item).__name__}: (stamp_ns, T_ds_rb) is required")
         return cls(
             np.array([stamp for stamp, _ in items], dtype=np.int64),
             np.array([pose.translation for _, pose in items]).reshape(-1, 3),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.arrays import FloatArray, kind_of
+from sfr_loc_map.geometry.arrays import FloatArray, as_numbers, kind_of
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, QUATERNION_SQUARES, plausible_rotations
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,
@@ -66,11 +66,11 @@ class Transform:
         The quaternion takes components in b to a. A norm that is not within 1 +- 0.01 raises GeometryError; other
         quaternions are normalised.
         """
-        quat = np.array(quat_xyzw, dtype=np.float64)
+        quat = as_numbers("quat_xyzw", quat_xyzw)
         low, high = QUATERNION_SQUARES
         if quat.shape != (4,) or not low <= sum(value * value for value in quat.tolist()) <= high:
             raise GeometryError(f"the quaternion {quat.tolist()} is not a rotation: a unit quaternion is required")
-        return cls(matrix_from_quat(quat), np.array(translation, dtype=np.float64), quat)
+        return cls(matrix_from_quat(quat), as_numbers("translation", translation), quat)
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike) -> Transform:
@@ -78,7 +78,7 @@ class Transform:
 
         GeometryError if the shape, the rotation or the last row is invalid.
         """
-        matrix = np.asarray(matrix, dtype=np.float64)
+        matrix = as_numbers("matrix", matrix)
         if matrix.shape not in ((3, 4), (4, 4)):
             raise GeometryError(f"a matrix has the shape {matrix.shape}: (3, 4) or (4, 4) is required")
         if not plausible_rotations(matrix[:3, :3]):
@@ -91,8 +91,12 @@ class Transform:
 
     @classmethod
     def from_origin_and_attitude(cls, origin: ArrayLike, att_q: ArrayLike) -> Transform:
-        """Return `T_a_b` from `bOriginPos_m_A` and `att_q_AToB` [3.1.2], the conjugate of the orientation in ROS."""
-        return cls.from_quat(origin, quat_conjugate(att_q))
+        """Return `T_a_b` from `bOriginPos_m_A` and `att_q_AToB` [3.1.2], the conjugate of the orientation in ROS.
+
+        GeometryError as for `from_quat`.
+        """
+        quat = as_numbers("att_q", att_q)
+        return cls.from_quat(origin, quat_conjugate(quat) if quat.shape == (4,) else quat)
 
     @property
     def quat_xyzw(self) -> FloatArray:

@@ -232,12 +232,14 @@ def test_values_of_wrong_types_are_refused_by_the_types_of_the_interface(
         (suite.PointCloud, columns),
         (lambda left, right: suite.StereoPair(0, left, right), (image, image)),
         (lambda *numbers: suite.StereoRig(32, 32, *numbers), (30.0, 30.0, 16.0, 16.0, 0.2)),
+        (lambda pose: suite.StereoRig(32, 32, 30.0, 30.0, 16.0, 16.0, 0.2, pose), (suite.Transform.identity(),)),
     ]
     for make, values in makers:
         make(*values)
         for place in range(len(values)):
-            with pytest.raises(GeometryError):
-                make(*values[:place], wrong, *values[place + 1 :])
+            if wrong is not None or len(values) > 1:  # None is a valid pose of the rig
+                with pytest.raises(GeometryError):
+                    make(*values[:place], wrong, *values[place + 1 :])
 
 
 @pytest.mark.parametrize("count", [1, 7])
