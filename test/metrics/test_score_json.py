@@ -320,6 +320,15 @@ def test_numbers_of_rows_and_of_values_that_cannot_be_are_refused(table: str) ->
         from_dict(to_dict(Score(figures=(row,))))
 
 
+@pytest.mark.parametrize("count", [-1, 2**63, 2**70])
+@pytest.mark.parametrize("name", ["spacing_frames", "matched", "largest_gap_ns"])
+def test_a_count_that_does_not_fit_64_bits_is_refused(name: str, count: int) -> None:
+    content = {name: value for name, value in to_dict(score()).items() if name != "content_sha256"}
+    counts = {"matched": 5, "estimate_poses": 5, "truth_poses": 5, name: count}
+    with pytest.raises(InputError, match=f"'{name}' of the association is {count}: a number from 0"):
+        from_dict({**content, "association": counts})
+
+
 @pytest.mark.parametrize("bound", [-1.0, math.nan, math.inf])
 def test_a_limit_is_a_number_of_its_unit(bound: float) -> None:
     with pytest.raises(ValueError, match="a number >= 0 is required"):

@@ -33,6 +33,7 @@ ASCENDING = ((*QUANTILES, "max"), ("mean", "rmse", "max"), ("low95", "high95"))
 SIZES = ("sigma", "rmse", *QUANTILES, "max")  #: Statistics that are not negative.
 COUNTED = (Subject.MAP, Subject.TIMING, Subject.MEMORY, Subject.COMPLETENESS)
 """Subjects whose figures with a single number are not negative."""
+MAX_COUNT = 2**63 - 1  #: Largest whole number of 64 bits.
 SHARES = ("coverage", "within_period")  #: Fractions from 0 to 1 in addition to those of completeness.
 
 
@@ -98,15 +99,15 @@ def fault_of_numbers(score: Score) -> str | None:
 
 
 def fault_of_counts(score: Score) -> str | None:
-    """Return the first number of values that is negative, or block size below 1; None if there is none."""
+    """Return the first number of values or block size that is too small or does not fit 64 bits; None if none is."""
     for row in score.figures:
         for name in ("n", "unknown", "independent"):
-            if (row.statistic(name) or 0) < 0:
-                return f"'{name}' of {row.label} is {row.statistic(name)}: a number >= 0 is required"
+            if not 0 <= (row.statistic(name) or 0) <= MAX_COUNT:
+                return f"'{name}' of {row.label} is {row.statistic(name)}: a number from 0 to {MAX_COUNT} is required"
     counts = {} if score.association is None else asdict(score.association)
     for name, value in counts.items():
-        if isinstance(value, int | float) and value < 0:
-            return f"'{name}' of the association is {value}: a number >= 0 is required"
+        if isinstance(value, int | float) and not 0 <= value <= MAX_COUNT:
+            return f"'{name}' of the association is {value}: a number from 0 to {MAX_COUNT} is required"
     details = Details() if score.details is None else score.details
     sizes = [("slowest_of", plots.series.slowest_of) for plots in details.calls.values()]
     if details.trajectory is not None:
@@ -115,8 +116,8 @@ def fault_of_counts(score: Score) -> str | None:
     if score.association is not None:
         sizes.append(("spacing_frames", score.association.spacing_frames))
     for name, size in sizes:
-        if size < 1:
-            return f"'{name}' of its details is {size}: a number >= 1 is required"
+        if not 1 <= size <= MAX_COUNT:
+            return f"'{name}' of its details is {size}: a number from 1 to {MAX_COUNT} is required"
     return None
 
 
