@@ -3,7 +3,7 @@
 | event | function | changes |
 |---|---|---|
 | start of a run, `reset` | `started` | all |
-| `set_pose` | `given` | path (pending pose) |
+| `set_pose` | `given` | path (pending pose; before the first pair, also datum and errors) |
 | keyframe of the previous call is finished | `with_keyframe` | path (pose, errors, last past pose), map, calibration, |
 | | | recovery images, memory of the ground (pose of the earlier image) |
 | its adjustment diverged | `without_map` | no map, calibration starts again, `has_diverged` |
