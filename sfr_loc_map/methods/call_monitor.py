@@ -17,6 +17,7 @@ from sfr_loc_map.memory_mark import peak_of, reset_peak
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.methods.method_call import MethodFailureError
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
+from sfr_loc_map.metrics.formulas import memory_above_idle
 from sfr_loc_map.metrics.table.records import CallFinding, FindingKind
 from sfr_loc_map.process_tree import ProcessTree, TreeUsage
 
@@ -99,6 +100,11 @@ class ProcessMemory:
             text = f"has a file that cannot be measured ({error.strerror}): its memory is unknown"
             raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text, ended=True) from error
 
+    def resident_bytes(self, process: int) -> int | None:
+        """Return the resident memory of one process with the files, None if unknown; reset its high-water mark."""
+        resident = reset_peak(process)
+        return None if resident is None else resident + self.stored_bytes()
+
     def check(self, resident_bytes: int, verb: str) -> None:
         """Raise MethodFailureError if the limit is exceeded."""
         if resident_bytes > self.limit_mb * MB:
@@ -135,18 +141,19 @@ class Measurement:
 class CallMonitor:
     """Measures the calls of a process, one at a time; a monitor is made after the warm-up of the method."""
 
-    def __init__(self, memory: ProcessMemory, pid: int, *, keeps_rate: bool) -> None:
+    def __init__(self, memory: ProcessMemory, pid: int, base_bytes: int | None, *, keeps_rate: bool) -> None:
         """Measure the process `pid`, which is the method itself without its children.
 
-        `keeps_rate` states that pairs arrive at their rate, so that the method may work between its calls.
+        `base_bytes` is the memory of this process before any code of the method was loaded, None if unknown. The memory
+        "above the idle process" is above this memory, so that memory that the method takes when it is imported or
+        created counts. `keeps_rate` states that pairs arrive at their rate, so that the method may work between its
+        calls.
         """
         self.memory = memory
         self.pid = pid
         self.clock = CallClock()
         self._keeps_rate = keeps_rate
-        idle_bytes = reset_peak(pid)
-        #: Resident memory after warm-up; None if unknown.
-        self.idle_bytes = None if idle_bytes is None else idle_bytes + memory.stored_bytes()
+        self.base_bytes = base_bytes
         memory.tree.usage()
         self._warm_cpu_s = memory.tree.cpu_s()  # processor time of the warm-up
 
@@ -207,8 +214,8 @@ class RunningCall:
         peak = None if peak is None else max(peak, self.sampled_bytes)
         if peak is not None:
             self.monitor.memory.check(peak, "had")
-        idle_bytes = self.monitor.idle_bytes
-        above_idle = None if peak is None or idle_bytes is None else max(peak - idle_bytes, 0)
+        base_bytes = self.monitor.base_bytes
+        above_idle = None if peak is None or base_bytes is None else memory_above_idle(peak, base_bytes)
         return Measurement(
             answer_s=answer_s,
             usage=CallUsage(answer_s + self.charged_s, peak, above_idle),

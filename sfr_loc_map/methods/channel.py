@@ -36,13 +36,15 @@ class Channel:
         self._unread = b""
 
     def exchange(
-        self, message: Rules | Setup | Order, kind: type[T], timeout_s: float, check: Callable[[], object]
+        self, message: Rules | Setup | Order | None, kind: type[T], timeout_s: float, check: Callable[[], object]
     ) -> T:
         """Send a message and return the answer; `check` is called periodically meanwhile, and may raise an error.
 
-        MethodFailureError if the answer is late or not of this kind.
+        Without a message, the next line of the process is awaited. MethodFailureError if the answer is late or not of
+        this kind.
         """
-        line = self._answer(json.dumps(message).encode() + b"\n", timeout_s, check)
+        request = b"" if message is None else json.dumps(message).encode() + b"\n"
+        line = self._answer(request, timeout_s, check)
         try:
             return msgspec.convert(json.loads(line), kind)
         except (ValueError, RecursionError) as error:
@@ -59,7 +61,8 @@ class Channel:
         """
         streams = select.poll()
         streams.register(self._answers, select.POLLIN)
-        streams.register(self._orders, select.POLLOUT)
+        if request:
+            streams.register(self._orders, select.POLLOUT)
         now_s = time.monotonic()
         end_s, check_s = now_s + timeout_s, now_s + CHECK_S
         while request or b"\n" not in self._unread:

@@ -145,14 +145,13 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> Rules:
 def environment_of(method: Method, folder: Path) -> dict[str, str]:
     """Return the environment of a method's process, which finds code and compiled kernels where this process does.
 
-    A method under test receives only the existing paths in the variables of `FOLDERS`, and the variables of
-    `passed_settings`; a peer receives all.
+    The folders of `search_path_of` are added once the memory of the process without the method is measured. A method
+    under test receives only the existing paths in the variables of `FOLDERS`, and the variables of `passed_settings`; a
+    peer receives all.
     """
     if method.kind is MethodKind.PEER:
         return {**inherited_environment(), "TMPDIR": str(folder)}
     given = child_environment()
-    if method.kind is MethodKind.PYTHON:  # this process's working directory is searched first
-        given["PYTHONPATH"] = os.pathsep.join((str(Path.cwd()), given["PYTHONPATH"]))
     found = {**passed_settings(given), "LC_ALL": LOCALE}
     for name in FOLDERS:
         existing = [path for path in _paths_in(given.get(name, "")) if os.path.exists(path)]
@@ -164,6 +163,11 @@ def environment_of(method: Method, folder: Path) -> dict[str, str]:
     found |= {"PYTHONDONTWRITEBYTECODE": "1", KERNELS_OF_USER: str(_kernels_of_user())}
     found["NUMBA_CACHE_LOCATOR_CLASSES"] = f"{LOCATORS}.BesideSources,{LOCATORS}.OfUser,UserProvidedCacheLocator"
     return found
+
+
+def search_path_of(method: Method) -> list[str]:
+    """Return the folders in which the modules of a method are searched first: the working directory for a class."""
+    return [str(Path.cwd())] if method.kind is MethodKind.PYTHON else []
 
 
 def _kernels_of_user() -> Path:

@@ -23,9 +23,9 @@ from sfr_loc_map.inputs import read_bytes
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.methods.call_monitor import CallFindings, CallMonitor, Measurement, ProcessMemory
 from sfr_loc_map.methods.channel import Channel, ClosedChannelError
-from sfr_loc_map.methods.child.loop import Answer, Camera, Hello, Order, Pose, Reply, Setup
+from sfr_loc_map.methods.child.loop import Answer, Camera, Hello, Order, Pose, Ready, Reply, Setup
 from sfr_loc_map.methods.child.supervisor import Rules, Started
-from sfr_loc_map.methods.isolation import environment_of, isolation_of, rules_of
+from sfr_loc_map.methods.isolation import environment_of, isolation_of, rules_of, search_path_of
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.registry import ADAPTERS, CHILD, Method, MethodLimits
 from sfr_loc_map.metrics.calls.call_score import is_statistic
@@ -66,6 +66,7 @@ class ProcessSettings:
         return Setup(
             task=method.task.value,
             target=method.target,
+            search_path=search_path_of(method),
             config=method.config,
             images=str(images),
             camera=camera,
@@ -105,7 +106,8 @@ class MethodProcess:
     """The process of a method, which is warmed up once constructed.
 
     `maps_sets`: a mapper maps all pairs in one call. `fuses`: a separate call fuses the maps of single pairs. Both may
-    be false. Arrays of the results are at `output` plus a suffix for their kind.
+    be false. Arrays of the results are at `output` plus a suffix for their kind. `idle_bytes` is the resident memory
+    after warm-up, None if unknown.
     """
 
     def __init__(self, settings: ProcessSettings, T_ds_rb: Transform) -> None:
@@ -134,16 +136,18 @@ class MethodProcess:
             rules = rules_of(settings.method, self._folder, settings.hidden)
             try:
                 started = self._exchange(rules, Started, limits.start_timeout_s, memory.usage)
+                self._exchange(None, Ready, limits.start_timeout_s, memory.usage)
+                base_bytes = memory.resident_bytes(started["process"])  # before any code of the method is loaded
                 setup = settings.setup(images, T_ds_rb)
                 hello = self._exchange(setup, Hello, limits.start_timeout_s, memory.usage)
             except MethodFailureError as error:
                 raise MethodFailureError(error.kind, f"method {settings.method.name} {error}", ended=True) from error
             self.isolation = isolation_of(started["isolation"], can_read_all_files=started["can_read_all_files"])
-            self._monitor = CallMonitor(memory, started["process"], keeps_rate=settings.keeps_rate)
+            self.idle_bytes = memory.resident_bytes(started["process"])
+            self._monitor = CallMonitor(memory, started["process"], base_bytes, keeps_rate=settings.keeps_rate)
             self._resources = resources.pop_all()
         self.version = hello["version"]
         self.fuses, self.maps_sets = hello["fuses"], hello["maps_sets"]
-        self.idle_bytes = self._monitor.idle_bytes
 
     def _start(self, method: Method) -> subprocess.Popen[bytes]:
         """Start the supervisor, which starts `loop.py` with the adapter of the method."""
@@ -223,7 +227,7 @@ class MethodProcess:
             return MethodFailureError(FindingKind.INVALID_RESULT, f"the {suffix} cannot be read: {error}")
 
     def _exchange(
-        self, message: Rules | Setup | Order, kind: type[T], timeout_s: float, check: Callable[[], object]
+        self, message: Rules | Setup | Order | None, kind: type[T], timeout_s: float, check: Callable[[], object]
     ) -> T:
         """Send a message and return the answer, as `Channel.exchange`; a closed channel is a crash."""
         try:

@@ -208,3 +208,41 @@ def test_memory_in_the_buffers_of_sockets_counts(classes: Path) -> None:
     above_idle_bytes = call.usage.above_idle_bytes
     assert above_idle_bytes is not None
     assert above_idle_bytes >= call.statistics["held"] > 20_000_000
+
+
+HELD = 200_000_000  #: Bytes.
+TAKING = f"import builtins\nbuiltins.held = b'1' * {HELD}\n"
+INDENTED = f"self.held = b'1' * {HELD}"
+
+
+@pytest.mark.clause("4.2.2")
+@pytest.mark.parametrize("place", ["import", "constructor", "warm_up", "start of the interpreter"])
+def test_memory_that_a_method_takes_before_its_first_call_is_not_that_of_the_idle_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    """The memory counts, or the code that would take it does not run (a module that Python runs at its start)."""
+    (tmp_path / "taking.py").write_text(
+        f"""
+import numpy as np
+{TAKING if place == "import" else ""}
+class Taking:
+    def __init__(self, rig, config):
+        {INDENTED if place == "constructor" else "pass"}
+    def warm_up(self):
+        {INDENTED if place == "warm_up" else "pass"}
+    def process(self, pair):
+        return np.eye(4)
+"""
+    )
+    if place == "start of the interpreter":
+        (tmp_path / "sitecustomize.py").write_text(TAKING)
+    monkeypatch.chdir(tmp_path)
+    for spec in ("taking:Taking", "taking.py:Taking"):
+        with IsolatedLocaliser(find_method(spec, Task.LOCALISATION), LOC_RIG, true_pose(0), hidden=()) as under_test:
+            _, call = under_test.localise(loc_pair(0))
+        assert not call.finding
+        usage = call.usage
+        assert usage.peak_rss_bytes is not None
+        assert usage.above_idle_bytes is not None
+        assert usage.peak_rss_bytes - usage.above_idle_bytes < HELD
+        assert (usage.above_idle_bytes > HELD) == (place != "start of the interpreter")

@@ -43,10 +43,11 @@ class PythonClass:
     def __init__(self, setup: Setup) -> None:
         T_rb_sb = None if setup["T_rb_sb"] is None else _transform(setup["T_rb_sb"])
         rig = replace(StereoRig(**setup["camera"]), T_rb_sb=T_rb_sb)
-        # `package.module:Name` or `path/to/file.py:Name`; the working directory is searched first
+        # `package.module:Name` or `path/to/file.py:Name`
         place, _, name = setup["target"].rpartition(":")
         is_file = place.endswith(".py")
-        sys.path.insert(0, str(Path(place).resolve().parent) if is_file else "")
+        if is_file:
+            sys.path.insert(0, str(Path(place).resolve().parent))
         make: Any = importlib.import_module(Path(place).stem if is_file else place)
         for part in name.split("."):
             make = getattr(make, part)

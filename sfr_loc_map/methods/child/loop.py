@@ -1,8 +1,11 @@
 """Passes stereo pairs to a method and measures its calls: `python loop.py ADAPTER.py`, orders on standard input.
 
-The client and this process exchange lines of JSON: a `Setup`, answered by a `Hello`, then an `Order` for each call,
-answered by a `Reply`. Images are in a file of `(N, 2, H, W)` bytes. The method receives copies of the images, which the
-method may keep. `ADAPTER.py` defines `open_method(setup)`, which warms the method up and returns an object with
+The client and this process exchange lines of JSON. This process sends a `Ready` before any code of the method is
+loaded, so that the client can measure the memory without the method. The client then sends a `Setup`, answered by a
+`Hello`, and an `Order` for each call, answered by a `Reply`. Images are in a file of `(N, 2, H, W)` bytes. The method
+receives copies of the images, which the method may keep. `ADAPTER.py` must not load code of the method when it is
+imported. The adapter defines `open_method(setup)`, which loads the method, warms the method up and returns an object
+with
 
 - `version`: text;
 - `prepare(left, right, order)`: returns the call, a function without arguments; images are `(H, W)`, or `(n, H, W)` for
@@ -29,6 +32,12 @@ import numpy as np
 Pose = list[float]  #: A matrix `(4, 4)`, row by row.
 
 
+class Ready(TypedDict):
+    """First line: the interpreter and the adapter are loaded, but no code of the method."""
+
+    adapter: str  #: Name of the adapter.
+
+
 class Camera(TypedDict):
     """The rectified stereo camera, with the fields of `StereoRig`, in pixels and metres."""
 
@@ -46,6 +55,7 @@ class Setup(TypedDict):
 
     task: str  #: `localisation` or `mapping`.
     target: str  #: Loaded by the adapter: `package.module:Class`, `FILE.py:Class` or the path of a library.
+    search_path: list[str]  #: Folders that are searched before all others for modules of the method.
     config: str  #: Text of the method's configuration.
     images: str  #: File of the images.
     camera: Camera
@@ -112,10 +122,14 @@ def main() -> None:
     """Answer orders until the input ends."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # some methods print to standard output
-    setup = json.loads(sys.stdin.readline())
     folder, name = os.path.split(sys.argv[1])
     sys.path.insert(0, folder)
-    method = importlib.import_module(name.removesuffix(".py")).open_method(setup)
+    adapter = importlib.import_module(name.removesuffix(".py"))
+    ready: Ready = {"adapter": name}
+    _send(answers, json.dumps(ready))
+    setup = json.loads(sys.stdin.readline())
+    _search_first(setup["search_path"])
+    method = adapter.open_method(setup)
     camera = setup["camera"]
     images = np.memmap(setup["images"], np.uint8, "r").reshape(-1, 2, camera["height"], camera["width"])
     hello: Hello = {
@@ -128,6 +142,16 @@ def main() -> None:
         order = json.loads(line)
         _send(answers, _reply(method, np.array(images[: len(order["pairs"])]), order))
     os._exit(0)  # some methods crash in their destructors; all answers are already written
+
+
+def _search_first(folders: list[str]) -> None:
+    """Let this interpreter and those that the method starts search folders for modules, before all others.
+
+    The interpreter does not receive these folders at its start, because it would run a `sitecustomize.py` in them.
+    """
+    sys.path[:0] = folders
+    inherited = filter(None, [os.environ.get("PYTHONPATH")])
+    os.environ["PYTHONPATH"] = os.pathsep.join([*folders, *inherited])
 
 
 def _reply(method: Any, images: Any, order: Order) -> str:  # noqa: ANN401

@@ -68,7 +68,8 @@ def test_a_method_gets_copies_of_each_pair_and_every_order_is_answered(tmp_path:
             process.stdin.flush()
             return dict(json.loads(process.stdout.readline() or "{}"))
 
-        setup = {"images": str(tmp_path / "images"), "camera": {"width": 6, "height": 4}}
+        assert json.loads(process.stdout.readline()) == {"adapter": "adapter.py"}
+        setup = {"search_path": [], "images": str(tmp_path / "images"), "camera": {"width": 6, "height": 4}}
         one = {"number": 5, "call": "pair", "pairs": [{}], "since_start_s": 0.0}
         assert answer(setup) == {"version": "7", "fuses": False, "maps_sets": True}
         first = answer(one)
