@@ -1,11 +1,11 @@
-"""SHA-256 of files, folders and arrays, by which results identify their inputs."""
+"""SHA-256 of files, folders and arrays, by which results identify their inputs, and the state of hashed files."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import missing
@@ -36,6 +36,30 @@ def hashed_files(path: Path) -> list[Path]:
     """Return the files that `hash_path` reads: the given file, or those in the given folder; empty without the path."""
     files = visible_files(path) if path.is_dir() else [path]
     return [file for file in files if file.is_file()]
+
+
+class FileState(NamedTuple):
+    """Attributes of a file that change if the file is replaced or written.
+
+    The time of the last change of an inode cannot be set, so that the state also differs after the former content was
+    restored.
+    """
+
+    path: str
+    device: int
+    inode: int
+    size: int
+    modified_ns: int
+    changed_ns: int
+
+
+def file_states(path: Path) -> tuple[FileState, ...]:
+    """Return the state of a file, or of each file that the hash of a folder contains; raise OSError if unreadable."""
+    states = ((str(file), file.stat()) for file in hashed_files(path))
+    return tuple(
+        FileState(name, found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
+        for name, found in states
+    )
 
 
 def is_ignored(path: Path) -> bool:

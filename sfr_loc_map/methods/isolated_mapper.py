@@ -131,6 +131,7 @@ class MapOfPairs:
                 cloud = points.to_cloud(points.fusion_sigma, np.full(points.size, index, np.uint8), fused=False)
             return cloud, disparity, _warnings(answer)
 
+        was_complete, self._is_complete = self._is_complete, False  # if a signal interrupts the call
         call, result = self._mapper.call(
             read,
             "set" if maps_sets else "pair",
@@ -139,7 +140,7 @@ class MapOfPairs:
             begins_map=index == 0,
             largest_files=largest_files(rig),
         )
-        self._is_complete = self._is_complete and result is not None
+        self._is_complete = was_complete and result is not None
         self._last_pair = pair
         cloud, disparity, warnings = result or (PointCloud.empty(fused=False), None, ())
         made = _pair_map(rig, pair.stamp_ns, cloud, T_lm_left, disparity, call.statistics, warnings)

@@ -11,6 +11,7 @@ from sfr_loc_map.configuration.parameters import checked
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.hashes import FileState
 from sfr_loc_map.methods.child.loop import Answer, Order, OrderedPair
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, NotStartedAgainError
 from sfr_loc_map.methods.method_process import MethodProcess, ProcessSettings
@@ -89,8 +90,8 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
 
         If the call fails or `read` rejects the answer, the result is None, and the record has the failure in addition
         to what is known of the call. `ordered` describes the pairs for the method. A localiser whose process has ended
-        starts again at `T_ds_rb`. `largest_files` is as for `MethodProcess.call`. MethodError for images of another
-        size.
+        starts again at `T_ds_rb`. A KeyboardInterrupt ends the process, which is not started again. `largest_files` is
+        as for `MethodProcess.call`. MethodError for images of another size.
         """
         for pair in pairs:
             if fault := self.rig.fault_of_size(pair.left):  # the right image has the size of the left image
@@ -120,16 +121,16 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
             if error.ended and not self._starts_left:
                 text += f"; not started again after {1 + self._settings.limits.restarts} starts"
             return call.failed(error.kind, text), None
+        except KeyboardInterrupt:  # the answer of the process is outstanding
+            self.close()
+            raise
 
 
-CodeState = tuple[tuple[str | int, ...], ...]
-
-
-def _state_of(method: Method) -> CodeState:
+def _state_of(method: Method) -> tuple[FileState, ...]:
     return code_state(method.kind, method.adapter, method.target) if method.sha256 is not None else ()
 
 
-def _checked_code(method: Method) -> CodeState:
+def _checked_code(method: Method) -> tuple[FileState, ...]:
     """Return the state of a method's own code; MethodError if the code is no longer that of the hash in its record.
 
     A method may import its code late, so that the state is compared again at the end.

@@ -8,7 +8,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import find_spec
 from pathlib import Path
 
-from sfr_loc_map.hashes import hash_path, hashed_files, is_ignored
+from sfr_loc_map.hashes import FileState, file_states, hash_path, is_ignored
 from sfr_loc_map.metrics.table.records import MethodKind
 
 CODE = ("*.py", "*.so", "*.so.*")  #: File patterns of modules and libraries.
@@ -87,15 +87,9 @@ def unhashed_of(code: Sequence[Path]) -> Iterator[Path]:
                 yield from unhashed_of([entry])
 
 
-def code_state(kind: MethodKind, adapter: str, target: str) -> tuple[tuple[str | int, ...], ...]:
-    """Return the state of the files of a method's own code, which differs after a file was written or replaced.
-
-    The time of the last change of an inode cannot be set, so that the state also differs after the former content was
-    restored.
-    """
-    files = [file for path in code_of(kind, adapter, target) if path.exists() for file in hashed_files(path)]
-    states = ((str(file), file.stat()) for file in files)
-    return tuple((name, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns) for name, state in states)
+def code_state(kind: MethodKind, adapter: str, target: str) -> tuple[FileState, ...]:
+    """Return the state of the files of a method's own code, which differs after a file was written or replaced."""
+    return tuple(state for path in code_of(kind, adapter, target) if path.exists() for state in file_states(path))
 
 
 def code_sha256(kind: MethodKind, adapter: str, target: str) -> str | None:

@@ -8,15 +8,16 @@ Our mapper is called in this process, and a method under test in its own process
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 from sfr_loc_map.calls.call_record import CallRecord, call_of_fusion, call_of_stages, mapping_call
+from sfr_loc_map.calls.run_identity import hash_of_pair, hash_of_set
 from sfr_loc_map.configuration.parameters import changed
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.kernels import load_kernels
@@ -25,7 +26,7 @@ from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairMap, warnings_of_pairs
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.registry import record_of_ours
-from sfr_loc_map.metrics.calls.call_meter import CallMeter
+from sfr_loc_map.metrics.calls.call_meter import CallMeter, CallUsage
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.runs.under_test import Progress, UnderTest
@@ -85,7 +86,14 @@ def _map_set(mapper: IsolatedMapper, pairs: Sequence[PosedStereoPair], progress:
     """Map all pairs in one call of a method under test."""
     maps, fused, call = mapper.map_set(pairs)
     progress(len(maps))
-    whole = mapping_call(maps[-1].stamp_ns, call.usage, MappingState.MAPPED_SET, fused.statistics, call.finding)
+    whole = mapping_call(
+        maps[-1].stamp_ns,
+        call.usage,
+        MappingState.MAPPED_SET,
+        fused.statistics,
+        call.finding,
+        images_sha256=hash_of_set([hash_of_pair(item.pair) for item in pairs]),
+    )
     return MapRun(maps, fused, [whole], mapper.record)
 
 
@@ -96,11 +104,8 @@ class _MeasuredMap(Protocol):
     def record(self) -> MethodRecord:
         """The method that makes the map."""
 
-    def map_pairs(self, pairs: Iterable[PosedStereoPair]) -> Iterator[tuple[PairMap, CallRecord]]:
-        """Yield the map and the call of each pair.
-
-        A signal raises a KeyboardInterrupt. If the pair was already mapped, the pair is yielded first.
-        """
+    def map_pair(self, item: PosedStereoPair) -> tuple[PairMap, CallUsage, str]:
+        """Map the next pair. Return its map, the cost of the call, and the findings on the method."""
 
     def fuse(self) -> tuple[FusedMap, CallRecord | None]:
         """Fuse the mapped pairs; the call is None if the method does not fuse."""
@@ -111,20 +116,16 @@ class _OwnMap:
 
     def __init__(self, rig: StereoRig, config: MappingConfig) -> None:
         self.record = record_of_ours(Task.MAPPING, changed(config))
-        self._mapper = Mapper(rig, config)
         load_kernels("mapping")
-        self._meter = CallMeter()
+        self._meter = CallMeter()  # first, so that the memory of the mapper itself counts
+        self._mapper = Mapper(rig, config)
         self._maps: list[MappedPair] = []
 
-    def map_pairs(self, pairs: Iterable[PosedStereoPair]) -> Iterator[tuple[MappedPair, CallRecord]]:
-        for item in pairs:
-            # an exception in a kernel would end the process
-            with stopping() as stopped, self._meter.measure() as usage:
-                done = self._mapper.process(item.pair, item.T_lm_navsb, len(self._maps))
-            self._maps.append(done)
-            yield done, mapping_call(item.pair.stamp_ns, usage, MappingState.MAPPED, done.statistics)
-            if stopped():
-                raise KeyboardInterrupt
+    def map_pair(self, item: PosedStereoPair) -> tuple[MappedPair, CallUsage, str]:
+        with self._meter.measure() as usage:
+            done = self._mapper.process(item.pair, item.T_lm_navsb, len(self._maps))
+        self._maps.append(done)
+        return done, usage, ""
 
     def fuse(self) -> tuple[FusedMap, CallRecord]:
         with self._meter.measure() as usage:
@@ -140,11 +141,10 @@ class _MapUnderTest:
         self._last_ns = 0  # stamp of the last mapped pair
         self.record = mapper.record
 
-    def map_pairs(self, pairs: Iterable[PosedStereoPair]) -> Iterator[tuple[PairMap, CallRecord]]:
-        for item in pairs:
-            self._last_ns = item.pair.stamp_ns
-            done, call = self._map.map_pair(item.pair, item.T_lm_navsb)
-            yield done, mapping_call(self._last_ns, call.usage, MappingState.MAPPED, done.statistics, call.finding)
+    def map_pair(self, item: PosedStereoPair) -> tuple[PairMap, CallUsage, str]:
+        done, call = self._map.map_pair(item.pair, item.T_lm_navsb)
+        self._last_ns = done.stamp_ns
+        return done, call.usage, call.finding
 
     def fuse(self) -> tuple[FusedMap, CallRecord | None]:
         fused, call = self._map.fuse()
@@ -156,14 +156,21 @@ class _MapUnderTest:
 def _map_and_fuse(
     measured: _MeasuredMap, pairs: Iterable[PosedStereoPair], progress: Progress, *, keeps_finished: bool
 ) -> MapRun:
-    """Map pairs one by one and fuse the maps; `keeps_finished` is as in `run_mapper`."""
+    """Map pairs one by one and fuse the maps; `keeps_finished` is as in `run_mapper`.
+
+    A signal during a call takes effect after the call, so that its pair is kept. A further signal ends the call.
+    """
     maps: list[PairMap] = []
     stages: list[CallRecord] = []
     try:
-        for done, record in measured.map_pairs(pairs):
+        for item in pairs:
+            with stopping() as stopped:  # an exception in a kernel would end the process
+                done, usage, finding = measured.map_pair(item)
             maps.append(done)
-            stages.append(record)
+            stages.append(_call_of_pair(item.pair, done, usage, finding))
             progress(len(maps))
+            if stopped():
+                raise KeyboardInterrupt
     except KeyboardInterrupt:
         if not (keeps_finished and maps):
             raise
@@ -175,6 +182,14 @@ def _map_and_fuse(
         stages.append(fusion)
     whole = mapping_call(maps[-1].stamp_ns, call_of_stages(stages), MappingState.MAPPED_SET)
     return MapRun(maps, fused, [*stages, whole], measured.record)
+
+
+def _call_of_pair(pair: StereoPair, done: PairMap, usage: CallUsage, finding: str) -> CallRecord:
+    """Return the record of the call that mapped a pair."""
+    images_sha256 = hash_of_pair(pair)
+    return mapping_call(
+        pair.stamp_ns, usage, MappingState.MAPPED, done.statistics, finding, images_sha256=images_sha256
+    )
 
 
 def check_count(sequence: NavSequence) -> None:

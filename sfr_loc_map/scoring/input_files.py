@@ -6,25 +6,14 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.hashes import hash_path, hashed_files
+from sfr_loc_map.hashes import FileState, file_states, hash_path
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.source_config import SourceConfig
 
 CONFIGURATION_ROLES = ("configuration", "truth_file", "calibration")
 """Roles of the files that determine how a source is read: `sfr.yaml`, and the truth and calibration named there."""
-
-
-class FileState(NamedTuple):
-    """Attributes of a file that change if the file is replaced or written."""
-
-    path: str
-    device: int
-    inode: int
-    size: int
-    modified_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +55,10 @@ def configuration_files(how: SourceConfig) -> dict[str, Path | None]:
 
 
 def _states_of(path: Path) -> tuple[FileState, ...]:
-    """Return the state of a file, or of each file that the hash of a folder contains."""
-    found: list[FileState] = []
-    with suppress(OSError):  # reported when the file is read or hashed
-        for file in hashed_files(path):
-            state = file.stat()
-            found.append(FileState(str(file), state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns))
-    return tuple(found)
+    """Return the states of the files at a path; empty if they cannot be read, which their reader reports."""
+    with suppress(OSError):
+        return file_states(path)
+    return ()
 
 
 def _trajectory_in(path: Path) -> Path:

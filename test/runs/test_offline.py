@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ import numpy as np
 import pytest
 
 from helpers.made_scene import HEIGHT, LOC_RIG, WIDTH, loc_pair, write_folder
+from sfr_loc_map import signals
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.evidence.variants import PairsInMemory
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
@@ -30,12 +32,15 @@ from sfr_loc_map.localisation.visualisation import STRIP
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.runs import localiser_run, mapper_run
 from sfr_loc_map.runs.drive_start import start_pose, true_start, unstamped_start_warning
 from sfr_loc_map.runs.localiser_run import DEFAULT_STEP_S, localise, localise_with, run_localiser
 from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.runs.track_video import track_video
+from sfr_loc_map.runs.under_test import UnderTest
 from sfr_loc_map.signals import handle_signals
+from sfr_loc_map.suite_names import Task
 
 FIRST_NS = 1_000_000_000_000
 IMAGE = np.zeros((2, 2), np.uint8)
@@ -188,3 +193,49 @@ def test_a_pair_that_is_processed_when_a_signal_arrives_is_kept(
             assert len(run()) == after
         finally:
             signal.signal(signal.SIGINT, before)
+
+
+SLOW = """
+import time
+from sfr_loc_map.geometry.cloud import PointCloud
+
+class Slow:
+    def __init__(self, rig, config):
+        self.count = 0
+    def process(self, pair, T_lm_navsb, index):
+        self.count += 1
+        time.sleep(0.6 * (self.count == 2))
+        return PointCloud.empty()
+    def fuse(self, results):
+        return PointCloud.empty()
+"""
+
+
+@pytest.mark.parametrize(("signals_s", "mapped", "is_fused"), [((0.2,), 2, True), ((0.2, 0.4), 1, False)])
+def test_a_signal_during_a_call_of_a_mapper_under_test_is_no_fault_of_the_method(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signals_s: tuple[float, ...], mapped: int, is_fused: bool
+) -> None:
+    """The first signal lets the method finish its pair. The second ends the call, whose answer is not read later."""
+    (tmp_path / "slow.py").write_text(SLOW)
+    monkeypatch.setattr(signals, "SAME_WISH_S", 0.1)
+    source = open_source(write_folder(tmp_path / "source", 0, 3))
+    how = UnderTest(find_method(f"{tmp_path}/slow.py:Slow", Task.MAPPING), hidden=())
+    timers: list[threading.Timer] = []
+
+    def interrupt(done: int) -> None:
+        if done == 1:
+            timers.extend(threading.Timer(s, signal.raise_signal, (signal.SIGINT,)) for s in signals_s)
+            for timer in timers:
+                timer.start()
+
+    before = signal.getsignal(signal.SIGINT)
+    handle_signals()
+    try:
+        run = run_mapper(source.nav, how, interrupt, keeps_finished=True)
+    finally:
+        signal.signal(signal.SIGINT, before)
+        for timer in timers:
+            timer.join()
+    assert len(run.maps) == mapped
+    assert not any(record.finding for record in run.records)
+    assert ("fused" in [record.state for record in run.records]) == is_fused
