@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.replay.files import ReplayFiles
     from sfr_loc_map.replay.options import ReplayOptions
-    from sfr_loc_map.replay.scored_replay import ScoredReplay
+    from sfr_loc_map.replay.replay_command import ScoredReplay
 
 PLAYED = "Playback of the source"
 UNDER_TEST = "External node in place of ours"
@@ -262,7 +262,7 @@ def _room_for(files: ReplayFiles | None, inputs: Iterable[Path | None], *, overw
 
 def _replayed(source: Source, options: ReplayOptions, files: ReplayFiles | None) -> ScoredReplay:
     """Replay and score with progress bars."""
-    from sfr_loc_map.replay.scored_replay import replay_and_score
+    from sfr_loc_map.replay.replay_command import replay_and_score
 
     parts = ((Task.LOCALISATION, source.loc), (Task.MAPPING, source.nav))
     with progress_bar("pairs") as bar:

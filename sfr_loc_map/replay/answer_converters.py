@@ -34,8 +34,8 @@ from sfr_loc_map.metrics.conventions.pose_convention import (
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import UPPER, symmetric
 from sfr_loc_map.metrics.table.records import FindingKind
+from sfr_loc_map.replay.message_store import Received, ReceivedCloud, ReceivedDrive, ReceivedMaps
 from sfr_loc_map.replay.options import ExternalOptions
-from sfr_loc_map.replay.received import Received, ReceivedCloud, ReceivedDrive, ReceivedMaps
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.ros import messages
 from sfr_loc_map.ros.qos import LATCHED

@@ -14,7 +14,7 @@ from sfr_loc_map.calls.call_record import decode_call
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import StatusKind
-from sfr_loc_map.replay.received import Received, ReceivedCloud
+from sfr_loc_map.replay.message_store import Received, ReceivedCloud
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.ros.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.suite_names import Task

@@ -111,7 +111,7 @@ class ExternalNode:
                 f"'--watch {self._options.watch}': the publisher of {self._options.topic} belongs to another process; "
                 "give the process of the node under test"
             )
-        if self._publishers.have_changed():
+        if self._publishers.have_restarted():
             topic = self._options.topic
             self._answers.note_restart(
                 f"the publisher of its first answer on {topic} has disappeared, or another has appeared"

@@ -40,14 +40,27 @@ class ReplayFiles:
             path.unlink(missing_ok=True)
 
 
-def save_replay(result: ReplayResult, files: ReplayFiles, methods: Mapping[Task, MethodRecord]) -> None:
-    """Write the available results of a replay, without the score. The calls name the method of their task."""
+def save_replay(
+    result: ReplayResult, files: ReplayFiles, methods: Mapping[Task, MethodRecord], *, rate: float = 0.0
+) -> None:
+    """Write the available results of a replay, without the score. The calls name the method of their task.
+
+    `rate` is the multiple of the recorded speed; 0 is lock step.
+    """
     node = result.external
     if len(result.estimate):
         save_trajectory(files.estimate, result.estimate)
     if result.has_stats:
         findings = {} if node is None else {node.task: node.findings}
-        save_stats(files.stats, result.records, methods, result.estimate, findings)
+        save_stats(
+            files.stats,
+            result.records,
+            methods,
+            result.estimate,
+            findings,
+            cloud=result.map.cloud,
+            replay_rate=rate or None,
+        )
     if result.map.cloud is not None:
         save_cloud(files.cloud, result.map.cloud)
     if result.map.points is not None:

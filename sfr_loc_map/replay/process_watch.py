@@ -16,6 +16,7 @@ from sfr_loc_map.process_tree import ProcessTree
 PERIOD_S = 0.05
 FAST_DDS = (1, 15)
 """First bytes of a publisher's global id in Fast DDS. Bytes 4 and 5 of the id are the lowest bits of the process id."""
+ENDED = "Z"  #: State in `/proc/PID/status` of a process that has ended and whose parent has not read its exit code.
 METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second (psutil)"
 
 
@@ -76,9 +77,12 @@ class ProcessWatch:
 
         Only ids of Fast DDS name the process. Publishers with other ids are assumed to belong to the processes.
         """
+        return self.runs_publishers([each for each in ids if tuple(each[:2]) == FAST_DDS])
+
+    def runs_publishers(self, ids: Iterable[Sequence[int]]) -> bool:
+        """Return whether publishers with these global ids are known to belong to watched processes that run now."""
         found = {pid & 0xFFFF for tree in self._trees for item in tree.members() for pid in _numbers_of(item.pid)}
-        of_fast_dds = [each for each in ids if tuple(each[:2]) == FAST_DDS]
-        return all(each[4] | each[5] << 8 in found for each in of_fast_dds)
+        return all(tuple(each[:2]) == FAST_DDS and each[4] | each[5] << 8 in found for each in ids)
 
     @property
     def usage(self) -> ProcessUsage | None:
@@ -102,8 +106,10 @@ class ProcessWatch:
 
 
 def _numbers_of(pid: int) -> Iterator[int]:
-    """Yield the ids of a process in its namespaces, for example in a container."""
+    """Yield the ids of a running process in its namespaces, for example in a container."""
     with contextlib.suppress(OSError, ValueError):
         for line in Path(f"/proc/{pid}/status").read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("State:") and line.split()[1] == ENDED:
+                return
             if line.startswith("NSpid:"):
                 yield from map(int, line.split()[1:])

@@ -32,17 +32,27 @@ class PublisherCheck:
             self._first = self._participants()
             self.is_measured = self._are_measured(self._first)
 
-    def have_changed(self) -> bool:
-        """Return whether the processes of the publishers differ from those at the first answer.
+    def have_restarted(self) -> bool:
+        """Return whether a process of the publishers has ended since the first answer, even if another has replaced it.
 
         This is checked once per `CHECK_PERIOD_S`. Discovery can take many seconds to report that the publisher of a
-        killed process has disappeared, so that the publisher of an additional process counts, too.
+        killed process has disappeared. The publisher of an additional process therefore counts, too, unless the
+        processes of the first publishers are known to run. `is_measured` then applies to all publishers.
         """
         now_s = time.monotonic()
         if self._first is None or now_s - self._checked_s < CHECK_PERIOD_S:
             return False
         self._checked_s = now_s
-        return self._participants() != self._first
+        now = self._participants()
+        if not self._first:  # the publisher was not discovered when its first answer was received
+            self._first = now
+            self.is_measured = self._are_measured(now)
+        if now == self._first:
+            return False
+        if not now > self._first or self._watch is None or not self._watch.runs_publishers(self._first):
+            return True
+        self.is_measured = self.is_measured and self._are_measured(now)
+        return False
 
     def _are_measured(self, participants: set[tuple[int, ...]]) -> bool:
         return self._watch is None or self._watch.has_publishers(participants)

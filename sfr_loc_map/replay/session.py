@@ -20,9 +20,9 @@ from sfr_loc_map.replay.answer_converters import answer_converter
 from sfr_loc_map.replay.arguments_by_node import arguments_by_node, pairs_per_map
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.external import ExternalNode, connected_node
+from sfr_loc_map.replay.message_store import Received
 from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.player import Player, connected_player
-from sfr_loc_map.replay.received import Received
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.replay.waiting import ResultWaits
@@ -107,7 +107,9 @@ def play_and_collect(source: Source, options: ReplayOptions, participants: Parti
         completed = pairs.add(message)
         if completed is not None:
             rig, stamp_ns = completed
-            waits.note_sent(Task.of_rig(rig), stamp_ns, sent_s)
+            task = Task.of_rig(rig)
+            participants.received.add_pair(task, stamp_ns)
+            waits.after_pair(task, stamp_ns, sent_s)
             progress(rig)
 
     messages = message_stream.messages_of(source)

@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.external import ExternalNode
-from sfr_loc_map.replay.received import Received
+from sfr_loc_map.replay.message_store import Received
 from sfr_loc_map.replay.replay_peer import ANSWER_TIMEOUT_S, ReplayPeer
 from sfr_loc_map.ros.peer import Unchanged
 from sfr_loc_map.suite_names import Task
@@ -21,18 +21,20 @@ QUIET_S = 5.0  #: Time after the last result, s, for which the end of a replay w
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResultWaits:
-    """Notes the published pairs, and waits for their results."""
+    """Waits for the results of published pairs, which `received` contains."""
 
     peer: ReplayPeer
-    received: Received  #: Results, which the collector and the external node add.
+    received: Received  #: Published pairs and received results.
     collector: ResultCollector
     external: ExternalNode | None
     pairs_per_map: int = field(kw_only=True)
     is_lock_step: bool = field(kw_only=True)
 
-    def note_sent(self, task: Task, stamp_ns: int, sent_s: float) -> None:
-        """Note when the last image of a pair was published (monotonic clock); in lock step, wait for its results."""
-        self.received.of(task).sent_ns.add(stamp_ns)
+    def after_pair(self, task: Task, stamp_ns: int, sent_s: float) -> None:
+        """Let an external node start its timeout, and wait for the results of a pair in lock step.
+
+        `sent_s` is the time of the monotonic clock when the last image of the pair was published, s.
+        """
         if (external := self._external_of(task)) is not None:
             external.note_sent(stamp_ns, sent_s)
         if self.is_lock_step:

@@ -18,7 +18,7 @@ from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.lifecycle.diagnostics import status_msg
 from sfr_loc_map.replay import waiting
 from sfr_loc_map.replay.collector import ResultCollector
-from sfr_loc_map.replay.received import Received, ReceivedCloud
+from sfr_loc_map.replay.message_store import Received, ReceivedCloud
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.waiting import ResultWaits
 from sfr_loc_map.suite_names import Task

@@ -21,8 +21,8 @@ from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, conv
 from sfr_loc_map.metrics.table.records import FindingKind, FindingRecord
 from sfr_loc_map.replay.answer_converters import CloudConverter, PoseConverter
 from sfr_loc_map.replay.external import ExternalNode
+from sfr_loc_map.replay.message_store import ExternalMaps, ReceivedDrive
 from sfr_loc_map.replay.options import ExternalOptions
-from sfr_loc_map.replay.received import ExternalMaps, ReceivedDrive
 from sfr_loc_map.ros.messages import cloud_from_msg, cloud_msg, header_msg, pose_msg
 from sfr_loc_map.suite_names import Task
 

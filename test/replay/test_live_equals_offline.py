@@ -21,7 +21,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import score_config
 from sfr_loc_map.metrics.stored.score_json import to_dict
 from sfr_loc_map.replay.options import ReplayOptions
-from sfr_loc_map.replay.score import score_replay
+from sfr_loc_map.replay.replay_score import score_replay
 from sfr_loc_map.replay.session import Participants, play_and_collect, started_participants
 from sfr_loc_map.runs.drive_start import start_pose
 from sfr_loc_map.scoring.request import ScoreRequest

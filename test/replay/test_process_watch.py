@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -37,6 +38,11 @@ def test_a_publisher_belongs_to_the_watched_process_or_to_its_descendant(sleepin
         assert below.has_publishers([publisher(sleeping)])
         assert not below.has_publishers([publisher(sleeping), publisher(os.getpid())])
         assert below.has_publishers([publisher(os.getpid(), OTHER_VENDOR)])
+        assert below.runs_publishers([publisher(sleeping)])
+        assert not below.runs_publishers([publisher(sleeping, OTHER_VENDOR)])
+        os.kill(sleeping, signal.SIGKILL)
+        os.waitid(os.P_PID, sleeping, os.WEXITED | os.WNOWAIT)  # the ended process remains in the table of processes
+        assert not below.runs_publishers([publisher(sleeping)])
     finally:
         above.stop()
         below.stop()

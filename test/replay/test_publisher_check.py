@@ -19,6 +19,7 @@ class Graph:
 
     def __init__(self, *ids: tuple[int, ...]) -> None:
         self.ids = ids
+        self.running = set[tuple[int, ...]]()  # publishers whose process is known to run
         self.numbers = itertools.count()
 
     def get_publishers_info_by_topic(self, topic: str) -> list[Any]:
@@ -27,7 +28,10 @@ class Graph:
 
 
 def check_of(graph: Graph, *, is_watched: bool = True) -> PublisherCheck:
-    watch = SimpleNamespace(has_publishers=lambda ids: ids <= {MEASURED}) if is_watched else None
+    watch = SimpleNamespace(
+        has_publishers=lambda ids: ids <= {MEASURED}, runs_publishers=lambda ids: ids <= graph.running
+    )
+    watch = watch if is_watched else None
     return PublisherCheck(cast("Any", SimpleNamespace(ros_node=graph)), "poses", cast("Any", watch))
 
 
@@ -47,19 +51,37 @@ def test_the_publishers_of_the_first_answer_decide_whether_the_process_is_measur
     assert check.is_measured == (not is_watched or OTHER not in at_answer), "later answers do not decide"
 
 
-@pytest.mark.parametrize("later", [(), (OTHER,), (MEASURED, OTHER), (MEASURED,)])
-def test_a_publisher_that_disappears_or_appears_after_the_first_answer_is_a_change(
-    monkeypatch: pytest.MonkeyPatch, later: tuple[tuple[int, ...], ...]
+@pytest.mark.parametrize("is_running", [False, True])
+@pytest.mark.parametrize(
+    ("later", "is_restart"), [((), True), ((OTHER,), True), ((MEASURED, OTHER), None), ((MEASURED,), False)]
+)
+def test_a_publisher_that_is_replaced_after_the_first_answer_is_a_restart(
+    monkeypatch: pytest.MonkeyPatch, later: tuple[tuple[int, ...], ...], is_restart: bool | None, is_running: bool
 ) -> None:
+    """An additional publisher is a restart unless the first process is known to run; it may be outside the watched."""
     now = SimpleNamespace(s=100.0)
     monkeypatch.setattr(publisher_check.time, "monotonic", lambda: now.s)
     graph = Graph()
     check = check_of(graph)
     graph.ids = (MEASURED,)
-    assert not check.have_changed(), "no answer was received"
+    assert not check.have_restarted(), "no answer was received"
     check.note_answer()
-    assert not check.have_changed()
+    assert not check.have_restarted()
     graph.ids = later
-    assert not check.have_changed(), "checked once per period"
+    graph.running = {MEASURED} if is_running else set()
+    assert not check.have_restarted(), "checked once per period"
     now.s += CHECK_PERIOD_S
-    assert check.have_changed() == (later != (MEASURED,))
+    assert check.have_restarted() == (not is_running if is_restart is None else is_restart)
+    assert check.is_measured == (is_restart is not None or not is_running)
+
+
+def test_a_publisher_that_is_discovered_after_its_first_answer_is_no_restart(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = SimpleNamespace(s=100.0)
+    monkeypatch.setattr(publisher_check.time, "monotonic", lambda: now.s)
+    graph = Graph()
+    check = check_of(graph)
+    check.note_answer()
+    for ids, is_restart in (((), False), ((MEASURED,), False), ((OTHER,), True)):
+        graph.ids = ids
+        now.s += CHECK_PERIOD_S
+        assert check.have_restarted() == is_restart

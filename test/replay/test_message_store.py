@@ -5,7 +5,7 @@ import pytest
 
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.replay.received import (
+from sfr_loc_map.replay.message_store import (
     ExternalDrive,
     ExternalMaps,
     Received,
@@ -90,3 +90,15 @@ def test_pairs_without_a_pose_are_missing_however_often_others_are_answered(pose
     for stamp_ns in poses_ns:
         found.drive.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.eye(6))
     assert found.result(None).loc_pairs.missing == missing
+
+
+@pytest.mark.parametrize("is_external", [False, True])
+def test_a_pose_without_a_call_has_a_call_of_unknown_time_and_state(is_external: bool) -> None:
+    found = ExternalDrive() if is_external else ReceivedDrive()
+    for stamp_ns in (10, 20):
+        found.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), stamp_ns * np.eye(6))
+    found.add_call(CallRecord(20, 0.1, "tracking"))
+    unknown, known = found.records
+    assert (unknown.stamp_ns, unknown.state, np.isnan(unknown.processing_time_s)) == (10, "", True)
+    assert unknown.covariance[0, 0] == 10.0
+    assert (known.stamp_ns, known.state, known.processing_time_s) == (20, "tracking", 0.1)

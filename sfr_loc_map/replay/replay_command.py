@@ -13,8 +13,8 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.replay.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.options import ReplayOptions
+from sfr_loc_map.replay.replay_score import files_of_source, methods_of, score_replay
 from sfr_loc_map.replay.result import ReplayResult
-from sfr_loc_map.replay.score import files_of_source, methods_of, score_replay
 from sfr_loc_map.replay.session import Replayed, replay
 from sfr_loc_map.suite_names import Task
 
@@ -108,7 +108,7 @@ def _converted_or_saved(
 def _save(result: ReplayResult, files: ReplayFiles, options: ReplayOptions) -> None:
     """Write the results; the files of an earlier replay are removed, because it may have written more of them."""
     files.remove()
-    save_replay(result, files, methods_of(result, options.changed_settings))
+    save_replay(result, files, methods_of(result, options.changed_settings), rate=options.rate)
 
 
 def _remarks(result: ReplayResult) -> Iterator[str]:

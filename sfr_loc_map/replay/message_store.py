@@ -72,8 +72,9 @@ class ReceivedDrive:
 
     @property
     def records(self) -> list[CallRecord]:
-        """All calls with the covariances of their poses."""
-        return [_with_covariance(call, self.covariances.get(stamp_ns)) for stamp_ns, call in self.calls.items()]
+        """All calls with the covariances of their poses. A pose without a call has a call of unknown time and state."""
+        calls = {stamp_ns: CallRecord(stamp_ns, math.nan) for stamp_ns in self.covariances} | self.calls
+        return [_with_covariance(call, self.covariances.get(stamp_ns)) for stamp_ns, call in calls.items()]
 
 
 @dataclass(slots=True)
@@ -83,12 +84,6 @@ class ExternalDrive(ReceivedDrive):
     def add_call(self, call: CallRecord) -> None:
         """Add a call unless there is one of its stamp."""
         self.calls.setdefault(call.stamp_ns, call)
-
-    @property
-    def records(self) -> list[CallRecord]:
-        """All calls with the covariances of their poses. Each pose has a call, even if the node reports none."""
-        calls = {stamp_ns: CallRecord(stamp_ns, math.nan) for stamp_ns in self.covariances} | self.calls
-        return [_with_covariance(call, self.covariances.get(stamp_ns)) for stamp_ns, call in calls.items()]
 
 
 class ReceivedCloud(NamedTuple):
@@ -221,8 +216,8 @@ class ExternalMaps(ReceivedMaps):
 class Received:
     """What was published and received during a replay.
 
-    `waiting.ResultWaits` adds the stamps of published pairs, `collector.ResultCollector` all calls and the results of
-    the suite's nodes, and the converter of an external node the results of this node.
+    `session` adds the published pairs, `collector.ResultCollector` all calls and the results of the suite's nodes, and
+    the converter of an external node the results of this node.
     """
 
     drive: ReceivedDrive = field(default_factory=ReceivedDrive)
@@ -236,6 +231,10 @@ class Received:
         drive = ExternalDrive() if external_task is Task.LOCALISATION else ReceivedDrive()
         maps = ExternalMaps() if external_task is Task.MAPPING else ReceivedMaps()
         return cls(drive, maps, external_task)
+
+    def add_pair(self, task: Task, stamp_ns: int) -> None:
+        """Add a pair that was published."""
+        self.of(task).sent_ns.add(stamp_ns)
 
     def refuse_call(self, problem: str) -> None:
         """Count an invalid call of an external node."""

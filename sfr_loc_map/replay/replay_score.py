@@ -23,7 +23,7 @@ from sfr_loc_map.metrics.table.records import REPLAY_RATE, MethodRecord
 from sfr_loc_map.replay.files import ReplayFiles
 from sfr_loc_map.replay.result import ReplayedMap, ReplayResult
 from sfr_loc_map.scoring.input_files import CONFIGURATION_ROLES, ReadFile, configuration_files, read_files
-from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, InMemory, Origin, Run
+from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, ExpectedPairs, InMemory, ItemUnderTest, Origin, Run
 from sfr_loc_map.scoring.load_calls import estimates_of_calls
 from sfr_loc_map.scoring.load_map import pairs_of_cloud
 from sfr_loc_map.scoring.score_run import score_run
@@ -72,7 +72,7 @@ def score_replay(
     added to the settings of the score. For provenance, `read` has the result of `files_of_source`, and `files` the
     files that `save_replay` has written. `rate` is the multiple of the recorded speed; 0 is lock step.
     """
-    run = replace(_run_of(source, result), method=_judged_method(result, methods_of(result, settings)))
+    run = _run_of(source, result, _judged_method(result, methods_of(result, settings)))
     origin = Origin(
         _files_of(run, result, files_of_source(source) if read is None else read, files),
         _hashes_of(run, result) if files is None else {},
@@ -86,8 +86,8 @@ def score_replay(
     return score_run(replace(run, origin=origin), config, limits)
 
 
-def _run_of(source: Source, result: ReplayResult) -> Run:
-    """Return the data of a replay that are scored, without origin and method."""
+def _run_of(source: Source, result: ReplayResult, method: MethodRecord) -> Run:
+    """Return the data of a replay that are scored, without their origin; `method` is the judged method."""
     node = result.external
     stated_tasks = () if node is None else (node.task,)
     stats = [stats_of(result.records, estimate=result.estimate, stated_tasks=stated_tasks)] if result.records else []
@@ -97,13 +97,16 @@ def _run_of(source: Source, result: ReplayResult) -> Run:
         stats=stats,
         drive=_scored_drive(source, result, stats),
         cloud=_scored_cloud(source, result.map),
-        unposed_images=0 if images_ns is None or len(result.estimate) else len(images_ns),
-        nav_stamps_ns=pairs_ns,
-        unmapped_pairs=0 if pairs_ns is None else len(np.setdiff1d(pairs_ns, result.map.pair_stamps_ns)),
+        expected=ExpectedPairs(
+            unposed_images=0 if images_ns is None or len(result.estimate) else len(images_ns),
+            nav_stamps_ns=pairs_ns,
+            unmapped=0 if pairs_ns is None else len(np.setdiff1d(pairs_ns, result.map.pair_stamps_ns)),
+        ),
     )
     if node is None:
-        return run
-    return replace(run, external=node.score, findings=node.findings, convention=node.convention)
+        return replace(run, item=ItemUnderTest(method))
+    item = ItemUnderTest(method, node.score, node.findings)
+    return replace(run, item=item, convention=node.convention)
 
 
 def _files_of(

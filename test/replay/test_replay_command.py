@@ -14,10 +14,10 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.table.records import AnswerCounts, ExternalScore, MethodKind, MethodRecord
-from sfr_loc_map.replay import scored_replay
+from sfr_loc_map.replay import replay_command
 from sfr_loc_map.replay.files import ReplayFiles
+from sfr_loc_map.replay.message_store import Received
 from sfr_loc_map.replay.options import ExternalOptions, ReplayOptions
-from sfr_loc_map.replay.received import Received
 from sfr_loc_map.replay.result import ExternalResult
 from sfr_loc_map.replay.session import Replayed
 from sfr_loc_map.scoring.request import ScoreRequest
@@ -56,7 +56,7 @@ def saved_stamps(files: ReplayFiles) -> list[int]:
 def replay(folder: Path, options: ReplayOptions = OPTIONS) -> None:
     """Replay the source of a folder and save the results there."""
     source = open_source(folder / "source")
-    scored_replay.replay_and_score(
+    replay_command.replay_and_score(
         source, options, ReplayFiles(folder), "", progress=lambda rig: None, say=lambda line: None
     )
 
@@ -68,7 +68,7 @@ def test_the_estimate_is_saved_if_the_mapper_published_no_cloud(
     stamps_ns = list(source.loc.stamps_ns)
 
     replayed = Replayed(received(stamps_ns).result(None))
-    monkeypatch.setattr(scored_replay, "replay", lambda *_, **__: replayed)
+    monkeypatch.setattr(replay_command, "replay", lambda *_, **__: replayed)
     with pytest.raises(NodeError, match=r"^mapping_node published no cloud"):
         replay(tmp_path)
     assert saved_stamps(ReplayFiles(tmp_path)) == stamps_ns
@@ -83,7 +83,7 @@ def test_the_results_before_an_error_are_saved(tmp_path: Path, monkeypatch: pyte
     files.report.write_text("of an earlier replay", encoding="utf-8")
 
     replayed = Replayed(received(stamps_ns).result(None), error=NodeError("mapping_node was killed by SIGKILL"))
-    monkeypatch.setattr(scored_replay, "replay", lambda *_, **__: replayed)
+    monkeypatch.setattr(replay_command, "replay", lambda *_, **__: replayed)
     text = f"; the received results are in '{tmp_path}'" if count else ""
     with pytest.raises(NodeError, match=f"^mapping_node was killed by SIGKILL{re.escape(text)}$"):
         replay(tmp_path)
@@ -107,7 +107,7 @@ def test_poses_that_cannot_be_converted_are_saved_as_published(tmp_path: Path, m
     score = ExternalScore(task=Task.LOCALISATION.value, topic="pose", frames="", answers=AnswerCounts(), latency_s=None)
     method = MethodRecord(name="theirs", version=None, kind=MethodKind.EXTERNAL)
     found = received(stamps_ns, Task.LOCALISATION).result(ExternalResult(method, score, ()))
-    monkeypatch.setattr(scored_replay, "replay", lambda *_, **__: Replayed(found))
+    monkeypatch.setattr(replay_command, "replay", lambda *_, **__: Replayed(found))
     request = ScoreRequest.of(["frames=3"], convention=["world=first_pose"])
     options = replace(OPTIONS, external=ExternalOptions(Task.LOCALISATION, "pose"), request=request)
     with pytest.raises(MetricsError, match="the world frame cannot be aligned"):
