@@ -194,6 +194,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._score = MonitorScore(config.score, None, config.truth)  # `setup` reads the limits
         self._score_file = ScoreFile(Path(config.save_file)) if config.save_file else None
         self._lost_in_transport = 0  # messages
+        self._missed_estimates = 0  # published before the first received estimate of the present score
         self._camera_infos = CameraInfoPair()
         self._truth: TruthInput = TopicTruthInput(self, Reliability(config.input.reliability))
         if config.truth.frame:
@@ -237,6 +238,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any message
             self._lost_in_transport += gaps.add(info)
+            if topic == ESTIMATE and gaps.count == 1:
+                self._missed_estimates = gaps.before
             size_bytes = len(message.data) if kind is PointCloud2 else 0
             self.worker.enqueue_droppable(partial(callback, message), size_bytes)
 
@@ -288,6 +291,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         """Discard what was received in the previous run."""
         self._discard(cause)
         self._score.restart()
+        self._missed_estimates = 0
         self._last_ns = 0
 
     def _discard(self, cause: str) -> None:
@@ -383,6 +387,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             restarts=self._restarts,
             discards=self._discards,
             discarded=self._discarded,
+            missed_estimates=self._missed_estimates,
             provenance=made,
         )
         return self._score.result(live)

@@ -41,11 +41,12 @@ class TransportGaps:
     """Counts messages that were published but not received, for topics with one publisher at a time.
 
     A publisher numbers its messages from 1. A lower number therefore indicates a new publisher, whose identity is not
-    transmitted. `count` is the number of received messages, `lost` the number of missing messages.
+    transmitted. `count` is the number of received messages, `lost` the number of missing messages, and `before` the
+    number of messages that were published before the first received message.
     """
 
     def __init__(self) -> None:
-        self.count = self.lost = self._last = 0
+        self.count = self.lost = self.before = self._last = 0
         self._several = False
         self._lost_of_one = 0  # losses until the last time that there was one publisher
 
@@ -57,6 +58,8 @@ class TransportGaps:
         """Add the message info of a message; return the number of messages missing before that message."""
         number, last = int(info.get("publication_sequence_number") or 0), self._last
         self._last = number
+        if not self.count:
+            self.before = max(number - 1, 0)
         self.count += 1
         gap = number - last - 1 if last and number > last and not self._several else 0
         self.lost += gap

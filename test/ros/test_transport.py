@@ -52,3 +52,10 @@ def test_what_is_published_between_two_subscriptions_is_not_lost() -> None:
     found += [gaps.add({"publication_sequence_number": number}) for number in (50, 52)]
     assert found == [0, 1, 0, 1]
     assert gaps.lost == 2
+
+
+def test_messages_before_the_first_subscription_are_counted_apart_from_losses() -> None:
+    for numbers, before in (([1, 2], 0), ([7, 9, 1], 6), ([None, 5], 0)):
+        gaps = TransportGaps()
+        lost_ones = [gaps.add({"publication_sequence_number": number}) for number in numbers]
+        assert (gaps.before, lost_ones[0]) == (before, 0)

@@ -36,7 +36,7 @@ class MapToScore(NamedTuple):
     stamp_ns: int  #: Stamp of the last pair.
     cloud: PointCloud
     truths: list[PairTruth]  #: Truth of each pair of the cloud, in the order of the points' `pair`.
-    expected_pairs: int  #: Number of pairs that the map must contain: those since the previous map.
+    expected_pairs: int  #: Number of pairs that the map must contain: its own, and earlier pairs of no other map.
 
 
 class MapInputs:
@@ -56,7 +56,8 @@ class MapInputs:
         """
         self._fusions = Latest[int, CallRecord](MAX_KEPT)  # fusions by the stamp of their cloud
         self.pair_stamps_ns = set[int]()  # stamps of received mapping pairs, which the maps of the run must contain
-        self._taken_ns = set[int]()  # stamps of the last pairs of the scored and refused maps
+        # pairs that the scored and refused maps must contain, by the stamp of the last pair of the map
+        self._counted = dict[int, set[int]]()
         self._refused = dict[int, int]()  # number of pairs of each refused map by the stamp of its last pair
 
     @property
@@ -66,9 +67,8 @@ class MapInputs:
 
     @property
     def unmapped_pairs(self) -> int:
-        """Number of mapping pairs after the last map, and of pairs whose map was refused."""
-        last_ns = max(self._taken_ns, default=-1)
-        return self.refused_pairs + sum(stamp_ns > last_ns for stamp_ns in self.pair_stamps_ns)
+        """Number of mapping pairs that no scored map must contain: their map is missing or was refused."""
+        return self.refused_pairs + len(self.pair_stamps_ns.difference(*self._counted.values()))
 
     def set_rig(self, rig: StereoRig) -> None:
         """Set the rig of the following pairs."""
@@ -93,11 +93,11 @@ class MapInputs:
             self._fusions[record.stamp_ns] = record
 
     def take_complete(self) -> Iterator[MapToScore]:
-        """Yield and remove the clouds whose pairs and truth are known.
+        """Yield and remove the clouds whose pairs and truth are known, in the order of their stamps.
 
         A cloud whose last pair is not a received pair of this run is skipped, because it was made in a previous run.
         """
-        for stamp_ns in list(self._clouds):
+        for stamp_ns in sorted(self._clouds):
             fusion = self._fusions.get(stamp_ns)
             if fusion is None or self.rig is None:
                 continue
@@ -110,20 +110,27 @@ class MapInputs:
             T_sb_left = self.rig.T_sb_left
             truths = [PairTruth(self._true_points[s], self._poses[s] @ T_sb_left, self.rig) for s in wanted_ns]
             cloud = replace(self._clouds.pop(stamp_ns), fused=fusion.is_fused, pair_stamps_ns=wanted_ns)
-            expected_pairs = max(self._pairs_since_previous_map(last_ns), len(set(wanted_ns)))
-            self._taken_ns.add(last_ns)
+            expected_ns = self._expected_ns(last_ns) | set(wanted_ns)
+            self._counted[last_ns] = expected_ns
             self._refused.pop(last_ns, None)
-            yield MapToScore(last_ns, cloud, truths, expected_pairs)
+            yield MapToScore(last_ns, cloud, truths, len(expected_ns))
 
     def refuse(self, made: MapToScore) -> None:
         """Count the pairs of a map that cannot be scored as unmapped, until another map ends with the same pair."""
         self._refused[made.stamp_ns] = made.expected_pairs
 
-    def _pairs_since_previous_map(self, last_ns: int) -> int:
-        """Return the number of pairs up to `last_ns` since the previous map, which was taken or waits for its truth."""
-        waiting_ns = self._clouds.keys() & self.pair_stamps_ns
-        begin_ns = max((stamp for stamp in self._taken_ns | waiting_ns if stamp < last_ns), default=-1)
-        return sum(begin_ns < stamp <= last_ns for stamp in self.pair_stamps_ns)
+    def _expected_ns(self, last_ns: int) -> set[int]:
+        """Return the pairs up to `last_ns` that belong to no other map, whatever the order in which maps arrive.
+
+        Another map was already taken, is named by the call of its fusion, or is a cloud that waits for its truth and
+        contains all pairs up to its stamp.
+        """
+        others = [stamps_ns for other_ns, stamps_ns in self._counted.items() if other_ns != last_ns]
+        fusions = [set(call.pair_stamps_ns) for call in self._fusions.values()]
+        others += [stamps_ns for stamps_ns in fusions if max(stamps_ns) != last_ns]
+        waiting_ns = (stamp_ns for stamp_ns in self._clouds if stamp_ns in self.pair_stamps_ns and stamp_ns < last_ns)
+        begin_ns = max(waiting_ns, default=-1)
+        return {stamp_ns for stamp_ns in self.pair_stamps_ns if begin_ns < stamp_ns <= last_ns}.difference(*others)
 
 
 class JudgedMap(NamedTuple):

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.calls.call_score import concatenated
 from sfr_loc_map.metrics.completeness.expected_items import live_completeness, settled
 from sfr_loc_map.metrics.config import ScoreConfig
@@ -49,6 +50,8 @@ class LiveRun:
     restarts: int = 0  #: Number of restarts caused by a jump of the stamps.
     discards: int = 0  #: Number of intervals whose data the node received and then discarded.
     discarded: tuple[DiscardedInterval, ...] = ()  #: The latest of these intervals, at most `MAX_LISTED`.
+    #: Number of estimates that were published before the first that the node received, as after a restart of the node.
+    missed_estimates: int = 0
     provenance: Provenance | None = None  #: Provenance of the score.
 
     @property
@@ -74,7 +77,7 @@ def score_so_far(received: LiveData, live: LiveRun, config: ScoreConfig, limits:
     """Return the score of a run in progress."""
     config = with_conditions(config, limits)
     run = received.run
-    trajectory = result_without_poses(run.unposed_images)
+    trajectory = result_without_poses(run.expected.unposed_images)
     if run.drive is not None:
         trajectory = drive_result(
             run.drive,
@@ -85,7 +88,7 @@ def score_so_far(received: LiveData, live: LiveRun, config: ScoreConfig, limits:
             is_live=True,
             in_flight_ns=live.in_flight_ns,
         )
-    surface = received.map or result_without_cloud(run.unmapped_pairs, None)
+    surface = received.map or result_without_cloud(run.expected.unmapped, None)
     if not live.details:
         surface = replace(surface, details=None)
     calls = calls_result(run, _due_calls(run, live.in_flight_ns), details=live.details)
@@ -111,6 +114,12 @@ def _with_transport(calls: CallsResult, live: LiveRun, messages: int) -> CallsRe
     """Return the result of the calls with the counts of dropped messages and restarts. Zero counts have no rows."""
     if live.discards:
         calls = replace(calls, caveats=(*calls.caveats, _discarded_text(live)))
+    if live.missed_estimates:
+        text = (
+            f"{counted(live.missed_estimates, 'estimate')} published before the monitor received the first one: the "
+            "live score does not contain them"
+        )
+        calls = replace(calls, caveats=(*calls.caveats, text))
     if not messages and not live.dropped and not live.restarts:
         return calls
     return replace(calls, figures=(*calls.figures, *live_completeness(messages, live.dropped, live.restarts)))

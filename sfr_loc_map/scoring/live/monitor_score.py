@@ -22,7 +22,7 @@ from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.results import MapResult
 from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch
-from sfr_loc_map.scoring.inputs import DriveToScore, Run
+from sfr_loc_map.scoring.inputs import DriveToScore, ExpectedPairs, Run
 from sfr_loc_map.scoring.live.live_maps import LiveMaps, MapInputs, MapToScore
 from sfr_loc_map.scoring.live.live_score import ENDED, LiveData, LiveRun, score_so_far
 from sfr_loc_map.scoring.live.received_rows import ReceivedRows
@@ -132,9 +132,11 @@ class MonitorScore:
         run = Run(
             stats=[] if stats is None else [stats],
             drive=drive,
-            unposed_images=0 if is_under_way or self.rows.has_estimates else len(set(self._images_ns)),
-            nav_stamps_ns=np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64),
-            unmapped_pairs=unmapped if surface is None else 0,
+            expected=ExpectedPairs(
+                unposed_images=0 if is_under_way or self.rows.has_estimates else len(set(self._images_ns)),
+                nav_stamps_ns=np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64),
+                unmapped=unmapped if surface is None else 0,
+            ),
         )
         finding = self._convention_finding(drive)
         received = LiveData(run=run, messages=self.rows.messages, map=surface, convention_finding=finding)

@@ -39,7 +39,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.nodes.score_file import ScoreFile
-from sfr_loc_map.replay.received import ExternalDrive, ReceivedDrive
+from sfr_loc_map.replay.message_store import ExternalDrive, ReceivedDrive
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.scoring.live.live_maps import LiveMaps
 from sfr_loc_map.scoring.live.live_score import DiscardedInterval, LiveRun
@@ -197,6 +197,9 @@ def test_calls_of_a_live_run_are_stated_and_resets_are_a_deviation() -> None:
         assert "was stated by the node and not measured from outside" in deviations
         assert "was measured on the host" not in deviations
         assert ("3 to 7 ns (~/reset)" in deviations) == bool(discarded)
+    for missed in (0, 7):
+        score = monitor.result(LiveRun(missed_estimates=missed))
+        assert ("7 estimates published before" in " ".join(deviations_of(score))) == bool(missed)
 
 
 def test_settings_of_a_live_score_are_deviations_as_those_of_a_file() -> None:
@@ -313,11 +316,12 @@ def test_a_cloud_of_the_run_before_is_not_judged_in_the_new_run(is_fused_late: b
     assert maps.unmapped_pairs == 1
 
 
+@pytest.mark.parametrize("is_first_late", [False, True])
 @pytest.mark.parametrize("order", [(1, 2, 3, 4), (3, 4, 1, 2)])
-def test_the_pairs_that_a_map_must_contain_are_independent_of_the_order_in_which_truth_arrives(
-    order: tuple[int, ...],
+def test_the_pairs_that_a_map_must_contain_are_independent_of_the_order_of_arrival(
+    order: tuple[int, ...], is_first_late: bool
 ) -> None:
-    """Pair 3 is missing from the second map."""
+    """Pair 3 is missing from the second map. The cloud of the first map may arrive after the second map is scored."""
     monitor, points = MonitorScore(ScoreConfig(), None), np.zeros((NAV_RIG.height, NAV_RIG.width, 3))
     maps = monitor.map_inputs
     maps.set_rig(NAV_RIG)
@@ -325,12 +329,18 @@ def test_the_pairs_that_a_map_must_contain_are_independent_of_the_order_in_which
         maps.add_pose(stamp_ns, Transform.identity())
     for mapped in ((1, 2), (4,)):
         monitor.add_call(CallRecord(mapped[-1], 0.1, "fused", pair_stamps_ns=mapped, task=Task.MAPPING))
-        maps.add_cloud(mapped[-1], PointCloud.empty())
+        if not is_first_late or mapped[-1] == 4:
+            maps.add_cloud(mapped[-1], PointCloud.empty())
     expected = {}
     for stamp_ns in order:
         maps.add_true_points(stamp_ns, points)
         expected |= {len(made.truths): made.expected_pairs for made in maps.take_complete()}
+    if is_first_late:
+        assert (expected, maps.unmapped_pairs) == ({1: 2}, 2)
+        maps.add_cloud(2, PointCloud.empty())
+        expected |= {len(made.truths): made.expected_pairs for made in maps.take_complete()}
     assert expected == {2: 2, 1: 2}
+    assert maps.unmapped_pairs == 0
 
 
 def test_a_warning_about_the_truth_is_logged_once_in_a_run(caplog: pytest.LogCaptureFixture) -> None:
