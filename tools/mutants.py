@@ -50,6 +50,7 @@ TESTS = (
     "test/scoring/test_drive_completeness.py",
     "test/scoring/test_map_completeness.py",
     "test/scoring/test_judged_calls.py",
+    "test/scoring/test_calls_of_the_run.py",
     "test/scoring/test_target_calls.py",
     "test/test_host_clock.py",
     "test/scoring/test_data_set.py",
@@ -542,6 +543,11 @@ MUTATIONS = (
     Mutation("methods/channel.py", "if now_s > end_s:", "if now_s > end_s and not self._unread:"),
     # calls of the run, and what limits allow
     Mutation(CALL_CHECKS, "apart_ns <= nearness_ns(stamps_ns)", "apart_ns == 0"),
+    Mutation(CALL_CHECKS, '_check_same("attitudes", apart_deg', '_check_same("attitudes", 0.0 * apart_deg'),
+    Mutation(CALL_CHECKS, "    _check_calls_of_poses(has_call)\n", ""),
+    Mutation(CALL_CHECKS, "named[pair.stamp_ns] != {hash_of_pair(pair)}", "False"),
+    Mutation(CALL_CHECKS, "made != {hash_of_cloud(cloud)}", "False"),
+    Mutation("methods/method_process.py", 'started["process"], base_bytes,', 'started["process"], self.idle_bytes,'),
     Mutation(
         CALL_POSES,
         "lost = (states == TrackingState.LOST) | initialises_again(",

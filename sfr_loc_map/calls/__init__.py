@@ -7,6 +7,7 @@ The record of a call has three forms (`CallRecord` lists the fields that only th
     CallStats (`call_stats`)          the calls of a run as columns, from a file or from records (`call_rows`); scores
                                       read this form
 
-`call_poses` assigns the states, covariances and steps of calls to the poses of their run.
+`run_identity` identifies the run of calls by its poses, images, cloud and rate, so that a score detects calls of
+another run. `call_poses` assigns the states, covariances and steps of calls to the poses of their run.
 `call_findings` counts the findings on a method that its calls state.
 """

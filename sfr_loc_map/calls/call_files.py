@@ -5,7 +5,8 @@ The columns are in this order. A file has only the groups for which a call has a
     CALL_NAMES, MEMORY_METHOD         stamp, time, state, reason, memory
     METHOD_NAMES, FINDING             method of the task, and its error in the call
     FINDING_TASK, FINDING_COUNT       task and number of errors that belong to no call
-    POSITION_NAMES                    estimated position
+    POSITION_NAMES, ATTITUDE_NAMES    estimated pose
+    IMAGES, CLOUD, REPLAY_RATE        images of the call; cloud and rate of the run
     statistics                        statistics of the calls by name, sorted
     COVARIANCE_NAMES, STEP_NAMES      covariance of the pose; step from the previous pose
 
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,9 +32,11 @@ import numpy as np
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.calls.call_findings import findings_of
 from sfr_loc_map.calls.call_record import CallRecord, bounded, check_uncertainty
-from sfr_loc_map.calls.call_stats import CallStats, positions_of
+from sfr_loc_map.calls.call_stats import CallStats
+from sfr_loc_map.calls.run_identity import POSE_SIZE, RunIdentity, hash_of_cloud, poses_by_stamp
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_table_text, refusing
 from sfr_loc_map.io.tables.number_text import is_decimal, parse_count
@@ -57,19 +61,29 @@ FINDING = "finding"  #: Column of the error of a method in a call.
 FINDING_TASK, FINDING_COUNT = "finding_task", "finding_count"
 """Columns of the task and of the number of errors that belong to no call; empty for a call."""
 POSITION_NAMES = ("position_x_m", "position_y_m", "position_z_m")
-"""Columns of the estimated position of a call. The positions identify the estimate to which the calls belong."""
+ATTITUDE_NAMES = ("attitude_x", "attitude_y", "attitude_z", "attitude_w")
+"""Columns of the estimated pose of a call: position, and quaternion of RB in DS. The poses identify the estimate to
+which the calls belong."""
+IMAGES, CLOUD = "images_sha256", "cloud_sha256"
+"""Columns of the hash of the images of a call, and of the hash of the cloud that the calls of a mapper made."""
+REPLAY_RATE = "replay_rate"  #: Column of the multiple of the recorded speed at which a replay was played.
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
 MOTION_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))
 """Columns of the uncertainty of the motion since the previous pose."""
 NOISE_NAMES = tuple(f"noise_{name}" for name in COVARIANCE_NAMES)  #: Columns of the covariance of the pose noise.
 STEP_NAMES = (*MOTION_NAMES, *NOISE_NAMES)
-SIGNED_NAMES = frozenset((*POSITION_NAMES, *COVARIANCE_NAMES, *STEP_NAMES))  #: Columns that may be negative.
+SIGNED_NAMES = frozenset((*POSITION_NAMES, *ATTITUDE_NAMES, *COVARIANCE_NAMES, *STEP_NAMES))
+"""Columns that may be negative."""
 FINDING_NAMES = (FINDING, FINDING_TASK, FINDING_COUNT)
-RESERVED_NAMES = frozenset((*CALL_NAMES, *COST_NAMES, MEMORY_METHOD, *METHOD_NAMES, *FINDING_NAMES)) | SIGNED_NAMES
+IDENTITY_NAMES = (*POSITION_NAMES, *ATTITUDE_NAMES, IMAGES, CLOUD, REPLAY_RATE)
+RESERVED_NAMES = SIGNED_NAMES.union(
+    CALL_NAMES, COST_NAMES, [MEMORY_METHOD], METHOD_NAMES, FINDING_NAMES, IDENTITY_NAMES
+)
 """Names of columns that are not those of statistics. A statistic with such a name has the column `statistics.NAME`."""
 STATISTICS = "statistics."  #: Prefix of the column of a statistic whose name is reserved or begins with this prefix.
 STATES = (*TrackingState, *MappingState)
 NOT_FINITE = ("nan", "inf", "-inf")  #: Texts of numbers that are not finite.
+SHA256 = re.compile("[0-9a-f]{64}")
 
 
 def stats_beside(result: Path) -> Path:
@@ -83,17 +97,25 @@ def save_stats(
     methods: Mapping[Task, MethodRecord] = MappingProxyType({}),
     estimate: Trajectory | None = None,
     findings: Mapping[Task, Sequence[FindingRecord]] = MappingProxyType({}),
+    *,
+    cloud: PointCloud | None = None,
+    replay_rate: float | None = None,
 ) -> None:
     """Write one row per call and per finding. Each row names the method of its task, if given.
 
-    With an estimate, each call has the estimated position at its stamp. InputError if a call has an invalid covariance
-    or step, because such a file cannot be read.
+    With an estimate, each call has the estimated pose at its stamp. With a cloud, each call of a mapper has the hash of
+    the cloud. `replay_rate` is the multiple of the recorded speed of a replay; None in lock step and without a replay.
+    InputError if a call has an invalid covariance or step, because such a file cannot be read.
     """
     for record in records:
         with refusing(f"call of stamp {record.stamp_ns}"):
             check_uncertainty(record)
-    positions = {} if estimate is None else positions_of(estimate)
-    groups = _column_groups(records, methods, positions)
+    identity = _RunCells(
+        poses={} if estimate is None else poses_by_stamp(estimate),
+        cloud_sha256=None if cloud is None else hash_of_cloud(cloud),
+        replay_rate=replay_rate,
+    )
+    groups = _column_groups(records, methods, identity)
     rows_of_findings = [
         _method_cells(methods.get(task)) | _finding_cells(task, finding)
         for task, items in findings.items()
@@ -123,10 +145,18 @@ class _ColumnGroup(NamedTuple):
     values_of: Callable[[CallRecord], Sequence[object] | None]  #: Values of a call in the order of the names, or None.
 
 
+class _RunCells(NamedTuple):
+    """What identifies the run of calls that are written."""
+
+    poses: Mapping[int, Sequence[float]]  #: Position and quaternion of each pose of the estimate by stamp.
+    cloud_sha256: str | None
+    replay_rate: float | None
+
+
 def _column_groups(
-    records: Sequence[CallRecord], methods: Mapping[Task, MethodRecord], positions: Mapping[int, Sequence[float]]
+    records: Sequence[CallRecord], methods: Mapping[Task, MethodRecord], identity: _RunCells
 ) -> list[_ColumnGroup]:
-    """Return the optional columns of calls in the order of the file; `positions` are the estimated ones by stamp."""
+    """Return the optional columns of calls in the order of the file."""
     statistics = sorted({name for record in records for name in record.statistics})
 
     def method_of(record: CallRecord) -> Sequence[object] | None:
@@ -135,8 +165,18 @@ def _column_groups(
     def finding_of(record: CallRecord) -> Sequence[object] | None:
         return [record.finding] if record.finding or record.task in methods else None
 
-    def position_of(record: CallRecord) -> Sequence[object] | None:
-        return positions.get(record.stamp_ns, [None] * 3) if positions else None
+    def pose_of(record: CallRecord) -> Sequence[object] | None:
+        return identity.poses.get(record.stamp_ns, [None] * POSE_SIZE) if identity.poses else None
+
+    def images_of(record: CallRecord) -> Sequence[object] | None:
+        return [record.images_sha256] if record.images_sha256 else None
+
+    def cloud_of(record: CallRecord) -> Sequence[object] | None:
+        has_cloud = identity.cloud_sha256 is not None and record.task is Task.MAPPING
+        return [identity.cloud_sha256] if has_cloud else None
+
+    def rate_of(record: CallRecord) -> Sequence[object] | None:
+        return None if identity.replay_rate is None else [identity.replay_rate]
 
     def statistics_of(record: CallRecord) -> Sequence[object] | None:
         stated = record.statistics
@@ -152,7 +192,10 @@ def _column_groups(
         _ColumnGroup(METHOD_NAMES, method_of),
         _ColumnGroup((FINDING,), finding_of),
         _ColumnGroup((FINDING_TASK, FINDING_COUNT), lambda record: None),
-        _ColumnGroup(POSITION_NAMES, position_of),
+        _ColumnGroup((*POSITION_NAMES, *ATTITUDE_NAMES), pose_of),
+        _ColumnGroup((IMAGES,), images_of),
+        _ColumnGroup((CLOUD,), cloud_of),
+        _ColumnGroup((REPLAY_RATE,), rate_of),
         _ColumnGroup([*map(_column_of_statistic, statistics)], statistics_of),
         _ColumnGroup(COVARIANCE_NAMES, covariance_of),
         _ColumnGroup(STEP_NAMES, step_of),
@@ -223,7 +266,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
         findings=(*findings, *findings_of(table.texts(FINDING), stamps_ns.tolist())),
         usage_columns=[*map(table.numbers, USAGE_NAMES)],
         methods=methods,
-        positions=table.matrix(POSITION_NAMES),
+        identity=table.identity(),
         has_stamps=has_stamps,
         stated_tasks=[task for task, method in methods.items() if method.kind is MethodKind.EXTERNAL],
     )
@@ -357,6 +400,39 @@ class _Table:
             with refusing(f"statistics '{self.path}' line {line}"):
                 check_variances("step", variances)
         return steps
+
+    def identity(self) -> RunIdentity:
+        """Return what identifies the run; InputError for an invalid hash, and for several clouds or rates."""
+        self.hashes(CLOUD)
+        self.numbers(REPLAY_RATE)
+        rate = float(self._of_run(REPLAY_RATE) or 0.0)
+        return RunIdentity(
+            positions=self.matrix(POSITION_NAMES),
+            quats_xyzw=self.matrix(ATTITUDE_NAMES),
+            images_sha256=self.hashes(IMAGES) if IMAGES in self.columns else None,
+            cloud_sha256=self._of_run(CLOUD),
+            replay_rate=rate if rate > 0.0 else None,
+        )
+
+    def hashes(self, name: str) -> list[str]:
+        """Return a column of hashes, empty where a cell is empty; InputError if a hash is not a SHA-256."""
+        texts = self.texts(name)
+        for line, text in zip(self.lines, texts, strict=True):
+            if text and not SHA256.fullmatch(text):
+                required = "64 digits from 0 to 9 and a to f, or an empty cell, are required"
+                raise InputError(f"statistics '{self.path}' line {line}: {name} is '{text}': {required}")
+        return texts
+
+    def _of_run(self, name: str) -> str | None:
+        """Return the text that a column has for the complete run, None without a text.
+
+        InputError if rows have different texts.
+        """
+        texts = set(filter(None, self.texts(name)))
+        if len(texts) > 1:
+            text = f"the column {name} has {len(texts)} different values: one for the complete run is required"
+            raise InputError(f"statistics '{self.path}': {text}; give the statistics of one run, unchanged")
+        return next(iter(texts), None)
 
     def matrix(self, names: Sequence[str]) -> FloatArray | None:
         """Return columns `(N, names)` of numbers, NaN where a cell is empty; None if a column is missing."""

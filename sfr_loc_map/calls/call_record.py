@@ -40,6 +40,7 @@ Stamp = Annotated[int, Meta(ge=0, lt=STAMP_LIMIT)]
 Bytes = Annotated[int, Meta(ge=0, le=int(MAX_NUMBER))]
 Name = Annotated[str, Meta(max_length=100)]
 Text = Annotated[str, Meta(max_length=2000)]
+Hash = Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,8 +48,9 @@ class CallRecord:
     """One call of localiser or mapper; `encode_call` and `decode_call` convert it for `<node>/call`.
 
     The file of the calls of a run (`call_files`) has all fields but `pair_stamps_ns`, `fused`, `times`, `counts`,
-    `version` and `task`. The columns in memory (`call_stats`) also have no `reason`. Of the statistics they have the
-    times of stages and the usage, and findings are counted by their kind. The task of a row follows from its state.
+    `version` and `task`. The columns in memory (`call_stats`) also have no `reason`, and `images_sha256` only from a
+    file. Of the statistics they have the times of stages and the usage, and findings are counted by their kind. The
+    task of a row follows from its state.
     """
 
     stamp_ns: Stamp  #: Stamp of the pair; for a fused cloud, of its last pair.
@@ -73,6 +75,7 @@ class CallRecord:
         default_factory=dict
     )  #: Messages dropped since the configuration, by cause.
     version: Text = ""  #: Version of the method, if a node reports it.
+    images_sha256: Hash = ""  #: Hash of the images of the call (`run_identity`); empty if unknown.
     task: Task = Task.LOCALISATION  #: Task of the node that made the call.
 
     def __post_init__(self) -> None:
@@ -110,7 +113,11 @@ def call_of_stages(stages: Sequence[CallRecord | CallUsage]) -> CallUsage:
 
 
 def call_of_estimate(
-    estimate: PoseEstimate, usage: CallUsage, more: Mapping[str, float] = MappingProxyType({})
+    estimate: PoseEstimate,
+    usage: CallUsage,
+    more: Mapping[str, float] = MappingProxyType({}),
+    *,
+    images_sha256: str = "",
 ) -> CallRecord:
     """Return the record of the localiser's call that gave an estimate, with further statistics."""
     return CallRecord(
@@ -123,6 +130,7 @@ def call_of_estimate(
         covariance=estimate.covariance,
         reason=estimate.reason_text,
         step=None if estimate.step is None else estimate.step.uncertainty,
+        images_sha256=images_sha256,
     )
 
 
@@ -132,6 +140,8 @@ def mapping_call(
     state: MappingState,
     statistics: Mapping[str, float] = MappingProxyType({}),
     finding: str = "",
+    *,
+    images_sha256: str = "",
 ) -> CallRecord:
     """Return the record of a mapper's call for the pair of a stamp, or for a map whose last pair has the stamp."""
     return CallRecord(
@@ -142,6 +152,7 @@ def mapping_call(
         above_idle_bytes=usage.above_idle_bytes,
         statistics=statistics,
         finding=finding,
+        images_sha256=images_sha256,
         task=Task.MAPPING,
     )
 

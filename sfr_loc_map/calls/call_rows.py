@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.calls.call_findings import FindingCounts
 from sfr_loc_map.calls.call_record import CallRecord
-from sfr_loc_map.calls.call_stats import CallStats, positions_of
+from sfr_loc_map.calls.call_stats import CallStats
+from sfr_loc_map.calls.run_identity import POSE_SIZE, RunIdentity, poses_by_stamp
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.growing_rows import GrowingRows
@@ -130,7 +131,7 @@ def stats_of(
     *,
     stated_tasks: Collection[Task] = (),
 ) -> CallStats:
-    """Return one or more calls as columns, with the positions that the estimate of the same run has at their stamps.
+    """Return one or more calls as columns, with the poses that the estimate of the same run has at their stamps.
 
     Nodes state time and memory of the calls of `stated_tasks` in messages. Those of other calls were measured.
     """
@@ -143,7 +144,7 @@ def stats_of(
     if method is not None:
         stats = replace(stats, methods={record.task: method for record in records})
     if estimate is not None and len(estimate):
-        positions = positions_of(estimate)
-        unknown = [np.nan] * 3
-        stats = replace(stats, positions=np.array([positions.get(record.stamp_ns, unknown) for record in records]))
+        known, unknown = poses_by_stamp(estimate), [np.nan] * POSE_SIZE
+        poses = np.array([known.get(record.stamp_ns, unknown) for record in records])
+        stats = replace(stats, identity=RunIdentity(poses[:, :3], poses[:, 3:]))
     return stats

@@ -10,8 +10,8 @@ import numpy as np
 from msgspec.structs import replace as struct_replace
 from numpy.typing import NDArray
 
+from sfr_loc_map.calls.run_identity import RunIdentity
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, Calls, concatenated, stacked
 from sfr_loc_map.metrics.table.records import FindingRecord, MethodKind, MethodRecord, ProcessUsage
@@ -32,7 +32,7 @@ class CallStats:
     methods: Mapping[Task, MethodRecord] = field(default_factory=dict)  #: Known methods by the task of their calls.
     findings: tuple[FindingRecord, ...] = ()  #: Errors of the method, one record for each kind.
     processes: ProcessUsage | None = None  #: Usage of the method's processes; None if not measured.
-    positions: FloatArray | None = None  #: `(N, 3)` estimated positions of the calls, m, NaN without estimate.
+    identity: RunIdentity = field(default_factory=RunIdentity)  #: What identifies the run of the calls.
     has_stamps: bool = True  #: Whether the calls have stamps; otherwise they are numbered.
     #: Tasks of whose calls nodes state time and memory in messages. Those of other calls were measured.
     stated_tasks: frozenset[Task] = frozenset()
@@ -47,7 +47,7 @@ class CallStats:
         findings: tuple[FindingRecord, ...],
         usage_columns: Sequence[FloatArray] | None,
         methods: Mapping[Task, MethodRecord] = MappingProxyType({}),
-        positions: FloatArray | None = None,
+        identity: RunIdentity | None = None,
         has_stamps: bool = True,
         stated_tasks: Collection[Task] = (),
     ) -> CallStats:
@@ -70,7 +70,7 @@ class CallStats:
             methods=methods,
             findings=findings,
             processes=processes,
-            positions=positions,
+            identity=identity or RunIdentity(),
             has_stamps=has_stamps,
             stated_tasks=frozenset(stated_tasks),
         )
@@ -161,8 +161,3 @@ def united(parts: Sequence[CallStats]) -> CallStats:
     covariance = stacked([part.covariance for part in parts], counts)
     steps = stacked([part.steps for part in parts], counts)
     return CallStats(concatenated([part.calls for part in parts]), covariance, steps)
-
-
-def positions_of(estimate: Trajectory) -> dict[int, list[float]]:
-    """Return the positions of an estimate by stamp."""
-    return dict(zip(estimate.stamps_ns.tolist(), estimate.positions.tolist(), strict=True))

@@ -96,7 +96,7 @@ def map_cloud(
         hold()
     cloud = save_map(run, sequence.rig.fx, outputs, secondary_output)
     with secondary_output():
-        save_stats(stats, run.records, {Task.MAPPING: run.method})
+        save_stats(stats, run.records, {Task.MAPPING: run.method}, cloud=cloud)
     for line in run.warnings:
         warn(line)
     say(f"{len(cloud)} points of {counted(len(run.maps), 'pair')}: {output}", err=True)

@@ -245,6 +245,16 @@ def _open_points(score: Score) -> Iterator[str]:
         "The figures were not computed again from the inputs; the verdicts were derived again from the figures. The "
         "command of the procedure computes the figures."
     )
+    if score.provenance is not None and any(role.startswith("stats_") for role in score.provenance.inputs):
+        yield (
+            "Estimate and calls are files without a signature. They were compared with each other, which does not "
+            "detect a change of both."
+        )
+    if score.figure("restarts") is not None:
+        yield (
+            "The figures are those of a live run. They do not contain what was published before the monitor was "
+            "started, or before it was started again after it had ended."
+        )
     if score.active_rules.limits and not score.active_rules.data_set_sha256:
         yield (
             "The limits name no data set. The hashes of the inputs identify the data that were judged: compare them "

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate
+from sfr_loc_map.calls.run_identity import hash_of_pair
 from sfr_loc_map.configuration.parameters import changed
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -119,15 +120,16 @@ def localise(
 
     A signal during a call raises a KeyboardInterrupt after the estimate of this call is yielded.
     """
-    localiser = Localiser(sequence.rig, config, start)
     load_kernels("localisation")
-    meter = CallMeter()
+    meter = CallMeter()  # first, so that the memory of the localiser itself counts
+    localiser = Localiser(sequence.rig, config, start)
     for pair in sequence.pairs():
         with stopping() as stopped, meter.measure() as call:  # an exception in a kernel would end the process
             estimate = localiser.process(pair)
         if watch is not None:
             watch(pair, estimate)
-        yield replace(estimate, tracks=None), call_of_estimate(estimate, call)
+        record = call_of_estimate(estimate, call, images_sha256=hash_of_pair(pair))
+        yield replace(estimate, tracks=None), record
         if stopped():
             raise KeyboardInterrupt
 
@@ -151,6 +153,7 @@ def localise_with(how: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> 
                 reason=call.reason,
                 step=call.step,
                 finding=call.finding,
+                images_sha256=hash_of_pair(pair),
             )
             yield Step(estimate, record, localiser.record)
 

@@ -61,9 +61,9 @@ def score_of_parts(
         calls=calls.records,
         target=calls.target,
         method=_method_of(run),
-        findings=(*run.findings, *(finding for item in run.all_calls for finding in item.findings)),
+        findings=(*run.item.findings, *(finding for item in run.all_calls for finding in item.findings)),
         processes=next((item.processes for item in run.stats if item.processes is not None), None),
-        external=run.external,
+        external=run.item.external,
         convention=run.convention,
         contradiction=trajectory.contradiction,
         errors=trajectory.errors,
@@ -121,7 +121,7 @@ def _convention_warnings(convention: ConventionRecord | None) -> Iterator[str]:
 
 def _method_of(run: Run) -> MethodRecord | None:
     """Return the method of a run; a method under test takes precedence over a built-in method."""
-    return run.method or method_under_test(item.method for item in run.all_calls if item.method is not None)
+    return run.item.method or method_under_test(item.method for item in run.all_calls if item.method is not None)
 
 
 def _readable_files(method: MethodRecord | None) -> Iterator[str]:

@@ -1,15 +1,25 @@
-"""Refusal of calls that belong to another estimate, or to several methods."""
+"""Refusal of calls that belong to another estimate, cloud or source, or to several methods."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.calls.call_stats import CallStats
+from sfr_loc_map.calls.run_identity import hash_of_cloud, hash_of_pair, hash_of_set
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.rotation import quat_angle, quat_conjugate, quat_multiply
+from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.message_text import counted
+from sfr_loc_map.metrics.calls.call_score import Calls
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.frames.association import nearness_ns
 from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.stamp_pairing import nearest_stamps
@@ -17,43 +27,204 @@ from sfr_loc_map.suite_names import Task
 
 Identity = tuple[str, str | None, str | None]  #: Name, version and SHA-256 of a method.
 SAME_POSITION_M = 0.002  #: Tolerance, m, for equal positions that were each rounded to 1 mm.
+SAME_ATTITUDE_DEG = 0.12  #: Tolerance, deg, for equal attitudes whose quaternions were rounded to 3 decimals.
+EXACT_M = EXACT_DEG = 1e-6  #: Differences up to this size are due to the conversion between file formats, m and deg.
+CHECKED_PAIRS = 20  #: Number of pairs of a drive, the first of the run, whose images are compared with the source.
 
 
-def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> None:
-    """Raise InputError if the positions of calls are missing, or differ from the positions of their estimates.
+# ---- the estimate
 
-    The call of an estimate is the call with the nearest stamp, within the tolerance for stamps of one image. Further
-    calls may have no estimate. Several calls of one image are counted as duplicates by the completeness of the calls.
-    Calls of files without positions are not checked.
+
+class Differences(NamedTuple):
+    """Differences between an estimate and the poses in its calls, within the tolerances."""
+
+    position_m: float  #: Largest difference of positions along an axis, m.
+    attitude_deg: float  #: Largest angle between attitudes, deg; 0 if the calls or the estimate have no attitudes.
+    removed: int  #: Number of poses in the calls that the estimate does not have.
+
+
+def check_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> list[str]:
+    """Compare the poses of an estimate with those in its calls, and return caveats.
+
+    The call of an estimate is the call with the nearest stamp, within the tolerance for stamps of one image. Several
+    calls of one image are counted as duplicates by the completeness of the calls. Calls of files without poses are not
+    checked. InputError if a pose has another position or attitude than its call, or if a pose has no call.
     """
-    stamps_ns, rows = np.unique(trajectory.stamps_ns, return_index=True)
+    if not len(trajectory) or not any(map(_has_positions, stats)):
+        return []
+    poses = _last_poses(trajectory)
+    has_call = np.zeros(len(poses), np.bool_)
+    found: list[Differences] = []
     for item in stats:
-        if item.positions is None or not len(stamps_ns):
-            continue
-        called_ns, positions = item.localised_ns, item.positions[item.calls.is_localisation]
-        place, apart_ns = nearest_stamps(called_ns, stamps_ns)
-        smallest_ns = np.full(len(stamps_ns), np.iinfo(np.int64).max)
-        np.minimum.at(smallest_ns, place, apart_ns)
-        gave_estimate = (apart_ns <= nearness_ns(stamps_ns)) & (apart_ns == smallest_ns[place])
-        _check_positions(trajectory.positions[rows[place[gave_estimate]]], positions[gave_estimate])
+        row, gave_pose = _poses_of_calls(poses.stamps_ns, item.localised_ns)
+        has_call[row[gave_pose]] = True
+        if _has_positions(item):
+            found.append(_differences(poses, item, row, gave_pose))
+    _check_calls_of_poses(has_call)
+    return list(_caveats(found))
 
 
-def _check_positions(of_estimates: FloatArray, of_calls: FloatArray) -> None:
-    """Raise InputError if positions `(N, 3)` of calls are missing, or differ from those of the estimates."""
+def _has_positions(item: CallStats) -> bool:
+    """Return whether there are calls of a localiser in a file with positions."""
+    return item.identity.positions is not None and len(item.localised_ns) > 0
+
+
+def _last_poses(trajectory: Trajectory) -> Trajectory:
+    """Return the poses in the order of their stamps; of several poses with one stamp, the last, which is scored."""
+    stamps_ns, from_end = np.unique(trajectory.stamps_ns[::-1], return_index=True)
+    rows = len(trajectory) - 1 - from_end
+    return Trajectory(stamps_ns, trajectory.positions[rows], trajectory.quats_xyzw[rows])
+
+
+def _poses_of_calls(stamps_ns: IntArray, called_ns: IntArray) -> tuple[NDArray[np.intp], Mask]:
+    """Return the pose nearest to each call `(N,)` as index of `stamps_ns`, and whether the call gave this pose."""
+    row, apart_ns = nearest_stamps(called_ns, stamps_ns)
+    smallest_ns = np.full(len(stamps_ns), np.iinfo(np.int64).max)
+    np.minimum.at(smallest_ns, row, apart_ns)
+    return row, (apart_ns <= nearness_ns(stamps_ns)) & (apart_ns == smallest_ns[row])
+
+
+def _differences(poses: Trajectory, item: CallStats, row: NDArray[np.intp], gave_pose: Mask) -> Differences:
+    """Return the differences between poses and calls; `row` and `gave_pose` are the result of `_poses_of_calls`.
+
+    InputError if a call has no pose, or another pose.
+    """
+    is_localisation, compared = item.calls.is_localisation, row[gave_pose]
+    assert item.identity.positions is not None  # by the caller
+    positions = item.identity.positions[is_localisation]
+    _check_known("position", positions[gave_pose])
+    apart_m = np.abs(poses.positions[compared] - positions[gave_pose]).max(axis=1, initial=0.0)
+    _check_same("positions", apart_m, SAME_POSITION_M, "m")
+    apart_deg = np.zeros(1)
+    if item.identity.quats_xyzw is not None and poses.has_attitude:
+        quats_xyzw = item.identity.quats_xyzw[is_localisation][gave_pose]
+        has_attitude = np.asarray(quats_xyzw.any(axis=1))
+        quats_xyzw = np.where(has_attitude[:, None], quats_xyzw, np.nan)
+        _check_known("attitude", quats_xyzw)
+        apart_deg = _angles_deg(poses.quats_xyzw[compared], quats_xyzw)
+        _check_same("attitudes", apart_deg, SAME_ATTITUDE_DEG, "deg")
+    removed = int(np.count_nonzero(np.isfinite(positions[~gave_pose]).all(axis=1)))
+    return Differences(float(apart_m.max(initial=0.0)), float(apart_deg.max(initial=0.0)), removed)
+
+
+def _angles_deg(a_xyzw: FloatArray, b_xyzw: FloatArray) -> FloatArray:
+    """Return the angles `(N,)`, deg, between attitudes `(N, 4)`, of which `b_xyzw` may have any length but 0."""
+    turn = quat_multiply(quat_conjugate(a_xyzw), b_xyzw / np.linalg.norm(b_xyzw, axis=1)[:, None])
+    return np.degrees(quat_angle(turn))
+
+
+def _check_known(what: str, of_calls: FloatArray) -> None:
+    """Raise InputError if values `(N, K)` of calls that gave poses are missing."""
     without = int(np.count_nonzero(~np.isfinite(of_calls).all(axis=1)))
     if without:
         raise InputError(
-            f"the calls (--stats) have no position at {without} of {len(of_calls)} stamps of the estimate: give the "
+            f"the calls (--stats) have no {what} at {without} of {len(of_calls)} stamps of the estimate: give the "
             "statistics of the run, unchanged"
         )
-    apart_m = np.abs(of_estimates - of_calls).max(axis=1, initial=0.0)
-    is_other = apart_m > SAME_POSITION_M
+
+
+def _check_same(what: str, apart: FloatArray, tolerance: float, unit: str) -> None:
+    """Raise InputError if estimates and their calls are further apart than a tolerance."""
+    is_other = ~(apart <= tolerance)
     if is_other.any():
         raise InputError(
             f"the calls (--stats) belong to another estimate: at {np.count_nonzero(is_other)} of {len(is_other)} "
-            f"stamps the two positions differ, by up to {apart_m.max():.3g} m; give the calls of the run that produced "
+            f"stamps the two {what} differ, by up to {apart.max():.3g} {unit}; give the calls of the run that produced "
             "the estimate"
         )
+
+
+def _check_calls_of_poses(has_call: Mask) -> None:
+    """Raise InputError if a pose `(N,)` of an estimate has no call."""
+    without = int(np.count_nonzero(~has_call))
+    if without:
+        raise InputError(
+            f"{without} of {len(has_call)} poses of the estimate have no call (--stats), so that the run of the calls "
+            "did not produce them: give the estimate and the calls of one run, unchanged"
+        )
+
+
+def _caveats(found: Sequence[Differences]) -> Iterator[str]:
+    """Yield a caveat about differences that rounding can cause, and about poses that the estimate does not have."""
+    position_m = max(item.position_m for item in found)
+    attitude_deg = max(item.attitude_deg for item in found)
+    if position_m > EXACT_M or attitude_deg > EXACT_DEG:
+        yield (
+            "the poses of the estimate differ from those in its calls (--stats) by up to "
+            f"{1e3 * position_m:.3g} mm and {attitude_deg:.3g} deg, as in a rounded file: give the estimate as the run "
+            "has written it"
+        )
+    if removed := sum(item.removed for item in found):
+        yield (
+            f"the run of the calls (--stats) produced {counted(removed, 'pose')} more than the estimate has: give the "
+            "estimate as the run has written it"
+        )
+
+
+# ---- the images and the cloud
+
+
+def stamps_with_images(stats: Sequence[CallStats]) -> set[int]:
+    """Return the stamps of the calls of a localiser that have a hash of their images."""
+    return set(_named_images(stats, lambda calls: calls.is_localisation))
+
+
+def check_images(stats: Sequence[CallStats], pairs: Sequence[StereoPair], place: Path) -> None:
+    """Raise InputError if calls of a localiser were made on other images than those of `pairs` from a source.
+
+    Each of the `pairs` in the source at `place` has a call with a hash (`stamps_with_images`).
+    """
+    named = _named_images(stats, lambda calls: calls.is_localisation)
+    other = sum(named[pair.stamp_ns] != {hash_of_pair(pair)} for pair in pairs)
+    if other:
+        raise InputError(_other_images(f"{other} of {len(pairs)} compared pairs", place))
+
+
+def check_cloud(stats: Sequence[CallStats], cloud: PointCloud | None) -> None:
+    """Raise InputError if calls of a mapper made another cloud. Calls that do not identify a cloud are not checked."""
+    made = {item.identity.cloud_sha256 for item in stats} - {None}
+    if made and (cloud is None or made != {hash_of_cloud(cloud)}):
+        raise InputError(
+            "the calls of a mapper (--stats) made another cloud: give the cloud and the calls of one run, unchanged"
+        )
+
+
+def check_map_images(stats: Sequence[CallStats], pairs: Sequence[StereoPair], place: Path) -> None:
+    """Raise InputError if calls of a mapper were made on other images than those of a source.
+
+    `pairs` are those of the cloud in the source at `place`. Calls without a hash are not checked.
+    """
+    hashes = {pair.stamp_ns: hash_of_pair(pair) for pair in pairs}
+    of_pairs = _named_images(stats, lambda calls: calls.kinds == CallKind.MAPPING)
+    other = sum(of_pairs.get(stamp_ns, {own}) != {own} for stamp_ns, own in hashes.items())
+    of_sets = _named_images(stats, lambda calls: calls.kinds == CallKind.MAPPING_CALL)
+    if any(found != {hash_of_set([*hashes.values()])} for found in of_sets.values()):
+        other = len(pairs)
+    if other:
+        raise InputError(_other_images(f"{other} of {len(pairs)} pairs", place))
+
+
+def _named_images(stats: Sequence[CallStats], chosen: Callable[[Calls], Mask]) -> dict[int, set[str]]:
+    """Return the hashes of the images that the chosen calls name, by stamp."""
+    found: dict[int, set[str]] = {}
+    for item in stats:
+        if item.identity.images_sha256 is None:
+            continue
+        rows = zip(item.calls.stamps_ns.tolist(), item.identity.images_sha256, chosen(item.calls), strict=True)
+        for stamp_ns, sha256, is_chosen in rows:
+            if is_chosen and sha256:
+                found.setdefault(stamp_ns, set()).add(sha256)
+    return found
+
+
+def _other_images(which: str, place: Path) -> str:
+    return (
+        f"the calls (--stats) were made on other images than those of '{place}' ({which} differ): give the source of "
+        "the run with its configuration (--config), or only its true poses as a file"
+    )
+
+
+# ---- the method
 
 
 def check_one_method(stats: Sequence[CallStats], target: CallStats | None) -> None:

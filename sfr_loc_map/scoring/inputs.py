@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from sfr_loc_map.calls.call_files import stats_beside
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.geometry.arrays import IntArray
@@ -44,6 +46,8 @@ class ScoreInputs:
     #: Configuration of the source of the truth; None: the configuration beside the source.
     config: SourceConfig | None = None
     columns: str = ""  #: Columns of the estimate, if its file does not name them (`io.tables.column_names`).
+    #: Whether the source of the truth has the images of the run; false if faults were injected into these images.
+    has_images_of_run: bool = True
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -160,6 +164,29 @@ class Origin:
     command: str | None = None  #: Command that computes the score.
 
 
+@dataclass(frozen=True, slots=True)
+class ItemUnderTest:
+    """The method of a run, as far as its calls do not state it. A replay knows more about an external node."""
+
+    method: MethodRecord | None = None  #: Method of the run; None: the method in the calls.
+    external: ExternalScore | None = None  #: Figures of an external node; None if there was none.
+    findings: tuple[FindingRecord, ...] = ()  #: Findings on the answers of the method.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExpectedPairs:
+    """The pairs for which a run should have results, besides the images of `DriveToScore`."""
+
+    unposed_images: int = 0  #: Number of images of a drive that has no estimate at all; otherwise 0.
+    nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source; None if they are unknown.
+    unmapped: int = 0  #: Number of mapping pairs that are in no cloud, if no cloud can be scored.
+
+    @property
+    def mapping_pairs(self) -> int | None:
+        """Number of mapping pairs of the source; None if it is unknown."""
+        return None if self.nav_stamps_ns is None else len(np.unique(self.nav_stamps_ns))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
     """The available data of a run. Absent data is None or empty.
@@ -172,12 +199,8 @@ class Run:
     target: TargetCalls | None = None  #: Calls on a target.
     drive: DriveToScore | None = None  #: Trajectory.
     cloud: CloudToScore | None = None  #: Map.
-    method: MethodRecord | None = None  #: Method of the run; None: the method in the calls.
-    external: ExternalScore | None = None  #: Figures of an external node; None if there was none.
-    findings: tuple[FindingRecord, ...] = ()  #: Findings on the answers of the method.
-    unposed_images: int = 0  #: Number of images of a drive that has no estimate at all; otherwise 0.
-    nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source; None if they are unknown.
-    unmapped_pairs: int = 0  #: Number of mapping pairs that are in no cloud, if no cloud can be scored.
+    item: ItemUnderTest = field(default_factory=ItemUnderTest)
+    expected: ExpectedPairs = field(default_factory=ExpectedPairs)
     convention: ConventionRecord | None = None  #: Conversion of the poses or of the map; None if nothing was converted.
     caveats: tuple[str, ...] = ()  #: Warnings about given files that may belong to another run.
 

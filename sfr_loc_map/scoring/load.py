@@ -12,7 +12,7 @@ from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
 from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TargetRecord
 from sfr_loc_map.scoring.input_files import ReadFile, configuration_files, read_files
-from sfr_loc_map.scoring.inputs import InMemory, Origin, Run, ScoreInputs
+from sfr_loc_map.scoring.inputs import ExpectedPairs, InMemory, ItemUnderTest, Origin, Run, ScoreInputs
 from sfr_loc_map.scoring.load_calls import read_calls, unbound_calls
 from sfr_loc_map.scoring.load_drive import ReadDrive, ReadTruth, load_truth, read_drive
 from sfr_loc_map.scoring.load_map import read_cloud
@@ -33,9 +33,10 @@ def load_run(
     given = in_memory or InMemory()
     how = how_to_read(inputs)
     noted = _noted_files(inputs, how)  # before the files are read
-    origin = Origin(noted, given.hashes(), settings=how.changed_reading, command=command)
     calls = read_calls(inputs, given)
-    cloud, nav_stamps_ns = read_cloud(inputs, given.cloud, fused)
+    settings = {**how.changed_reading, **calls.settings}
+    origin = Origin(noted, given.hashes(), settings=settings, command=command)
+    cloud, nav_stamps_ns = read_cloud(inputs, given.cloud, fused, calls.given)
     true: ReadTruth | None = None
     read: ReadDrive | None = None
     if (inputs.estimate or given.estimate) is not None and (inputs.truth or given.truth) is not None:
@@ -52,9 +53,16 @@ def load_run(
         target=calls.target,
         drive=None if read is None else read.drive,
         cloud=cloud,
-        method=None if about is None else _method_of(about),
-        nav_stamps_ns=nav_stamps_ns,
-        caveats=tuple(unbound_calls(calls, has_drive=read is not None, has_cloud=cloud is not None)),
+        item=ItemUnderTest(None if about is None else _method_of(about)),
+        expected=ExpectedPairs(nav_stamps_ns=nav_stamps_ns),
+        caveats=tuple(
+            unbound_calls(
+                calls,
+                has_drive=read is not None,
+                has_cloud=cloud is not None,
+                has_images=true is not None and true.has_images,
+            )
+        ),
     )
 
 

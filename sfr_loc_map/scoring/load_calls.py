@@ -13,12 +13,14 @@ import numpy as np
 from sfr_loc_map.calls.call_files import load_call_stats
 from sfr_loc_map.calls.call_poses import estimates_of, with_stamps_of_poses
 from sfr_loc_map.calls.call_stats import CallStats, united
+from sfr_loc_map.calls.run_identity import RunIdentity
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_text, refusing
+from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import UPPER
-from sfr_loc_map.metrics.table.records import TargetRecord
+from sfr_loc_map.metrics.table.records import REPLAY_RATE, TargetRecord
 from sfr_loc_map.scoring.call_checks import check_one_method
 from sfr_loc_map.scoring.inputs import InMemory, ScoreInputs, TargetCalls
 from sfr_loc_map.suite_names import Task
@@ -38,6 +40,12 @@ class RunCalls(NamedTuple):
     def on_target(self) -> CallStats | None:
         """The calls on a target; None if there are none."""
         return None if self.target is None else self.target.calls
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """The settings of the run that its calls state: the rate of a replay that was not in lock step."""
+        rates = [item.identity.replay_rate for item in self.given if item.identity.replay_rate is not None]
+        return {REPLAY_RATE: max(rates)} if rates else {}
 
     @property
     def of_estimate(self) -> Sequence[CallStats]:
@@ -60,14 +68,32 @@ def read_calls(inputs: ScoreInputs, given: InMemory) -> RunCalls:
     return RunCalls(of_files, here, TargetCalls(on_target, name, about, inputs.target_run))
 
 
-def unbound_calls(calls: RunCalls, *, has_drive: bool, has_cloud: bool) -> Iterator[str]:
-    """Yield a caveat if calls that the user gave as files do not identify the scored estimate or cloud."""
-    if has_drive and any(item.positions is None and len(item.localised_ns) for item in calls.given):
-        yield "the calls (--stats) have no positions: it is not verified that they belong to the run of the estimate"
-    if has_drive and calls.on_target is not None and calls.on_target.positions is None:
+def unbound_calls(calls: RunCalls, *, has_drive: bool, has_cloud: bool, has_images: bool) -> Iterator[str]:
+    """Yield a caveat if calls that the user gave as files do not identify the scored estimate or cloud.
+
+    `has_images` is whether the source of the truth has images, with which the images of calls can be compared.
+    """
+    of_drive = [item.identity for item in calls.given if len(item.localised_ns)]
+    if has_drive and (missing := list(_missing(of_drive, has_images=has_images))):
+        yield (
+            f"the calls (--stats) have no {alternatives(missing)}: it is not verified that they belong to the "
+            "run of the estimate"
+        )
+    if has_drive and calls.on_target is not None and calls.on_target.identity.positions is None:
         yield "the calls on the target have no positions: it is not verified that they belong to this estimate"
-    if has_cloud and any(item.has_task(Task.MAPPING) for item in calls.given):
+    of_maps = [item.identity for item in calls.given if item.has_task(Task.MAPPING)]
+    if has_cloud and any(identity.cloud_sha256 is None for identity in of_maps):
         yield "the calls of a mapper (--stats) do not identify a cloud: it is not verified that they made this cloud"
+
+
+def _missing(identities: Sequence[RunIdentity], *, has_images: bool) -> Iterator[str]:
+    """Yield what some calls of a drive do not state."""
+    if any(identity.positions is None for identity in identities):
+        yield "positions"
+    if any(identity.quats_xyzw is None for identity in identities):
+        yield "attitudes"
+    if has_images and any(identity.images_sha256 is None for identity in identities):
+        yield "hashes of images"
 
 
 def load_target(path: Path) -> TargetRecord:

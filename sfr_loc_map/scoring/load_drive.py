@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from sfr_loc_map import io  # `io` imports its readers of sources on first use; 
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.sequence import Source, without_truth
@@ -22,7 +23,7 @@ from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.scoring.bag_estimates import BagEstimate, read_bag_estimate
-from sfr_loc_map.scoring.call_checks import check_one_estimate
+from sfr_loc_map.scoring.call_checks import CHECKED_PAIRS, check_estimate, check_images, stamps_with_images
 from sfr_loc_map.scoring.inputs import IN_MEMORY, DriveToScore, InMemory, ScoreInputs
 from sfr_loc_map.scoring.load_calls import RunCalls, estimates_of_calls
 from sfr_loc_map.suite_names import Task
@@ -35,6 +36,11 @@ class ReadTruth(NamedTuple):
     source: Source | None  #: Source of the images; None if the truth is only a trajectory.
     place: Path | None  #: Path that was given; None for true poses in memory.
     how: SourceConfig  #: How the truth was read.
+
+    @property
+    def has_images(self) -> bool:
+        """Whether the truth is that of a source with images of a drive."""
+        return self.source is not None and self.source.loc is not None
 
 
 class ReadDrive(NamedTuple):
@@ -77,13 +83,36 @@ def read_drive(inputs: ScoreInputs, given: InMemory, true: ReadTruth, calls: Run
     bag = _read_bag(inputs.estimate, calls.here)
     of_bag = [] if bag is None else bag.all_calls
     found = _read_estimate(inputs, given.estimate, bag)
-    caveats = tuple(_without_stamps(found, true.poses))
+    caveats = [*_without_stamps(found, true.poses)]
     if found.by_index:
         found = found.with_stamps_of(true.poses)
-    check_one_estimate(found.trajectory, calls.of_estimate)
+    caveats += check_estimate(found.trajectory, calls.of_estimate)
+    caveats += _check_images(inputs, calls, true)
     here = [*calls.here, *of_bag]
     estimates = estimates_of_calls(found.trajectory, here, calls.on_target, found.covariance)
-    return ReadDrive(replace(_drive_of(found, estimates, true), caveats=caveats), of_bag)
+    return ReadDrive(replace(_drive_of(found, estimates, true), caveats=tuple(caveats)), of_bag)
+
+
+def _check_images(inputs: ScoreInputs, calls: RunCalls, true: ReadTruth) -> Iterator[str]:
+    """Compare the images of the calls of files with those of the source of the truth, if the source has images.
+
+    Yield a caveat if the images cannot be read. InputError if the calls were made on other images.
+    """
+    source, named = true.source, stamps_with_images(calls.given)
+    if source is None or source.loc is None or not named or not inputs.has_images_of_run:
+        return
+    problem = ""
+    pairs: list[StereoPair] = []
+    if named.isdisjoint(source.loc.stamps_ns):
+        problem = "the source has no pair with the stamp of a call"
+    else:
+        try:
+            pairs = [*islice((pair for pair in source.loc.pairs() if pair.stamp_ns in named), CHECKED_PAIRS)]
+        except SfrError as error:
+            problem = str(error)
+    if problem:
+        yield f"the images of the calls (--stats) were not compared with those of '{source.path}': {problem}"
+    check_images(calls.given, pairs, source.path)
 
 
 def _without_stamps(*trajectories: LoadedTrajectory) -> Iterator[str]:

@@ -7,19 +7,24 @@ from dataclasses import replace
 from pathlib import Path
 
 from sfr_loc_map import io  # `io` imports its readers of sources on first use; trajectory files require none
+from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.metrics.errors.pair_truth import truths_of
+from sfr_loc_map.scoring.call_checks import check_cloud, check_map_images
 from sfr_loc_map.scoring.inputs import CloudToScore, ScoreInputs
 
 
 def read_cloud(
-    inputs: ScoreInputs, given: LoadedCloud | None, fused: bool | None
+    inputs: ScoreInputs, given: LoadedCloud | None, fused: bool | None, stats: Sequence[CallStats] = ()
 ) -> tuple[CloudToScore | None, IntArray | None]:
-    """Return a cloud from a file or memory, with the truth of its pairs, and the stamps of all pairs of the source."""
+    """Return a cloud from a file or memory, with the truth of its pairs, and the stamps of all pairs of the source.
+
+    InputError if the calls `stats` of files made another cloud, or were made on other images.
+    """
     if inputs.map_truth is None or (inputs.cloud or given) is None:
         return None, None
     if inputs.cloud is not None:
@@ -27,6 +32,7 @@ def read_cloud(
     else:
         assert given is not None  # as checked above
         loaded, name = given, "the cloud"
+    check_cloud(stats, loaded.cloud)
     loaded = with_fusion_flag(loaded, fused, name)
     source = io.open_source(inputs.map_truth, inputs.config)
     if source.nav is None:
@@ -35,7 +41,9 @@ def read_cloud(
             "truth"
         )
     rig = source.nav.rig
-    truths = truths_of(pairs_of_cloud(source.nav, loaded.pair_stamps_ns, source.path), rig)
+    pairs = pairs_of_cloud(source.nav, loaded.pair_stamps_ns, source.path)
+    check_map_images(stats, [item.pair for item in pairs], source.path)
+    truths = truths_of(pairs, rig)
     return CloudToScore(loaded.of_images(rig.width, rig.height, name), truths), source.expected_nav_ns()
 
 

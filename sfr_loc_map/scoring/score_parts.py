@@ -209,7 +209,7 @@ def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detail
         calls = concatenated([item.calls for item in run.stats])
         scored = score_calls(calls, clocks_of(run.stats), details=details)
         expected = [*completeness_rows(calls, expected_ns)]
-    if (node := run.external) is None:
+    if (node := run.item.external) is None:
         stated = kinds_of_external_nodes(run.stats)
         of_host = [at_place(row, Place.STATED) if row.call in stated else row for row in scored.figures]
         measured = [row for row in expected if row.call not in stated]
@@ -267,7 +267,7 @@ def expected_calls(run: Run) -> dict[Task, IntArray | None]:
     images = None if run.drive is None else run.drive.image_stamps_ns
     if images is None and run.drive is not None:
         images = run.drive.truth.stamps_ns
-    return {Task.LOCALISATION: images, Task.MAPPING: run.nav_stamps_ns}
+    return {Task.LOCALISATION: images, Task.MAPPING: run.expected.nav_stamps_ns}
 
 
 def _target_caveats(target: TargetRun) -> Iterator[str]:

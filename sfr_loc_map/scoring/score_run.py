@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-import numpy as np
-
 from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
@@ -75,13 +73,13 @@ def _trajectory_part(
     kept_errors: Collection[tuple[str, str]],
 ) -> TrajectoryResult:
     if run.drive is None:
-        return result_without_poses(run.unposed_images)
+        return result_without_poses(run.expected.unposed_images)
     result = drive_result(run.drive, config.trajectory, finding, kept_errors)
     return result if aligned is None else with_aligned_errors(result, run.drive, aligned)
 
 
 def _map_part(run: Run, config: ScoreConfig) -> MapResult:
-    pairs = None if run.nav_stamps_ns is None else len(np.unique(run.nav_stamps_ns))
+    pairs = run.expected.mapping_pairs
     if run.cloud is None:
-        return result_without_cloud(run.unmapped_pairs, pairs)
+        return result_without_cloud(run.expected.unmapped, pairs)
     return map_result(run.cloud, config.map, pairs)

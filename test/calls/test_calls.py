@@ -28,7 +28,7 @@ from sfr_loc_map.metrics.config import CallKind, ScoreConfig
 from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.table.records import FindingKind, FindingRecord, MethodKind, MethodRecord
-from sfr_loc_map.replay.received import ExternalDrive
+from sfr_loc_map.replay.message_store import ExternalDrive
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_parts import host_result
@@ -101,7 +101,7 @@ METHODS = [None, *(MethodRecord(name="x", version="1", kind=kind) for kind in (M
 
 
 def assert_same_calls(found: CallStats, made: CallStats, *, is_stated: bool = False) -> None:
-    for name in ("covariance", "steps", "method", "findings", "positions", "has_stamps"):
+    for name in ("covariance", "steps", "method", "findings", "has_stamps"):
         np.testing.assert_array_equal(getattr(found, name), getattr(made, name), name)
     method = {"method": STATED_CLOCK} if is_stated else {}
     assert found.processes == (None if made.processes is None else replace(made.processes, **method))

@@ -32,8 +32,8 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.comparison import compare_scores
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
+from sfr_loc_map.replay.replay_score import score_replay
 from sfr_loc_map.replay.result import ReplayedMap, ReplayResult
-from sfr_loc_map.replay.score import score_replay
 from sfr_loc_map.report.control_document import control_csv
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.methods_page import methods_tables
@@ -41,7 +41,7 @@ from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.score_tables import score_markdown
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.test_report import render_test_report
-from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
+from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, ExpectedPairs, Run
 from sfr_loc_map.scoring.live.live_score import LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_run import score_run
@@ -166,7 +166,7 @@ def scored(made: Made) -> Score:
     cloud = CloudToScore(LoadedCloud(made.cloud.xyz.astype(np.float64), made.cloud), truths)
     of_drive = DriveToScore(Estimates.of(made.estimate), made.truth, LOC_RIG, STAMPS)
     stamps = np.array(NAV_STAMPS, np.int64)
-    run = Run(stats=[stats_of(made.records)], drive=of_drive, cloud=cloud, nav_stamps_ns=stamps)
+    run = Run(stats=[stats_of(made.records)], drive=of_drive, cloud=cloud, expected=ExpectedPairs(nav_stamps_ns=stamps))
     return score_run(run, CONFIG, LIMITS)
 
 

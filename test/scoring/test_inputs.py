@@ -15,8 +15,8 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.replay.replay_score import files_of_source, score_replay
 from sfr_loc_map.replay.result import ReplayedMap, ReplayResult
-from sfr_loc_map.replay.score import files_of_source, score_replay
 from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.scoring import input_files
 from sfr_loc_map.scoring.inputs import ScoreInputs

@@ -20,6 +20,7 @@ from sfr_loc_map.calls.call_files import load_call_stats, save_stats
 from sfr_loc_map.calls.call_poses import estimates_of
 from sfr_loc_map.calls.call_record import CallRecord, encode_call
 from sfr_loc_map.calls.call_rows import stats_of
+from sfr_loc_map.calls.run_identity import RunIdentity
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
@@ -216,12 +217,13 @@ def test_a_bag_without_calls_has_the_states_of_the_given_calls_which_must_be_its
     inputs, truth = ScoreInputs(estimate=recorded(tmp_path / "bag", {})), straight(3)
     truth = replace(truth, stamps_ns=np.array([1, 2, 3]))
     records = [CallRecord(stamp, 0.1, state) for stamp, state in ((1, "tracking"), (2, "lost"), (3, "tracking"))]
-    calls = replace(stats_of(records), positions=np.zeros((3, 3)))
+    calls = replace(stats_of(records), identity=RunIdentity(np.zeros((3, 3))))
     run = load_run(inputs, in_memory=InMemory(truth=truth, calls=[calls]))
     assert run.drive is not None
     assert run.drive.estimates.lost.tolist() == [False, True, False]
+    other = replace(calls, identity=RunIdentity(np.ones((3, 3))))
     with pytest.raises(InputError, match="belong to another estimate"):
-        load_run(inputs, in_memory=InMemory(truth=truth, calls=[replace(calls, positions=np.ones((3, 3)))]))
+        load_run(inputs, in_memory=InMemory(truth=truth, calls=[other]))
 
 
 @pytest.mark.parametrize("is_rounded", [False, True])

@@ -40,7 +40,7 @@ from sfr_loc_map.runs.localiser_run import run_localiser
 from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.runs.under_test import UnderTest
 from sfr_loc_map.scoring.input_files import read_files
-from sfr_loc_map.scoring.inputs import CloudToScore, Origin, Run, ScoreInputs
+from sfr_loc_map.scoring.inputs import CloudToScore, ExpectedPairs, Origin, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.load_map import pairs_of_cloud
 from sfr_loc_map.scoring.score_run import score_run
@@ -94,7 +94,8 @@ def _localise(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
     save_trajectory(estimate, done.trajectory)
     save_stats(stats, done.records, {Task.LOCALISATION: done.method}, done.trajectory)
-    run = load_run(ScoreInputs(estimate=estimate, truth=path, stats=(stats,)))
+    has_images = not job.faults  # of the run, in the source at `path`
+    run = load_run(ScoreInputs(estimate=estimate, truth=path, stats=(stats,), has_images_of_run=has_images))
     assert run.drive is not None  # estimate and truth are given
     expected_ns = source.expected_loc_ns()  # excludes images that a fault has dropped
     return _scored(job, replace(run, drive=replace(run.drive, image_stamps_ns=expected_ns)))
@@ -110,13 +111,14 @@ def _map(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     run = run_mapper(source.nav, how)
     cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
     save_cloud(cloud, run.fused.cloud)
-    save_stats(stats, run.records, {Task.MAPPING: run.method})
+    save_stats(stats, run.records, {Task.MAPPING: run.method}, cloud=run.fused.cloud)
     loaded = load_cloud(cloud)
     pairs = pairs_of_cloud(source.nav, loaded.pair_stamps_ns, source.path)
     scored = CloudToScore(loaded, truths_of(pairs, source.nav.rig))
     files = read_files({"cloud": cloud, "map_truth": path, "stats_0": stats})
     origin = Origin(files, settings=source.config.changed_reading)
-    return _scored(job, Run(origin, [load_call_stats(stats)], cloud=scored, nav_stamps_ns=source.expected_nav_ns()))
+    expected = ExpectedPairs(nav_stamps_ns=source.expected_nav_ns())
+    return _scored(job, Run(origin, [load_call_stats(stats)], cloud=scored, expected=expected))
 
 
 def _score(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
