@@ -16,6 +16,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.completeness.shortfall_kinds import BEYOND_MOST
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.errors.other_frames import largest_usual
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND
@@ -74,6 +75,15 @@ def test_one_wrong_frame_in_a_hundred_and_an_honest_drive_pass(tmp_path: Path, s
     assert judged_frames(with_wrong(between_the_starts()[::100]), tmp_path, sfr)[0] == 0
     sfr("report", tmp_path / "s.json", "--test-report", tmp_path / "r.html")
     assert "have a position error up to 2.24 m, far above" in (tmp_path / "r.html").read_text()
+
+
+@pytest.mark.parametrize("count", [1, 30, 250, 1000])
+def test_few_outliers_are_not_the_largest_usual_error(count: int) -> None:
+    """At most the fraction `BEYOND_MOST` of the known errors exceeds it, and by at most one error less than allowed."""
+    sizes = np.random.default_rng(count).exponential(1.0, count)
+    exceeding = int(np.sum(sizes > largest_usual(np.append(sizes, np.nan))))
+    assert BEYOND_MOST * count - 1.0 <= exceeding <= BEYOND_MOST * count
+    assert largest_usual(np.array([np.nan])) == 0.0
 
 
 def test_a_limit_may_allow_it_and_a_loose_limit_is_met_by_all_frames(tmp_path: Path, sfr: Sfr) -> None:
