@@ -27,7 +27,9 @@ _ROLLING = np.linspace(-0.75, 0.75, 7) * WHEEL_RADIUS_M
 """Offsets of possible contact points of a wheel along its heading, m; the rim is at most 0.06 m high there."""
 BOX_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
 """Faces of a box as indices of its corners. Bit k of an index is 1 if the corner is at the high end of axis k."""
-SPACING_M = 0.02  #: Sample spacing of the terrain under the wheels, m: the shortest meshed wavelength.
+SPACING_M = 0.02
+"""Sample spacing of the terrain under the wheels, m: the shortest meshed wavelength, also if a preview has larger
+triangles (`terrain.coarseness`). A preview therefore has the poses of the final images."""
 
 
 def settle_on_terrain(
