@@ -13,6 +13,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import check_exists, check_regular, refusing
 from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.calibration.camera_info import LONG_BASELINE_M
 from sfr_loc_map.io.layouts.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.layouts.folder import is_folder, open_folder
 from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_folder
@@ -77,9 +78,21 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
         names = ", ".join(ignored)
         _log.warning(f"'{path}': settings that do not apply to the files of this source are ignored: {names}")
     source = reader.open(path, config)
+    if not config.calibration.file:  # that of a file was checked when it was read
+        _report_long_baselines(source)
     if config.truth.file is not None:
         source = replace(source, truth_files=(*source.truth_files, config.truth.file))
     return replace(source, config=config)
+
+
+def _report_long_baselines(source: Source) -> None:
+    """Warn of a baseline that exceeds those of rovers, because it may be in centimetres or millimetres."""
+    for name, part in (("localisation", source.loc), ("mapping", source.nav)):
+        if part is not None and part.rig.baseline_m > LONG_BASELINE_M:
+            _log.warning(
+                f"'{source.path}': the baseline of the {name} cameras is {part.rig.baseline_m:g} m, which is unusually "
+                "long: verify that the baseline and P[3] are given in metres"
+            )
 
 
 def _ignored_of_truth(path: Path, truth: TruthConfig) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -138,3 +139,14 @@ def test_a_calibration_of_kitti_for_images_of_another_size_is_refused(tmp_path: 
         cv2.imwrite(str(file), cv2.resize(cv2.imread(str(file)), None, fx=factor, fy=factor))
     with pytest.raises(InputError, match=r"principal point is .* scale the calibration"):
         open_source(folder)
+
+
+@pytest.mark.parametrize(("baseline_m", "is_reported"), [(0.4, False), (12.0, True), (60.0, True)])
+def test_a_baseline_that_may_be_in_another_unit_is_reported(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, baseline_m: float, is_reported: bool
+) -> None:
+    folder = write_folder(tmp_path / "a", make_world(), nav=False)
+    rig = json.loads((folder / "rig.json").read_text())
+    (folder / "rig.json").write_text(json.dumps({**rig, "baseline_m": baseline_m}))
+    open_source(folder)
+    assert ("verify that the baseline and P[3] are given in metres" in caplog.text) == is_reported

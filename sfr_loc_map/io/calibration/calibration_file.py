@@ -21,7 +21,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.inputs import check_exists, refusing
-from sfr_loc_map.io.calibration.camera_info import check_centre, rig_from_projections
+from sfr_loc_map.io.calibration.camera_info import LONG_BASELINE_M, check_centre, rig_from_projections
 from sfr_loc_map.io.calibration.opened_file import open_calibration, partner_of
 from sfr_loc_map.io.calibration.programs import READERS
 from sfr_loc_map.io.calibration.rectification import check_one_scale, common_projection
@@ -31,8 +31,6 @@ from sfr_loc_map.suffixes import suffix_of
 _log = logging.getLogger(__name__)
 
 ENDINGS = (".yaml", ".yml", ".xml", ".json", ".txt")
-LONG_BASELINE_M = 1.0
-"""Baseline, m, that rovers do not exceed. A larger number may be in squares of the calibration board."""
 BASELINES_M = (1e-3, 5.0)
 """Smallest and largest accepted baseline, m. Larger numbers are probably in millimetres, smaller ones in kilometres, or
 a baseline was given as Camera.bf, which is the baseline times fx."""

@@ -15,6 +15,8 @@ from sfr_loc_map.inputs import refusing
 from sfr_loc_map.suite_names import SIDES, Side
 
 CENTRE_RATIOS = (0.3, 0.7)  #: Smallest and largest ratio of principal point to image size without cropping.
+LONG_BASELINE_M = 1.0
+"""Baseline, m, that rovers do not exceed. A larger number may be in another unit, or in squares of a board."""
 TOLERANCE = 1e-6
 """Largest deviation of a coefficient from that of a rectified camera (P and K in pixels, R and D without unit)."""
 

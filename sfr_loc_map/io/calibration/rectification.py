@@ -27,8 +27,8 @@ COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidi
 FISHEYE = ("equidistant", "fisheye")
 MAX_ROTATION_DEFECT = 1e-3  #: Largest accepted entry of R R^T - I.
 MIN_VALID = 0.25  #: Smallest accepted fraction of a rectified image that raw pixels cover.
-OTHER_SIZE = 1.2  #: Smallest factor between the camera matrices of two image sizes.
-SAME_FACTOR = 0.1  #: Largest deviation of focal lengths and principal points from this factor, as a fraction.
+OTHER_SIZE = (1.2, 64.0)  #: Smallest and largest factor between the camera matrices of two image sizes.
+SAME_FACTOR = 0.1  #: Largest deviation of focal lengths and principal points from this factor, in its logarithm.
 SAME_DIRECTION = 1e-5
 """Change of a distortion coefficient or an entry of R below which a calibration counts as unchanged."""
 
@@ -148,10 +148,11 @@ def _check_scale(one: FloatArray, other: FloatArray, which: str, reference: str)
     """
     if min(one.min(), other.min()) <= 0.0:
         return
-    factors = other / one
-    factor = float(np.median(factors))
-    is_scaled = max(factor, 1.0 / factor) >= OTHER_SIZE and float(np.abs(factors / factor - 1.0).max()) <= SAME_FACTOR
-    if is_scaled:
+    ratios = np.log(other) - np.log(one)
+    ratio = float(np.median(ratios))
+    smallest, largest = np.log(OTHER_SIZE)
+    if smallest <= abs(ratio) <= largest and float(np.abs(ratios - ratio).max()) <= SAME_FACTOR:
+        factor = float(np.exp(ratio))
         raise InputError(
             f"{which} focal lengths and a principal point that are {factor:.3g} times {reference}, as of another image "
             "size: give a calibration for one image size"
