@@ -111,14 +111,14 @@ def test_settings_that_do_not_apply_to_a_layout_are_reported(
     sync = SyncConfig(stamps="record", stamp_tolerance_s=0.004)
     open_source(folder, SourceConfig(calibration=CalibrationConfig(baseline_m=0.2), sync=sync))
     names = {"euroc": "sync.stamps, calibration.baseline_m"}
-    assert names.get(layout, "sync.stamp_tolerance_s, sync.stamps, calibration.baseline_m") + " ignored" in caplog.text
+    assert "ignored: " + names.get(layout, "sync.stamp_tolerance_s, sync.stamps, calibration.baseline_m") in caplog.text
     given = SourceConfig(
         remap={"/a": "loc/left/image_rect"},
         frames=FramesConfig(base="foo"),
         truth=TruthConfig(frame="map:base_link", stamps="record", columns="t,x,y,z"),
     )
     open_source(folder, given)
-    assert "topics.loc/left/image_rect, frames.base, truth.frame, truth.stamps, truth.columns ignored" in caplog.text
+    assert "ignored: topics.loc/left/image_rect, frames.base, truth.frame, truth.stamps, truth.columns" in caplog.text
 
 
 def test_settings_of_a_truth_in_another_file_are_those_of_its_kind(
@@ -128,7 +128,7 @@ def test_settings_of_a_truth_in_another_file_are_those_of_its_kind(
     (tmp_path / "truth.txt").write_text("0.0 1 2 3\n0.1 1 2 3\n0.2 1 2 3\n")
     truth = TruthConfig(source=str(tmp_path / "truth.txt"), frame="map:base_link", columns="t[s],x,y,z")
     open_source(folder, SourceConfig(truth=truth))
-    assert "truth.frame ignored" in caplog.text
+    assert "ignored: truth.frame" in caplog.text
     assert "columns" not in caplog.text
 
 
