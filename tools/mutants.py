@@ -168,7 +168,7 @@ MUTATIONS = (
     Mutation(FORMULAS, "error - 360.0 * np.ceil((error - 180.0) / 360.0)", "error"),
     # directions, quantiles
     Mutation(FORMULAS_BESIDE, "error[:, 1] * east - error[:, 0] * north", "error[:, 0] * north - error[:, 1] * east"),
-    Mutation(FORMULAS, '"p95": 95.0', '"p95": 94.0'),
+    Mutation(FORMULAS, 'float(name[1:].replace("_", "."))', "float(name[1:]) - 1.0"),
     Mutation(FORMULAS, "np.abs(given)", "given"),
     Mutation(
         FORMULAS_BESIDE,

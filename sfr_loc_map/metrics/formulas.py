@@ -65,10 +65,14 @@ def ends_by_frames(starts: IntArray, frames: int) -> IntArray:
 
 # ---- 4.1.2 Error over a sub-trajectory by three readings (`trajectory.rebase`, default `pose`)
 #
-# All three remove the position error at N. `pose` also removes the attitude error at N. By `displacement` and
-# `position`, this attitude error turns the displacement and therefore counts in the position error. Only by `position`,
-# it also counts in the attitude error. By `displacement`, a tilt error at N also counts in the heading error, because
-# the heading of an attitude depends on its tilt.
+# All three remove the position error at N. They differ in the attitude error at N:
+#
+#                   the position error    the attitude error    the heading error
+#   pose            does not contain it   does not contain it   does not contain it
+#   displacement    contains it           does not contain it   contains its tilt
+#   position        contains it           contains it           contains it
+#
+# An attitude error at N turns the displacement. The heading of an attitude depends on its tilt.
 
 
 class SubTrajectoryErrors(NamedTuple):
@@ -175,12 +179,12 @@ def position_error(estimated: FloatArray, actual: FloatArray) -> FloatArray:
     return np.asarray(estimated - actual)
 
 
-def mean_of_vectors(errors: FloatArray) -> float:
+def norm_of_mean(errors: FloatArray) -> float:
     """Return the specification's 'mean': the norm of the mean of all position error vectors."""
     return float(np.linalg.norm(np.mean(errors, axis=0)))
 
 
-def sigma_of_vectors(errors: FloatArray) -> float:
+def norm_of_sigmas(errors: FloatArray) -> float:
     """Return the specification's 'sigma': the norm of the vector of the standard deviations along the axes of DS."""
     return float(np.linalg.norm(standard_deviation(errors)))
 
@@ -253,15 +257,15 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, 
 
 STATISTICS = tuple(name for name in Statistics.__struct_fields__ if name not in ("n", "unknown"))
 """Names of the statistics, in the order of the columns."""
-QUANTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
-"""Statistics that are quantiles of the sizes, with their percentage, in ascending order."""
+QUANTILES = {name: float(name[1:].replace("_", ".")) for name in STATISTICS if name[1].isdigit()}
+"""Statistics that are quantiles of the sizes, with their percentage, in ascending order: `p99_5` would be 99.5 %."""
 
 
 def statistics(errors: NDArray[np.floating]) -> Statistics:
     """Return the statistics of errors `(n,)` or of error vectors `(n, 3)`.
 
-    They are undefined if an error is unknown (NaN). The specification defines mean, sigma and mean + 3 sigma. The
-    other statistics are those of the sizes.
+    They are undefined if an error is unknown (not finite). Mean, sigma and mean + 3 sigma are those of the
+    specification, which defines them for trajectories. The other statistics are those of the sizes.
     """
     given = np.asarray(errors, np.float64)
     is_vector = given.ndim == 2
@@ -270,10 +274,10 @@ def statistics(errors: NDArray[np.floating]) -> Statistics:
     if n == 0 or unknown:
         return Statistics(n=n, unknown=unknown or None)
     sizes = np.linalg.norm(given, axis=1) if is_vector else np.abs(given)
-    mean = mean_of_vectors(given) if is_vector else float(np.mean(given))
+    mean = norm_of_mean(given) if is_vector else float(np.mean(given))
     sigma = total = None
     if n > 1:
-        sigma = sigma_of_vectors(given) if is_vector else float(standard_deviation(given))
+        sigma = norm_of_sigmas(given) if is_vector else float(standard_deviation(given))
         total = mean_plus_3sigma(mean, sigma)
     quantiles = np.percentile(sizes, list(QUANTILES.values())).tolist()
     return Statistics(
