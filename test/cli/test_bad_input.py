@@ -283,6 +283,16 @@ def test_debug_adds_the_traceback_of_an_error_and_keeps_its_exit_code(
     assert len(plain.err.splitlines()) == 1
 
 
+@pytest.mark.parametrize("words", [("info",), ("score", "{source}/loc/groundtruth.csv"), ("replay",)])
+def test_a_wrong_condition_of_a_configuration_is_refused_with_its_file(
+    sfr: Sfr, made_once: MadeOnce, tmp_path: Path, out: Path, words: tuple[str, ...]
+) -> None:
+    source, config = made_once(broken.good_folder), tmp_path / "c.yaml"
+    config.write_text("conditions: [far]\n")
+    command = [word.format(source=source) for word in words]
+    check(sfr(*command, source, "--config", config), config, "c.yaml, conditions: 'far' is not a condition", out)
+
+
 @pytest.mark.parametrize("command", ["convert", "map"])
 def test_a_remapping_to_a_name_that_nothing_reads_leaves_nothing_out_in_silence(
     sfr: Sfr, made_once: MadeOnce, out: Path, command: str

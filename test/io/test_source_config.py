@@ -243,3 +243,16 @@ def test_a_file_of_the_working_directory_below_a_source_is_not_that_of_the_sourc
     beside = config_beside(Path(source))
     assert beside is not None
     assert beside.resolve() == tmp_path / "par" / "sfr.yaml"
+
+
+def test_a_wrong_value_of_an_option_is_not_attributed_to_the_file_alone(data: Path) -> None:
+    given = Configuration(data / "sfr.yaml", {"sync": {"stamp_tolerance_s": 0.1}})
+    with pytest.raises(ConfigError, match=r"sfr\.yaml and the options, sync: 'stamp_tolerance_s' is -1\.0: 0\.0 to"):
+        SourceConfig.of(with_settings(given, {"sync.stamp_tolerance_s": -1.0}))
+    assert with_settings(given, {"sync.stamp_tolerance_s": 0.1}).origin == str(data / "sfr.yaml")
+
+
+@pytest.mark.parametrize("value", [False, 5, "Record", ["record"]])
+def test_a_wrong_choice_lists_the_choices_for_values_of_all_types(value: object) -> None:
+    with pytest.raises(ConfigError, match=r"'stamps' is .*: one of header, record is required"):
+        of({"sync": {"stamps": value}})
