@@ -221,7 +221,7 @@ def report(
             write_summary(summary, store)
         else:
             warn(f"a run uses '{folder}' and writes the report when it ends: the report is only printed")
-    _present(summary, store, json_path, junit, mlflow, lenient=lenient)
+    _present(summary, store, json_path, junit, mlflow, is_written=is_locked, lenient=lenient)
 
 
 @app.command(
@@ -325,11 +325,12 @@ def _present(
     mlflow: str | None,
     told: Collection[str] = (),
     *,
+    is_written: bool = True,
     lenient: bool,
 ) -> None:
     """Print the tables and the verdict; raise an error if a limit was missed or not judged, or if a job failed.
 
-    The lines in `told`, which the run has printed, are not repeated.
+    The lines in `told`, which the run has printed, are not repeated. The page is only named if it `is_written`.
     """
     from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit
     from sfr_loc_map.suite.pages.tables import suite_tables
@@ -342,7 +343,8 @@ def _present(
         with secondary_output():
             say(f"MLflow run {log_to_mlflow(summary, store.folder, mlflow)}", err=True)
     show(summary.to_dict(), json_path, suite_tables(summary))
-    say(f"report: {store.folder / 'report.html'}", err=True)
+    if is_written:
+        say(f"report: {store.folder / 'report.html'}", err=True)
     for text in (f"skipped: {refusal.reason}" for refusal in summary.refusals):
         if text not in told:
             say(one_line(text), err=True)
