@@ -43,6 +43,12 @@ def waits_of(peer: ReplayPeer, received: Received, *, pairs_per_map: int = 3, is
     return ResultWaits(peer, received, collector, None, pairs_per_map=pairs_per_map, is_lock_step=is_lock_step)
 
 
+def publish(waits: ResultWaits, task: Task, stamp_ns: int) -> None:
+    """Act as the session after the last image of a pair."""
+    waits.received.add_pair(task, stamp_ns)
+    waits.after_pair(task, stamp_ns, 0.0)
+
+
 @pytest.mark.parametrize(("kind", "error"), [(StatusKind.INPUT, InputError), (StatusKind.FAULT, NodeError)])
 def test_an_unusable_input_and_an_internal_fault_are_different_errors(kind: StatusKind, error: type[Exception]) -> None:
     supervisor = SimpleNamespace(processes={"localisation_node": None}, check=lambda: None)
@@ -53,7 +59,7 @@ def test_an_unusable_input_and_an_internal_fault_are_different_errors(kind: Stat
             status = status_msg(f"{name}: {kind}", Level.ERROR, f"{name} has failed", {})
             publisher.publish(DiagnosticArray(status=[status]))
         with pytest.raises(error, match=r"^localisation_node: localisation_node has failed$"):
-            waits.note_sent(Task.LOCALISATION, 1, 0.0)
+            publish(waits, Task.LOCALISATION, 1)
 
 
 def test_a_replay_at_a_rate_fails_with_an_internal_fault_and_continues_after_an_unusable_input() -> None:
@@ -62,11 +68,11 @@ def test_a_replay_at_a_rate_fails_with_an_internal_fault_and_continues_after_an_
         waits = waits_of(peer, Received(), is_lock_step=False)
         publisher = peer.ros_node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
         for kind in (StatusKind.INPUT, StatusKind.FAULT):
-            waits.note_sent(Task.LOCALISATION, 1, 0.0)
+            publish(waits, Task.LOCALISATION, 1)
             status = status_msg(f"mapping_node: {kind}", Level.ERROR, "a stage has failed", {})
             publisher.publish(DiagnosticArray(status=[status]))
             peer.spin_for(0.2)
-        for action in (lambda: waits.note_sent(Task.LOCALISATION, 2, 0.0), waits.finish):
+        for action in (lambda: publish(waits, Task.LOCALISATION, 2), waits.finish):
             with pytest.raises(NodeError, match=r"^mapping_node: a stage has failed$"):
                 action()
 
@@ -86,7 +92,7 @@ def test_a_lost_pair_does_not_fail_the_map_of_a_shortened_replay(monkeypatch: py
         peer.ros_node.create_service(Trigger, "mapping_node/finish", finish)
         waits = waits_of(peer, received, is_lock_step=False)
         for stamp_ns in (1, 2):
-            waits.note_sent(Task.MAPPING, stamp_ns, 0.0)
+            publish(waits, Task.MAPPING, stamp_ns)
         add_call(received, MappingState.MAPPED)
         waits.finish()
     assert (received.maps.mapped_ns, received.maps.map_count) == ([1], 1)
