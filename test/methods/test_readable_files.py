@@ -118,6 +118,7 @@ def test_the_simulated_sources_of_a_suite_are_hidden(tmp_path: Path) -> None:
     variant.parent.mkdir(parents=True)
     variant.write_text("stamp_ns,x,y,z")
     (tmp_path / "candidate.py").write_text(READER)
+    spec = f"{tmp_path / 'candidate.py'}:Reader"
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     job = Job(
@@ -126,7 +127,8 @@ def test_the_simulated_sources_of_a_suite_are_hidden(tmp_path: Path) -> None:
         fault_seed=0,
         configuration="reader",
         parameters={
-            "localisation.method": f"{tmp_path / 'candidate.py'}:Reader",
+            "localisation.method": spec,
+            "localisation.method_sha256": find_method(spec, Task.LOCALISATION).sha256,
             "localisation.method_config": str(variant),
         },
         start="truth",
