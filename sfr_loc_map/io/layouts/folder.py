@@ -147,7 +147,7 @@ def _read_truth(folder: Path) -> RecordedTruth | None:
         return None
     if not is_suite_table(file):
         raise InputError(
-            f"'{file}' line 1 is not '{CSV_HEADER}', the header of the truth of a data set folder: convert the file by "
+            f"'{file}' does not have '{CSV_HEADER}', the header of the truth of a data set folder: convert the file by "
             "sfr convert, or rename it and set truth.source"
         )
     loaded = read_trajectory_file(file)

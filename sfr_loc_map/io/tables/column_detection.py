@@ -137,7 +137,7 @@ def _with_time_unit(found: PoseColumns, head: TableHead) -> PoseColumns:
     texts = [cells[column] for cells in head.rows if len(cells) > column]
     check_padded(texts, head.name)
     if found.units.get(STAMP):
-        return replace(found, states_time_unit=found.by_header)
+        return replace(found, states_time_unit=found.by_header and found.format is not TrajectoryFormat.CSV)
     if texts and not is_number(texts[0]) and is_time(texts[0]):
         return replace(found, units={**found.units, STAMP: UTC_UNIT}, inferred=UTC_UNIT)
     is_seconds = found.format is TrajectoryFormat.TUM

@@ -37,7 +37,7 @@ NAMES: dict[str, tuple[str, ...]] = {
         *("usec", "usecs", "microsec", "microsecs", "microseconds", "msec", "msecs", "millisec", "millisecs"),
     ),
 }
-_FORMS = ("{}", "p{}", "t{}", "pos{}", "position{}", "translation{}", "{}enu", "prsr{}")
+_FORMS = ("{}", "p{}", "t{}", "pos{}", "position{}", "translation{}", "{}enu", "prsr{}", "rboriginposmds{}")
 _EAST, _NORTH, _UP = ("east", "easting", "e"), ("north", "northing", "n"), ("up", "height", "h", "elevation")
 _OF_AXES: list[dict[str, tuple[str, ...]]] = [{axis: (form.format(axis),) for axis in "xyz"} for form in _FORMS]
 FAMILIES: tuple[dict[str, tuple[str, ...]], ...] = (
@@ -49,10 +49,15 @@ FAMILIES: tuple[dict[str, tuple[str, ...]], ...] = (
 """Names of the three columns of a position. `x`, `y` and `down` form no family, because their frame is left-handed."""
 NAMES |= {key: tuple(name for family in FAMILIES for name in family.get(key, ())) for key in ("x", "y", "z", DOWN)}
 NAMES |= {
-    f"q{axis}": (f"q{axis}", f"quat{axis}", f"quaternion{axis}", f"orientation{axis}", f"rotation{axis}", f"qrs{axis}")
-    for axis in "xyzw"
+    f"q{axis}": (
+        *(f"q{axis}", f"quat{axis}", f"quaternion{axis}", f"orientation{axis}", f"rotation{axis}", f"qrs{axis}"),
+        f"attqdstorb{number}",
+    )
+    for number, axis in enumerate("xyzw", 1)
 }
 """Names of columns in lower case without `_`, `.`, `-` and spaces; earlier names take precedence."""
+_CONJUGATES = re.compile(r"att_?q_?(ds_?to_?rb|lm_?to_?navsb)_?[1-4]", re.IGNORECASE)
+"""Titles of the quaternions of the suite, which are the conjugates of those in ROS messages (docs/conventions.md)."""
 SMALLER_FRACTIONS = {"us": ("usec", "microsec"), "ms": ("msec", "millisec")}
 """Units of the fraction of a second other than ns, by the beginning of the name of the column."""
 UNITS = {*METRES, *TIMES, UTC_UNIT, "rad", "deg", "1"}  #: Contents of a line of units below a header.
@@ -259,8 +264,28 @@ def _of_header(cells: Sequence[str], found: Mapping[str, int], below: Sequence[s
     ignored = tuple(cell for index, cell in enumerate(cells) if index not in index_of.values())
     width = max(head.width, len(cells))
     return PoseColumns(
-        "columns by their names", head.separator, index_of, units, width, by_header=True, ignored=ignored
+        "columns by their names",
+        head.separator,
+        index_of,
+        units,
+        width,
+        by_header=True,
+        ignored=ignored,
+        is_conjugated=_are_conjugates(head, index_of, cells),
     )
+
+
+def _are_conjugates(head: TableHead, index_of: Mapping[str, int], titles: Sequence[str]) -> bool:
+    """Return whether the titles of the quaternions are those of the suite; InputError if only some of them are."""
+    read = [titles[index_of[key]] for key in QUATERNION if key in index_of and index_of[key] < len(titles)]
+    of_suite = [title for title in read if _CONJUGATES.search(title)]
+    if of_suite and len(of_suite) < len(read):
+        other = next(title for title in read if title not in of_suite)
+        raise InputError(
+            f"{head.name}: the columns '{of_suite[0]}' and '{other}' belong to quaternions of two conventions: name "
+            "the four columns of one quaternion"
+        )
+    return bool(of_suite)
 
 
 # ---- names given by the user
@@ -313,7 +338,16 @@ def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
     units = {key: unit for key, unit in units.items() if unit}
     names = [*header, *(f"#{number + 1}" for number in range(len(header), head.width))]
     ignored = tuple(name for index, name in enumerate(names) if index not in index_of.values())
-    return PoseColumns("columns as given", head.separator, index_of, units, head.width, by_header=True, ignored=ignored)
+    return PoseColumns(
+        "columns as given",
+        head.separator,
+        index_of,
+        units,
+        head.width,
+        by_header=True,
+        ignored=ignored,
+        is_conjugated=_are_conjugates(head, index_of, header),
+    )
 
 
 def _header_above(head: TableHead) -> list[str]:

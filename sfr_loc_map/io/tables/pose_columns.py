@@ -43,6 +43,7 @@ class TrajectoryFormat(StrEnum):
 
 
 _ORDERS = (
+    (TrajectoryFormat.CSV, (STAMP, *POSITION, *QUATERNION), (",", ";", "\t")),
     (TrajectoryFormat.EUROC, (STAMP, *POSITION, *SCALAR_FIRST), (",",)),
     (TrajectoryFormat.TUM, (STAMP, *POSITION, *QUATERNION), (None, "\t")),
 )
@@ -63,6 +64,7 @@ class PoseColumns:
     ignored: tuple[str, ...] = ()  #: Names of columns that are not read.
     inferred: str = ""  #: Unit of the stamps if it was inferred from their magnitude.
     states_time_unit: bool = False  #: Whether the header or `--columns` states the unit of the stamps.
+    is_conjugated: bool = False  #: Whether the quaternions are `att_q_DsToRb`, the conjugates of those in ROS messages.
 
     def __contains__(self, key: str) -> bool:
         return key in self.index_of
@@ -75,9 +77,22 @@ class PoseColumns:
         for known, order, separators in _ORDERS:
             if known is TrajectoryFormat.EUROC and self.units.get(STAMP, "ns") != "ns":
                 continue
+            if self.is_conjugated != (known is TrajectoryFormat.CSV):
+                continue
             if self.separator in separators and all(self.index_of.get(key) == k for k, key in enumerate(order)):
                 return known
         return TrajectoryFormat.COLUMNS
+
+    @property
+    def allows_more(self) -> bool:
+        """Whether rows may have more columns than those that are read, as those with a header or without some columns.
+
+        Rows of the csv of the suite have exactly the columns of its header.
+        """
+        if self.format is TrajectoryFormat.CSV and not self.ignored:
+            return False
+        read = [*(() if self.stamp_key is None else (self.stamp_key,)), *self.value_keys]
+        return self.by_header or [self.index_of[key] for key in read] != list(range(self.width))
 
     @property
     def position_keys(self) -> tuple[str, ...]:

@@ -34,9 +34,10 @@ _COMMENTS: dict[tuple[str, ...], re.Pattern[str]] = {
 def check_order_of_quaternions(head: TableHead, found: PoseColumns) -> None:
     """Raise InputError if a comment or the motion contradicts the order of quaternions in columns.
 
-    Nothing is checked unless the quaternions are four consecutive columns with the scalar first or last.
+    Nothing is checked unless the quaternions are four consecutive columns with the scalar first or last. The numbers in
+    the titles of the suite (`att_q_DsToRb_1`) state their order.
     """
-    if not {*POSITION, *QUATERNION} <= found.index_of.keys():
+    if not {*POSITION, *QUATERNION} <= found.index_of.keys() or found.is_conjugated:
         return
     indices = sorted(found.index_of[key] for key in QUATERNION)
     order = tuple(sorted(QUATERNION, key=found.index_of.__getitem__))

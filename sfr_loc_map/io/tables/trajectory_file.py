@@ -16,7 +16,7 @@ the suite (x forward, y left, z up), so that yaw is the heading. The rotation do
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -42,9 +42,9 @@ from sfr_loc_map.io.tables.pose_columns import (
     PoseColumns,
     TrajectoryFormat,
 )
-from sfr_loc_map.io.tables.stamps import check_unit, parse_stamp_ns, seconds_text
-from sfr_loc_map.io.tables.table_head import SEPARATORS
-from sfr_loc_map.io.tables.text_table import BOM, MAX_BROKEN, Table, parse_table, split_cells
+from sfr_loc_map.io.tables.stamps import check_unit, seconds_text
+from sfr_loc_map.io.tables.table_head import HEAD_LINES, header_cells, separator_in
+from sfr_loc_map.io.tables.text_table import BOM, MAX_BROKEN, Table, parse_table
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import counted
 
@@ -80,9 +80,11 @@ class LoadedTrajectory:
     format: TrajectoryFormat = TrajectoryFormat.CSV
     stamps: str = ""  #: Origin of the stamps for messages, if the file itself has none.
     by_index: bool = False  #: Whether the stamps are only numbers of lines or frames.
-    columns: PoseColumns | None = None  #: The columns that were read; None for the csv of the suite.
+    columns: PoseColumns | None = None  #: The columns that were read; None for poses of other sources.
     skipped: str = ""  #: Description of the skipped rows.
     covariance: FloatArray | None = None  #: `(N, 6, 6)` in ROS order (m^2, rad^2), if the file has it.
+    rows: IntArray | None = None  #: `(N,)` number of the row of each pose in the file, from 0; None: all rows.
+    row_count: int | None = None  #: Number of rows in the file, with the skipped rows; None: that of the poses.
 
     @property
     def text(self) -> str:
@@ -121,61 +123,69 @@ class LoadedTrajectory:
         return self.trajectory
 
     def with_stamps_of(self, other: LoadedTrajectory) -> LoadedTrajectory:
-        """Return the trajectory; if it has no stamps, with the stamps of another trajectory, pose by pose."""
+        """Return the trajectory; if it has no stamps, with the stamps of another trajectory, row by row.
+
+        Poses whose row was skipped in the other file are omitted. InputError if the files differ in their numbers of
+        rows, or have no pose in the same row.
+        """
         if not self.by_index or other.by_index:
             return self
-        count, others = len(self.trajectory), len(other.trajectory)
-        if count != others:
+        own_rows, own_count = self._numbered_rows()
+        other_rows, other_count = other._numbered_rows()
+        if own_count != other_count:
             raise InputError(
-                f"'{self.path}' has no stamps ({count} KITTI poses) and '{other.path}' has {others} poses: write the "
-                f"time of each pose in seconds into '{times_beside(self.path)}'"
+                f"'{self.path}' has no stamps ({own_count} rows of KITTI poses) and '{other.path}' has {other_count} "
+                f"rows: write the time of each pose in seconds into '{times_beside(self.path)}'"
             )
-        stamped = replace(self.trajectory, stamps_ns=other.trajectory.stamps_ns)
-        return replace(self, trajectory=stamped, stamps=f"those of {other.path}, pose by pose", by_index=False)
+        _, own, others = np.intersect1d(own_rows, other_rows, assume_unique=True, return_indices=True)
+        if not len(own):
+            raise InputError(f"'{self.path}' and '{other.path}' have no pose in the same row: correct the files")
+        poses = self.trajectory
+        stamped = Trajectory(other.trajectory.stamps_ns[others], poses.positions[own], poses.quats_xyzw[own])
+        missing = len(poses) - len(own)
+        skipped = [self.skipped] if self.skipped else []
+        skipped += [f"{counted(missing, 'pose')} without a stamp in {other.path} skipped"] if missing else []
+        return replace(
+            self,
+            trajectory=stamped,
+            stamps=f"those of {other.path}, pose by pose",
+            by_index=False,
+            skipped="; ".join(skipped),
+            covariance=None if self.covariance is None else self.covariance[own],
+            rows=own_rows[own],
+        )
+
+    def _numbered_rows(self) -> tuple[IntArray, int]:
+        """Return the number of the row of each pose `(N,)`, from 0, and the number of all rows."""
+        rows = np.arange(len(self.trajectory)) if self.rows is None else self.rows
+        return rows, len(self.trajectory) if self.row_count is None else self.row_count
 
 
 def read_trajectory_file(path: Path, columns: str = "", option: str = COLUMNS_OPTION) -> LoadedTrajectory:
     """Read a trajectory; the format is given by its header, else by the layout that the rows fit (`column_detection`).
 
     Stamps may be in any order, but the times of several runs must not overlap. `columns` names the columns if the file
-    does not. Messages recommend `option` for naming the columns.
+    does not. Messages recommend `option` for naming the columns. InputError if the file cannot be read, if its columns
+    or units are ambiguous or contradict each other, or if too many of its lines are invalid.
     """
     path = Path(path)
     name = f"'{path}'"
     rest = read_table(path, "give a csv, TUM, KITTI or EuRoC file")
     first = next(rest, b"")
     blocks = chain((first,), rest)
-    lines = _lines_of(first)
-    header_index, separator = _suite_header(lines)
-    if separator and not columns:
-        skip = header_index + 1
-        table = parse_table(
-            blocks, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=separator, skip=skip, tolerant=True
-        )
-        return _loaded(path, table, TrajectoryFormat.CSV, signs=CONJUGATED)
-    return _read_columns(path, blocks, name, detect_columns(lines, name, columns, option))
+    return _read_columns(path, blocks, name, detect_columns(_lines_of(first), name, columns, option))
 
 
 def is_suite_table(path: Path) -> bool:
-    """Return whether the first line of a file is the header of the csv of the suite, `CSV_HEADER`."""
-    _, separator = _suite_header(_lines_of(next(read_table(path), b"")))
-    return bool(separator)
+    """Return whether a line of a file is a header with the names of the csv of the suite, `CSV_HEADER`."""
+    names = set(CSV_HEADER.lower().split(","))
+    lines = _lines_of(next(read_table(path), b""))[:HEAD_LINES]
+    return any(names <= set(header_cells(line.lower(), separator_in(line))) for line in lines)
 
 
 def _lines_of(block: bytes) -> list[str]:
     """Return the lines of the first block of a table."""
     return split_lines(block.removeprefix(BOM).decode("utf-8", "replace"))
-
-
-def _suite_header(lines: Sequence[str]) -> tuple[int, str]:
-    """Return the index of the first line that is not blank, and its separator if it is the header of the suite.
-
-    The separator is empty for another header. Spreadsheets write the header with other separators and with quotes.
-    """
-    index = next((index for index, line in enumerate(lines) if line.strip()), 0)
-    text = "".join(lines[index : index + 1]).lower().replace(" ", "").lstrip("#")
-    names = CSV_HEADER.lower().split(",")
-    return index, next((separator for separator in SEPARATORS if split_cells(text, separator) == names), "")
 
 
 def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseColumns) -> LoadedTrajectory:
@@ -190,7 +200,7 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseC
         indices,
         stamp=columns.stamp_parser() if stamp_keys else None,
         separator=columns.separator,
-        more=columns.by_header or indices != list(range(columns.width)),
+        more=columns.allows_more,
         skip=columns.skip,
         small_unit=columns.small_unit,
         tolerant=True,
@@ -202,6 +212,7 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseC
     else:
         positions = np.stack([values[key] for key in columns.position_keys], axis=1) * np.array(columns.scales)
         quats = np.stack([values.get(key, np.zeros(len(positions))) for key in QUATERNION], axis=1)
+        quats *= CONJUGATED if columns.is_conjugated else 1.0
     if NANOSECONDS in columns:
         _check_whole_seconds(table)
         fractions_ns = _fractions_ns(table, values[NANOSECONDS] * columns.fraction_ns)
@@ -212,9 +223,7 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseC
         table = replace(table, stamps_ns=stamps_ns)
     poses = replace(table, values=np.concatenate((positions, quats), axis=1))
     covariance = _covariance(values) if columns.has_covariance else None
-    return _loaded(
-        path, poses, columns.format, columns=columns, stamps=origin, by_index=by_index, covariance=covariance
-    )
+    return _loaded(path, poses, columns, stamps=origin, by_index=by_index, covariance=covariance)
 
 
 def _check_whole_seconds(table: Table) -> None:
@@ -277,18 +286,10 @@ def _valid_covariances(covariance: FloatArray) -> tuple[FloatArray | None, int]:
 
 
 def _loaded(
-    path: Path,
-    table: Table,
-    kind: TrajectoryFormat,
-    *,
-    signs: FloatArray | None = None,
-    columns: PoseColumns | None = None,
-    stamps: str = "",
-    by_index: bool = False,
-    covariance: FloatArray | None = None,
+    path: Path, table: Table, columns: PoseColumns, *, stamps: str, by_index: bool, covariance: FloatArray | None
 ) -> LoadedTrajectory:
     """Return the poses of rows x, y, z, quaternion; rows without a valid pose are skipped and counted."""
-    positions, quats = table.values[:, :3].copy(), table.values[:, 3:] * (1.0 if signs is None else signs)
+    positions, quats = table.values[:, :3].copy(), table.values[:, 3:].copy()
     good, near = plausible_poses(positions, quats), plausible_positions(positions)
     problems = []
     for row in np.flatnonzero(~good).tolist():
@@ -302,7 +303,7 @@ def _loaded(
     if not len(kept.lines):
         reason = f" ({kept.skipped})" if kept.skipped else ""
         raise InputError(f"{table.name} has no pose{reason}: at least one line with a pose is required")
-    check_unit(kept.stamps_ns, table.name, is_stated=columns is not None and columns.states_time_unit)
+    check_unit(kept.stamps_ns, table.name, is_stated=columns.states_time_unit)
     _check_stamps_differ(kept)
     _check_one_run(kept)
     _check_one_body(kept, positions[good])
@@ -311,7 +312,18 @@ def _loaded(
     if covariance is not None:
         covariance, invalid = _valid_covariances(covariance[good])
         skipped += [f"covariances ignored because they are not positive semi-definite: {invalid}"] if invalid else []
-    return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, "; ".join(skipped), covariance)
+    return LoadedTrajectory(
+        path,
+        trajectory,
+        columns.format,
+        stamps,
+        by_index,
+        columns,
+        "; ".join(skipped),
+        covariance,
+        rows=table.row_numbers[good],
+        row_count=len(table.lines) + len(table.skipped_lines),
+    )
 
 
 def _check_stamps_differ(table: Table) -> None:

@@ -303,3 +303,45 @@ def test_only_nanoseconds_are_announced_as_euroc(tmp_path: Path) -> None:
         rows = "".join(f"{step * k},1,{k},2,1,0,0,0\n" for k in range(5))
         (tmp_path / "t.csv").write_text(f"t [{unit}],x,y,z,qw,qx,qy,qz\n{rows}")
         assert ("EuRoC" in read_trajectory_file(tmp_path / "t.csv").text) == is_euroc
+
+
+@pytest.mark.parametrize("form", ["comment above", "further column", "other order", "named columns"])
+def test_attitudes_of_the_suite_are_conjugated_wherever_their_columns_are(tmp_path: Path, form: str) -> None:
+    truth, path = curve(), tmp_path / "t.csv"
+    save_trajectory(path, truth)
+    cells = [line.split(",") for line in path.read_text().splitlines()]
+    columns = ""
+    if form == "further column":
+        cells = [[*row, "sigma" if not number else "0.1"] for number, row in enumerate(cells)]
+    if form == "other order":
+        cells = [[*row[4:], *row[:4]] for row in cells]
+    if form == "named columns":
+        cells[0][1:4] = ["A", "B", "C"]
+        quats = ",".join(f"q{axis}=att_q_DsToRb_{number}" for number, axis in enumerate("xyzw", 1))
+        columns = f"t=stamp_ns,x=A,y=B,z=C,{quats}"
+    comments = ["# drive 12"] if form == "comment above" else []
+    path.write_text("\n".join([*comments, *map(",".join, cells)]) + "\n")
+    assert_same_trajectory(read_trajectory_file(path, columns).trajectory, truth)
+
+
+@pytest.mark.parametrize("rows_of_truth", [30, 29])
+def test_poses_without_stamps_are_paired_by_the_numbers_of_their_rows(tmp_path: Path, rows_of_truth: int) -> None:
+    truth = curve()
+    save_trajectory(tmp_path / "t.tum", truth)
+    lines = (tmp_path / "t.tum").read_text().splitlines()
+    lines[21] = f"{lines[21].split()[0]} nan nan nan 0 0 0 1"
+    (tmp_path / "t.tum").write_text("\n".join(lines[: 1 + rows_of_truth]) + "\n")
+    save_trajectory(tmp_path / "e.kitti", truth)
+    (tmp_path / "e.times.txt").unlink()
+    lines = (tmp_path / "e.kitti").read_text().splitlines()
+    lines[10] = " ".join(["nan"] * 12)
+    (tmp_path / "e.kitti").write_text("\n".join(lines) + "\n")
+    declared, estimate = read_trajectory_file(tmp_path / "t.tum"), read_trajectory_file(tmp_path / "e.kitti")
+    if rows_of_truth < len(truth):
+        with pytest.raises(InputError, match=r"30 rows .* 29 rows"):
+            estimate.with_stamps_of(declared)
+        return
+    found = estimate.with_stamps_of(declared).trajectory
+    kept = np.delete(np.arange(len(truth)), [10, 20])
+    assert np.array_equal(found.stamps_ns, truth.stamps_ns[kept])
+    assert np.abs(found.positions - truth.positions[kept]).max() < 1e-12
