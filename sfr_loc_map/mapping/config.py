@@ -48,15 +48,16 @@ class TerrainConfig:
     range_m: float = param(
         10.0,
         unit="m",
-        doc="Points farther than this from the mean of the cameras along x or y are excluded from the grids.",
+        doc="Points farther than this from the mean position of the cameras, along x or y of LM, are excluded from the "
+        "grids.",
         low=0.5,
         high=1000.0,
     )
     footprint_radius_m: float = param(
         0.5,
         unit="m",
-        doc="Radius of the rover's footprint. Slope and roughness are computed within the footprint, and a step "
-        "anywhere within the footprint is a hazard.",
+        doc="Radius of the rover's footprint. Slope and roughness are computed within the footprint, or within 1.5 "
+        "cells if this is larger. A step anywhere within the footprint is a hazard.",
         low=0.0,
         high=10.0,
     )

@@ -10,7 +10,7 @@ from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import F, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.cloud_checks import check_points, check_sigma
+from sfr_loc_map.mapping.cloud_checks import check_points, check_poses, check_sigma
 from sfr_loc_map.mapping.rays import rays_from_cameras
 
 
@@ -21,8 +21,8 @@ def point_covariances(cloud: PointCloud, poses_lm_left: Sequence[Transform], foc
     distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. The pair index of a point is that of
     its pose.
 
-    Raises MappingError if a pose is missing, if a point is at its camera, if a coordinate is not finite, if a sigma is
-    negative or not finite, or if the focal length f, `focal_px`, is not positive and finite.
+    Raises MappingError if a pose is missing or another object, if a point is at its camera, if a coordinate is not
+    finite, if a sigma is negative or not finite, or if the focal length f, `focal_px`, is not positive and finite.
     """
     if not 0.0 < focal_px < np.inf:
         raise MappingError(f"focal_px is {focal_px}: a positive, finite number is required")
@@ -30,6 +30,7 @@ def point_covariances(cloud: PointCloud, poses_lm_left: Sequence[Transform], foc
         return np.zeros((0, 3, 3), F)
     check_points(cloud.xyz)
     check_sigma(cloud.sigma, "the sigma of the cloud")
+    check_poses(poses_lm_left)
     ray = rays_from_cameras(cloud.xyz, cloud.pair, poses_lm_left)
     if not ray.any(axis=1).all():
         raise MappingError("the cloud has a point at the position of its camera, which has no ray: remove this point")

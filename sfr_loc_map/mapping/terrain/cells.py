@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.arrays import FloatArray32
+from sfr_loc_map.geometry.arrays import FloatArray32, Mask
 from sfr_loc_map.mapping.cloud_checks import check_points
 
 MAX_CELLS = 2_500_000  #: Maximum number of cells: 300 MB at up to 120 bytes per cell while a grid is computed.
@@ -21,6 +21,12 @@ class Square(NamedTuple):
     x_m: float  #: Centre.
     y_m: float  #: Centre.
     half_side_m: float
+
+    def contains(self, xyz: FloatArray32) -> Mask:
+        """Return the mask `(N,)` of the points `(N, 3)` in LM that are in the square, including its sides."""
+        x_offset = np.abs(xyz[:, 0].astype(np.float64) - self.x_m)
+        y_offset = np.abs(xyz[:, 1].astype(np.float64) - self.y_m)
+        return np.asarray(np.maximum(x_offset, y_offset) <= self.half_side_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +51,8 @@ class CellGrid:
     def over(cls, xyz: FloatArray32, cell_m: float, within: Square | None = None) -> CellGrid:
         """Return the grid that covers the points `(N, 3)` in LM that are in the square `within`.
 
-        The grid consists of complete cells, so it may extend beyond the square by less than one cell.
+        The grid consists of complete cells and may extend beyond the square by less than one cell. `Square.contains`
+        returns the points that are in the square itself.
 
         Raises MappingError if the cell size is not positive, the cloud is empty, a coordinate is not finite, all points
         are beyond the same edge of the square, or the grid would have too many cells.

@@ -12,7 +12,7 @@ from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.cloud_checks import check_sigma
+from sfr_loc_map.mapping.cloud_checks import check_random_sigma, check_sigma
 from sfr_loc_map.mapping.rays import rays_from_cameras
 from sfr_loc_map.mapping.terrain.cells import CellGrid
 
@@ -56,7 +56,7 @@ def elevation_model(
     """Return the elevation model of a cloud over cells.
 
     Raises MappingError if no cell contains a point, if a sigma is negative or not finite, if `random_sigma` has another
-    length than the cloud, or if the pose of a point is missing.
+    shape than the sigma of the cloud or exceeds this sigma, or if the pose of a point is missing.
 
     `cell_of_point` `(N,)` is the cell of each point, -1 outside (`CellGrid.cell_of`). The caller passes the cells,
     because other layers of the grid use them, too. The pair index of a point is that of its left camera's pose;
@@ -73,12 +73,7 @@ def elevation_model(
     """
     check_sigma(cloud.sigma, "the sigma of the cloud")
     if random_sigma is not None:
-        if len(random_sigma) != len(cloud):
-            raise MappingError(
-                f"random_sigma has {len(random_sigma)} values, and the cloud has {len(cloud)} points: a value for each "
-                "point is required"
-            )
-        check_sigma(random_sigma, "random_sigma")
+        check_random_sigma(random_sigma, cloud.sigma)
     inside = np.flatnonzero(cell_of_point >= 0)
     if not len(inside):
         raise MappingError("the cloud has no points on the grid: increase the range (terrain.range_m)")

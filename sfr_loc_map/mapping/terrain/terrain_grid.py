@@ -23,6 +23,7 @@ from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
+from sfr_loc_map.mapping.cloud_checks import check_poses
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.cells import CellGrid, Square
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel, elevation_model
@@ -37,7 +38,7 @@ STEP_RADIUS_M = 0.25
 ground would count as a step, and with a smaller radius, steps across several cells would be missed. The radius is part
 of the definition of a step; the parameters `max_step_m` and `footprint_radius_m` describe the rover. If cells are
 larger than the radius, a cell with a plane is not compared with other cells: its step is then the difference of the
-heights within the cell."""
+heights within the cell, without the slope of the plane."""
 MIN_FOOTPRINT_FRACTION = 0.5
 """Minimum fraction of the footprint's cells with a height for slope and roughness. At the edge of the mapped ground,
 half of the footprint has heights, so that the plane is interpolated and not extrapolated. Chosen by hand."""
@@ -98,9 +99,9 @@ def terrain_grid(
     sigma of heights is overestimated. `random_sigma` `(N,)`, metres, is the part of sigma that differs from point to
     point; None if this is the whole sigma.
 
-    The computation has four stages: heights of the cells, planes fitted to the heights within the footprint (slope,
-    roughness), steps relative to these planes, and hazards from the ratios of slope, roughness and step to the rover's
-    limits.
+    The computation has four stages: heights of the cells, planes fitted to the heights within the footprint, or within
+    `MIN_RADIUS_CELLS` if this is larger (slope, roughness), steps relative to these planes, and hazards from the ratios
+    of slope, roughness and step to the rover's limits.
 
     To add a criterion of hazard, add a layer to `TerrainGrid` and compute the ratio of the layer to its limit. If the
     criterion describes the ground under the complete footprint, as the slope does, include the ratio in `plane_ratio`
@@ -109,7 +110,8 @@ def terrain_grid(
 
     Raises ConfigError if a value of the configuration is invalid. Raises MappingError if the cloud has no points within
     the range, a coordinate is not finite, a sigma is negative or not finite, the grid or the footprint would have too
-    many cells, `random_sigma` has another length than the cloud, or the pose of a point is missing.
+    many cells, `random_sigma` has another shape than the sigma of the cloud or exceeds this sigma, or the pose of a
+    point is missing.
     """
     config = checked(config)
     cell_m = config.cell_m
@@ -121,17 +123,23 @@ def terrain_grid(
             "terrain.footprint_radius_m)"
         )
     poses = poses_lm_left or None  # an empty sequence means no poses
-    cells = CellGrid.over(cloud.xyz, cell_m, None if poses is None else _mapped_square(poses, config))
+    check_poses(poses or ())
+    square = None if poses is None else _mapped_square(poses, config)
+    cells = CellGrid.over(cloud.xyz, cell_m, square)
     cell_of_point = cells.cell_of(cloud.xyz)
+    if square is not None:
+        cell_of_point = np.where(square.contains(cloud.xyz), cell_of_point, np.int32(-1))
     model = _without_sparse_cells(elevation_model(cloud, cells, cell_of_point, poses, random_sigma))
-    outer = _outer_heights(cell_of_point, cloud.xyz[:, 2], model.count)
     plane_window = _disc(max(footprint_cells, MIN_RADIUS_CELLS))
     planes = _fit_planes(model.height_m.astype(np.float64), plane_window, cell_m)
+    outer = _outer_heights(cell_of_point, cloud.xyz[:, 2], model.count)
+    height_at_centre = _heights_at_centres(cloud.xyz, cell_of_point, cells, planes)
+    level = _outer_heights(cell_of_point, height_at_centre, model.count)
     slope_rad = np.arctan(np.hypot(planes.slope_x, planes.slope_y)).astype(F)
     roughness_m = planes.residual_m.astype(F)
     max_slope_rad = np.radians(config.max_slope_deg)
     near = _disc(STEP_RADIUS_M / cell_m)
-    step_m = _steps(outer, planes, near, plane_window, float(np.tan(max_slope_rad)), cell_m).astype(F)
+    step_m = _steps(outer, level, planes, near, plane_window, float(np.tan(max_slope_rad)), cell_m).astype(F)
     slope_ratio = slope_rad / max_slope_rad
     roughness_ratio = roughness_m / config.max_roughness_m
     step_ratio = step_m / F(config.max_step_m)
@@ -160,6 +168,22 @@ def _disc(radius_cells: float) -> IntArray:
     rows, columns = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     inside = rows**2 + columns**2 <= squared_radius
     return np.column_stack((rows[inside], columns[inside])).astype(np.int64)
+
+
+def _heights_at_centres(
+    xyz: FloatArray32, cell_of_point: NDArray[np.int32], cells: CellGrid, planes: Planes
+) -> FloatArray32:
+    """Return the height of each point `(N,)`, moved along the plane of its cell to the centre of the cell.
+
+    The height is unchanged in a cell without a plane, and for points outside the grid.
+    """
+    cell = np.maximum(cell_of_point, 0)
+    row, column = np.divmod(cell, cells.columns)
+    x_offset = xyz[:, 0] - (cells.first_column + column + 0.5) * cells.cell_m
+    y_offset = xyz[:, 1] - (cells.first_row + row + 0.5) * cells.cell_m
+    rise = planes.slope_x.reshape(-1)[cell] * x_offset + planes.slope_y.reshape(-1)[cell] * y_offset
+    is_known = np.isfinite(rise) & (cell_of_point >= 0)
+    return np.asarray(xyz[:, 2] - np.where(is_known, rise, 0.0), F)
 
 
 def _outer_heights(cell_of_point: NDArray[np.int32], height: FloatArray32, count: NDArray[np.int32]) -> OuterHeights:
@@ -265,12 +289,19 @@ def _fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> Planes:
 
 @jit_rows
 def _steps(
-    outer: OuterHeights, planes: Planes, near: IntArray, footprint: IntArray, max_rise: float, cell_m: float
+    outer: OuterHeights,
+    level: OuterHeights,
+    planes: Planes,
+    near: IntArray,
+    footprint: IntArray,
+    max_rise: float,
+    cell_m: float,
 ) -> FloatArray:
     """Return the step of each cell `(R, C)`, metres, NaN without heights.
 
-    `near` and `footprint` `(K, 2)` are the cells within `STEP_RADIUS_M` and within the footprint. `max_rise` is the
-    rise of the steepest slope that is not a hazard, metres per metre.
+    `level` contains the outer heights without the slope of each cell's plane (`_heights_at_centres`), and `outer` those
+    of the points as they are. `near` and `footprint` `(K, 2)` are the cells within `STEP_RADIUS_M` and within the
+    footprint. `max_rise` is the rise of the steepest slope that is not a hazard, metres per metre.
     """
     rows, columns = outer.low.shape
     step = np.full((rows, columns), np.nan)
@@ -281,27 +312,27 @@ def _steps(
             if np.isnan(a):
                 step[row, column] = _step_beyond_slope(outer, row, column, footprint, max_rise * cell_m)
             else:
-                step[row, column] = _step_from_plane(outer, row, column, near, a * cell_m, b * cell_m)
+                step[row, column] = _step_from_plane(level, row, column, near, a * cell_m, b * cell_m)
     return step
 
 
 @jit_rows_inline
-def _step_from_plane(outer: OuterHeights, row: int, column: int, near: IntArray, rise_x: float, rise_y: float) -> float:
+def _step_from_plane(level: OuterHeights, row: int, column: int, near: IntArray, rise_x: float, rise_y: float) -> float:
     """Return the largest high height minus the smallest low height of the cells near a cell.
 
     Both heights are relative to the plane of the footprint, which rises by `rise_x` per column and by `rise_y` per row,
-    so that a slope alone is not a step.
+    metres. `level` does not contain the slope within a cell, so that a slope alone is not a step.
     """
-    rows, columns = outer.low.shape
+    rows, columns = level.low.shape
     lowest = np.inf
     highest = -np.inf
     for k in range(len(near)):
         i = row + near[k, 0]
         j = column + near[k, 1]
-        if 0 <= i < rows and 0 <= j < columns and not np.isnan(outer.low[i, j]):
+        if 0 <= i < rows and 0 <= j < columns and not np.isnan(level.low[i, j]):
             plane = rise_x * near[k, 1] + rise_y * near[k, 0]
-            lowest = min(lowest, outer.low[i, j] - plane)
-            highest = max(highest, outer.high[i, j] - plane)
+            lowest = min(lowest, level.low[i, j] - plane)
+            highest = max(highest, level.high[i, j] - plane)
     return highest - lowest
 
 
@@ -309,9 +340,10 @@ def _step_from_plane(outer: OuterHeights, row: int, column: int, near: IntArray,
 def _step_beyond_slope(outer: OuterHeights, row: int, column: int, footprint: IntArray, max_rise: float) -> float:
     """Return the step of a cell without a plane; NaN without heights.
 
-    The slope of the ground is unknown. Any slope that is not a hazard explains at most the height difference
-    `max_rise` times the distance, in cells, between the cell and another cell of the footprint. The step is the largest
-    rest of a difference, so that an isolated obstacle is a hazard even if its sides are not observed.
+    The slope of the ground is unknown. Any slope that is not a hazard explains at most the height difference `max_rise`
+    times the distance, in cells, between the cell and another cell of the footprint. Within the cell, the slope
+    explains at most `max_rise`. The step is the largest rest of a difference, so that an isolated obstacle is a hazard
+    even if its sides are not observed.
     """
     rows, columns = outer.low.shape
     low = outer.low[row, column]

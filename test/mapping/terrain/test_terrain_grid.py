@@ -40,7 +40,8 @@ def test_a_plane_has_its_slope_and_neither_roughness_nor_step(rise_x: float, ris
     assert inside[2:-2, 2:-2].all()  # at the corners less than half of the footprint is known
     np.testing.assert_allclose(grid.slope_rad[inside], np.arctan(rise), atol=5e-4)
     assert grid.roughness_m[inside].max() < 1e-4
-    assert grid.step_m[inside].max() < rise * CONFIG.cell_m + 1e-4  # what a cell itself rises
+    assert grid.step_m[inside].max() < rise * CONFIG.cell_m + 1e-4  # beside cells without a plane, which may rise
+    assert grid.step_m[5:-5, 5:-5].max() < 1e-3
     share = np.degrees(np.arctan(rise)) / CONFIG.max_slope_deg
     assert np.abs(grid.hazard[inside] - 100.0 * share).max() <= 1.0
 
@@ -179,6 +180,19 @@ def test_a_passable_slope_beyond_a_gap_is_no_hazard(gap_m: float, slope_deg: flo
     assert grid.hazard.max() < 100
 
 
+def test_a_passable_slope_of_large_cells_is_no_step() -> None:
+    rise = np.tan(np.radians(19.0))
+    grid = terrain_grid(ground(lambda x, y: rise * x), replace(CONFIG, cell_m=1.0), CAMERA)
+    has_plane = np.isfinite(grid.slope_rad)  # at the corners less than half of the footprint is known
+    assert grid.step_m[has_plane].max() < 0.01
+    assert grid.hazard[has_plane].max() < 100
+
+
+def test_points_beyond_the_range_are_not_used_in_cells_that_reach_beyond() -> None:
+    grid = terrain_grid(ground(lambda x, y: 0.0 * x), replace(CONFIG, cell_m=9.9, range_m=0.5), CAMERA)
+    assert grid.elevation.count.sum() == (1.0 / SPACING) ** 2
+
+
 def test_poses_bound_the_range_and_lower_the_sigma() -> None:
     cloud = ground(lambda x, y: 0.0 * x)
     near = terrain_grid(cloud, replace(CONFIG, range_m=1.0), CAMERA)
@@ -255,8 +269,14 @@ def test_a_missing_pose_or_sigma_of_a_point_is_refused() -> None:
         terrain_grid(second, CONFIG, CAMERA)
     with pytest.raises(MappingError, match="pair index 1, and 1 poses"):
         point_covariances(second, CAMERA, 400.0)
-    with pytest.raises(MappingError, match="random_sigma has 3 values"):
+    with pytest.raises(MappingError, match="random_sigma has the shape"):
         terrain_grid(cloud, CONFIG, CAMERA, np.ones(3, np.float32))
+    with pytest.raises(MappingError, match="random_sigma has the shape"):
+        terrain_grid(cloud, CONFIG, CAMERA, cloud.sigma[:, None])
+    with pytest.raises(MappingError, match="random_sigma exceeds the sigma"):
+        terrain_grid(cloud, CONFIG, CAMERA, 2.0 * cloud.sigma)
+    with pytest.raises(MappingError, match="a Transform is required"):
+        terrain_grid(cloud, CONFIG, [None])
     for focal_px in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(MappingError, match="focal_px"):
             point_covariances(cloud, CAMERA, focal_px)
