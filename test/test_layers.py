@@ -65,7 +65,10 @@ LAYERS = {
         "calls configuration geometry io live localisation mapping methods metrics nodes ros runs scoring",
         "A source that is played to the nodes, and the score of their results",
     ),
-    "bench": ("faults geometry io localisation mapping methods metrics runs", "Benchmarks, one drive after the other"),
+    "bench": (
+        "faults geometry io localisation mapping methods metrics runs tables",
+        "Benchmarks, one drive after the other",
+    ),
     "suite": (
         "calls configuration evidence faults geometry io localisation mapping methods metrics report runs "
         "scoring simulation tables",

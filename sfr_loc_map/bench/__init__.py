@@ -8,9 +8,9 @@
       fault_benchmark.py      our localiser with one fault at a time: FaultBenchmark
       provenance.py           version, host, clock and time
 
-`content()` of both results is the JSON (`sfr-bench/1`), from which `report/benchmark_tables.py` makes the tables. A
-pass is one method over all pairs of the source; the key of the passes in the JSON is `runs`.
+`content()` of both results is the JSON (`sfr-bench/1`), from which `benchmark_tables.py` makes the tables. A pass is
+one method over all pairs of the source; the key of the passes in the JSON is `runs`.
 
 To add a figure, add a row to `figures` in trials.py, or to `costs` in passes.py, and a column in
-`report/benchmark_tables.py`. To add a fault, add an entry to `FAULTS` (fault_benchmark.py).
+benchmark_tables.py. To add a fault, add an entry to `FAULTS` (fault_benchmark.py).
 """

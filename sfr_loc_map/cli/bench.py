@@ -198,8 +198,8 @@ def methods(
     overwrite: OverwriteOption = False,
 ) -> None:
     """List the registered methods under test with their versions; a class or a C library needs no registration."""
+    from sfr_loc_map.bench.benchmark_tables import registered_methods_table
     from sfr_loc_map.methods.registry import header_folder, listed_methods
-    from sfr_loc_map.report.benchmark_tables import registered_methods_table
 
     propose("sfr localise SRC -o T.csv --method NAME", why="the same drive by another method")
     if include_dir:
@@ -213,7 +213,7 @@ def methods(
 
 def _present(result: dict[str, Any], json_path: str | None) -> None:
     """Print tables, missing reference methods and failures; write JSON; `--json -` prints only JSON."""
-    from sfr_loc_map.report.benchmark_tables import benchmark_tables
+    from sfr_loc_map.bench.benchmark_tables import benchmark_tables
 
     show(result, json_path, benchmark_tables(result))
     reported = {} if json_path == STANDARD_OUTPUT else result

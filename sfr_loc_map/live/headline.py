@@ -6,8 +6,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from sfr_loc_map.live.limit_bars import LimitBar
 from sfr_loc_map.live.run_end import Aborted
-from sfr_loc_map.report.limit_bars import LimitBar
 from sfr_loc_map.report.summary import Banner
 
 NO_FIGURES_YET = Banner.without_verdict("waiting", "No figures yet: waiting for metrics/report of the monitor.")

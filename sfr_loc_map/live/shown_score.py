@@ -6,10 +6,10 @@ from dataclasses import asdict
 from typing import Any
 
 from sfr_loc_map.io.truth.config import NO_LEVER, NO_TURN
+from sfr_loc_map.live.limit_bars import limit_bars
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_dict
-from sfr_loc_map.report.limit_bars import limit_bars
 from sfr_loc_map.report.plotted_data import error_sizes
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.summary import banner_of

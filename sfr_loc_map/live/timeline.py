@@ -10,12 +10,12 @@ from typing import Any
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.freshness import ReceivedTopic
+from sfr_loc_map.live.limit_bars import LimitBar
 from sfr_loc_map.live.node_reports import LOCALISATION_NODE, state_of_pose
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import COMPILING, HealthKey, Level, StatusKind
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.report.limit_bars import LimitBar
 
 MAX_EVENTS = 400  #: Maximum number of events.
 MAX_TEXT = 200  #: Maximum length of a text.

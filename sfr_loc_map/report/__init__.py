@@ -6,7 +6,7 @@ follows:
 - figures: `score_tables` selects the rows of each table (`VIEWS`). The package `tables` has the model of a table, and
   writes tables for the terminal and as HTML, Markdown and CSV.
 - verdicts: `verdict_view` composes the displayed texts of a verdict for the table of verdicts, the results of the test
-  report, `junit`, `control_document` and `limit_bars`.
+  report, `junit` and `control_document`.
 - details: `plotted_data` selects the plotted data. `score_plots` composes the plots of a page (`drive_plots`,
   `call_plots`, `map_plots`, in the terms of `plots`), and `printed_plot` makes those of the test report. `limit_lines`
   draws limits.
@@ -14,8 +14,7 @@ follows:
   `deviations` the deviations from the specification. `settings` finds the settings that differ from their defaults.
 
 `page` (`Page`) and `test_report` (`SignedReport`) compose these parts in the order of their templates. Several scores
-of the same data are shown by `comparison` and `methods_page`. `benchmark_tables`, `diagnosis_table` and `path_plot`
-do not show a score.
+of the same data are shown by `comparison` and `methods_page`. `diagnosis_table` and `path_plot` do not show a score.
 """
 
 import lazy_loader

@@ -6,12 +6,14 @@ The sentences about a score are classified as follows:
 - deviations are the caveats and the sentences of this module;
 - anomalies of the test report are the contradiction, the findings, and the warnings that are not caveats.
 
-To add a deviation, add a function that yields its sentences, and its line in `DEVIATIONS`.
+A deviation concerns the complete score or one verdict (`Deviation.verdict`). To add a deviation, add a function that
+yields its sentences, and its line in `OF_SCORE` or `OF_VERDICT`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
@@ -58,10 +60,27 @@ SETTINGS_WITH_A_SENTENCE = frozenset(
 """Settings of a score that its figures name or that have a deviation of their own."""
 
 
+class Deviation(NamedTuple):
+    """A deviation from the specification, or data that is not judged."""
+
+    text: str  #: Sentences.
+    verdict: Verdict | None = None  #: The verdict that deviates; None if the deviation concerns the complete score.
+
+
+def each_deviation(score: Score) -> Iterator[Deviation]:
+    """Yield the deviations of a score: those of the complete score, then those of each verdict."""
+    for of_score in OF_SCORE:
+        for text in of_score(score):
+            yield Deviation(text)
+    for item in score.verdicts:
+        for of_verdict in OF_VERDICT:
+            for text in of_verdict(item, score):
+                yield Deviation(text, item)
+
+
 def deviations_of(score: Score) -> Iterator[str]:
-    """Yield the deviations of a score from the specification, and the data that is not judged."""
-    for sentences_of in DEVIATIONS:
-        yield from sentences_of(score)
+    """Yield the sentences of the deviations of a score."""
+    return (deviation.text for deviation in each_deviation(score))
 
 
 def deviations_beside_warnings(score: Score) -> tuple[str, ...]:
@@ -170,15 +189,14 @@ def _other_settings(score: Score) -> Iterator[str]:
             yield f"The setting {item.name} is {setting_text(item.value)}; the default is {setting_text(item.default)}."
 
 
-def _calls(score: Score) -> Iterator[str]:
-    """Yield the deviations of the limits on times and memory."""
+def _calls(item: Verdict, score: Score) -> Iterator[str]:
+    """Yield a sentence on who measured the calls (host, node or target), and one if the limit applies to a stage.
+
+    Calls that were not measured, so that the limited number is undefined, have no deviation.
+    """
+    if item.value is None:
+        return
     is_stated = score.calls is not None and STATED_CLOCK in score.calls.clocks.values()
-    for item in score.verdicts:
-        yield from _calls_of(item, is_stated=is_stated)
-
-
-def _calls_of(item: Verdict, *, is_stated: bool) -> Iterator[str]:
-    """Yield a sentence on who measured the calls (host, node or target), and one if the limit applies to a stage."""
     is_on_calls = item.subject in (Subject.TIMING, Subject.MEMORY)
     if is_on_calls and not item.is_of_target:
         on_target = "the specification requires the target [4.2.1, 4.3.1]"
@@ -200,20 +218,23 @@ def _name(item: Verdict) -> str:
     return VerdictView.of(item).title
 
 
+def _relaxed_limit(item: Verdict, score: Score) -> Iterator[str]:
+    """Yield the relaxation of a default by a limit of the limits file."""
+    strict = {kind.limit_name: kind.most for kind in SHORTFALLS if kind.most is not None}
+    if item.name in strict and item.limit > strict[item.name]:
+        yield f"The limits allow {item.name} {item.limit:g}; the default is {strict[item.name]:g}."
+    usual_coverage = 1.0 - strict["pixels_without_point_max_share"]
+    if item.name == COVERAGE_MIN and item.limit < usual_coverage:
+        yield f"The limits require {item.name} {item.limit:g}; the default is {usual_coverage:g}."
+
+
 def _relaxed_rules(score: Score) -> Iterator[str]:
-    """Yield the relaxations of the defaults by the limits file."""
+    """Yield the relaxations of the rules of judgement by the limits file."""
     rules = score.rules
     if rules is None:
         return
     if rules.partial:
         yield "An incomplete result is judged as if it were complete (--partial)."
-    strict = {kind.limit_name: kind.most for kind in SHORTFALLS if kind.most is not None}
-    usual_coverage = 1.0 - strict["pixels_without_point_max_share"]
-    for item in rules.limits:
-        if item.name in strict and item.limit > strict[item.name]:
-            yield f"The limits allow {item.name} {item.limit:g}; the default is {strict[item.name]:g}."
-        if item.name == COVERAGE_MIN and item.limit < usual_coverage:
-            yield f"The limits require {item.name} {item.limit:g}; the default is {usual_coverage:g}."
     if rules.minimum_independent < MINIMUM_INDEPENDENT:
         least = f"{rules.minimum_independent:g}"
         usual = f"{MINIMUM_INDEPENDENT:g}"
@@ -412,7 +433,7 @@ def _converted_poses(score: Score) -> Iterator[str]:
         yield f"The poses were converted before scoring by {by_user or score.convention.diagnosed}."
 
 
-DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (
+OF_SCORE: tuple[Callable[[Score], Iterator[str]], ...] = (
     _spacing,
     _reading,
     _interpolated_truth,
@@ -420,7 +441,6 @@ DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (
     _map_range,
     _points_beyond,
     _other_settings,
-    _calls,
     _relaxed_rules,
     _incomplete,
     _lost_and_degraded,
@@ -440,4 +460,6 @@ DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (
     _reading_of_source,
     _converted_poses,
 )
-"""Deviations, in the order of the test report."""
+"""Deviations of a complete score, in the order of the test report."""
+OF_VERDICT: tuple[Callable[[Verdict, Score], Iterator[str]], ...] = (_calls, _relaxed_limit)
+"""Deviations of a verdict."""

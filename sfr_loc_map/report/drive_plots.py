@@ -172,9 +172,8 @@ def _position(score: Score, conditions: list[PlottedCondition]) -> Plot:
     factor, unit = error_scale(largest(*(error_sizes(plotted.rows) for plotted in conditions)))
     data = [trace for k, plotted in enumerate(conditions) for trace in _of_condition(score, plotted, k, factor, unit)]
     sizes = [size for plotted in conditions for size in scaled(error_sizes(plotted.rows), factor)]
-    limits = [
-        limit.value * factor for plotted in conditions for limit in limits_on(score, "position", plotted.rows.condition)
-    ]
+    of_first = limits_on(score, "position", conditions[0].rows.condition)  # others are hidden at the start
+    limits = [limit.value * factor for limit in of_first]
     layout = {"xaxis": axis(AT_THE_END), "yaxis": error_axis(f"size of the position error, {unit}", sizes, limits)}
     caption = "Each mark is one sub-trajectory: hover for its frames and stamps. A click on a name of the legend "
     caption += "shows or hides a condition."
@@ -241,14 +240,14 @@ class _Panel(NamedTuple):
     errors: Values
     row: Figure | None
     limits: Sequence[PlottedLimit] = ()
-    is_signed: bool = False  #: Whether errors have a sign, so the limits are drawn with both signs.
+    is_signed: bool = False  #: Whether errors have a sign, so that limits have both signs and the band is symmetric.
 
 
 def _directions(score: Score, plotted: PlottedCondition) -> Plot:
     rows, condition = plotted.rows, plotted.rows.condition
     errors = {"x": rows.x_m, "y": rows.y_m, "z": rows.z_m, "along": rows.along_m, "cross": rows.cross_m}
     panels = [
-        _Panel(title, errors[name], score.figure("position", condition=condition, part=name))
+        _Panel(title, errors[name], score.figure("position", condition=condition, part=name), is_signed=True)
         for name, title in DIRECTIONS.items()
     ]
     scale = error_scale(largest(*errors.values()))
@@ -292,6 +291,7 @@ def _stacked(
         of_mean = {**axes, "legendgroup": "m"}
         if mean is not None and sigma is not None:
             low, high = ((mean + sign * 3 * sigma) * factor for sign in (-1, 1))
+            low = low if panel.is_signed else max(low, 0.0)
             data.append(band("mean ± 3 sigma", ends, low, high, "@one-soft", **of_mean))
         if mean is not None:
             data.append(line("mean", (ends, scaled([mean] * 2, factor)), "@truth", dash="dash", **of_mean))

@@ -38,7 +38,8 @@ TERMS: Mapping[str, str] = {
     "first call": "reported separately, because it may include one-time initialisation",
     "peak memory": "largest resident memory of the process during a call",
     "above the idle process": "peak memory minus the resident memory between start and first call",
-    "value": "the statistic to which the limit applies; without a limit, mean + 3 sigma",
+    "value": "with a limit, the statistic to which the limit applies; otherwise the single number of a figure, such "
+    "as a count, a fraction or a peak",
     "limit": "bound of the value from the limits file: for coverage a lower bound, otherwise an upper bound",
     "verdict": "pass if the value is within its limit, fail if it is not; incomplete if expected data are missing; not "
     "judged if estimate and ground truth contradict each other",

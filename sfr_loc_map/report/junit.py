@@ -73,8 +73,15 @@ def _add_verdict(suite: ET.Element, view: VerdictView, score: Score) -> None:
     clause = view.clause if view.is_defined else NO_CLAUSE
     case = ET.SubElement(suite, "testcase", classname=f"sfr.{clause}", name=view.title)
     properties = ET.SubElement(case, "properties")
-    for name in ("id", "text", "limit", "value", "margin", "certain"):
-        value = getattr(item, name)
+    values = {
+        "id": item.id,
+        "text": item.text,
+        "limit": view.limit.value,
+        "value": view.value.value,
+        "margin": view.margin.value,
+        "certain": item.certain,
+    }
+    for name, value in values.items():
         if value is not None:
             ET.SubElement(properties, "property", name=name, value=printable(str(value)))
     if item.state in ELEMENTS:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sfr_loc_map import __version__
 from sfr_loc_map.atomic import write_text
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.glossary import glossary
 from sfr_loc_map.report.plots import PALETTES, TEMPLATE, Plot
@@ -133,8 +134,13 @@ def _packed_plotly() -> str:
 
 
 def from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the template
-    """Return the page of a template with all texts escaped; the filter `table` writes a table."""
+    """Return the page of a template with all texts printable and escaped; the filter `table` writes a table."""
     return _environment().get_template(name).render(**values)
+
+
+def _printable_text(value: object) -> object:
+    """Return a value of a template; texts, except finished HTML, become printable."""
+    return printable(value) if type(value) is str else value
 
 
 @cache
@@ -144,7 +150,9 @@ def _environment() -> Environment:
     from markupsafe import Markup
 
     loader = PackageLoader("sfr_loc_map", "report/templates")
-    environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True, finalize=_printable_text
+    )
     environment.globals["palettes"] = PALETTES
     environment.filters["table"] = lambda table: Markup(to_html(table))
     plain = {"default": lambda item: {each.name: getattr(item, each.name) for each in fields(item)}}  # dataclasses

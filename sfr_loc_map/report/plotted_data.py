@@ -70,7 +70,10 @@ def map_of(score: Score) -> MapDetails | None:
 
 
 def plotted_conditions(score: Score) -> list[PlottedCondition]:
-    """Return the sub-trajectories of each condition; conditions without sub-trajectories are omitted."""
+    """Return the sub-trajectories of each condition, first the conditions that a limit names.
+
+    Conditions without sub-trajectories are omitted.
+    """
     details = None if score.details is None else score.details.trajectory
     if details is None or details.path is None:
         return []
@@ -80,7 +83,8 @@ def plotted_conditions(score: Score) -> list[PlottedCondition]:
         if rows.start_frame:  # linear between the rows of a decimated path
             travelled = np.interp(rows.end_frame, np.arange(len(known)) * every, known)
             conditions.append(PlottedCondition(rows, [round(value, 4) for value in travelled.tolist()]))
-    return conditions
+    limited = {item.condition for item in score.verdicts}
+    return sorted(conditions, key=lambda plotted: plotted.rows.condition not in limited)
 
 
 def limits_on(score: Score, figure: str, condition: str | None = None, part: str | None = None) -> list[PlottedLimit]:

@@ -205,8 +205,8 @@ def _findings(score: Score) -> Iterator[LookFirst]:
 
 
 def _missed_limits(score: Score) -> Iterator[LookFirst]:
-    """Yield the missed limits, the most exceeded limit first."""
-    for view in sorted(verdict_views(score), key=_use_of, reverse=True):
+    """Yield the missed limits, the most exceeded limit first; limits of 0 have no ratio and are last."""
+    for view in sorted(verdict_views(score), key=lambda view: (view.item.limit == 0.0, -_use_of(view))):
         if view.item.state is VerdictState.FAIL:
             yield LookFirst(view.name, f"The limit is missed: {_beside_limit(view)}")
 
@@ -224,10 +224,14 @@ def _lost_and_degraded(score: Score) -> Iterator[LookFirst]:
 
 
 def _open_limits(score: Score) -> Iterator[LookFirst]:
-    """Yield the limits without enough data."""
+    """Yield the limits without enough data, one item for all limits with the same reason."""
+    names: dict[str, list[str]] = {}
     for view in verdict_views(score):
         if view.reason:
-            yield LookFirst(view.name, f"There is not enough data to judge this limit: {view.reason}.")
+            names.setdefault(view.reason, []).append(view.name)
+    for reason, of_reason in names.items():
+        limits = "this limit" if len(of_reason) == 1 else f"these {len(of_reason)} limits"
+        yield LookFirst("; ".join(of_reason), f"There is not enough data to judge {limits}: {reason}.")
 
 
 def _inconsistent_covariance(score: Score) -> Iterator[LookFirst]:

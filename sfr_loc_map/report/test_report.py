@@ -14,7 +14,6 @@ from typing import NamedTuple
 import msgspec
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
 from sfr_loc_map.metrics.score.caveats import caveats_of
@@ -25,12 +24,11 @@ from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.notes import NO_INTERVAL
 from sfr_loc_map.report.page import from_template
 from sfr_loc_map.report.printed_plot import DRAWING, PrintedPlot, printed_plots
-from sfr_loc_map.report.score_tables import COVERED, HEADLINE, READINGS, view_table
+from sfr_loc_map.report.score_tables import HEADLINE, READINGS, completeness_without_zeros, view_table
 from sfr_loc_map.report.summary import NO_VERDICT, Banner, banner_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 from sfr_loc_map.tables.model import OPEN, UNKNOWN, Table
 
-TABLES = (HEADLINE, COVERED, READINGS)  #: Tables of figures below the results.
 DOCUMENT = "Clarification of performance metrics for SFR Breadboarding"
 WITH_SIGMA = ("sigma", "mean_plus_3sigma")  #: Statistics that depend on a standard deviation.
 
@@ -44,6 +42,11 @@ def clauses_used(scores: Sequence[Score]) -> list[str]:
     if any(item.condition is not None for item in limited):
         found.update(OF_SUB_TRAJECTORIES)
     return sorted(found)
+
+
+def figures_without_clause(scores: Sequence[Score]) -> list[str]:
+    """Return the names of the limited figures of scores that no clause defines, each once."""
+    return list(dict.fromkeys(view.name for score in scores for view in verdict_views(score) if not view.clause))
 
 
 class AdditionalEvidence(NamedTuple):
@@ -100,6 +103,7 @@ class SignedReport:
     no_common_verdict: str  #: Why the scores have no common verdict; empty if they have one.
     sections: list[ScoreSection]  #: Item under test, procedure, data and results of each score.
     clauses: list[tuple[str, str]]  #: Clauses of the specification and their texts.
+    without_clause: list[str]  #: Limited figures that no clause defines.
     counts: dict[str, int]  #: Number of results by verdict.
     evidence: list[AdditionalEvidence]
     deviations: list[str]
@@ -122,14 +126,18 @@ def render_test_report(
     states = [row.view.item.state.value for section in sections for row in section.results]
     report = SignedReport(
         title=title or "Test report",
-        number=printable(number),
-        issue=printable(issue),
+        number=number,
+        issue=issue,
         banner=banner_of_all(common, [section.banner for section in sections]),
         no_common_verdict=common.text,
         sections=sections,
         clauses=[(clause, CLAUSES[clause]) for clause in clauses_used(scores)],
+        without_clause=figures_without_clause(scores),
         counts={state: states.count(state) for state in dict.fromkeys(states)},
-        evidence=[_printable(item, index) for index, item in enumerate(evidence, 1)],
+        evidence=[
+            item._replace(tables=tuple(_named(f"evidence-{index}", item.tables)))
+            for index, item in enumerate(evidence, 1)
+        ],
         deviations=_of_all(scores, deviations_of),
         anomalies=_of_all(scores, _anomalies),
         open_points=[*_of_all(scores, _open_points), *(text for item in evidence for text in item.open_points)],
@@ -147,16 +155,16 @@ def _section(score: Score, number: int) -> ScoreSection:
         command=UNKNOWN if made is None else made.command or UNKNOWN,
         banner=banner_of(score),
         item=_item(score),
-        inputs=[InputRow(role, printable(file.path), file.sha256) for role, file in files.items()],
+        inputs=[InputRow(role, file.path, file.sha256) for role, file in files.items()],
         results=list(_results(score, number)),
-        tables=_named(str(number), [table for view in TABLES if (table := view_table(view, score)).rows]),
+        tables=_named(str(number), [table for table in _tables(score) if table.rows]),
         plots=printed_plots(score),
     )
 
 
-def _printable(evidence: AdditionalEvidence, number: int) -> AdditionalEvidence:
-    tables = _named(f"evidence-{number}", evidence.tables)
-    return evidence._replace(path=printable(evidence.path), tables=tuple(tables))
+def _tables(score: Score) -> tuple[Table, ...]:
+    """Return the tables of figures below the results."""
+    return view_table(HEADLINE, score), completeness_without_zeros(score), view_table(READINGS, score)
 
 
 def _named(suffix: str, tables: Sequence[Table]) -> list[Table]:
@@ -177,7 +185,7 @@ def _of_all(scores: Sequence[Score], texts_of: Callable[[Score], Iterator[str]])
     found: dict[str, list[str]] = {}
     for index, score in enumerate(scores):
         for text in texts_of(score):
-            found.setdefault(printable(text), []).append(str(index + 1))
+            found.setdefault(text, []).append(str(index + 1))
     return [f"Command {', '.join(of)}: {text}" if len(scores) > 1 else text for text, of in found.items()]
 
 
@@ -212,13 +220,13 @@ def _item(score: Score) -> dict[str, str]:
         facts["Configuration"] = f"{len(settings)} settings, SHA-256 {sha256}"
         facts["Host"] = ", ".join(f"{name} {value}" for name, value in made.host.items()) or UNKNOWN
         facts["Time"] = made.time or UNKNOWN
-    return {name: printable(text) for name, text in facts.items()}
+    return facts
 
 
 def _results(score: Score, command: int) -> Iterator[ResultRow]:
     """Yield the rows of the results of a score, one per verdict."""
     for place, view in enumerate(verdict_views(score), 1):
-        yield ResultRow(view.item.id or f"{command}.{place}", printable(view.item.text or ""), view, command)
+        yield ResultRow(view.item.id or f"{command}.{place}", view.item.text or "", view, command)
 
 
 def _anomalies(score: Score) -> Iterator[str]:

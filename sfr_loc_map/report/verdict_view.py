@@ -21,6 +21,8 @@ from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import KINDS, clause_of, defines, is_fraction, statistic_title, title_of
 from sfr_loc_map.tables.model import (
     ABSENT,
+    GB,
+    MB,
     MIB,
     NONE,
     NOT_ENOUGH,
@@ -40,7 +42,7 @@ WITHOUT_NAME = (None, *Reading)  #: Parts that are omitted in the name of a limi
 
 @dataclass(frozen=True, slots=True)
 class VerdictView:
-    """A verdict with its displayed texts."""
+    """A verdict with its displayed texts, and with its exact values as the values of cells."""
 
     item: Verdict
     key: str  #: Key in the JSON, such as `verdicts.3`.
@@ -165,7 +167,16 @@ def unit_of(item: Verdict) -> Unit:
     if item.figure is None:  # a verdict without a limit in the limits file: the judged fraction, or a count
         return PERCENT if item.is_lower_bound else NONE
     unit = KINDS[item.figure].unit
+    if unit == "bytes":
+        return unit_of_memory_limit(item.limit)
     return unit_of_numbers(item.figure, item.part, unit, item.limit, item.value, *(item.interval or ()))
+
+
+def unit_of_memory_limit(limit: float) -> Unit:
+    """Return the unit in which a limit on memory, bytes, is a round number: decimal for 2e9, binary for 2**30."""
+    if limit <= 0.0 or limit % MB.size:
+        return MIB
+    return MB if limit < GB.size else GB
 
 
 def unit_of_numbers(figure: str, part: str | None, unit: str, *numbers: float | None) -> Unit:

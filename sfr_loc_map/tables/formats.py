@@ -14,11 +14,13 @@ from html import escape
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.tables.model import OPEN, VERDICTS, Cell, CellKind, Column, Table
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
+FORMULA_STARTS = ("=", "+", "-", "@", "\t")  #: Characters with which a spreadsheet begins a formula.
 ENDS = ("low95", "high95")  #: Keys of the bounds of an interval, below the key of its cell.
 LEAN_ROWS = 300  #: Tables with more rows omit keys and exact values, so that large pages stay small.
 WORDS = ' class="words"'  #: Attribute of words and their heading, which are aligned to the left.
@@ -132,10 +134,20 @@ def to_csv(tables: Iterable[Table]) -> str:
             for column, cell in zip(table.columns, row, strict=True):
                 found: list[tuple[str, str]] = []
                 if cell.kind in (CellKind.VERDICT, CellKind.WORD):
-                    found = [(cell.key, cell.text)]
+                    found = [(cell.key, csv_text(cell.text))]
                 elif isinstance(cell.value, tuple) and cell.key:
                     found = [(f"{cell.key}.{end}", repr(bound)) for end, bound in zip(ENDS, cell.value, strict=True)]
                 elif cell.key:
                     found = [(cell.key, "" if cell.value is None else repr(cell.value))]
-                writer.writerows((table.name, head, column.title, *item) for item in found)
+                words = csv_text(table.name), csv_text(head), csv_text(column.title)
+                writer.writerows((*words, *item) for item in found)
     return buffer.getvalue()
+
+
+def csv_text(text: str) -> str:
+    """Return a text for a cell of a CSV file, printable and with an apostrophe before the start of a formula.
+
+    A spreadsheet would otherwise execute the text of a requirement that begins with `=`.
+    """
+    shown = printable(text)
+    return f"'{shown}" if shown.startswith(FORMULA_STARTS) else shown

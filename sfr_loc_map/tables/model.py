@@ -21,7 +21,14 @@ UNKNOWN, NOT_ENOUGH, ABSENT = "unknown", "not enough data", "-"
 # ---- numbers
 
 
-SHOWN_UNITS = {"mm": ("m", 1e-3), "ms": ("s", 1e-3), "%": ("1", 1e-2), "MiB": ("bytes", 2.0**20)}
+SHOWN_UNITS = {
+    "mm": ("m", 1e-3),
+    "ms": ("s", 1e-3),
+    "%": ("1", 1e-2),
+    "MiB": ("bytes", 2.0**20),
+    "MB": ("bytes", 1e6),
+    "GB": ("bytes", 1e9),
+}
 """Displayed units, each with the unit of the values and with its size in that unit: 1 mm is 1e-3 m."""
 SIGNIFICANT_DIGITS = 4  #: Significant digits of displayed values.
 MAX_DIGITS = 17  #: Significant digits that distinguish any two values.
@@ -44,7 +51,8 @@ class Unit:
         return SHOWN_UNITS.get(self.symbol, (self.symbol, 1.0))[0]
 
 
-NONE, METRE, MILLIMETRE, MILLISECOND, PERCENT, MIB = map(Unit, ("", "m", "mm", "ms", "%", "MiB"))
+NONE, METRE, MILLIMETRE, MILLISECOND, PERCENT = map(Unit, ("", "m", "mm", "ms", "%"))
+MIB, MB, GB = map(Unit, ("MiB", "MB", "GB"))
 
 
 def fitting(unit: Unit, *values: float | None) -> Unit:

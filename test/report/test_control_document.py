@@ -18,6 +18,8 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.report.control_document import COLUMNS, control_csv
+from sfr_loc_map.report.score_tables import verdict_table
+from sfr_loc_map.tables.formats import to_csv
 
 LIMITS: dict[str, Any] = {
     "minimum_independent": 1,
@@ -115,6 +117,34 @@ def test_a_score_that_failed_by_a_crash_closes_nothing(score: Score) -> None:
     assert rows["R1"]["compliance"] == "compliant"
     assert {row["close_out"] for row in rows.values()} == {"open"}
     assert "signal 11" in rows["R1"]["remarks"]
+
+
+def test_a_row_has_its_own_deviations_and_the_first_row_those_of_the_score(score: Score) -> None:
+    timing = {"timing": {"localisation_max_s": {"limit": 100.0, "id": "R5"}}, "memory": LIMITS["memory"]}
+    met = replace(judged_by(score, parse_limits(timing, "limits")), incomplete="the estimate covers 90 %")
+    rows = list(csv.DictReader(io.StringIO(control_csv({"score.json": met}))))
+    assert ["90 %" in row["remarks"] for row in rows] == [True, *([False] * (len(rows) - 1))]
+    for number, other in (("R4", "R5"), ("R5", "R4")):
+        (own,) = (row for row in rows if row["requirement"] == number)
+        assert f"{number}: " in own["remarks"]
+        assert f"{other}: " not in own["remarks"]
+
+
+def test_a_count_is_that_of_the_row_if_the_verdict_has_none(score: Score) -> None:
+    counts = {item.id: item.n for item in score.verdicts}
+    assert counts["R4"] is None
+    row = score.row_of(next(item for item in score.verdicts if item.id == "R4"))
+    assert row is not None
+    assert rows_of(control_csv({"score.json": score}))["R4"]["n"] == str(row.n)
+
+
+@pytest.mark.parametrize("text", ["=1+1", "@SUM(A1)", "+1", "-1"])
+def test_a_text_is_no_formula_of_a_spreadsheet(score: Score, text: str) -> None:
+    verdicts = tuple(replace(item, text=text) for item in score.verdicts)
+    made = replace(score, verdicts=verdicts)
+    assert {row["text"] for row in rows_of(control_csv({"score.json": made})).values()} == {f"'{text}"}
+    named = replace(score, verdicts=tuple(replace(item, id=text) for item in score.verdicts))
+    assert f",'{text}\n" in to_csv([verdict_table(named)])
 
 
 def test_a_pass_with_deviations_names_them(score: Score) -> None:

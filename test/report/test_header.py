@@ -60,6 +60,17 @@ def test_missed_limits_come_first_the_worst_before_the_others() -> None:
     assert item.why == "The limit is missed: 40 %, limit ≥ 80 %."
 
 
+def test_limits_of_zero_follow_those_with_a_ratio_and_one_cause_is_one_item() -> None:
+    failed = [verdict(0.01, 0.0, FAIL, "attitude_mean_deg"), verdict(900.0, 0.1, FAIL)]
+    undecided = [
+        verdict(None, 0.1, VerdictState.NOT_ENOUGH_DATA, name) for name in ("coverage_min", "heading_mean_deg")
+    ]
+    far, zero, open_limits = look_first(Score(verdicts=(*failed, *undecided)))
+    assert "900 m" in far.why
+    assert "0.01 deg" in zero.why
+    assert open_limits.why == "There is not enough data to judge these 2 limits: no data."
+
+
 def test_the_banner_states_a_contradiction_beside_a_failed_method() -> None:
     limits = parse_limits({"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 1.0}]}, "test")
     crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")

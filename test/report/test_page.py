@@ -18,6 +18,8 @@ from helpers.made_scores import HOSTILE, dig, drive, json_of, place_of, whole_sc
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.judging.judge import judged_by
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_plain
 from sfr_loc_map.metrics.table.details import Details
@@ -28,6 +30,7 @@ from sfr_loc_map.report.path_plot import Curve, path_plot
 from sfr_loc_map.report.plots import PALETTES, to_figure
 from sfr_loc_map.report.printed_plot import printed_plots
 from sfr_loc_map.report.score_plots import score_plots
+from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.tables.model import MILLIMETRE, number
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -292,6 +295,54 @@ def test_limits_are_drawn_beside_their_figure_and_do_not_flatten_it() -> None:
         assert plots["position"].layout["yaxis"].get("type") == scale
         shown = max(trace["y"][0] for trace in plots["position"].data if trace["name"] == "mean + 3 sigma, 5 m")
         assert drawn["y"][0] / shown == pytest.approx(factor, rel=1e-3)
+
+
+def test_limited_conditions_are_drawn_first() -> None:
+    estimates, truth = drive(300)
+    made = score_trajectory(estimates, truth, TrajectoryScoreConfig(conditions=("distance=1", "distance=5")))
+    score = Score(figures=made.figures, association=made.association, details=Details(trajectory=made.details))
+    entries = [{"condition": "distance=5", "heading_mean_plus_3sigma_deg": 1e-9}]
+    judged = judged_by(score, parse_limits({"trajectory": entries}, "test"))
+    plots = {plot.name: plot for plot in drive_plots(judged)}
+    for name in ("top-view", "directions", "angles", "position"):
+        marks = [trace for trace in plots[name].data if "sub-trajectory" in trace.get("hovertemplate", "")]
+        assert marks[0]["customdata"][0][0] == "5 m", name
+
+
+@pytest.mark.parametrize(("limits_m", "axis"), [((1.0, 1e-4), "log"), ((1e-4, 1000.0), None)])
+def test_a_hidden_limit_does_not_scale_the_axis(limits_m: tuple[float, float], axis: str | None) -> None:
+    estimates, truth = drive(300)
+    made = score_trajectory(estimates, truth, TrajectoryScoreConfig(conditions=("distance=1", "distance=5")))
+    score = Score(figures=made.figures, association=made.association, details=Details(trajectory=made.details))
+    entries = [
+        {"condition": condition, "position_mean_plus_3sigma_m": limit_m}
+        for condition, limit_m in zip(("distance=1", "distance=5"), limits_m, strict=True)
+    ]
+    judged = judged_by(score, parse_limits({"trajectory": entries}, "test"))
+    plots = {plot.name: plot for plot in drive_plots(judged)}
+    assert plots["position"].layout["yaxis"].get("type") == axis
+
+
+def test_the_band_of_an_unsigned_error_is_not_negative() -> None:
+    plots = {plot.name: plot for plot in drive_plots(whole_score())}
+    bands = [min(trace["y"]) for trace in plots["angles"].data if trace["name"] == "mean ± 3 sigma"]
+    assert len(bands) == 2
+    assert bands[0] < 0.0 <= bands[1]
+
+
+WIDTH_PROBE = """<script>
+const table = document.getElementById("results");
+document.documentElement.dataset.width = table.getBoundingClientRect().width <= 703;
+</script>"""
+
+
+def test_the_results_of_a_test_report_fit_on_paper(tmp_path: Path) -> None:
+    text = render_test_report([whole_score()]).replace("@media print", "@media all")
+    text = re.sub('<meta http-equiv="Content-Security-Policy"[^>]*>', "", text)
+    text = text.replace("<body>", '<body style="width: 703px">')
+    path = tmp_path / "report.html"
+    path.write_text(text.replace("</body>", WIDTH_PROBE + "</body>"))
+    assert 'data-width="true"' in opened(path, tmp_path)[0]
 
 
 @pytest.mark.parametrize("has_heading", [False, True])

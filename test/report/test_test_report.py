@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from helpers import ROOT
 from helpers.cli_result import Sfr
-from helpers.made_scores import HOSTILE, calls, dig, half, json_of, of_drive, of_map, whole_score
+from helpers.made_scores import HOSTILE, calls, dig, half, json_of, of_drive, of_map, whole_score, without
 from sfr_loc_map.metrics.calls.call_score import score_target
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.judge import judged_by, with_verdicts
@@ -27,6 +27,7 @@ from sfr_loc_map.metrics.table.catalogue import CLAUSES
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TruthRecord
 from sfr_loc_map.report.deviations import deviations_of, is_of_stage
 from sfr_loc_map.report.junit import junit
+from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.plotted_data import error_sizes
 from sfr_loc_map.report.printed_plot import printed_plots
 from sfr_loc_map.report.score_tables import READINGS, score_tables, view_table
@@ -154,6 +155,44 @@ def test_the_memory_of_a_stage_follows_no_clause_and_is_a_deviation() -> None:
     }
     deviations = re.findall("([a-z ]*) concerns a stage", render_test_report([score]))
     assert len(deviations) == 2, deviations
+
+
+def test_calls_that_were_not_measured_have_no_deviation() -> None:
+    content = {"timing": {"mapping_p50_s": 1.0, "localisation_p50_s": 1.0}, "memory": {"mapping_peak_bytes": 2e9}}
+    score = judged_by(of_drive(without(whole_score(), "timing")), parse_limits(content, "test"), partial=True)
+    assert not [item for item in score.on_limits if item.subject == "timing" and item.value is not None]
+    assert not [text for text in deviations_of(score) if "was measured on the host" in text and "time" in text]
+
+
+def test_texts_of_a_user_are_printable() -> None:
+    turned = "Rep\u202eort"
+    made = whole_score().provenance
+    assert made is not None
+    files = {role: replace(file, path=turned) for role, file in made.inputs.items()}
+    score = replace(whole_score(), provenance=replace(made, inputs=files, command=turned))
+    page = render_page(score, plots=False)
+    report = render_test_report([score], title=turned, number=turned, issue=turned)
+    for text in (page, report):
+        assert "\u202e" not in text
+        assert "Rep\\u202eort" in text
+
+
+def test_a_figure_without_a_clause_is_listed() -> None:
+    made = scores()
+    _, _, documents = render_test_report(made).partition("2 Documents</h2>")
+    documents, _, _ = documents.partition("<h2>")
+    without_clause = {VerdictView.of(item).name for score in made for item in score.verdicts} - {
+        VerdictView.of(item).name for score in made for item in score.verdicts if VerdictView.of(item).clause
+    }
+    assert {"lost", "coverage"} <= without_clause
+    assert all(html.escape(name) in documents for name in without_clause)
+
+
+@pytest.mark.parametrize(("limit", "shown"), [(2e9, "2 GB"), (512e6, "512 MB"), (2.0**30, "1024 MiB")])
+def test_a_limit_on_memory_has_the_unit_of_the_requirement(limit: float, shown: str) -> None:
+    content = {"memory": {"localisation_peak_bytes": limit}}
+    (item,) = judged_by(whole_score(), parse_limits(content, "test")).on_limits
+    assert VerdictView.of(item).limit_text == f"≤ {shown}"
 
 
 def test_junit_says_every_state_in_its_own_word() -> None:
