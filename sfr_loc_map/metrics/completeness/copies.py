@@ -181,7 +181,9 @@ def compared_motions(
     motion, true_motion = frames.position[ends] - frames.position[starts], true_pos[ends] - true_pos[starts]
     in_body = quat_rotate(quat_conjugate(frames.attitude[starts]), motion)
     true_in_body = quat_rotate(quat_conjugate(frames.true_attitude[starts]), true_motion)
-    error_m = np.minimum(np.linalg.norm(motion - true_motion, axis=1), np.linalg.norm(in_body - true_in_body, axis=1))
+    in_ds_m = np.linalg.norm(motion - true_motion, axis=1)
+    in_body_m = np.linalg.norm(in_body - true_in_body, axis=1)  # NaN without true attitudes
+    error_m = np.fmin(in_ds_m, in_body_m)
     length_m = np.linalg.norm(true_motion, axis=1)
     is_long = np.asarray(length_m >= 0.5 * least_motion_m(resolution_m))
     return Tested(is_long, is_long & (error_m <= EXACT_SHARE * length_m + np.sqrt(3.0) * resolution_m))
