@@ -133,7 +133,19 @@ class Truth(Trajectory):
 
 
 def as_truth(trajectory: Trajectory) -> Truth:
-    """Return a trajectory as a truth; a trajectory that is not a `Truth` is assumed to be complete and exact."""
-    if isinstance(trajectory, Truth):
+    """Return a trajectory as a truth. A trajectory that is not a `Truth` is assumed to be complete and exact.
+
+    Unknown heights are 0 in the result. The path of the truth is then horizontal, whatever the placeholders are.
+    """
+    if not isinstance(trajectory, Truth):
+        return Truth(trajectory.stamps_ns, trajectory.positions, trajectory.quats_xyzw)
+    if trajectory.has_height:
         return trajectory
-    return Truth(trajectory.stamps_ns, trajectory.positions, trajectory.quats_xyzw)
+    return replace(trajectory, positions=horizontal(trajectory.positions))
+
+
+def horizontal(positions: FloatArray) -> FloatArray:
+    """Return positions `(N, 3)` with the height 0."""
+    level = positions.copy()
+    level[:, 2] = 0.0
+    return level

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from helpers.random_drives import as_score
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig, Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.diagnosis.convention_diagnosis import diagnose
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
@@ -21,6 +22,7 @@ from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.judging.reasons import conditions_beyond
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 
@@ -240,3 +242,25 @@ def test_estimated_roll_and_pitch_of_a_planar_truth_are_no_turn_of_the_rover() -
     score = scored(Trajectory(STAMPS, positions, rolls.as_quat()), truth)
     standing = score.number("standing", "value", condition="time=5", part="sub-trajectories")
     assert standing == pytest.approx(0.75, abs=0.15)
+
+
+@pytest.mark.parametrize("has_attitude", [True, False])
+def test_placeholders_of_unknown_heights_change_no_figure(has_attitude: bool) -> None:
+    """The path, the ends of the sub-trajectories and the gaps are horizontal, and copies are compared in x and y."""
+    true, estimate = drive()
+    quats = true.quats_xyzw if has_attitude else np.zeros((COUNT, 4))
+    config = replace(CONFIG, conditions=("distance=2", "displacement=2", "time=5"))
+    found = []
+    for sigma_m in (0.0, 0.02):
+        positions = true.positions.copy()
+        positions[:, 2] = np.random.default_rng(2).normal(0.0, sigma_m, COUNT)
+        truth = Truth(STAMPS, positions, quats, has_height=False)
+        of_estimates = [score_trajectory(Estimates.of(each), truth, config) for each in (estimate, true)]
+        found.append(of_estimates)
+        length_m = np.linalg.norm(np.diff(true.positions[:, :2], axis=0), axis=1).sum()
+        assert of_estimates[0].association.path_length_m == pytest.approx(length_m)
+        assert as_score(of_estimates[1]).number("poses_of_truth") == 1.0
+        beyond = Condition.parse(f"distance={length_m + 0.1}")
+        assert conditions_beyond(truth, [beyond])
+    for level, noisy in zip(*found, strict=True):
+        assert level.figures == noisy.figures

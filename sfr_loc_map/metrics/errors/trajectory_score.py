@@ -73,7 +73,6 @@ def score_trajectory(
     placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)
     if not placed.matching.matched and not is_live:
         raise MetricsError(nothing_matched(estimates.trajectory, truth))
-    frames = placed.frames
     judged = judged_sub_trajectories(conditions, placed, config.spacing)
     drive = drive_completeness(estimates.trajectory, placed, conditions, image_stamps_ns, in_flight_ns)
     sums = step_sums(placed, judged.values())
@@ -87,9 +86,10 @@ def score_trajectory(
     figures += growth_rows(placed, config.spacing)
     figures += truth_error_rows(placed.truth, interpolated_stamps(placed))
     figures += drive.rows
+    frames = placed.known_frames
     figures += copy_rows(frames, placed.truth, placed.is_reported, interpolated=placed.matching.interpolated > 0)
     figures.append(judged_of_truth(frames, [(each.starts, each.ends) for each in judged.values()]))
-    path = path_rows(placed.estimates, frames, placed.length_m) if details else None
+    path = path_rows(placed.estimates, placed.frames, placed.length_m) if details else None
     return TrajectoryResult(
         figures=tuple(figures),
         association=association_record(placed, config.spacing, drive.images),

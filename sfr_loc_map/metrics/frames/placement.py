@@ -16,7 +16,7 @@ import numpy as np
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_multiply
-from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth, at_point
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth, at_point, horizontal
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.config import AssociationConfig, Reading, TrajectoryScoreConfig
@@ -57,7 +57,7 @@ class PlacedFrames(NamedTuple):
     frames: Frames
     matching: Matching
     estimates: Estimates
-    truth: Truth
+    truth: Truth  #: The truth; unknown heights are 0.
     rebase: Reading  #: Reading of the settings, which judges estimates that were not aligned.
     placement: Placement | None  #: The alignment with a truth without attitudes; None for other truths.
     poses: Poses  #: Poses of all frames; unknown true heights are NaN.
@@ -77,6 +77,13 @@ class PlacedFrames(NamedTuple):
     def is_reported(self) -> Mask:
         """Whether the pose of each frame `(F,)` is reported as lost or degraded."""
         return self.estimates.unreliable[self.frames.estimate_rows]
+
+    @property
+    def known_frames(self) -> Frames:
+        """The frames with the components that the truth knows: without true heights, all heights are 0."""
+        if self.truth.has_height:
+            return self.frames
+        return self.frames._replace(position=horizontal(self.frames.position))
 
     @property
     def readings(self) -> list[Reading]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Trajectory, as_truth
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind, label_of
 from sfr_loc_map.metrics.config import VerdictState
@@ -102,7 +102,7 @@ def unknown_of_truth(figure: str, score: Score) -> str | None:
 
 def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> tuple[str, ...]:
     """Return why a drive with this truth never meets some conditions, for a warning before the drive is processed."""
-    path = truth.at_rows(unique_rows(truth.stamps_ns))
+    path = as_truth(truth).at_rows(unique_rows(truth.stamps_ns))
     drive = DriveExtent(
         frames=len(path),
         length_m=float(np.linalg.norm(np.diff(path.positions, axis=0), axis=1).sum()),
