@@ -79,6 +79,16 @@ def quat_angle(quat_xyzw: ArrayLike) -> FloatArray:
     return np.asarray(2.0 * np.arctan2(np.linalg.norm(quat[..., :3], axis=-1), np.abs(quat[..., 3])))
 
 
+def rotvecs_from_quats(quats_xyzw: FloatArray) -> FloatArray:
+    """Return the rotation vectors `(N, 3)`, radians, angles in [0, pi], of unit quaternions `(N, 4)`."""
+    nearest = np.where(quats_xyzw[:, 3:] < 0.0, -quats_xyzw, quats_xyzw)  # -q is the rotation q
+    sines = np.linalg.norm(nearest[:, :3], axis=1)
+    angles = 2.0 * np.arctan2(sines, nearest[:, 3])
+    is_small = sines < SMALL_HALF_SINE
+    scales = np.where(is_small, 2.0, angles / np.where(is_small, 1.0, sines))
+    return np.asarray(scales[:, None] * nearest[:, :3])
+
+
 def quat_rotate(quat_xyzw: ArrayLike, vectors: ArrayLike) -> FloatArray:
     """Rotate vectors `(..., 3)` by unit quaternions `(..., 4)`."""
     quat = np.asarray(quat_xyzw, dtype=np.float64)

@@ -223,6 +223,27 @@ def test_the_truth_error_of_a_position_has_the_attitude_by_which_the_estimate_is
         assert judged_by(exact, limits).on_limits[0].state == "pass"
 
 
+@pytest.mark.parametrize("has_tilt", [True, False])
+def test_the_truth_error_has_the_interpolation_of_attitudes(has_tilt: bool) -> None:
+    """An exact estimate of a heading that oscillates by 2 deg in 4 s does not fail by an exact truth at 1 Hz."""
+    time_s = np.arange(COUNT) * 0.1
+    positions = np.column_stack((0.2 * time_s, np.zeros((COUNT, 2))))
+    wobble_deg = 2.0 * np.sin(2.0 * np.pi * time_s / 4.0 + 0.4)
+    estimate = Trajectory(STAMPS, positions, Rotation.from_euler("z", wobble_deg[:, None], degrees=True).as_quat())
+    sparse = estimate[::10]
+    truth = Truth(sparse.stamps_ns, sparse.positions, sparse.quats_xyzw, has_tilt=has_tilt)
+    config = replace(CONFIG, conditions=("distance=1",), spacing=3, association=AssociationConfig(truth="interpolate"))
+    score = as_score(score_trajectory(Estimates.of(estimate), truth, config))
+    figures = ("position", "heading", "attitude") if has_tilt else ("position", "heading")
+    rows = [score.judged_row(name) for name in figures]
+    limits = {f"{row.figure}_mean_plus_3sigma_{row.unit}": 0.7 * row.mean_plus_3sigma for row in rows}
+    content = {"minimum_independent": 1, "trajectory": [{"condition": "distance=1", **limits}]}
+    judged = judged_by(score, parse_limits(content, "limits")).on_limits
+    assert [item.state for item in judged] == ["not enough data"] * len(figures)
+    exact = as_score(score_trajectory(Estimates.of(estimate), estimate, config))
+    assert exact.number("truth_error", part="attitude") == 0.0
+
+
 def test_a_turn_of_a_truth_without_roll_and_pitch_is_refused() -> None:
     """The tilt of the estimate would otherwise decide where the sub-trajectories end."""
     truth, estimate = drive()

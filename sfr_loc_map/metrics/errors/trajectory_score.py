@@ -119,9 +119,9 @@ def judged_sub_trajectories(
     }
 
 
-def interpolated_stamps(placed: PlacedFrames) -> IntArray:
+def interpolated_stamps(placed: PlacedFrames, frames: IntArray | slice = slice(None)) -> IntArray:
     """Return the stamps of frames at which the truth has an error of interpolation: none without interpolation."""
-    stamps_ns = placed.frames.stamps_ns
+    stamps_ns = placed.frames.stamps_ns[frames]
     return stamps_ns if placed.matching.interpolated else stamps_ns[:0]
 
 
@@ -177,7 +177,8 @@ def consistency_rows(
     """Yield the rows of one condition: rotation error of the truth, confidence of the errors, and NEES."""
     truth = placed.truth
     if placed.reading is Reading.POSE:
-        yield from turn_rows(condition, truth.sigma_deg, judged.true_displacement())
+        starts_ns = interpolated_stamps(placed, judged.starts)
+        yield from turn_rows(condition, truth, starts_ns, judged.true_displacement())
     if truth.has_height:
         yield from confidence_rows(condition, judged.errors.position_m, overlap)
     if truth.has_height and truth.has_tilt:
