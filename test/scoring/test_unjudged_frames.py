@@ -11,6 +11,7 @@ import pytest
 
 from helpers.cli_result import Sfr
 from helpers.honest_drives import honest_drive
+from helpers.random_drives import as_score
 from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, limits, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
@@ -19,6 +20,9 @@ from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.other_frames import largest_usual
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.judging.judge import judged_by
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND
 from sfr_loc_map.metrics.table.row_part import OTHER_FRAMES
 
@@ -234,3 +238,36 @@ def test_a_drive_that_stands_throughout_or_for_a_third_is_judged(tmp_path: Path,
         rules = limits(tmp_path, {"trajectory": [{"condition": "time=5", "position_mean_plus_3sigma_m": 0.04}]})
         done = sfr("score", *paths, "--limits", rules)
         assert done.code == 0, done.out + done.err
+
+
+def score_with_stop(position_m: float) -> Score:
+    """Return the score of a scale error of 1 % over 5 s, diluted by a stop, by limits on position and heading."""
+    estimate, truth = (with_stop(straight(scale=scale), 5700) for scale in (0.99, 1.0))
+    entry = {"condition": "time=5", "position_mean_plus_3sigma_m": position_m, "heading_mean_plus_3sigma_deg": 1.0}
+    config = TrajectoryScoreConfig(conditions=("time=5",))
+    scored = score_trajectory(Estimates.of(estimate), truth, config)
+    return judged_by(as_score(scored), parse_limits({"trajectory": [entry]}, "limits"))
+
+
+@pytest.mark.parametrize(
+    ("position_m", "states", "words"),
+    [
+        (0.04, ["incomplete", "pass"], "record a longer drive in motion"),  # diluted to 36 mm
+        (0.01, ["fail", "pass"], None),  # motion alone does not help
+        (0.1, ["pass", "pass"], None),
+    ],
+)
+def test_a_limit_that_is_met_by_standing_changes_no_other_verdict(
+    position_m: float, states: list[str], words: str | None
+) -> None:
+    score = score_with_stop(position_m)
+    assert [item.state for item in score.on_limits] == states
+    assert (words in (score.incomplete or "")) if words else (score.incomplete is None)
+
+
+def test_errors_at_other_frames_change_no_other_verdict() -> None:
+    scored = score_trajectory(Estimates.of(with_wrong(between_the_starts())), straight(), TrajectoryScoreConfig())
+    entry = {**POSITION["trajectory"][0], "heading_mean_plus_3sigma_deg": 1.0}
+    score = judged_by(as_score(scored), parse_limits({"trajectory": [entry]}, "limits"))
+    assert [item.state for item in score.on_limits] == ["incomplete", "pass"]
+    assert score.verdict == "incomplete"

@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.completeness.shortfall_kinds import (
 from sfr_loc_map.metrics.conditions import Condition, label_of
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.judging.limit_scope import judged_parts, tasks_of
+from sfr_loc_map.metrics.judging.limit_scope import judged_parts, needed_part, tasks_of
 from sfr_loc_map.metrics.score.limits import Limit, LimitSection, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
@@ -66,6 +66,13 @@ class Shortfall(NamedTuple):
     value: float | None  #: Value of the figure; None if it is unknown.
     text: str  #: What is missing or wrong.
     row: int | None = None  #: Index of the row of the figure in the table.
+    limit: Limit | None = None  #: The limit that the shortfall affects; None for all limits that require the part.
+
+    def affects(self, limit: Limit) -> bool:
+        """Return whether the shortfall prevents a pass of a limit."""
+        if self.limit is not None:
+            return self.limit == limit
+        return self.part in (RowPart(Scope.LIVE), needed_part(limit))
 
     @property
     def verdict(self) -> Verdict:
@@ -226,7 +233,7 @@ def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: fl
                 value=f"{value:.4g} {others.unit}",
                 limit=f"{limit.limit:g} {others.unit}",
             )
-            yield Shortfall(kind, part, most, share.value, text, score.index_of(share))
+            yield Shortfall(kind, part, most, share.value, text, score.index_of(share), limit)
 
 
 def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
@@ -244,6 +251,9 @@ def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: floa
         moving = score.figure(figure, condition=condition, part=MOVING)
         if share is None or share.value is None or share.value <= most or moving is None:
             continue
+        judged = score.number(figure, statistic_of(limit), condition=condition)
+        if judged is None or not meets(limit, judged):
+            continue
         value = moving.statistic(statistic_of(limit))
         is_enough = score.active_rules.has_enough_independent(moving.independent or 0.0)
         if value is None or not is_enough or not meets(limit, value):
@@ -258,7 +268,7 @@ def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: floa
                 value="unknown" if value is None else f"{value:.4g} {moving.unit}",
                 limit=limit.name,
             )
-            yield Shortfall(kind, part, most, share.value, text, score.index_of(share))
+            yield Shortfall(kind, part, most, share.value, text, score.index_of(share), limit)
 
 
 FINDERS: dict[Finder, Callable[[ShortfallKind, RowPart, Score, float], Iterator[Shortfall]]] = {

@@ -16,7 +16,7 @@ the limits that apply to it, and names the other limits (`several_scores.each_by
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
@@ -25,8 +25,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.completeness.shortfall_kinds import OF_LIMIT
 from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
 from sfr_loc_map.metrics.judging.data_set import fault_of_data_set
-from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
-from sfr_loc_map.metrics.judging.limit_scope import needed_part
+from sfr_loc_map.metrics.judging.incomplete import Shortfall, incompleteness, text_of
 from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
 from sfr_loc_map.metrics.score.limits import BOUND, Limit, LimitedNumber, Limits, LimitSection, Rules, margin_of, meets
@@ -34,7 +33,6 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import ProofRecord, Verdict, is_within_error
 from sfr_loc_map.metrics.statistics.intervals import Interval
 from sfr_loc_map.metrics.table.catalogue import JUDGED, KINDS
-from sfr_loc_map.metrics.table.row_part import RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure
 
 
@@ -65,7 +63,7 @@ def with_verdicts(score: Score) -> Score:
     verdicts = list(finding_verdicts(table))
     if table.active_rules.limits:
         verdicts += [item.verdict for item in missing]
-        verdicts += verdicts_on_limits(table, bounds, {item.part for item in missing})
+        verdicts += verdicts_on_limits(table, bounds, missing)
     verdict = overall_verdict(table, [item.state for item in verdicts], incomplete)
     return struct_replace(table, incomplete=incomplete, verdicts=tuple(verdicts), verdict=verdict)
 
@@ -111,12 +109,12 @@ def finding_verdicts(score: Score) -> Iterator[Verdict]:
 
 
 def verdicts_on_limits(
-    score: Score, bounds: Mapping[Limit, ProvedBound], incomplete: Collection[RowPart]
+    score: Score, bounds: Mapping[Limit, ProvedBound], missing: Sequence[Shortfall]
 ) -> Iterator[Verdict]:
     """Yield the verdict on each limit of a score: pass, fail, incomplete, not enough data or not judged.
 
-    A pass requires that the part of the score that the figure describes is complete. If estimate and truth contradict
-    each other, all verdicts on limits are `not judged`.
+    A pass requires that no shortfall affects the limit. If estimate and truth contradict each other, all verdicts on
+    limits are `not judged`.
     """
     rules = score.active_rules
     for limit in rules.limits:
@@ -127,7 +125,7 @@ def verdicts_on_limits(
             verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, rules))
         if score.contradiction is not None:
             verdict = struct_replace(verdict, state=VerdictState.NOT_JUDGED, by_reading={})
-        elif RowPart(Scope.LIVE) in incomplete or needed_part(limit) in incomplete:
+        elif any(item.affects(limit) for item in missing):
             verdict = of_incomplete(verdict)
         yield verdict
 
