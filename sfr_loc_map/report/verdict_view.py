@@ -191,7 +191,7 @@ def unit_of_numbers(figure: str, part: str | None, unit: str, *numbers: float | 
 def confidence_text(item: Verdict) -> str:
     """Return whether a verdict is certain, in words."""
     if item.proof is not None:
-        return words_of(item.proof, item.state)
+        return words_of(item.proof, item.state, item.n)
     text = {True: "yes", False: "no", None: ABSENT}[item.certain]
     return f"{text} (required)" if item.needs_certainty else text
 

@@ -26,6 +26,7 @@ from sfr_loc_map.metrics.frames.association import Estimates, associate
 from sfr_loc_map.metrics.frames.truth_error import interpolation_errors
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.score.limits import MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.row_part import Scope
 from sfr_loc_map.metrics.table.rows import Figure
@@ -508,3 +509,18 @@ def test_a_call_belongs_to_one_pair_of_a_burst() -> None:
         rows = values_of(calls_completeness(CallKind.LOCALISATION, called, expected, measured))
         assert rows["calls_missing localisation"] == pytest.approx(missing)
         assert rows["calls_other localisation"] == rows["calls_doubled localisation"] == 0.0
+
+
+@pytest.mark.parametrize("name", ["standing_max_share", "errors_beyond_max_share"])
+def test_a_drive_without_sub_trajectories_meets_no_limit_on_their_fractions(name: str) -> None:
+    scored = score_trajectory(Estimates.of(straight(0, 30)), straight(0, 30), TrajectoryScoreConfig(("distance=500",)))
+    score = judged_by(as_score(scored), parse_limits({"completeness": {name: 0.1}}, "limits"))
+    assert [(item.value, item.state) for item in score.on_limits] == [(None, "not enough data")]
+
+
+@pytest.mark.parametrize(("length_m", "is_enough"), [(25, False), (30, True)])
+def test_the_drive_that_the_template_of_limits_names_is_long_enough(length_m: int, is_enough: bool) -> None:
+    """25 m in steps of 0.1 m have fewer than five independent sub-trajectories of 5 m, and 30 m have five."""
+    drive = straight(0, 100 * length_m + 1, 10)
+    scored = as_score(score_trajectory(Estimates.of(drive), drive, TrajectoryScoreConfig()))
+    assert ((scored.figure("position").independent or 0.0) >= MINIMUM_INDEPENDENT) == is_enough

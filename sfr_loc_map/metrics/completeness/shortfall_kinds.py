@@ -113,8 +113,11 @@ class ShortfallKind(NamedTuple):
 
     @property
     def is_complete_without_items(self) -> bool:
-        """Whether the scope is complete if the figure is a fraction of 0 items."""
-        return not self.text_of_nothing
+        """Whether the scope is complete if the figure is a fraction of 0 items.
+
+        A fraction that depends on the sub-trajectories is unknown without sub-trajectories.
+        """
+        return not self.text_of_nothing and self.finder not in (Finder.OTHER_FRAMES, Finder.STANDING)
 
     def allowed_fraction(self, limit_name: str, bound: float, *, has_images: bool) -> float:
         """Return the largest complete value of the figure by a limit, infinity for any value.

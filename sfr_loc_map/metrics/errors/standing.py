@@ -101,6 +101,9 @@ def least_turn(turns_deg: FloatArray) -> float:
 
 
 def largest_standing_fraction(rows: Sequence[Figure]) -> Figure:
-    """Return the row of the largest fraction over the conditions, 0 without a condition."""
-    fractions = [row.value for row in rows if row.figure == STANDING and row.value is not None]
-    return figure_row(STANDING, value=max(fractions, default=0.0))
+    """Return the row of the largest fraction over the conditions; the fraction is unknown without sub-trajectories."""
+    fractions = [row for row in rows if row.figure == STANDING and row.value is not None]
+    if not fractions:
+        return figure_row(STANDING, n=0)
+    largest = max(fractions, key=lambda row: row.value or 0.0)
+    return figure_row(STANDING, n=largest.n, value=largest.value)

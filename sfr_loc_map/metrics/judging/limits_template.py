@@ -14,7 +14,7 @@ LIMITS_HEAD = """\
 
 # Minimum number of values for a verdict (2 or more).
 minimum_count: {minimum_count}
-# Minimum number of independent sub-trajectories for a verdict. A drive of 25 m has five of 5 m.
+# Minimum number of independent sub-trajectories for a verdict. A drive of 30 m has five of 5 m.
 minimum_independent: {minimum_independent}
 # Hashes of the agreed data set, as sfr info SRC shows them. Any other data set is refused.
 # data_set_sha256: [HASH, HASH]

@@ -13,6 +13,7 @@ tolerance bound (`metrics.statistics.tolerance`) of independent errors. The inte
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from typing import NamedTuple
@@ -159,13 +160,20 @@ def percent(fraction: float) -> str:
     return f"{(Decimal(repr(float(fraction))) * 100).normalize():f} %"
 
 
-def words_of(record: ProofRecord, state: VerdictState) -> str:
-    """Return the terms and the method of a proof as text; without a decision also how many more errors are required."""
+def words_of(record: ProofRecord, state: VerdictState, count: int | None) -> str:
+    """Return the terms and the method of a proof as text; without a decision also how many more errors are required.
+
+    `count` is the number of errors, of which `record.independent` are independent; None if it is unknown.
+    """
     share = f"{percent(record.prob)} with {percent(record.confidence)} confidence"
     share += f", {record.interpretation}, {record.method}"
     if state is not VerdictState.NOT_ENOUGH_DATA:
         return share
-    what = "sub-trajectories" if record.interpretation == Population.TEMPORAL else "drives"
+    is_of_drives = record.interpretation != Population.TEMPORAL
+    what = "drives" if is_of_drives else "independent sub-trajectories"
     if record.more is None:
         return f"{share}; more {what} like these cannot decide: give a larger limit or a smaller prob"
-    return f"{share}; required: {record.more} more {what}"
+    required = f"{share}; required: {record.more} more {what}"
+    if is_of_drives or not count or not 0.0 < record.independent < count:
+        return required
+    return f"{required} (about {math.ceil(record.more * count / record.independent)} at the present overlap)"

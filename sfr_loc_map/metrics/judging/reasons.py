@@ -65,7 +65,7 @@ def why_open(item: Verdict, score: Score) -> str:
         unit = "" if item.figure is None or KINDS[item.figure].unit == "1" else f" {KINDS[item.figure].unit}"
         return f"its margin, {item.margin:.3g}{unit}, is within the error of the truth, {item.truth_error:.3g}{unit}"
     if item.proof is not None:
-        return words_of(item.proof, item.state)
+        return words_of(item.proof, item.state, item.n)
     rules = score.active_rules
     row = score.row_of(item)
     if item.n and not rules.has_enough_values(item.n):
