@@ -168,3 +168,13 @@ def test_nothing_is_said_of_attitudes_that_are_not_known() -> None:
     for pair in compare_scores(without, ["a", "b"]).pairs:
         if pair.figure == "attitude":
             assert (pair.outcome, pair.first, pair.ci95) == ("not enough data", None, None)
+
+
+def test_scores_of_other_truths_are_refused_without_hashes() -> None:
+    """Without a provenance, the true positions of the plots are compared."""
+    truth, estimate = drive(3, 400)
+    swapped = truth[0], truth[1][:, [1, 0, 2]], truth[2]
+    first = score_of(estimate, truth)
+    assert compare_scores([first, score_of(estimate, truth)], ["a", "b"]).pairs
+    with pytest.raises(MetricsError, match="compare scores of the same data"):
+        compare_scores([first, score_of(estimate, swapped)], ["a", "b"])

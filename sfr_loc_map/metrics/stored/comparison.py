@@ -36,6 +36,7 @@ from sfr_loc_map.metrics.table.rows import Figure
 
 SCHEMA = "sfr-compare/1"
 SIGNIFICANT = 0.05  #: Significance level of the corrected p-value.
+SAME_POSITION_M = 1e-6  #: Largest difference of true positions that is attributed to rounding, m.
 _PRECISION = 1e-9  #: Rounding of the errors in the details of a score.
 
 
@@ -272,11 +273,17 @@ def _compared(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: flo
 
 
 def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
-    """Check by the hashes that two scores were made with the same truth; MetricsError if not."""
+    """Check that two scores were made with the same truth; MetricsError if not.
+
+    Truths are compared by their hashes. If a score has no hash of the truth of a drive, the true positions at common
+    stamps are compared. Scores without hashes and without common stamps are accepted.
+    """
     for role in ("truth", "map_truth"):
         inputs = ({} if score.provenance is None else score.provenance.inputs for score in (first, other))
         mine, theirs = (item.get(role) for item in inputs)
         if mine is None or theirs is None:
+            if role == "truth":
+                check_same_positions(first, other, names)
             continue
         # hash of the values, or of the file for scores without the hash of the values
         has_values = mine.data_sha256 is not None and theirs.data_sha256 is not None
@@ -287,3 +294,27 @@ def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
                 f"the {what} of '{names[0]}' is '{mine.path}', but the {what} of '{names[1]}' is '{theirs.path}': "
                 "compare scores of the same data"
             )
+
+
+def check_same_positions(first: Score, other: Score, names: tuple[str, str]) -> None:
+    """Check that the true positions of two scores agree at the common stamps of their plots; MetricsError if not."""
+    stamps_ns, positions = true_positions(first)
+    other_stamps_ns, other_positions = true_positions(other)
+    _, rows, other_rows = np.intersect1d(stamps_ns, other_stamps_ns, return_indices=True)
+    distances_m = np.linalg.norm(positions[rows] - other_positions[other_rows], axis=1)
+    largest_m = float(np.max(distances_m, initial=0.0))
+    if largest_m > SAME_POSITION_M:
+        raise MetricsError(
+            f"the truth of '{names[0]}' and the truth of '{names[1]}' differ by {largest_m:.3g} m at the same stamp: "
+            "compare scores of the same data"
+        )
+
+
+def true_positions(score: Score) -> tuple[IntArray, FloatArray]:
+    """Return the stamps `(F,)` and the true positions `(F, 3)`, m, of the plots of a score; empty without these."""
+    details = None if score.details is None else score.details.trajectory
+    path = None if details is None else details.path
+    if path is None:
+        return np.empty(0, np.int64), np.empty((0, 3))
+    positions = np.array((path.truth_x_m, path.truth_y_m, path.truth_z_m), np.float64)
+    return np.array(path.stamp_ns, np.int64), positions.T
