@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls import call_meter
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE, CallMeter
 from sfr_loc_map.metrics.calls.call_score import (
     AFTER_FIRST,
     FIRST,
+    KNOWN_STATES,
     Calls,
     completeness_rows,
     score_calls,
@@ -20,7 +22,7 @@ from sfr_loc_map.metrics.calls.call_score import (
     with_external,
 )
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness, calls_completeness
-from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import AnswerCounts, ExternalScore, ProcessUsage
@@ -237,3 +239,10 @@ def test_memory_that_was_measured_in_some_calls_alone_is_incomplete(figure: str)
     for calls, share in ((whole, 1.0), (partial, 0.3)):
         rows = completeness_rows(calls, {Task.LOCALISATION: stamps})
         assert Score(figures=tuple(rows)).number("judged", part=f"{Scope.MEMORY} localisation") == share
+
+
+def test_a_misspelled_state_is_no_call_of_a_localiser() -> None:
+    """The states are those of localiser and mapper, and a call may have no state."""
+    assert {*KNOWN_STATES} == {"", *TrackingState, *MappingState}
+    with pytest.raises(MetricsError, match="mapped_sett"):
+        calls(["tracking", "mapped_sett"], [0.1, 0.2])

@@ -524,3 +524,16 @@ def test_the_drive_that_the_template_of_limits_names_is_long_enough(length_m: in
     drive = straight(0, 100 * length_m + 1, 10)
     scored = as_score(score_trajectory(Estimates.of(drive), drive, TrajectoryScoreConfig()))
     assert ((scored.figure("position").independent or 0.0) >= MINIMUM_INDEPENDENT) == is_enough
+
+
+@pytest.mark.parametrize("count", [0, 50])
+def test_a_live_run_without_true_poses_covers_no_true_pose(count: int) -> None:
+    """Without any message, nothing is known to be missing."""
+    estimates = Estimates.of(straight(0, count))
+    score = as_score(score_trajectory(estimates, straight(0, 0), TrajectoryScoreConfig(), is_live=True))
+    assert score.number("in_gaps") == (1.0 if count else None)
+    limits = parse_limits({"trajectory": [{"condition": "distance=5", "position_mean_m": 1}]}, "limits")
+    for rules in (limits, None):
+        judged = judged_by(score, rules)
+        assert "covers" not in (judged.incomplete or "")
+        assert (judged.verdict is None) == (rules is None and not count)

@@ -191,6 +191,11 @@ def test_several_requirements_may_limit_one_number(blocks: list[dict[str, Any]])
             "'position_bound_m': 'certain' is not accepted",
         ),
         (
+            {"trajectory": [{"condition": "distance=5", "position_mean_m": {"limit": 9, "certain": True}}]},
+            "'position_mean_m': 'certain' requires a 95 % interval",
+        ),
+        ({"map": {"certain": True, "point_error_mean_plus_3sigma_m": 9}}, "'certain' requires a 95 % interval"),
+        (
             {"trajectory": [{"condition": "distance=5", "position_bound_m": {"limit": 9, "power": 0.8}}]},
             "'position_bound_m': 'power' is the power of the sequential test",
         ),

@@ -236,3 +236,10 @@ def test_a_true_point_at_the_optical_centre_has_an_error_but_no_ray() -> None:
         score = Score(figures=score_map(cloud, [truth], CONFIG).figures)
     assert np.isfinite(score.number("nees", "mean", part=POINTS))
     assert score.figure("point_error", part=None).n == len(cloud)
+
+
+def test_points_without_any_true_point_are_not_repeated() -> None:
+    truth = wall()
+    truth.points[:] = np.nan
+    found = score_nearest(cloud_of([wall()]).xyz, [truth], CONFIG)
+    assert Score(figures=found.figures).number("points_repeated") == 0.0

@@ -31,8 +31,8 @@ def test_a_pass_that_is_not_certain_is_none_where_certainty_is_needed(judge: Jud
         assert ("'certain' requires the complete 95 % interval to be within the limit" in result.err) == (code == 3)
     calls = judge.calls(judge.estimate.stamps_ns)
     result, _ = judge("--stats", calls, limits="timing:\n  localisation_max_s: {limit: 1, certain: true}\n")
-    assert result.code == 3
-    assert "which this figure does not have" in result.err
+    assert result.code == 2
+    assert "'certain' requires a 95 % interval" in result.err
 
 
 def test_too_few_independent_sub_trajectories_give_no_verdict(judge: Judge) -> None:

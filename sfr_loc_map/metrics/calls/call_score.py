@@ -39,7 +39,10 @@ STATE_KINDS: dict[str, CallKind] = {
     MappingState.FUSED: CallKind.FUSION,
     MappingState.MAPPED_SET: CallKind.MAPPING_CALL,
 }
-"""Kind of a mapping call by its state; all other states are states of the localiser."""
+"""Kind of a mapping call by its state."""
+LOCALISER_STATES = ("", "initialising", "tracking", "degraded", "lost")
+"""States of a call of a localiser; empty for an unknown state (`localisation.estimate.TrackingState`)."""
+KNOWN_STATES = (*LOCALISER_STATES, *STATE_KINDS)
 KINDS_OF = {Task.LOCALISATION: (CallKind.LOCALISATION,), Task.MAPPING: tuple(STATE_KINDS.values())}
 """Kinds of calls by their task."""
 HOST_CLOCKS: Mapping[CallKind, str] = MappingProxyType(dict.fromkeys(CallKind, HOST_CLOCK))
@@ -68,10 +71,16 @@ class Calls:
     memory_method: str | None = None  #: Method of measuring memory, from the source of the calls; None if unknown.
 
     def __post_init__(self) -> None:
-        """Check that each column has one entry for each call, and that no number is negative; MetricsError if not."""
+        """Check that each column has one entry for each call; MetricsError if not.
+
+        MetricsError also if a state is unknown or a number is negative.
+        """
         count = len(self.stamps_ns)
         if len(self.states) != count:
             raise MetricsError(f"{counted(count, 'call')} have {len(self.states)} states: one state each is required")
+        for state in sorted(set(self.states).difference(KNOWN_STATES)):
+            needed = f"one of {', '.join(filter(None, KNOWN_STATES))}, or an empty text, is required"
+            raise MetricsError(f"the state of a call is '{state}': {needed}")
         names = ("seconds", "peak_bytes", "above_idle_bytes", "heap_bytes", "stack_bytes")
         columns = {name: getattr(self, name) for name in names}
         columns |= {f"stage_s[{name}]": seconds for name, seconds in self.stage_s.items()}

@@ -271,7 +271,8 @@ def gaps_without_images(coverage: Coverage, estimates_ns: IntArray, path: TruePa
     """Return the gaps of a drive whose images are unknown; only long gaps are evident, by their true path."""
     evident = long_gaps(estimates_ns, path.stamps_ns)
     every = gaps_of(coverage.expected_ns, ~coverage.has_estimate).with_others(evident)
-    return DriveGaps(every, evident, missing_path(evident, estimates_ns, path))
+    is_empty = not coverage.expected and not len(estimates_ns)
+    return DriveGaps(every, evident, None if is_empty else missing_path(evident, estimates_ns, path))
 
 
 def gap_rows(gaps: DriveGaps, path: TruePath, conditions: Sequence[Condition]) -> Iterator[Figure]:

@@ -88,7 +88,7 @@ class DriveGaps(NamedTuple):
 
     every: Gaps
     evident: Gaps
-    evident_share: float | None  #: Fraction of the drive in evident gaps; None without an expected image.
+    evident_share: float | None  #: Fraction of the drive in evident gaps; None if nothing was expected.
 
 
 def gaps_of(expected_ns: IntArray, is_absent: Mask) -> Gaps:

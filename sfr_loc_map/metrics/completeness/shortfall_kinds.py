@@ -289,7 +289,7 @@ SHORTFALLS = (
         Scope.MAP,
         "map points",
         0.0,
-        "{percent} % of the map points have the pixel or position of another point",
+        "{percent} % of the map points repeat another point: its pixel, or without pixels its position or true point",
     ),
     ShortfallKind(  # not 0, because no matcher returns a point for every pixel
         "pixels_without_point",

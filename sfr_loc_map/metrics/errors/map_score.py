@@ -117,7 +117,8 @@ def score_nearest(
     is_mapped = [share is not None and share < 1.0 for share in uncovered]  # the pairs of the points are unknown
     near_pairs = np.flatnonzero(is_mapped)
     pixels = sum(truth.rig.height * truth.rig.width for truth in truths)
-    crowded = int(np.maximum(np.bincount(nearest) - MOST_AT_TRUE_POINT, 0).sum())
+    has_nearest = np.isfinite(distance)  # no point has one if there is no true point
+    crowded = int(np.maximum(np.bincount(nearest[has_nearest]) - MOST_AT_TRUE_POINT, 0).sum())
     repeated = max(len(xyz) - len(np.unique(xyz, axis=0)), len(xyz) - pixels, crowded)
     many = len(truths) if expected_pairs is None else expected_pairs
     figures = (

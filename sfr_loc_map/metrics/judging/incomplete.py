@@ -317,6 +317,8 @@ def missing_text(score: Score) -> str:
     items = "images" if has_images else "true poses"
     row = score.figure("missing", part=None)
     missing = 0.0 if row is None or row.value is None else row.value
+    if row is not None and row.n == 0:
+        return f"no {items} were received"
     if drive is None and row is not None and missing == 1.0:
         return f"no pose for any of {row.n} {items}"
     text = f"the estimate covers {100.0 * (1.0 - missing):.4g} % of the {items}"

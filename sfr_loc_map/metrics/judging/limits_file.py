@@ -30,6 +30,7 @@ from sfr_loc_map.metrics.score.limits import (
     fault_of_bound,
     fault_of_terms,
 )
+from sfr_loc_map.metrics.table.catalogue import TOTAL
 
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: Keys of a requirement besides its limits.
 TERMS = Terms.__struct_fields__  #: Additional keys of a limit on a tolerance bound.
@@ -160,7 +161,13 @@ def _limit_of(
     bound: Any = entry.get("limit")
     if (fault := fault_of_bound(limited.figure, bound)) is not None:
         raise ConfigError(f"{where} {fault}")
-    return Limit(section=section, name=name, limit=float(bound), condition=condition, **requirement, **stated)
+    limit = Limit(section=section, name=name, limit=float(bound), condition=condition, **requirement, **stated)
+    if limit.certain and not limit.can_be_certain:
+        raise ConfigError(
+            f"{where}: 'certain' requires a 95 % interval, which only limits NAME_{TOTAL}_UNIT of 'trajectory' have: "
+            "give 'certain' to these limits"
+        )
+    return limit
 
 
 def _terms_of_bound(entry: Mapping[str, Any], origin: str) -> Terms:

@@ -29,7 +29,7 @@ from sfr_loc_map.metrics.conditions import is_written_condition
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.statistics.tolerance import CONFIDENCE, THREE_SIGMA
-from sfr_loc_map.metrics.table.catalogue import ALIGNED, CATALOGUE, JUDGED, KINDS, FigureKind, Subject
+from sfr_loc_map.metrics.table.catalogue import ALIGNED, CATALOGUE, JUDGED, KINDS, TOTAL, FigureKind, Subject
 from sfr_loc_map.metrics.table.records import Record
 from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
 
@@ -251,6 +251,13 @@ class Limit(Record, frozen=True, kw_only=True):
     def is_on_one_call(self) -> bool:
         """Whether a single call is sufficient, so no minimum number of values is required."""
         return self.name in ("mapping_call_s", "mapping_call_max_s")
+
+    @property
+    def can_be_certain(self) -> bool:
+        """Whether the limited number can be certain: it has a 95 % interval, or is a fraction without uncertainty."""
+        if self.section is LimitSection.COMPLETENESS:
+            return True
+        return self.section is LimitSection.TRAJECTORY and self.limited.statistic == TOTAL
 
     @property
     def shown_name(self) -> str:
