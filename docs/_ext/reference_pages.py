@@ -1,7 +1,9 @@
 """Reference pages made from the code: the comment `<!-- generated: NAME -->` of a page is replaced by the build.
 
-Commands come from typer, parameters from the frozen dataclasses, the keys of the score from its records. So the pages
-cannot go stale, and nothing that is generated is kept in the repository.
+Commands come from typer, parameters from the frozen dataclasses, the keys of the score from its records. The pages
+therefore cannot become outdated. Tables that readers of the source text need are kept in the repository, between
+`<!-- begin: NAME -->` and `<!-- end: NAME -->`. `python docs/_ext/reference_pages.py` writes them, and a test compares
+them with the code.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
 POLICY = Path(__file__).resolve().parents[2] / "config" / "sros2_policy.xml"
+DOCS = Path(__file__).resolve().parents[1]
 MARK = re.compile(r"<!-- generated: ([a-z_]+) -->")
+KEPT = re.compile(r"(?s)(<!-- begin: ([a-z_]+) -->\n).*?(<!-- end: \2 -->)")
 
 
 def commands() -> str:
@@ -265,10 +269,24 @@ PAGES: dict[str, Callable[[], str]] = {
     "configuration": configuration,
     "topics": topics,
     "score": score,
-    "shortfalls": shortfalls,
     "evidence": evidence,
     "api": api,
 }
+TABLES: dict[str, Callable[[], str]] = {"shortfalls": shortfalls}
+"""The tables that are kept in the pages."""
+
+
+def with_tables(page: str) -> str:
+    """Return the text of a page whose kept tables are those of the code."""
+    return KEPT.sub(lambda found: f"{found[1]}{TABLES[found[2]]()}\n{found[3]}", page)
+
+
+def write_tables() -> None:
+    """Write the tables that are kept in the pages."""
+    for path in DOCS.rglob("*.md"):
+        page = path.read_text(encoding="utf-8")
+        if KEPT.search(page):
+            path.write_text(with_tables(page), encoding="utf-8")
 
 
 def _fill(app: Sphinx, name: str, source: list[str]) -> None:
@@ -286,3 +304,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("autodoc-process-docstring", _code_spans)
     app.connect("source-read", _fill)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+if __name__ == "__main__":
+    write_tables()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 from msgspec.structs import replace as struct_replace
@@ -14,10 +14,10 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.score.caveats import reading_caveats
+from sfr_loc_map.metrics.score.joined_parts import score_of_results
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND
-from sfr_loc_map.metrics.table.details import CallPlots, Details, MapDetails, TrajectoryDetails
 from sfr_loc_map.metrics.table.records import ConventionRecord, MethodRecord, Provenance
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import ScoreParts
@@ -51,23 +51,14 @@ def score_of_parts(
     The settings of the score are added to the provenance, so that they have the same names in every score.
     """
     trajectory, surface, calls = parts
-    score = Score(
-        figures=(*trajectory.figures, *surface.figures, *calls.figures),
-        association=trajectory.association,
-        truth=trajectory.truth,
+    score = struct_replace(
+        score_of_results(trajectory, surface, calls),
         provenance=_with_settings(provenance, config),
-        alignment=trajectory.alignment,
-        cloud=surface.cloud,
-        calls=calls.records,
-        target=calls.target,
         method=_method_of(run),
         findings=(*run.item.findings, *(finding for item in run.all_calls for finding in item.findings)),
         processes=next((item.processes for item in run.stats if item.processes is not None), None),
         external=run.item.external,
         convention=run.convention,
-        contradiction=trajectory.contradiction,
-        errors=trajectory.errors,
-        details=_details(trajectory.details, surface.details, calls.plots),
     )
     judged = judged_by(score, limits, partial=config.trajectory.partial)
     of_method = _readable_files(judged.method)
@@ -94,13 +85,6 @@ def _warnings(judged: Score, run: Run, parts: ScoreParts, caveats: Sequence[str]
     yield from reading_caveats(judged)
     if any(item.figure == ERRORS_BEYOND for item in judged.verdicts):
         yield from parts.trajectory.unjudged
-
-
-def _details(
-    trajectory: TrajectoryDetails | None, cloud: MapDetails | None, calls: Mapping[str, CallPlots]
-) -> Details | None:
-    found = Details(trajectory=trajectory, map=cloud, calls=dict(calls))
-    return None if found == Details() else found
 
 
 def _partial_warnings(score: Score) -> Iterator[str]:

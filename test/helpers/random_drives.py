@@ -9,8 +9,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.score.joined_parts import score_of_results
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.details import Details
 from sfr_loc_map.metrics.table.results import TrajectoryResult
 
 Poses = tuple[Any, Any, Any]
@@ -71,5 +71,4 @@ def score_of(estimate: Poses, truth: Poses, config: TrajectoryScoreConfig | None
 
 def as_score(scored: TrajectoryResult) -> Score:
     """A score of a trajectory alone."""
-    details = None if scored.details is None else Details(trajectory=scored.details)
-    return Score(figures=scored.figures, association=scored.association, truth=scored.truth, details=details)
+    return score_of_results(scored)

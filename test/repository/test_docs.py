@@ -33,6 +33,13 @@ def test_each_generated_page_is_made_from_the_code(mark: str) -> None:
     assert len(REFERENCE_PAGES.PAGES[mark]().splitlines()) > 5
 
 
+def test_the_kept_tables_are_those_of_the_code() -> None:
+    kept = {page: text for page in PAGES if REFERENCE_PAGES.KEPT.search(text := page.read_text(encoding="utf-8"))}
+    assert kept
+    for page, text in kept.items():
+        assert text == REFERENCE_PAGES.with_tables(text), f"{page}: run python docs/_ext/reference_pages.py"
+
+
 def test_modules_and_links_are_there() -> None:
     modules = [path.relative_to(ROOT).as_posix() for path in ROOT.glob("[a-z]*/**/*.py")]
     tails = {"/".join(name.split("/")[i:]) for name in modules for i in range(name.count("/") + 1)}
