@@ -1,20 +1,22 @@
 """The metrics of the specification: errors, time and memory, and the verdicts on them.
 
-    poses ─► conventions ─► frames ─► errors (trajectory_score) ──┐
-    cloud, truth of pairs ──────────► errors (map_score) ─────────┼─► rows (table) ─► score ─► judging ─► stored
-    times, memory ──────────────────► calls (call_score) ─────────┘                              ▲
-    poses, truth ───────────────────► diagnosis ───────────────────────────► finding ────────────┤
-    limits file ─────────────────────────────────────────────────────────────────────────────────┘
+    poses, truth ─► conventions ─► frames ─► errors (trajectory_score) ─┐
+    cloud, truth of pairs ─────────────────► errors (map_score) ────────┼─► score ─► judging ─► stored
+    times, memory ─────────────────────────► calls (call_score) ────────┘              ▲
+    statistics, completeness ──────────────► rows of errors and calls                  │
+    poses, truth ─► diagnosis ─► finding ──────────────────────────────────────────────┤
+    limits file ───────────────────────────────────────────────────────────────────────┘
 
-`conventions` and `frames` return poses, `errors` and `calls` return rows, and `diagnosis` returns a finding. No
-function of this package goes from all inputs to a `Score`. The package `scoring` reads the inputs, calls these
-functions, and assembles their results (`scoring.assembly.score_of_parts`). It also calls `judging` for the verdicts.
+`conventions` and `frames` return poses, `errors` and `calls` return results with rows (`table.results`), and
+`diagnosis` returns a finding. `errors` and `calls` take the statistics of their rows from `formulas` and `statistics`,
+and the rows of completeness from `completeness`, because these rows depend on what was expected and judged.
+`score.joined_parts.score_of_results` joins the results to a `Score`, and `judging.judge.judged_by` adds the verdicts.
+The package `scoring` reads the inputs, calls these functions, and adds the provenance and the warnings.
 
-The rows of completeness are made with the figures that they belong to: `errors` and `calls` pass to `completeness`
-what they were given, what they expect and what they judged. Everything that can be missing or wrong is a line of
-`completeness.shortfall_kinds`, which `judging.incomplete` evaluates.
+Everything that can be missing or wrong is a line of `completeness.shortfall_kinds`, which `judging.incomplete`
+evaluates.
 
-`frames` and `errors` also read the truth. `statistics` are used by `errors`, `judging` and `stored`.
+`statistics` are also used by `judging` and `stored`.
 
 The modules beside the folders: `formulas` contains the formulas of the specification in the order of its
 clauses. `formulas_beside` has the formulas of figures that the specification does not define. `conditions` defines
@@ -26,8 +28,8 @@ The folders, from the bottom (`METRICS_FLOORS` in `test/test_layers.py`). A fold
 - `statistics`: statements about all errors from a sample of them.
 - `table`: the catalogue of all figures, the rows of a score and their parts, and the records beside them.
 - `frames`: pairs of an estimated and a true pose in common axes, and the error of the true pose.
-- `conventions`: the conversion of estimates from the convention in which they were written.
 - `completeness`: what is expected of each subject, and how much of it is judged, missing or wrong.
+- `conventions`: the conversion of estimates from the convention in which they were written.
 - `errors`: the errors of the trajectory and of the cloud as rows.
 - `calls`: time and memory of calls, and their rows.
 - `diagnosis`: the search for a convention of poses that is not declared.

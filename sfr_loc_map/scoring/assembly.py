@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from msgspec.structs import replace as struct_replace
@@ -33,14 +33,6 @@ def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
     missing = [] if limits is None else [item for item in limits.conditions if item not in present]
     conditions = (*config.trajectory.conditions, *missing)
     return replace(config, trajectory=replace(config.trajectory, conditions=conditions))
-
-
-def figures_with_all_errors(
-    limits: Limits | None, further: Collection[tuple[str, str]] = ()
-) -> frozenset[tuple[str, str]]:
-    """Return the figures and conditions of the trajectory for which all errors are kept."""
-    limited = frozenset() if limits is None else limits.figures_with_all_errors
-    return limited.union(further)
 
 
 def score_of_parts(

@@ -8,7 +8,7 @@ from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.results import MapResult, TrajectoryResult
-from sfr_loc_map.scoring.assembly import figures_with_all_errors, score_of_parts, with_conditions
+from sfr_loc_map.scoring.assembly import score_of_parts, with_conditions
 from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch, fitted_unit
 from sfr_loc_map.scoring.inputs import Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
@@ -45,7 +45,8 @@ def score_run(
     """
     config = with_conditions(config, limits)
     finding = _convention_finding(run, config)
-    all_kept = figures_with_all_errors(limits, kept_errors)
+    limited = Limits() if limits is None else limits
+    all_kept = limited.figures_with_all_errors.union(kept_errors)
     parts = ScoreParts(
         trajectory=_trajectory_part(run, config, finding, aligned, all_kept),
         map=_map_part(run, config),

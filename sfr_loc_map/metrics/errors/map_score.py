@@ -67,7 +67,7 @@ def score_map(
         pairs = footprint_coverage(cloud, truths, max((config.scored_to_m, *config.range_edges_m)))
     else:
         pairs = pixel_coverage(cloud, truths)
-    figures = [*error_rows(None, errors, np.full(len(errors.index), True))]
+    figures = [*point_error_rows(None, errors, np.full(len(errors.index), True))]
     figures.append(coverage_row(None, pairs, *scored))
     figures += rows_of_ranges(errors, pairs, config.range_edges_m)
     figures += rows_of_pairs(cloud.pair[errors.index], errors, pairs, scored)
@@ -146,7 +146,7 @@ def rows_of_ranges(errors: PointErrors, pairs: Sequence[PairCoverage], edges_m: 
     """Yield the rows of the points in each range between two edges."""
     for low, high in pairwise(edges_m):
         part = range_part(low, high)
-        yield from error_rows(part, errors, (errors.range_m >= low) & (errors.range_m < high))
+        yield from point_error_rows(part, errors, (errors.range_m >= low) & (errors.range_m < high))
         yield coverage_row(part, pairs, low, high)
 
 
@@ -156,11 +156,11 @@ def rows_of_pairs(
     """Yield the rows of the points of each mapping pair; `scored` is the range of the coverage, m."""
     for number, pair in enumerate(pairs):
         part = pair_part(number)
-        yield from error_rows(part, errors, pair_of_point == number)
+        yield from point_error_rows(part, errors, pair_of_point == number)
         yield coverage_row(part, [pair], *scored)
 
 
-def error_rows(part: str | None, errors: PointErrors, chosen: Mask) -> Iterator[Figure]:
+def point_error_rows(part: str | None, errors: PointErrors, chosen: Mask) -> Iterator[Figure]:
     """Yield the rows of the point, height, horizontal and disparity errors of the chosen points."""
     vertical_m, horizontal_m = errors.vertical_m[chosen], errors.horizontal_m[chosen]
     robust = {"nmad": formulas_beside.nmad, "le90": formulas_beside.le90, "ce90": formulas_beside.ce90}

@@ -195,7 +195,7 @@ def above_most_in_gaps(kind: ShortfallKind, part: RowPart, score: Score, most: f
         yield item if item.value is None else item._replace(text=missing_text(score))
 
 
-def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
+def missed_at_other_frames(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
     """Yield a shortfall for each limit that the errors at the other frames miss.
 
     A figure always depends somewhat on the choice of the starts. One of two further conditions must therefore hold:
@@ -274,7 +274,7 @@ def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: floa
 FINDERS: dict[Finder, Callable[[ShortfallKind, RowPart, Score, float], Iterator[Shortfall]]] = {
     Finder.FIGURE: above_most,
     Finder.GAPS: above_most_in_gaps,
-    Finder.OTHER_FRAMES: beyond_the_judged,
+    Finder.OTHER_FRAMES: missed_at_other_frames,
     Finder.STANDING: met_by_standing,
 }
 """The functions of the finders. The last two depend on the limits of the score, each of which can have a shortfall."""

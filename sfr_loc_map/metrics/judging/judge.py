@@ -31,7 +31,6 @@ from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
 from sfr_loc_map.metrics.score.limits import BOUND, Limit, LimitedNumber, Limits, LimitSection, Rules, margin_of, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import ProofRecord, Verdict, is_within_error
-from sfr_loc_map.metrics.statistics.intervals import Interval
 from sfr_loc_map.metrics.table.catalogue import JUDGED, KINDS
 from sfr_loc_map.metrics.table.rows import Figure
 
@@ -151,17 +150,12 @@ def plain_verdict(name: str, limit: float, value: float | None, state: VerdictSt
 
 
 def verdict_on(limit: Limit, figure: LimitedValue, limits: Limits) -> Verdict:
-    """Return the verdict on the limited number.
-
-    `certain` states whether the 95 % interval is on one side of the limit, and is None without an interval.
-    """
-    certain = None
-    if figure.value is not None and is_enough(limit, figure, limits):
-        certain = is_certain(limit, figure.value, figure.interval)
-    return verdict_of(limit, figure, state_of(limit, figure, limits, certain=certain), certain=certain)
+    """Return the verdict on the limited number, which is certain only if the number has enough values."""
+    certain = is_certain(limit, figure) if is_enough(limit, figure, limits) else None
+    return verdict_of(limit, figure, state_of(limit, figure, limits), certain=certain)
 
 
-def state_of(limit: Limit, figure: LimitedValue, limits: Limits, *, certain: bool | None) -> VerdictState:
+def state_of(limit: Limit, figure: LimitedValue, limits: Limits) -> VerdictState:
     """Return the state of the verdict on the limited number, by the first rule that applies.
 
     A figure that equals its limit passes. A signed mean (heading) is compared by its absolute value (`meets`).
@@ -175,7 +169,7 @@ def state_of(limit: Limit, figure: LimitedValue, limits: Limits, *, certain: boo
     if not meets(limit, figure.value):
         return VerdictState.FAIL
     is_counted = limit.section is LimitSection.COMPLETENESS  # a count has no uncertainty
-    if limit.certain and not certain and not is_counted:
+    if limit.certain and not is_counted and not is_certain(limit, figure):
         return VerdictState.NOT_ENOUGH_DATA
     return VerdictState.PASS
 
@@ -193,15 +187,16 @@ def is_enough(limit: Limit, figure: LimitedValue, limits: Limits) -> bool:
     return limits.has_enough_values(figure.n) and limits.has_enough_independent(independent)
 
 
-def is_certain(limit: Limit, value: float, interval: Interval | None) -> bool | None:
-    """Return whether the whole interval is on the same side of the limit as the value; None if there is no interval.
+def is_certain(limit: Limit, figure: LimitedValue) -> bool | None:
+    """Return whether the 95 % interval is on the same side of the limit as the value; None without an interval.
 
     Only upper limits have an interval. The center of the interval is corrected for bias, so the value itself can
     be outside the interval.
     """
-    if interval is None:
+    if figure.value is None or figure.interval is None:
         return None
-    return interval[1] <= limit.limit if meets(limit, value) else limit.limit < interval[0]
+    low95, high95 = figure.interval
+    return high95 <= limit.limit if meets(limit, figure.value) else limit.limit < low95
 
 
 def proof_verdict(limit: Limit, proof: Proof, row_index: int | None, truth_error: float) -> Verdict:

@@ -107,9 +107,9 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     ) -> Figure | None:
         """Return the row of a figure and a part, or without `part` the judged row; None if there is no such row.
 
-        Without `condition` the first condition is used. ConfigError if neither the catalogue nor the table has this
-        figure, or, naming the available parts, if `part` is not given and no row of the figure is judged. MetricsError
-        if the condition is invalid.
+        Without `condition` the first condition is used. The parts of a figure depend on the run, so an unknown `part`
+        is no error. ConfigError if neither the catalogue nor the table has this figure, or, naming the available parts,
+        if `part` is not given and no row of the figure is judged. MetricsError if the condition is invalid.
         """
         if part != JUDGED_ROW:
             return next(find_rows(self.figures, figure, subject=subject, condition=condition, part=part), None)
@@ -141,7 +141,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         condition: str | Condition | None = ANY,
         part: str | RowPart | None = JUDGED_ROW,
     ) -> float | None:
-        """Return one statistic of a figure, None if it is undefined or there is no such row.
+        """Return one statistic of a figure, None if it is undefined or there is no such row, as for an unknown part.
 
         ConfigError if there is no such statistic. The errors of `figure` are raised as well.
         """

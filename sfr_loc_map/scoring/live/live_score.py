@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.metrics.table.results import CallsResult, MapResult
-from sfr_loc_map.scoring.assembly import figures_with_all_errors, score_of_parts, with_conditions
+from sfr_loc_map.scoring.assembly import score_of_parts, with_conditions
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import (
@@ -76,6 +76,7 @@ class LiveData:
 def score_so_far(received: LiveData, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:
     """Return the score of a run in progress."""
     config = with_conditions(config, limits)
+    limited = Limits() if limits is None else limits
     run = received.run
     trajectory = result_without_poses(run.expected.unposed_images)
     if run.drive is not None:
@@ -83,7 +84,7 @@ def score_so_far(received: LiveData, live: LiveRun, config: ScoreConfig, limits:
             run.drive,
             config.trajectory,
             received.convention_finding,
-            figures_with_all_errors(limits),
+            limited.figures_with_all_errors,
             details=live.details,
             is_live=True,
             in_flight_ns=live.in_flight_ns,
