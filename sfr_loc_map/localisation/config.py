@@ -6,6 +6,10 @@ from dataclasses import dataclass, field
 
 from sfr_loc_map.configuration.parameters import param
 
+TRACKED_LANDMARKS = 800
+"""Maximum number of landmarks tracked in a pair that does not become a keyframe. The pose errors of such pairs do not
+accumulate. With 600 landmarks, the attitude error was 2 % larger (measurements/localiser_trials.md)."""
+
 
 @dataclass(frozen=True, slots=True)
 class MotionBounds:
@@ -45,7 +49,7 @@ class LocalisationConfig:
         high=20_000,
     )
     window_keyframes: int = param(7, doc="Number of keyframes in the window.", low=2, high=20)
-    min_tracked: int = param(25, doc="Minimum number of inliers of an accepted pose.", low=8, high=1000)
+    min_tracked: int = param(25, doc="Minimum number of inliers of an accepted pose.", low=8, high=TRACKED_LANDMARKS)
     motion: MotionBounds = field(default_factory=MotionBounds)
     left_mask: str = param(
         "", doc="PNG mask of the left camera. Features are not detected where its value is 0. Empty: no mask."

@@ -18,7 +18,7 @@ cause an inferred one. The published reason is therefore not always that of the 
 | `BODY_OR_GROUND`, `GROUND_IN_DOUBT`, `AT_REST_IN_DOUBT`, `AMBIGUOUS` | `ground.cases.findings_of` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED` | `guards.check_order` in a new window, `guards.check_sides` in a pair with a pose |
-| `ONE_SIDED` | `guards.check_sides` |
+| `UNTEXTURED_SIDE`, `ONE_SIDED` | `guards.check_sides` |
 | `AFTER_GAP` | `guards.check_gap` |
 | `DIVERGED` | `guards.has_diverged`, or singular equations of an adjustment; kept in `State` until a window begins |
 | `CALIBRATION`, `SHEARED_ROWS` | `guards.check_calibration`, `guards.check_shear` |
@@ -68,7 +68,7 @@ class Finding(Enum):
     """What a guard may find in a pair."""
 
     REPEATED_PAIR = auto()  #: Both images repeat those of the previous pair, possibly swapped or with new noise.
-    IDENTICAL_IMAGES = auto()  #: Left and right image are identical.
+    IDENTICAL_IMAGES = auto()  #: Left and right image are identical, possibly with different noise.
     SWAPPED = auto()  #: Left and right image are swapped.
     UNTEXTURED = auto()  #: Like `FEW_LANDMARKS`, and an image has no texture.
     FROZEN_AND_FEW = auto()  #: Like `FEW_LANDMARKS`, and one image repeats that of the previous pair and is blanked.
@@ -78,6 +78,7 @@ class Finding(Enum):
     TOO_FAST = auto()  #: The motion exceeds the configured bounds.
     FROZEN_IMAGE = auto()  #: One image repeats that of the previous pair and is blanked.
     STALE_ROWS = auto()  #: Some rows repeat those of the previous pair and are blanked.
+    UNTEXTURED_SIDE = auto()  #: One image has no texture (covered, black or overexposed), and the other was tracked.
     DIVERGED = auto()  #: An adjustment diverged, its map was discarded, and the pair is the first to begin a window.
     AFTER_GAP = auto()  #: The window began after an unobserved motion.
     CALIBRATION = auto()  #: The right camera drifts, or its yaw is not yet corrected.
@@ -143,6 +144,8 @@ RULES: Final[dict[Finding, Refusal | Degradation]] = {
     Finding.FROZEN_IMAGE: Degradation(StateReason.REPEATED_IMAGES, can_be_reference=False),
     # No keyframe: the edges of the blanked rows would be detected as texture.
     Finding.STALE_ROWS: Degradation(StateReason.TORN_IMAGES, can_be_reference=False),
+    # No keyframe: without the other image no landmark can be triangulated.
+    Finding.UNTEXTURED_SIDE: Degradation(StateReason.UNTEXTURED_IMAGES, can_be_reference=False),
     # Keyframe: a window begins with the pair. Later pairs of the window report the gap.
     Finding.DIVERGED: Degradation(StateReason.IMPLAUSIBLE_MOTION),
     # Keyframe: the images are good, and the finding ends after further keyframes.
@@ -161,8 +164,8 @@ RULES: Final[dict[Finding, Refusal | Degradation]] = {
     Finding.UNEXPLAINED: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: one motion explains this pair, and only an earlier pair was faulty.
     Finding.RECOVERING: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
-    # Keyframe: new landmarks are matched between the two images, which fails where one image is stale.
-    Finding.ONE_SIDED: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    # No keyframe: landmarks are triangulated from both images, which do not match.
+    Finding.ONE_SIDED: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED, can_be_reference=False),
     # Keyframe: the cells of the body are excluded, and the next pairs identify the ground.
     Finding.BODY_OR_GROUND: Degradation(StateReason.MOVING_REGIONS, Inflation.UNOBSERVED),
     # Keyframe: the window continues with the more likely motion. The covariance includes the ambiguity.
@@ -198,7 +201,8 @@ their inflation and in whether the pair may become a keyframe.
 
 Three findings add nothing to the covariance because it already includes what they report: the uncertainty of the yaw
 (`CALIBRATION`), and the unobserved motion before the window (`AFTER_GAP`, `DIVERGED`). Two findings add nothing
-because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). `AT_REST_IN_DOUBT` adds nothing because
+because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). `UNTEXTURED_SIDE` adds nothing because
+nothing is tracked in an image without texture. `AT_REST_IN_DOUBT` adds nothing because
 an image without motion shows a rover at rest, whichever of its parts is the ground. The covariance of a kept pose
 (`Action.KEEP`) always grows by the unobserved motion since the pose was estimated (`trajectory.kept`).
 """

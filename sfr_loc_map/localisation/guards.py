@@ -26,7 +26,7 @@ from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame, is_textu
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.motion_model import LastPose
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
-from sfr_loc_map.localisation.stale_images import ImageComparison, are_equal
+from sfr_loc_map.localisation.stale_images import ImageComparison, show_one_image
 
 SLACK: Final = MotionSize(1.0, 1.0)
 """Motion, m and rad, that is always accepted, because stamps may jitter. Chosen by hand: at the default
@@ -36,9 +36,6 @@ MAX_ADJUSTMENT: Final = MotionSize(1.0, 1.0)
 """A bundle adjustment has diverged if it displaces the newest pose by more than this, m and rad. Chosen by hand, far
 above the usual displacement of millimetres, or of centimetres with a correction of the yaw."""
 
-MIN_DEVIATION: Final = 1.0
-"""Minimum standard deviation of the grey levels of a textured image at full resolution. Rounding to whole grey levels
-causes at most 0.5."""
 MIN_STEREO_FRACTION: Final = 0.3
 """Ratio `Tracks.stereo_fraction` up to which a pair is one-sided. Landmarks are triangulated from both
 images, so that both images of a good pair show most landmarks."""
@@ -79,9 +76,8 @@ def check_images(images: ImageComparison, *, has_map: bool) -> frozenset[Finding
 
 
 def check_wiring(pair: StereoPair) -> frozenset[Finding]:
-    """Report a pair whose left and right image are the same textured image."""
-    is_one_image = are_equal(pair.left, pair.right) and float(np.std(pair.left)) > MIN_DEVIATION
-    return _found(Finding.IDENTICAL_IMAGES, is_one_image)
+    """Report a pair whose left and right image are the same textured image, possibly with new noise."""
+    return _found(Finding.IDENTICAL_IMAGES, show_one_image(pair))
 
 
 # ---- the pose
@@ -150,14 +146,14 @@ def has_diverged(last: LastPose, pose: Pose, covariance: FloatArray) -> bool:
 
 
 def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: RightOffset) -> frozenset[Finding]:
-    """Report that few inliers of one image are observed in the other image, although the other image has texture.
+    """Report that few inliers of one image are observed in the other image.
 
-    Either the images are swapped, which the tracker tests, or one image is stale.
+    Either the other image has no texture, or the images are swapped, which the tracker tests, or one image is stale.
     """
     if tracks.stereo_fraction > MIN_STEREO_FRACTION:
         return frozenset()
     if not is_textured(frame.right if tracks.is_left_fuller else frame.left):
-        return frozenset()
+        return frozenset({Finding.UNTEXTURED_SIDE})
     is_swapped = tracker.fits_swapped(frame, tracks, offset)
     return frozenset({Finding.ONE_SIDED}) | _found(Finding.SWAPPED, is_swapped)
 

@@ -121,6 +121,8 @@ class Localiser:
 
     Keyframes are processed in a background thread after the call returns. The next call waits for the result, so that
     results do not depend on timing.
+
+    An instance is not thread-safe: one call at a time is required, from any thread.
     """
 
     version = __version__
@@ -166,14 +168,22 @@ class Localiser:
         """Set an external pose, which is valid at its stamp; without a stamp, at the next pair.
 
         The pose replaces an earlier external pose that is not applied yet. Before the first pair, the pose replaces the
-        start pose.
+        start pose. A pose whose stamp is more than `external_poses.MAX_AHEAD_NS` after the next pair is of another
+        clock, and applies at the next pair.
+
+        All later poses move with the external pose, and their covariances begin with its covariance. The map is
+        discarded if no pair was accepted up to 1.5 periods before the stamp at which the pose applies
+        (`external_poses`). The next pair then begins a window.
 
         GeometryError, and no change, if the pose is invalid (`StartPose.of`).
         """
         self._state = transitions.given(self._state, StartPose.of(pose), self._model)
 
     def pose_at(self, stamp_ns: int) -> Transform | None:
-        """Return the pose of RB in DS at a past stamp; None if no pair was accepted or began a window.
+        """Return the pose of RB in DS at a past stamp; None without an accepted pair.
+
+        A pair that began a window counts as accepted. Pairs before an external pose that discarded the map do not count
+        (`set_pose`).
 
         The pose is interpolated between two consecutive pairs. Otherwise the pose of the nearest pair is returned.
         """
@@ -349,6 +359,8 @@ class Localiser:
         landmarks = window.landmark_map.landmarks
         statistics = TrackingStatistics(features=len(landmarks.rows))
         verdict = decide(findings | self._stages.check_window(state, frame, landmarks))
+        if verdict.finding is Finding.FEW_LANDMARKS:
+            state = transitions.with_failed_window(state)
         if verdict.refuses:
             return Outcome(transitions.lost(state, verdict.reason), replace(statistics, inliers=0), tracks)
         state, step = transitions.begun(state, frame, window, verdict, clean_from, self._model)

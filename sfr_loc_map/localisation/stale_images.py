@@ -64,6 +64,13 @@ MIN_ROW_RANGE: Final = 8
 hand. If larger, stale rows of weak texture are not detected. If smaller, rows without texture count as stale."""
 MIN_STALE_FRACTION: Final = 0.05
 """Fraction of stale rows from which an image is partially transferred: fewer rows contain few landmarks."""
+MIN_TEXTURE_RATIO: Final = 2.0
+"""Minimum ratio of the variance of the texture to that of the noise if left and right are the same image. Variances are
+of the differences between neighbours in a row. The ratio is 0.5 for two images of equal noise without texture. Chosen
+by hand. If larger, a copy with much noise is not detected. If smaller, images of little texture count as identical."""
+MIN_DEVIATION: Final = 1.0
+"""Minimum standard deviation of the grey levels of a textured image at full resolution. Rounding to whole grey levels
+causes at most 0.5."""
 PROBE: Final = 64  #: Row step of a quick comparison, which shows for nearly all images that they differ.
 
 
@@ -172,10 +179,23 @@ def is_swapped_repeat(before: StereoPair, now: StereoPair) -> bool:
     return repeated_rows(before.right, now.left).is_same and repeated_rows(before.left, now.right).is_same
 
 
-def are_equal(one: GreyImage, other: GreyImage) -> bool:
-    """Return whether two images are bit-identical; few rows decide in most cases."""
-    few = slice(len(one) // 2, None, PROBE)
-    return np.array_equal(one[few], other[few]) and np.array_equal(one, other)
+def show_one_image(pair: StereoPair) -> bool:
+    """Return whether left and right are the same textured image, possibly with different noise.
+
+    The images of two cameras differ by the disparities, so that the differences of neighbouring pixels are correlated
+    (`MAX_NEIGHBOUR_CORRELATION`). The noise must be smaller than the texture, because two images without texture
+    differ by noise alone as well.
+    """
+    few = slice(len(pair.left) // 2, None, PROBE)  # few rows decide in most cases
+    change = cv2.subtract(pair.right[few], pair.left[few], dtype=cv2.CV_32F)
+    if cv2.meanStdDev(change)[1].item() ** 2 > NOISE_MARGIN * MAX_NOISE**2:
+        return False
+    change = np.asarray(cv2.subtract(pair.right, pair.left, dtype=cv2.CV_32F), np.float32)
+    if not _is_noise(change) or float(np.std(pair.left)) <= MIN_DEVIATION:
+        return False
+    texture = np.diff(pair.left.astype(np.float32), axis=1)
+    noise = np.diff(change, axis=1)
+    return float(np.var(texture)) > MIN_TEXTURE_RATIO * float(np.var(noise))
 
 
 def _blanked(image: GreyImage, rows: Mask) -> GreyImage:

@@ -14,6 +14,7 @@
 | refused pair is kept | `kept` | path (covariance and step), status, reason |
 | refused pair is lost | `lost` | path (a standstill is predicted), memory of the ground (identification restarts), |
 | | | status, reason |
+| textured pair has too few landmarks for a window | `with_failed_window` | memory of the ground (excluded cells age) |
 | pair begins a window | `begun` | all but `shear_mean` and the image memory |
 | stamp of an external pose is reached | `with_external_pose` | path; if the map is discarded, also map and |
 | | | `has_diverged` |
@@ -132,6 +133,11 @@ def refused(state: State, candidate: Candidate, verdict: Verdict) -> State:
 def with_failed_recovery(state: State) -> State:
     """Return the state after a further good image whose pose was refused."""
     return replace(state, failed_recoveries=state.failed_recoveries + 1)
+
+
+def with_failed_window(state: State) -> State:
+    """Return the state after a textured pair with too few landmarks for a new window, before the pair is lost."""
+    return replace(state, ground_memory=state.ground_memory.after_failed_window(state.calibration.shape))
 
 
 def kept(state: State, reason: StateReason | None, stamp_ns: int, model: RoverModel) -> tuple[State, StepEstimate]:

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from helpers import made_scene
-from helpers.loc_drive import BLACK, LOST, black, drive, errors, localiser, run
+from helpers.loc_drive import BLACK, LOST, black, drive, errors, localiser, noisy, run
 from helpers.made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, WIDTH, stereo_pair, true_pose
 from sfr_loc_map.errors import ConfigError, GeometryError, LocalisationError
 from sfr_loc_map.geometry.camera import Pose
@@ -27,10 +27,11 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform, interpolated, propagated_covariance
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.candidate import Candidate, CorrectedTracks
-from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.config import TRACKED_LANDMARKS, LocalisationConfig
 from sfr_loc_map.localisation.estimate import MAX_GIVEN_M, PoseEstimate, StartPose, StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
+from sfr_loc_map.localisation.ground.excluded_cells import DYNAMIC_LIFE, Exclusion
 from sfr_loc_map.localisation.ground.selection import Ground
 from sfr_loc_map.localisation.localiser import Localiser
 
@@ -193,6 +194,8 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(estimates: list[PoseEs
     assert by.process(DRIVE[4]).T_ds_rb.matrix.tobytes() == estimates[4].T_ds_rb.matrix.tobytes()
     with pytest.raises(ConfigError, match="max_features"):
         Localiser(LOC_RIG, LocalisationConfig(max_features=-5))
+    with pytest.raises(ConfigError, match="min_tracked"):
+        Localiser(LOC_RIG, LocalisationConfig(min_tracked=TRACKED_LANDMARKS + 1))
     with pytest.raises(GeometryError, match="T_rb_locsb"):
         Localiser(replace(LOC_RIG, T_rb_sb=None), LocalisationConfig(), Transform.identity())
 
@@ -455,6 +458,61 @@ def test_images_that_are_no_stereo_pair_are_lost_and_begin_no_window(fault: str)
     assert {estimate.reason for estimate in first[:3]} == {StateReason.NO_STEREO}
 
 
+@pytest.mark.parametrize("sigma", [0.0, 2.0])
+def test_a_copy_of_one_image_is_no_stereo_pair_even_if_some_pixels_differ(sigma: float) -> None:
+    random = np.random.default_rng(1)
+
+    def copied(pair: StereoPair) -> StereoPair:
+        right = noisy(pair.left, sigma, random)
+        right[5, 5] ^= 128
+        return replace(pair, right=right)
+
+    for pairs in ([copied(DRIVE[0])], [*DRIVE[:3], copied(DRIVE[3])]):
+        estimate = run(pairs)[-1]
+        assert (estimate.state, estimate.reason) == (TrackingState.LOST, StateReason.NO_STEREO)
+
+
+COVERED = {
+    "black": np.zeros((HEIGHT, WIDTH), np.uint8),
+    "overexposed": np.full((HEIGHT, WIDTH), 255, np.uint8),
+    "covered": noisy(np.full((HEIGHT, WIDTH), 90.0), 2.0, np.random.default_rng(1)),
+    "noise": np.random.default_rng(2).integers(0, 255, (HEIGHT, WIDTH), np.uint8),
+}
+
+
+@pytest.mark.parametrize("image", COVERED)
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_pairs_with_one_useless_image_have_a_reason_and_become_no_keyframes(side: str, image: str) -> None:
+    broken = [
+        replace(pair, **{side: np.roll(COVERED[image], 5 * index, axis=1)}) for index, pair in enumerate(DRIVE[6:20])
+    ]
+    estimates = run([*DRIVE[:6], *broken])
+    keyframes = {estimate.statistics.keyframes for estimate in estimates[5:]} - {None}
+    assert len(keyframes) == 1
+    reasons = {estimate.reason for estimate in estimates[6:]}
+    expected = {StateReason.UNTEXTURED_IMAGES}
+    if image == "noise":
+        expected = {StateReason.TORN_IMAGES, StateReason.FEW_LANDMARKS}
+    assert reasons <= expected | {StateReason.REPEATED_IMAGES}
+    for estimate, truth in zip(estimates[6:], map(true_pose, range(6, 20)), strict=True):
+        assert estimate.state in (TrackingState.DEGRADED, TrackingState.LOST)
+        if estimate.state is TrackingState.DEGRADED:
+            assert errors(estimate, truth)[0] < max(0.01, 3.0 * sigma(estimate))
+
+
+def test_excluded_cells_do_not_prevent_a_new_window_for_ever() -> None:
+    by = localiser()
+    run(DRIVE[:3], by)
+    memory = by._state.ground_memory
+    all_cells = np.ones(memory.excluded.life.shape, np.bool_)
+    exclusion = Exclusion(np.zeros(1, np.intp), ~all_cells, all_cells)
+    excluded = memory.excluded.after_pair(exclusion, ~all_cells, (HEIGHT, WIDTH))
+    by._state = replace(by._state, landmark_map=None, ground_memory=replace(memory, excluded=excluded))
+    states = [estimate.state for estimate in run(DRIVE[3 : 4 + DYNAMIC_LIFE], by)]
+    assert states[0] is TrackingState.LOST
+    assert states[-1] is not TrackingState.LOST
+
+
 @pytest.mark.parametrize("side", [0, 30, 45])
 def test_a_first_pair_with_little_texture_is_not_reported_as_swapped(side: int) -> None:
     """Only a square has texture, in the order of the cameras."""
@@ -617,7 +675,7 @@ import sfr_loc_map.localisation as package
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, loc_pair, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.candidate import Candidate, CorrectedTracks
-from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.config import TRACKED_LANDMARKS, LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 
 names = [info.name for info in pkgutil.walk_packages(package.__path__, package.__name__ + ".")]

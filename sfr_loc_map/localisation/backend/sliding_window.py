@@ -21,14 +21,8 @@ from sfr_loc_map.localisation.backend.bundle_adjustment import (
     adjust,
     marginalise_oldest,
 )
-from sfr_loc_map.localisation.frontend.landmarks import (
-    ALIGNED_LANDMARKS,
-    NO_PATCHES,
-    TRACKED_LANDMARKS,
-    HostPatches,
-    Landmarks,
-    Patches,
-)
+from sfr_loc_map.localisation.config import TRACKED_LANDMARKS
+from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, NO_PATCHES, HostPatches, Landmarks, Patches
 from sfr_loc_map.localisation.frontend.patch import Templates
 from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates, StereoObservations

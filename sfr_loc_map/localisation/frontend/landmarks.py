@@ -29,9 +29,6 @@ not show the translation of a rover."""
 ALIGNED_LANDMARKS = 200
 """Maximum number of landmarks in the alignment of a pose. The pose from 300 landmarks differed by 0.02 px from the pose
 from all landmarks (measurements/localiser_trials.md)."""
-TRACKED_LANDMARKS = 800
-"""Maximum number of landmarks tracked in a pair that does not become a keyframe. The pose errors of such pairs do not
-accumulate. With 600 landmarks, the attitude error was 2 % larger (measurements/localiser_trials.md)."""
 
 
 class HostPatches(NamedTuple):
@@ -101,9 +98,9 @@ class Patches:
             image = host.coarse[level - 1].image
             uv = (host.uv[rows] + 0.5) / 2.0**level - 0.5
             last = np.array(image.shape[::-1]) - 1 - margin
-            patches = cut_patches(image, np.clip(uv, margin, last), COARSE_HALF)
             is_inside = np.all((uv >= margin) & (uv <= last), axis=1)
-            patches[~is_inside] = 0.0
+            patches = np.zeros((len(uv), 3, (2 * COARSE_HALF + 1) ** 2), np.float32)
+            patches[is_inside] = cut_patches(image, uv[is_inside], COARSE_HALF)
             parts.append(patches)
         return templates_of(np.concatenate(parts))
 

@@ -123,14 +123,14 @@ def _linearise(
     landmarks: LandmarkEstimates,
     observations: StereoObservations,
     camera: Intrinsics,
-    is_first: bool,
     out: Linearisation,
     projection: StereoProjection,
     covariance: FloatArray,
 ) -> None:
     """Fill the linearisation at a pose; the projection and `covariance` `(4, 4)` are workspaces.
 
-    The inverse covariance is computed in the first iteration only, because it changes little with the pose.
+    The inverse covariance of a landmark is computed once, at the first pose that has the landmark in front of the
+    camera, because it changes little with the pose. Its diagonal is zero before.
     """
     hosts = landmarks.hosts
     rays = landmarks.rays
@@ -155,7 +155,7 @@ def _linearise(
             continue
         for i in range(4):
             residuals[n, i] = observed[n, i] - uv[i] if (in_left if i < 2 else in_right) else 0.0
-        if is_first:
+        if inverse_covariance[n, 0, 0] == 0.0:
             _fill_covariance(landmark_covariance[n], by_landmark, variance[n], in_left, in_right, covariance)
             fill_inverse_4(covariance, inverse_covariance[n])
         chi2 = 0.0
@@ -227,8 +227,7 @@ def solve_pose(
     used_chi2 = np.zeros(len(observations.uv))
     for iteration in range(iterations):
         pose = Pose(rotation, position)
-        is_first = iteration == 0
-        _linearise(pose, landmarks, observations, camera_arrays, is_first, linearised, projection, covariance)
+        _linearise(pose, landmarks, observations, camera_arrays, linearised, projection, covariance)
         count = 0
         for chi2 in linearised.chi2_per_dof:
             if not np.isnan(chi2):
@@ -237,7 +236,7 @@ def solve_pose(
         if count < MIN_LANDMARKS:
             break
         scale = max(1.0, reorder_to_median(used_chi2[:count]) * SCALE_PER_MEDIAN)
-        scale *= FIRST_SCALE_FACTOR if is_first else 1.0
+        scale *= FIRST_SCALE_FACTOR if iteration == 0 else 1.0
         information = np.zeros((6, 6))
         rhs = np.zeros(6)
         _add_normal_equations(linearised, scale, weighted, information, rhs)

@@ -2,7 +2,8 @@
 
 A cell is excluded because it is fixed to the camera, or because it is dynamic (it moves differently from the ground).
 Lifetimes are counted in pairs that are compared with an earlier image and from which the memory learns. In other pairs,
-a body that still covers its cells cannot renew their lifetime.
+a body that still covers its cells cannot renew their lifetime. A textured pair with too few landmarks for a new window
+also counts, because the excluded cells may be the cause.
 """
 
 from __future__ import annotations
@@ -86,6 +87,11 @@ class ExcludedCells:
         excluded = ExcludedCells(life, is_fixed, dynamic_fraction=dynamic_count / max(life.size, 1))
         is_masked = self.mask is not None or len(exclusion.rows) > 0
         return excluded._with_mask(shape) if is_masked else excluded
+
+    def older(self, shape: tuple[int, int]) -> ExcludedCells:
+        """Return the excluded cells after a pair that renews no lifetime. The shape is (height, width)."""
+        nothing = Exclusion.nothing(self.life.shape)
+        return self.after_pair(nothing, nothing.fixed, shape)
 
     def _with_mask(self, shape: tuple[int, int]) -> ExcludedCells:
         """Return the cells with a mask that covers them and their neighbours; the shape is (height, width)."""

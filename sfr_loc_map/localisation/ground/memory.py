@@ -103,7 +103,7 @@ class GroundMemory:
 
     | component | `after` | `after_unselected` | `in_new_window` | `moved` | `after_lost_pair` | `after_stale_rows` |
     |---|---|---|---|---|---|---|
-    | `excluded` | = cells after the pair | | | | | |
+    | `excluded` | = cells after the pair (and older after `after_failed_window`) | | | | | |
     | `earlier` | one pair older, or a newer image | one pair older | = first image | pose | | |
     | `last_image` | = image of the pair | = None | = None | | | |
     | `identification` | by the conclusion | | restarted | | restarted | |
@@ -117,6 +117,7 @@ class GroundMemory:
     | `in_new_window` | a pair that begins a window |
     | `moved` | the end of the adjustment of a keyframe in the background |
     | `after_lost_pair` | a lost pair |
+    | `after_failed_window` | a textured pair with too few landmarks for a new window |
     | `after_stale_rows` | the detection of stale rows in a pair, before its other changes |
 
     After a refused pair, the changes of `after` and `after_unselected` are discarded (`NextMemory`).
@@ -245,6 +246,13 @@ class GroundMemory:
     def after_lost_pair(self) -> GroundMemory:
         """Return the memory after a lost pair. The tracks of the next pairs may follow another motion."""
         return replace(self, identification=self.identification.restarted())
+
+    def after_failed_window(self, shape: tuple[int, int]) -> GroundMemory:
+        """Return the memory after a textured pair with too few landmarks for a new window.
+
+        The excluded cells may be the cause, so that they age. The shape of the images is (height, width).
+        """
+        return replace(self, excluded=self.excluded.older(shape))
 
     def after_stale_rows(self, stale: Mask) -> GroundMemory:
         """Return the memory after a pair was compared with the previous pair. Its stale rows are `(H,)`."""

@@ -84,6 +84,21 @@ def test_information_is_that_of_finite_differences() -> None:
     np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-5)
 
 
+def test_a_landmark_behind_the_start_pose_is_weighted_once_it_is_in_front() -> None:
+    """From the host, half a metre behind the truth, all landmarks are in front; one is behind the start."""
+    near = RHO.copy()
+    near[0] = 1.0
+    landmarks = LANDMARKS._replace(inverse_depth=near)
+    uv = project(TRUTH, rho=near)
+    uv[0] += 200.0
+    start = Pose(TRUTH.rotation, TRUTH.position + np.array([0.0, 0.0, 0.6]))
+    solution = solve_pose(start, landmarks, StereoObservations(uv, VARIANCE), CAMERA, 30)
+    np.testing.assert_allclose(error(solution.pose), 0.0, atol=1e-5)
+    assert abs(solution.linearised.residuals[0]).max() > 100.0
+    assert solution.linearised.chi2_per_dof[0] > 1e4
+    np.testing.assert_allclose(solution.linearised.chi2_per_dof[1:], 0.0, atol=1e-4)
+
+
 # ---- rotation of the right camera
 
 
