@@ -14,8 +14,8 @@ cause an inferred one. The published reason is therefore not always that of the 
 | `IDENTICAL_IMAGES` | `guards.check_wiring` |
 | `UNTEXTURED`, `FROZEN_AND_FEW`, `FEW_LANDMARKS` | `guards.check_landmarks`, `guards.check_tracks` |
 | `CONTRADICTED`, `PARTIAL_TRANSFER`, `TRANSFER_OR_MOTION`, `DOUBLE_EXPOSURE` | `ground.cases.findings_of` |
-| `UNEXPLAINED`, `RECOVERING` | `ground.cases.findings_of` |
-| `BODY_OR_GROUND`, `GROUND_IN_DOUBT`, `AT_REST_IN_DOUBT`, `AMBIGUOUS` | `ground.cases.findings_of` |
+| `UNEXPLAINED`, `BODY_OR_GROUND`, `AT_REST_IN_DOUBT`, `AMBIGUOUS` | `ground.cases.findings_of` |
+| `RECOVERING`, `GROUND_IN_DOUBT` | `ground.cases.findings_of`, or `Ground.unselected` without a selection |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED` | `guards.check_order` in a new window, `guards.check_sides` in a pair with a pose |
 | `UNTEXTURED_SIDE`, `ONE_SIDED` | `guards.check_sides` |
@@ -103,13 +103,8 @@ class Inflation(Flag):
     """What a finding adds to the covariance of a pose (`uncertainty.inflation`)."""
 
     NONE = 0
-    #: The motion since the last pose, treated as unobserved because parts of the images may be stale. The covariance of
-    #: the next accepted pose no longer includes this term, unless a window began at this pose.
-    UNOBSERVED = auto()
-    #: The largest of three sizes: the distance to the pose of the other motion, the estimated motion since the last
-    #: pose, and this motion treated as unobserved. The covariances of later poses include this term until the next
-    #: external pose.
-    AMBIGUITY = auto()
+    UNOBSERVED = auto()  #: The motion since the last pose counts as unobserved, because images may be stale.
+    AMBIGUITY = auto()  #: The true motion may be another motion, a standstill, or a motion that was not found.
 
 
 class Refusal(NamedTuple):
@@ -176,17 +171,19 @@ RULES: Final[dict[Finding, Refusal | Degradation]] = {
 }
 """Consequences of each finding, in the order of precedence.
 
-The findings are collected in five steps, and each step ends the evaluation if its findings refuse the pair:
+The stages of a pair (`localiser`) collect the findings. If those of a stage refuse the pair, the evaluation ends:
 
-1. the images (`check_images`, `check_wiring`);
-2. the number of landmarks of the map (`check_landmarks`);
-3. the motion of the ground and the pose (`ground.cases`, `check_tracks`, `check_pose`);
-4. all other guards of a pose (`check_sides`, `check_gap`, `check_calibration`, `check_shear`), which require a valid
-   pose;
-5. the guards of a window that begins with the pair instead (`check_gap`, `check_landmarks`, `check_order`).
+| stage | findings of |
+|---|---|
+| 1 check the images | `check_images`, `check_wiring` |
+| 2 check the map | `check_landmarks` |
+| 6 select the ground | `ground.cases` |
+| 8 judge | `check_tracks`, `check_pose`; unless these refuse the pair, the guards that require a valid pose |
+| | (`check_sides`, `check_gap`, `check_calibration`, `check_shear`) |
+| `Localiser._begin` | `check_gap`, `check_landmarks`, `check_order`, for a window that begins with the pair instead |
 
-A finding of a later step is therefore unknown if an earlier step refuses the pair, even if it precedes in the table.
-Each step includes the findings of the earlier steps, and the order of the table decides between them. A window that
+A finding of a later stage is therefore unknown if an earlier stage refuses the pair, even if it precedes in the table.
+Each stage includes the findings of the earlier stages, and the order of the table decides between them. A window that
 replaces a map does not include the findings about the pose in this map. The selection of the ground contributes at most
 one finding, that of its case (`ground.cases`), because a covariance shall not grow by the inflation of several cases.
 

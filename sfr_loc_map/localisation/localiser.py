@@ -1,24 +1,25 @@
 """The localiser: one call per stereo pair.
 
-A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._locate` runs nine stages:
+A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._locate` runs ten stages:
 
-1. Check the images: keep the last pose for a repeated pair, and blank stale parts (`stale_images`, `guards`).
-2. Predict the pose by the last motion, a standstill and wheel odometry (`motion_model`).
-3. Track: align some landmarks jointly (direct image alignment as in SVO, Forster et al. 2017). Track the patches of
+1. Check the images: detect a repeated pair and copies of one image, and blank stale parts (`stale_images`, `guards`).
+2. Check the map: too few landmarks refuse the pair. Without a map, the pair begins a window (`_begin`).
+3. Predict the pose by the last motion, a standstill and wheel odometry (`motion_model`).
+4. Track: align some landmarks jointly (direct image alignment as in SVO, Forster et al. 2017). Track the patches of
    more landmarks, warped by their local planes, in both images (Lucas and Kanade 1981), and solve for the pose with
    robust weights.
-4. Relocalise if the pose is not trusted: optical flow, then SIFT descriptors (`relocalisation`).
-5. Select the ground's motion among the motions in the image (`ground.selection`). If one motion does not explain the
+5. Relocalise if the pose is not trusted: optical flow, then SIFT descriptors (`relocalisation`).
+6. Select the ground's motion among the motions in the image (`ground.selection`). If one motion does not explain the
    tracks, track the landmarks again from its pose. If many are still unexplained, search for another motion. Landmarks
    that do not move with the ground are no longer tracked.
-6. Correct the right camera: estimate its rotation error, and correct its drift (`backend/online_calibration`).
-7. Judge: a table decides from the findings of all guards whether the pose is accepted (`guards`, `findings.RULES`).
-8. Complete: the pair becomes a keyframe if few landmarks are left or if they moved far in the image. For a keyframe,
+7. Correct the right camera: estimate its rotation error, and correct its drift (`backend/online_calibration`).
+8. Judge: a table decides from the findings of all guards whether the pose is accepted (`guards`, `findings.RULES`).
+9. Complete: the pair becomes a keyframe if few landmarks are left or if they moved far in the image. For a keyframe,
    the remaining landmarks of the map are tracked, too, and the pose is estimated again.
-9. Accept: update the path and its accumulated errors, and compute the motion since the last pose with its covariance
-   (`path`, `uncertainty`).
+10. Accept: update the path and its accumulated errors, and compute the motion since the last pose with its covariance
+    (`path`, `uncertainty`).
 
-`stages` contains stages 3 to 8. Before and after the stages, `Localiser.process`
+`stages` contains stages 4 to 9 and the start of a window. Before and after the stages, `Localiser.process`
 
 - adopts the keyframe of the previous call, which was made in the background (`_adopt_keyframe`);
 - applies an external pose once its stamp is reached (`path.external_poses`);
@@ -26,19 +27,21 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 - starts a keyframe in the background: the pair is added to the window, and the window is adjusted (bundle adjustment
   with marginalisation as in OKVIS, Leutenegger et al. 2015; `keyframes`).
 
-**Where a pair is refused.** Findings can refuse a pair at five points, and the later stages are then skipped:
+**Where a pair is refused.** Three stages can refuse a pair, and the later stages are then skipped. The two functions
+that continue with such a pair can refuse it for further reasons:
 
-| point | what becomes of the pair |
-|---|---|
-| after stage 1, with or without a map | kept or lost (`_refuse`) |
-| before stage 2: the map has too few landmarks | lost, or begins a window (`_refuse_or_restart`) |
-| in stage 7 | kept or lost, or begins a window (`_refuse_or_restart`) |
-| in `_begin`: the images cannot be a reference for later pairs | lost |
-| in `_begin`: too few landmarks, or swapped images (`Stages.check_window`) | lost |
+| where | refused because | what becomes of the pair |
+|---|---|---|
+| stage 1 | of its images | kept or lost (`_refuse`) |
+| stage 2 | the map has too few landmarks | lost, or begins a window (`_refuse_or_restart`) |
+| stage 8 | of any finding | kept or lost, or begins a window (`_refuse_or_restart`) |
+| `_begin` | its images cannot be a reference for later pairs | lost |
+| `_begin` | it has too few landmarks, or its images are swapped (`Stages.check_window`) | lost |
+| `_refuse` | it would be kept, but the localiser is lost, or its pose is as uncertain as an unknown pose | lost |
 
-A pair may begin a window (`_begin`) if there is no map, or if several good images were refused. If the localiser is
-already lost, a pair that would otherwise be kept is lost as well. In stage 7, such a pair counts as one of these images
-if its images are good. A repeated pair does not count.
+A pair may begin a window (`_begin`) if there is no map, or if several good images were refused. In stage 8, a pair that
+would be kept counts as one of these images if the localiser is lost and its images are good. A repeated pair does not
+count.
 
 **Which reason wins.** Each point evaluates all findings so far with one table. Of the findings present, the first one
 in `findings.RULES` decides, and its reason is published. The order is:
@@ -51,22 +54,8 @@ in `findings.RULES` decides, and its reason is published. The order is:
 There are two exceptions. While the localiser is lost, a pair that would otherwise be kept publishes the reason for
 which the localiser was lost. A window that begins in place of a refused pair publishes only its own findings.
 
-**What enlarges the covariance, and by how much.** The covariance of an accepted pose is the sum of its error terms
-(`uncertainty` lists them). Findings and events add the square of a standard deviation:
-
-| finding or event | adds | until |
-|---|---|---|
-| finding with `UNOBSERVED` | time since the last known pose, | next accepted pair |
-| | times the larger of the last speed and `unseen_speed_m_s` | |
-| finding with `AMBIGUITY` | the largest of three: distance between the poses of the two motions, | external pose |
-| | estimated motion, `UNOBSERVED`; the sigmas of several pairs add up | |
-| kept pair | `UNOBSERVED` | next accepted pair |
-| pair begins a window | `UNOBSERVED`, and the blur of its image | external pose |
-| lost pair | 9999 on the diagonal replaces all terms | next pair that is not lost |
-
-Angles have the same formulas with `unseen_turn_rad_s`. Speed and turn rate are at most `max_speed_m_s` and
-`max_turn_rad_s`. `findings.RULES` states for each finding whether it adds `UNOBSERVED`, `AMBIGUITY` or nothing, and
-`uncertainty` lists all events with their exact formulas.
+**What enlarges the covariance.** The covariance of an accepted pose is the sum of its error terms, and findings, kept
+pairs, new windows and external poses add to it. `uncertainty` lists all terms and events with links to their formulas.
 
 The state between two pairs is one immutable value (`state.State`), and `transitions` contains all of its changes. Each
 stage takes and returns values. `findings` describes what a new guard requires, and `uncertainty` where a new error
@@ -83,7 +72,6 @@ import numpy as np
 from sfr_loc_map import __version__
 from sfr_loc_map.configuration.parameters import checked
 from sfr_loc_map.errors import LocalisationError
-from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig, check_rig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
@@ -111,7 +99,6 @@ from sfr_loc_map.localisation.stage_clock import StageClock
 from sfr_loc_map.localisation.stages import Stages
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
-from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
 from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
@@ -232,7 +219,7 @@ class Localiser:
     # ---- the stages of a pair
 
     def _locate(self, state: State, pair: StereoPair, odometry: Transform | None, clock: StageClock) -> Outcome:
-        """Run stages 1 to 9 (module docstring) on a pair.
+        """Run stages 1 to 10 (module docstring) on a pair.
 
         The tracks follow any motion (`tracks`), then the ground (`ground.tracks`), then have corrected right
         observations (`candidate.tracks`), and for a keyframe contain all landmarks (`final.tracks`).
@@ -248,48 +235,37 @@ class Localiser:
             return self._refuse(state, verdict, pair.stamp_ns)
         with clock.stage("pyramid"):
             frame = StereoFrame.of(images.pair, pair, has_frozen_image=images.is_one_frozen)
+        # 2 check the map
         if landmark_map is None:
             return self._begin(state, frame, findings)
         verdict = decide(findings | guards.check_landmarks(frame, landmark_map.landmarks, self._config.min_tracked))
         if verdict.refuses:
             return self._refuse_or_restart(state, verdict, frame)
-        # 2 predict
+        # 3 predict
         guesses = state.path.last.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
-        # 3 track, 4 relocalise; meanwhile a second thread compares the cells of the image for stage 5
+        # 4 track, 5 relocalise; meanwhile a second thread compares the cells of the image for stage 6
         pending_change = stages.begin_change(frame, state.ground_memory)
         tracks = stages.track(frame, landmark_map, prediction, state.recovery, clock)
-        # 5 select the ground's motion
+        # 6 select the ground's motion
         ground = stages.select_ground(frame, tracks, prediction, state, images, pending_change)
-        # 6 correct the right camera
+        # 7 correct the right camera
         corrected = stages.correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
         candidate = Candidate(frame, landmark_map.without(ground.not_ground), ground, corrected)
-        # 7 judge
+        # 8 judge
         verdict = stages.judge(state, candidate, findings | ground.findings)
         if verdict.refuses:
             state = transitions.refused(state, candidate, verdict)
             return self._refuse_or_restart(state, verdict, frame, candidate.tracks)
-        # 8 complete, 9 accept
+        # 9 complete, 10 accept
         final = stages.complete(state, candidate, verdict, clock)
         return self._accept(state, candidate, verdict, final)
 
     def _accept(self, state: State, candidate: Candidate, verdict: Verdict, final: FinalPose) -> Outcome:
         """Accept a pose: compute its errors and the step to it, and learn from the pair."""
         tracks = final.tracks
-        corrected = candidate.corrected
         residuals = residual_statistics(tracks)
-        pair = AcceptedPair(
-            stamp_ns=candidate.frame.stamp_ns,
-            tracks=tracks,
-            landmark_map=candidate.landmark_map,
-            calibration=corrected.calibration,
-            chi_median=residuals.chi_median,
-            was_known=state.status is not TrackingState.LOST,
-            shear_chi2=corrected.shear_chi2,
-            inflation=verdict.inflation,
-            other_distance=candidate.ground.other_distance,
-        )
-        state, step = transitions.accepted(state, pair, candidate, verdict, final, self._model)
+        state, step = transitions.accepted(state, candidate, verdict, final, residuals.chi_median, self._model)
         keyframe = None
         if final.is_keyframe:
             mask = state.ground_memory.excluded.mask
@@ -325,10 +301,9 @@ class Localiser:
         contradicts all images would stay lost.
         """
         assert state.landmark_map is not None, "without a map, a pair begins a window"
-        count = len(state.landmark_map.landmarks.rows)
         is_lost = state.status is TrackingState.LOST
         may_restart = verdict.action is Action.RESTART or (verdict.action is Action.KEEP and is_lost)
-        if may_restart and self._stages.relocaliser.is_good_image(frame, count):
+        if may_restart and self._stages.is_good_image(frame, state.landmark_map):
             state = transitions.with_failed_recovery(state)
             if state.failed_recoveries >= RESTART_AFTER and verdict.can_be_reference:
                 # the findings concern a pose in the old map, which the new window does not continue
@@ -353,9 +328,7 @@ class Localiser:
         verdict = decide(findings)
         if not verdict.can_be_reference:  # checked first: with a blanked image, no landmark is triangulated
             return Outcome(transitions.lost(state, verdict.reason), TrackingStatistics(inliers=0), tracks)
-        pose = Pose.of(state.path.last.T_world_left)
-        mask = state.ground_memory.excluded.mask
-        window = self._stages.keyframes.begin(frame, pose, state.calibration, mask)
+        window = self._stages.begin_window(state, frame)
         landmarks = window.landmark_map.landmarks
         statistics = TrackingStatistics(features=len(landmarks.rows))
         verdict = decide(findings | self._stages.check_window(state, frame, landmarks))
@@ -412,7 +385,7 @@ class Localiser:
         assert outcome.keyframe is None or self._state.landmark_map is not None
         estimate = self._estimate(stamp_ns, self._state, outcome, clock)
         if outcome.keyframe is not None:
-            self._pending = self._background.submit(self._stages.keyframes.make, outcome.keyframe)
+            self._pending = self._background.submit(self._stages.make_keyframe, outcome.keyframe)
         return estimate
 
     def _estimate(self, stamp_ns: int, state: State, outcome: Outcome, clock: StageClock) -> PoseEstimate:

@@ -24,7 +24,7 @@ from sfr_loc_map.localisation.ground.memory import GroundMemory
 from sfr_loc_map.localisation.ground.motion_tools import MotionTools
 from sfr_loc_map.localisation.ground.selection import Ground, GroundSelector
 from sfr_loc_map.localisation.guards import ShearMean
-from sfr_loc_map.localisation.keyframes import KeyframeMaker, max_corners
+from sfr_loc_map.localisation.keyframes import KeyframeJob, KeyframeMaker, KeyframeResult, max_corners
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 from sfr_loc_map.localisation.stage_clock import StageClock
@@ -44,7 +44,7 @@ class Stages:
         self._max_corners = max_corners(rig, config)
         self.tracker = Tracker(config.min_tracked, rig.camera)
         self.relocaliser = Relocaliser(self.tracker, config, rig.camera, self._max_corners)
-        self.keyframes = KeyframeMaker(rig, config)
+        self._keyframes = KeyframeMaker(rig, config)
         self._ground_selector = GroundSelector(
             MotionTools(self.tracker, self.relocaliser, rig.camera, self._shape, config.min_tracked)
         )
@@ -96,7 +96,7 @@ class Stages:
     ) -> CorrectedTracks:
         """Estimate the shift of the right image, and correct the right observations for a drift of the right camera.
 
-        Tracks that are not trusted are returned unchanged, because stage 7 refuses them.
+        Tracks that are not trusted are returned unchanged, because stage 8 refuses them.
         """
         if not tracks.is_trusted:
             return CorrectedTracks(tracks, calibration, shear_mean)
@@ -145,7 +145,7 @@ class Stages:
         tracks = candidate.tracks
         # later pairs are compared with the left image, which must show enough landmarks
         is_recovery_image = verdict.can_be_reference and tracks.left_inlier_count >= self._config.min_tracked
-        if not (is_recovery_image and self.keyframes.is_needed(tracks, candidate.landmark_map)):
+        if not (is_recovery_image and self._keyframes.is_needed(tracks, candidate.landmark_map)):
             return FinalPose(tracks, is_keyframe=False, is_recovery_image=is_recovery_image)
         with clock.stage("refine"):
             complete = self.with_all_landmarks(candidate)
@@ -162,7 +162,20 @@ class Stages:
         offset = candidate.corrected.calibration.offset
         return self.tracker.complete(candidate.frame, tracks, landmark_map.landmarks, rest, offset)
 
-    # ---- a new window
+    # ---- keyframes
+
+    def make_keyframe(self, job: KeyframeJob) -> KeyframeResult:
+        """Add a pair to the window as a keyframe, and adjust the window. LinAlgError if the adjustment is singular."""
+        return self._keyframes.make(job)
+
+    def is_good_image(self, frame: StereoFrame, landmark_map: LandmarkMap) -> bool:
+        """Return whether a pair shows enough corners, compared with the map that it would replace, for a new window."""
+        return self.relocaliser.is_good_image(frame, len(landmark_map.landmarks.rows))
+
+    def begin_window(self, state: State, frame: StereoFrame) -> KeyframeResult:
+        """Return a window that begins with a pair at the last known pose."""
+        pose = Pose.of(state.path.last.T_world_left)
+        return self._keyframes.begin(frame, pose, state.calibration, state.ground_memory.excluded.mask)
 
     def check_window(self, state: State, frame: StereoFrame, landmarks: Landmarks) -> frozenset[Finding]:
         """Apply the guards for the landmarks of a new window.
@@ -175,5 +188,5 @@ class Stages:
             return findings
         pose = Pose.of(state.path.last.T_world_left)
         ground_mask = state.ground_memory.excluded.mask
-        count_if_swapped = self.keyframes.landmark_count(frame.swapped(), pose, state.calibration, ground_mask)
+        count_if_swapped = self._keyframes.landmark_count(frame.swapped(), pose, state.calibration, ground_mask)
         return findings | guards.check_order(landmarks, count_if_swapped, min_tracked)

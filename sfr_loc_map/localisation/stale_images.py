@@ -187,8 +187,8 @@ def show_one_image(pair: StereoPair) -> bool:
     differ by noise alone as well.
     """
     few = slice(len(pair.left) // 2, None, PROBE)  # few rows decide in most cases
-    change = cv2.subtract(pair.right[few], pair.left[few], dtype=cv2.CV_32F)
-    if cv2.meanStdDev(change)[1].item() ** 2 > NOISE_MARGIN * MAX_NOISE**2:
+    change_of_few = cv2.subtract(pair.right[few], pair.left[few], dtype=cv2.CV_32F)
+    if cv2.meanStdDev(change_of_few)[1].item() ** 2 > NOISE_MARGIN * MAX_NOISE**2:
         return False
     change = np.asarray(cv2.subtract(pair.right, pair.left, dtype=cv2.CV_32F), np.float32)
     if not _is_noise(change) or float(np.std(pair.left)) <= MIN_DEVIATION:

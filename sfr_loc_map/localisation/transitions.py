@@ -99,9 +99,29 @@ def arrived(state: State, images: ImageComparison, stamp_ns: int) -> State:
 
 
 def accepted(
-    state: State, pair: AcceptedPair, candidate: Candidate, verdict: Verdict, final: FinalPose, model: RoverModel
+    state: State, candidate: Candidate, verdict: Verdict, final: FinalPose, chi_median: float, model: RoverModel
 ) -> tuple[State, StepEstimate]:
-    """Return the state after an accepted pair, and the step to its pose."""
+    """Return the state after an accepted pair, and the step to its pose.
+
+    Args:
+        state: State before the pair.
+        candidate: The pair that was judged.
+        verdict: Verdict on the pair.
+        final: Final pose of the pair.
+        chi_median: Median squared Mahalanobis residual of the final pose per degree of freedom; NaN without residuals.
+        model: Extrinsics, camera geometry, bounds and error sources.
+    """
+    pair = AcceptedPair(
+        stamp_ns=candidate.frame.stamp_ns,
+        tracks=final.tracks,
+        landmark_map=candidate.landmark_map,
+        calibration=candidate.corrected.calibration,
+        chi_median=chi_median,
+        was_known=state.status is not TrackingState.LOST,
+        shear_chi2=candidate.corrected.shear_chi2,
+        inflation=verdict.inflation,
+        other_distance=candidate.ground.other_distance,
+    )
     path, step = trajectory.accepted(state.path, pair, model)
     recovery = state.recovery
     if final.is_recovery_image:

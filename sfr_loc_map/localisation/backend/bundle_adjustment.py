@@ -411,7 +411,10 @@ class Prior(NamedTuple):
 
 
 class Adjustment(NamedTuple):
-    """Keyframes and landmarks after an adjustment."""
+    """Keyframes and landmarks after an adjustment.
+
+    Both covariances and the offset belong to the last linearisation, at the poses and landmarks before the last step.
+    """
 
     problem: BundleProblem  #: The problem at the estimated poses and landmarks.
     covariance: FloatArray  #: `(N, 3, 3)` of the landmarks, given the poses.

@@ -61,7 +61,9 @@ class SlidingWindow:
     landmark_covariance: FloatArray  #: `(N, 3, 3)` of the landmarks given the poses, px and 1/m.
     patches: tuple[HostPatches, ...]  #: Patches by keyframe; the large arrays are shared between windows.
     prior: Prior  #: Information of the keyframes and landmarks that have left the window.
-    covariance: FloatArray  #: `(6, 6)` of the newest pose, position and rotation about the world's axes.
+    #: `(6, 6)` of the pose that was the newest in the last adjustment (`Adjustment`), position and rotation about the
+    #: world's axes; empty before the first adjustment. A keyframe that was added since then has no covariance yet.
+    covariance: FloatArray
     last_motion: KeyframeMotion | None  #: Motion to the newest keyframe; None with fewer than two keyframes.
     right_offset: OffsetEstimate  #: Offset of the right observations along the rows, from the last adjustment.
 

@@ -142,6 +142,7 @@ class Tracker:
         in_left = plane_homographies(start, planes, self._camera, 0.0)
         in_right = plane_homographies(start, planes, self._camera, self._camera.baseline_m)
         if abs(offset.u) > SEARCHED_OFFSET_PX:
+            # u' = (h_0 . p) / (h_2 . p) + offset, so that the first row becomes h_0 + offset h_2
             in_right[:, 0] += offset.u * in_right[:, 2]
         left, right = both(
             track_patches,  # only one kernel: a thread that waits for the interpreter lock is put to sleep

@@ -41,7 +41,8 @@ formula.
 |---|---|---|---|---|
 | `external` | the external pose, `alone` of its pair | the operator, or the start pose | external pose | |
 | `drift` | keyframes and earlier windows | bundle adjustment | keyframe, new window | external pose |
-| `alone` | the image of this pose alone | tracks of the pair, findings | accepted pair | the pose itself |
+| `alone` | the image of this pose alone | tracks of the pair, findings | accepted pair, keyframe, | the pose itself |
+| | | | new window, external pose | |
 | `kept_motion` | the motion while a pose is kept | last speed, time | kept pair | last accepted pose |
 | `directed` | lens distortion, ambiguous motions | residual disparities, findings | step | external pose |
 | `disparity` | errors common to all disparities | yaw of the windows | step, keyframe | external pose |
@@ -74,7 +75,7 @@ the previous pose are zero if its pair began a window, because the step is measu
 | finding or event | adds | until |
 |---|---|---|
 | finding with `Inflation.UNOBSERVED` | unobserved, over the time since the last known pose | next accepted pair |
-| finding with `Inflation.AMBIGUITY` | the largest of three sizes; sigmas add up | external pose |
+| finding with `Inflation.AMBIGUITY` | `ambiguity`; the sigmas of several pairs add up | external pose |
 | kept pair | unobserved, over the time since the last known pose or a later external pose | next accepted pair |
 | a window begins | unobserved, as for a kept pair; `blur` of the image | external pose |
 | external pose for a past pair | `alone` of this pair | external pose |
@@ -82,6 +83,9 @@ the previous pose are zero if its pair began a window, because the step is measu
 | external pose after the last accepted pair | unobserved, over the time to the present pair | next accepted pair |
 | the next accepted pair in a kept map | `alone` of the last pair; unobserved, up to the stamp | external pose |
 | lost pair | the covariance of an unknown pose replaces all (`lost_covariance`) | next pair that is not lost |
+
+`unobserved` is the covariance of an unobserved motion (`unobserved_motion`), and `ambiguity` is the error if another
+motion is the true motion (`inflation_of`).
 
 The last known pose is the pose of an accepted pair, the pose of a pair that begins a window, or an external pose
 (`LastPose.known_ns`). If a window begins before the next accepted pair, the errors of the window contain what was added
