@@ -65,7 +65,7 @@ def test_all_messages_of_a_source_come_whole_and_in_order(tmp_path: Path, kind: 
     position = decoded["nav/pose", START_NS].pose.position
     assert [position.x, position.y, position.z] == nav_pair(0).T_lm_navsb.translation.tolist()
     infos = (decoded[f"loc/{side}/camera_info", START_NS] for side in SIDES)
-    assert rig_of_one_projection(*map(RectifiedCamera.of, infos), "loc").same_cameras(LOC_RIG)
+    assert rig_of_one_projection(*(RectifiedCamera.of("loc", info) for info in infos), "loc").same_cameras(LOC_RIG)
     for task in ("loc", "nav"):
         first = order.index((f"{task}/left/image_rect", START_NS))
         assert all(order.index((f"{task}/{side}/camera_info", START_NS)) < first for side in SIDES)

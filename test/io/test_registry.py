@@ -30,6 +30,7 @@ BROKEN = [
     ("folder", "loc/rig.json", BASELINE, f'{BASELINE}, "baseline": 1', "unknown field `baseline`"),
     ("folder", "loc/rig.json", "20.1,", "", r"length 9 - at `\$.k`"),
     ("folder", "loc/rig.json", "7.9", "1e300", "principal point"),
+    ("folder", "loc/rig.json", BASELINE, '"baseline_m": 12.0', "baseline is 12 m"),
     ("folder", "loc/pairs.csv", ",right/000003.png", "", "line 5 has 2 columns"),
     ("folder", "loc/pairs.csv", "1700000000000000001", "1700000000999999999", "in increasing order"),
     ("folder", "loc/pairs.csv", "\n17", "\n1_7", "line 2: stamp"),
@@ -39,6 +40,8 @@ BROKEN = [
     ("kitti", "poses.txt", ALL, "1 0 0 0 0 1 0 0 0 0 1 0\n", "1 poses for 3 times"),
     ("kitti", "calib.txt", "P1:", "Q1:", r"P0 and P1 are required"),
     ("kitti", "calib.txt", "-3.78", "3.78", "swapped"),
+    ("kitti", "calib.txt", "-3.78e+02", "-3.78e+03", "baseline is 5.4 m"),
+    ("euroc", CAM1, "0.16", "11.05", "baseline is 11 m"),
     ("euroc", CAM1, "radial-tangential", "equidistant", "equidistant"),
     ("euroc", CAM1, "0.16", "-0.16", "swapped"),
     ("euroc", CAM1, "0.16, 0.0, 1.0, 0.0, -0.02", "0.05, 0.0, 1.0, 0.0, 0.2", "one above the other"),
@@ -141,7 +144,7 @@ def test_a_calibration_of_kitti_for_images_of_another_size_is_refused(tmp_path: 
         open_source(folder)
 
 
-@pytest.mark.parametrize(("baseline_m", "is_reported"), [(0.4, False), (12.0, True), (60.0, True)])
+@pytest.mark.parametrize(("baseline_m", "is_reported"), [(0.4, False), (1.2, True), (4.0, True)])
 def test_a_baseline_that_may_be_in_another_unit_is_reported(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, baseline_m: float, is_reported: bool
 ) -> None:

@@ -31,9 +31,6 @@ from sfr_loc_map.suffixes import suffix_of
 _log = logging.getLogger(__name__)
 
 ENDINGS = (".yaml", ".yml", ".xml", ".json", ".txt")
-BASELINES_M = (1e-3, 5.0)
-"""Smallest and largest accepted baseline, m. Larger numbers are probably in millimetres, smaller ones in kilometres, or
-a baseline was given as Camera.bf, which is the baseline times fx."""
 
 
 class CalibrationError(InputError):
@@ -70,12 +67,6 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> StereoCalibration:
     for camera in (left, right):
         check_centre(camera.k[2], camera.k[5], camera.size, where)
     rig = rig_from_projections(np.array(left.p), common_projection(left, right), left.size, where)
-    shortest_m, longest_m = BASELINES_M
-    if not shortest_m <= rig.baseline_m <= longest_m:
-        raise InputError(
-            f"{where}: the baseline is {rig.baseline_m:g} m: {shortest_m:g} to {longest_m:g} m is required; give the "
-            "baseline in metres (Camera.bf: in metres times fx)"
-        )
     if rig.baseline_m > LONG_BASELINE_M:
         _log.warning(
             f"{where}: the baseline is {rig.baseline_m:g} m, which is unusually long: verify that the squares of the "

@@ -15,6 +15,9 @@ from sfr_loc_map.inputs import refusing
 from sfr_loc_map.suite_names import SIDES, Side
 
 CENTRE_RATIOS = (0.3, 0.7)  #: Smallest and largest ratio of principal point to image size without cropping.
+BASELINES_M = (1e-3, 5.0)
+"""Smallest and largest accepted baseline, m. Larger numbers are probably in millimetres, smaller ones in kilometres, or
+a baseline was given as Camera.bf, which is the baseline times fx."""
 LONG_BASELINE_M = 1.0
 """Baseline, m, that rovers do not exceed. A larger number may be in another unit, or in squares of a board."""
 TOLERANCE = 1e-6
@@ -29,9 +32,22 @@ class RectifiedCamera:
     p: FloatArray  #: Projection matrix `(12,)`, row-major, pixels.
 
     @classmethod
-    def of(cls, info: Any) -> RectifiedCamera:  # noqa: ANN401 - a CameraInfo of any library
-        """Return the camera of a message; D, K and R belong to the raw image."""
-        return cls((int(info.width), int(info.height)), np.asarray(info.p, np.float64).reshape(-1))
+    def of(cls, name: str, info: Any) -> RectifiedCamera:  # noqa: ANN401 - a CameraInfo of any library
+        """Return the camera of a message; D, K and R belong to the raw image. `name` is its topic.
+
+        InputError if the message describes images with binning or a region of interest, to which P does not apply.
+        """
+        return cls(size_of_full_images(name, info), np.asarray(info.p, np.float64).reshape(-1))
+
+
+def size_of_full_images(name: str, info: Any) -> tuple[int, int]:  # noqa: ANN401 - a CameraInfo of any library
+    """Return the width and height in a message on the topic `name`; InputError for binning or a region of interest."""
+    roi = info.roi
+    has_full_size = (roi.width, roi.height) in ((0, 0), (info.width, info.height))
+    is_cropped = not has_full_size or roi.x_offset or roi.y_offset
+    if is_cropped or info.binning_x > 1 or info.binning_y > 1:
+        raise InputError(f"{name} has binning or a region of interest: send full images without binning")
+    return int(info.width), int(info.height)
 
 
 def projection(rig: StereoRig, side: Side) -> FloatArray:
@@ -71,6 +87,16 @@ def check_centre(cx: float, cy: float, size: tuple[int, int], where: str) -> Non
         )
 
 
+def check_baseline(baseline_m: float, where: str) -> None:
+    """Raise InputError if a baseline, m, is outside of `BASELINES_M`, because its unit is then not the metre."""
+    shortest_m, longest_m = BASELINES_M
+    if not shortest_m <= baseline_m <= longest_m:
+        raise InputError(
+            f"{where}: the baseline is {baseline_m:g} m: {shortest_m:g} to {longest_m:g} m is required; give the "
+            "baseline in metres (P[3] and Camera.bf: in metres times fx)"
+        )
+
+
 def have_one_camera_matrix(p_left: FloatArray, p_right: FloatArray) -> bool:
     """Return whether two P `(12,)` differ only in their last column; False if a number is NaN."""
     return bool(np.abs(np.delete(p_left - p_right, [3, 7, 11])).max() <= TOLERANCE)
@@ -79,7 +105,10 @@ def have_one_camera_matrix(p_left: FloatArray, p_right: FloatArray) -> bool:
 def rig_from_projections(
     p_left: FloatArray, p_right: FloatArray, size: tuple[int, int], where: str, names: tuple[str, str] = SIDES
 ) -> StereoRig:
-    """Return the rig of two rectified cameras of equal size (width, height); both P `(12,)` refer to one frame."""
+    """Return the rig of two rectified cameras of equal size (width, height); both P `(12,)` refer to one frame.
+
+    InputError if P do not describe a rectified pair with a baseline in `BASELINES_M`.
+    """
     if not have_one_camera_matrix(p_left, p_right):
         raise InputError(
             f"{where}: P of {names[0]} and {names[1]} differ in more than P[3]: rectify both cameras to one camera "
@@ -98,7 +127,9 @@ def rig_from_projections(
             f"required for the {names[1]} camera; {hint}"
         )
     with refusing(where, "correct the calibration"):
-        return StereoRig(*size, fx, fy, cx, cy, baseline_from_projection(fx, shift) if fx else 0.0)
+        baseline_m = baseline_from_projection(fx, shift) if fx else 0.0
+        check_baseline(baseline_m, where)
+        return StereoRig(*size, fx, fy, cx, cy, baseline_m)
 
 
 def rig_of_one_projection(left: RectifiedCamera, right: RectifiedCamera, name: str) -> StereoRig:

@@ -16,8 +16,10 @@ from sfr_loc_map.geometry.stereo import SAME_PX, StereoRig
 from sfr_loc_map.io.calibration.camera_info import (
     TOLERANCE,
     RectifiedCamera,
+    check_centre,
     have_one_camera_matrix,
     rig_of_one_projection,
+    size_of_full_images,
 )
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.suite_names import SIDES
@@ -58,12 +60,8 @@ class RectifiableCamera:
         """Return the calibration in a sensor_msgs/CameraInfo; `name` is its topic (`loc/left/camera_info`)."""
         lists = (np.asarray(values, np.float64).reshape(-1).tolist() for values in (info.d, info.k, info.r, info.p))
         d, k, r, p = (tuple(values) for values in lists)
-        roi = info.roi
-        has_full_size = (roi.width, roi.height) in ((0, 0), (info.width, info.height))
-        is_cropped = not has_full_size or roi.x_offset or roi.y_offset
-        if is_cropped or info.binning_x > 1 or info.binning_y > 1:
-            raise InputError(f"{name} has binning or a region of interest: send full images without binning")
-        return cls((int(info.width), int(info.height)), str(info.distortion_model), d, k, r, p).checked(name)
+        size = size_of_full_images(name, info)
+        return cls(size, str(info.distortion_model), d, k, r, p).checked(name)
 
     def checked(self, name: str) -> RectifiableCamera:
         """Return the calibration, with default values for a lens without distortion and for an empty R.
@@ -226,7 +224,9 @@ def rig_of_rectified_infos(
     infos: Sequence[Any], name: str, before: StereoRectifier | None = None
 ) -> tuple[StereoRig, StereoRectifier | None]:
     """Return the rig of rectified images, from two CameraInfo, and a rectifier if needed; see `rig_of_rectified`."""
-    left, right = map(RectifiedCamera.of, infos)
+    left, right = (
+        RectifiedCamera.of(f"{name}/{side}/camera_info", info) for side, info in zip(SIDES, infos, strict=True)
+    )
     return rig_of_rectified((left, right), name, before)
 
 
@@ -239,6 +239,8 @@ def rig_of_raw(
     """
     left, right = cameras
     check_one_scale(left, right, name)
+    for side, camera in zip(SIDES, cameras, strict=True):
+        check_centre(camera.k[2], camera.k[5], camera.size, f"{name}/{side}")
     if left.size == right.size and right.p[0] > 0.0:
         right = replace(right, p=tuple(_in_common(np.array(left.p), np.array(right.p)).tolist()))
     rig = rig_of_one_projection(left.rectified, right.rectified, name)
@@ -259,9 +261,11 @@ def rig_of_rectified(
     complete = p_left.shape == p_right.shape == (12,) and np.isfinite([p_left, p_right]).all()
     if not complete or left.size != right.size or p_left[0] <= 0.0 or p_right[0] <= 0.0 or p_right[5] <= 0.0:
         return rig_of_one_projection(left, right, name), None
+    _check_scale(_intrinsics_of_p(p_left), _intrinsics_of_p(p_right), f"{name}: P of right has", "those of P of left")
+    for side, camera in zip(SIDES, cameras, strict=True):
+        check_centre(camera.p[2], camera.p[6], camera.size, f"{name}/{side}")
     if have_one_camera_matrix(p_left, p_right):
         return rig_of_one_projection(left, right, name), None
-    _check_scale(_intrinsics_of_p(p_left), _intrinsics_of_p(p_right), f"{name}: P of right has", "those of P of left")
     common = _in_common(p_left, p_right)
     rig = rig_of_one_projection(left, replace(right, p=common), name)
     if _largest_shift_px(p_left, p_right, left.size) <= SAME_PX:

@@ -12,7 +12,7 @@ from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, read_bytes, refusing
-from sfr_loc_map.io.calibration.camera_info import baseline_from_projection
+from sfr_loc_map.io.calibration.camera_info import baseline_from_projection, check_baseline, check_centre
 from sfr_loc_map.io.tables.text_table import BOM
 
 
@@ -41,7 +41,10 @@ def read_rig(file: Path) -> StereoRig:
         T_rb_sb = None if pose is None else Transform.from_quat(pose.translation_m, pose.quat_xyzw)
         # computed as from camera_info messages, so that a rig from a file and from topics is bit-identical
         baseline_m = baseline_from_projection(fx, -(fx * found.baseline_m)) if fx else found.baseline_m
-        return StereoRig(found.width, found.height, fx, fy, cx, cy, baseline_m, T_rb_sb)
+        rig = StereoRig(found.width, found.height, fx, fy, cx, cy, baseline_m, T_rb_sb)
+    check_centre(cx, cy, (rig.width, rig.height), f"'{file}'")
+    check_baseline(baseline_m, f"'{file}'")
+    return rig
 
 
 def rig_json(rig: StereoRig) -> str:

@@ -162,7 +162,10 @@ def _by_camera_info(images: BagImages) -> tuple[StereoCalibration, str]:
             )
     left, right = (infos[topic.name] for topic in topics)
     if images.are_rectified:
-        one, other = (RectifiedCamera.of(info) for info in (left, right))
+        with naming(bag.path):
+            one, other = (
+                RectifiedCamera.of(topic.name, info) for topic, info in zip(topics, (left, right), strict=True)
+            )
         cameras = RectifiableCamera.of_rectified(one.size, one.p), RectifiableCamera.of_rectified(other.size, other.p)
     else:
         with naming(bag.path):
@@ -179,7 +182,8 @@ def check_one_calibration(images: BagImages, topic: Topic, messages: Iterable[by
     for raw in sorted(messages):
         info = images.bag.deserialise(topic, raw)
         if images.are_rectified:
-            rectified = RectifiedCamera.of(info)
+            with naming(images.bag.path):
+                rectified = RectifiedCamera.of(topic.name, info)
             camera = RectifiableCamera.of_rectified(rectified.size, rectified.p)
         else:
             with naming(images.bag.path):

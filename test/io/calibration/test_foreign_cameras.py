@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -325,3 +326,23 @@ def test_the_configuration_applies_to_each_truth_of_euroc(tmp_path: Path, truth:
     assert not alone.has_attitude
     assert alone.lever_arm_m == ((0.5, 0.0, 0.0) if has_marker else (0.0, 0.0, 0.0))
     assert truth_by(attitude="no", lever_arm_m=(0.0, 0.0, 2.0)).lever_arm_m == (0.0, 0.0, 2.0)
+
+
+@pytest.mark.parametrize("describe", [rig_of_raw_infos, rig_of_rectified_infos])
+@pytest.mark.parametrize("fault", ["double size", "region", "binning", "millimetres", "micrometres", "kilometres"])
+def test_camera_info_of_other_images_or_units_is_refused(describe: Callable[..., object], fault: str) -> None:
+    size = 2.0 if fault == "double size" else 1.0
+    unit = {"millimetres": 1e3, "micrometres": 1e6, "kilometres": 1e-3}.get(fault, 1.0)
+    rig = StereoRig(160, 120, 100.0, 100.0, 79.5, 59.5, 0.12)
+    infos = [camera_info(START_NS, rig, "loc", side) for side in SIDES]
+    for info in infos:
+        object.__setattr__(info, "k", info.k * np.where(info.k == 1.0, 1.0, size))
+        object.__setattr__(
+            info, "p", info.p * np.where(info.p == 1.0, 1.0, size) * np.where(np.arange(12) == 3, unit, 1)
+        )
+        if fault == "region":
+            object.__setattr__(info, "roi", replace(info.roi, x_offset=40, y_offset=30))
+        if fault == "binning":
+            object.__setattr__(info, "binning_x", 2)
+    with pytest.raises(InputError, match=r"principal point|region of interest|baseline"):
+        describe(infos, "loc")
