@@ -38,14 +38,14 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.methods.registry import config_text, find_method
-from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
-from sfr_loc_map.metrics.score.limits import Limits
+from sfr_loc_map.metrics.judging.reasons import unmet_conditions
 from sfr_loc_map.runs.drive_start import start_pose, unstamped_start_warning
 from sfr_loc_map.runs.localiser_run import Step, localiser_steps, run_localiser
 from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.runs.under_test import UnderTest
 from sfr_loc_map.scoring.inputs import InMemory, ScoreInputs
-from sfr_loc_map.scoring.load import load_run
+from sfr_loc_map.scoring.judgement import Judgement
+from sfr_loc_map.scoring.load import how_to_read, load_run
 from sfr_loc_map.scoring.request import ScoreRequest
 from sfr_loc_map.suite_names import OURS, Task
 
@@ -55,6 +55,7 @@ Start = str | Transform | StartPose  #: Start of a drive: `identity`, `truth`, o
 Parameters = PathLike | Mapping[str, object]  #: Parameters: a YAML file, or values by name (`{"max_features": 300}`).
 Estimate = PathLike | Trajectory | PointCloud
 Truth = PathLike | Trajectory | Source
+EXAMPLES = {"conditions": "distance=5", "convention": "frame=left_optical"}  #: Arguments of strings with an example.
 
 
 def open(
@@ -211,9 +212,10 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
     """Score an estimated trajectory or cloud against the ground truth, with the same figures as `sfr score`.
 
     - `estimate`, `truth`: objects or files. The truth of a cloud is a source with mapping pairs.
-    - `conditions`: ends of sub-trajectories: `distance=5` (default), `time=60`, `frames=100`, or `distance=5,time=10`
-      if both must hold.
-    - `limits`: a YAML file or its content. Without limits the score has no verdict.
+    - `conditions`: ends of sub-trajectories: `distance=5`, `time=60`, `frames=100`, or `distance=5,time=10` if both
+      must hold. None selects the `conditions` of the configuration of the source, by default `distance=5`.
+    - `limits`: a YAML file or its content. None selects the `limits` of the configuration of the source. Without
+      limits the verdict is None, or `incomplete` for an estimate that covers only a part of the drive or the map.
     - `stats`: files from `sfr localise --stats`, by default the one beside the file of the estimate. Results of
       `sfr.localise` and `sfr.map` contain their statistics.
 
@@ -241,7 +243,10 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
     to the kind of estimate. InputError for a file that is missing or invalid. MetricsError if figures cannot be
     computed, for example from poses without common stamps. A missed limit is no error: see `Score.verdict`.
 
-    A UserWarning reports what the command prints about a file: an inferred format or unit, and skipped rows.
+    The configuration of a source is that with which the source was opened, or the `sfr.yaml` in or beside its path.
+
+    A UserWarning reports what the command prints about a file: an inferred format or unit, and skipped rows. Another
+    UserWarning reports a condition that no sub-trajectory meets.
     """
     _check_flag("apply_diagnosis", apply_diagnosis)
     if fused is not None:
@@ -260,17 +265,20 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
         "apply_diagnosis": apply_diagnosis,
     }
     wanted = _conditions(conditions)
-    request = ScoreRequest.of(wanted, _limits(limits), scored_range=scored_range, **of_trajectories)
     inputs, in_memory = _inputs(estimate, truth, [path_of(file, "stats") for file in _items(stats)])
+    how = how_to_read(inputs)
+    by = Judgement.of(_limits(limits), wanted, how.configuration)
+    request = ScoreRequest.of(by.conditions, by.limits, scored_range=scored_range, **of_trajectories)
     if inputs.estimate is None and in_memory.estimate is None:
         _refuse_given({"conditions": wanted, **of_trajectories}, "trajectories: omit it for a cloud")
     if inputs.cloud is None and in_memory.cloud is None:
         _refuse_given({"scored_range": scored_range, "fused": fused}, "clouds: omit it for a trajectory")
-    limits_file = None if limits is None or isinstance(limits, Mapping) else path_of(limits)
-    run = load_run(replace(inputs, limits=limits_file), fused, in_memory)
+    run = load_run(replace(inputs, config=how, limits=by.limits_file), fused, in_memory)
     if run.drive is not None:
         _warn(*run.drive.notes)
-    return api_types.Score.of(request.score(request.converted(run)))
+    scored = request.score(request.converted(run))
+    _warn(*unmet_conditions(scored, by.asked).values())
+    return api_types.Score.of(scored)
 
 
 # ---- a run to be scored
@@ -328,13 +336,11 @@ def _own_calls(estimate: Trajectory | PointCloud) -> list[CallStats]:
 # ---- arguments
 
 
-def _limits(given: PathLike | Mapping[str, object] | None) -> Limits | None:
-    """Return the limits in a file or in its content."""
-    if given is None:
-        return None
-    if isinstance(given, Mapping):
-        return parse_limits(given, "limits")
-    return load_limits(path_of(given, "limits", "a path or the content of a file of limits"))
+def _limits(given: PathLike | Mapping[str, object] | None) -> Path | Mapping[str, object] | None:
+    """Return a limits file as a path, or its content; ConfigError if the argument has another type."""
+    if given is None or isinstance(given, Mapping):
+        return given
+    return path_of(given, "limits", "a path or the content of a limits file")
 
 
 def _conditions(given: Sequence[str] | None) -> Sequence[str] | None:
@@ -385,7 +391,7 @@ def _texts(name: str, values: Sequence[str]) -> Sequence[str]:
     wrong = [text for text in texts if not isinstance(text, str)]
     if wrong:
         found = one_line(f"{wrong[0]!r:.60}")
-        raise ConfigError(f"'{name}' has {found}: strings are required, such as 'distance=5' or 'frame=left_optical'")
+        raise ConfigError(f"'{name}' has {found}: strings are required, such as '{EXAMPLES[name]}'")
     return texts
 
 

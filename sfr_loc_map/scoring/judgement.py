@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import naming_key
 from sfr_loc_map.metrics.conditions import Condition
-from sfr_loc_map.metrics.judging.limits_file import load_limits
+from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
 
 
@@ -17,22 +17,26 @@ from sfr_loc_map.metrics.score.limits import Limits
 class Judgement:
     """Limits and conditions by which a run is judged."""
 
-    limits_file: Path | None
-    limits: Limits | None  #: Content of the limits file; None without limits.
+    limits_file: Path | None  #: None without limits, and for limits that were given as a mapping.
+    limits: Limits | None  #: None without limits.
     conditions: Sequence[str] | None  #: Conditions of options or of the configuration; None for the default.
 
     @classmethod
-    def of(cls, limits_file: Path | None, conditions: Sequence[str] | None, config: Configuration) -> Judgement:
+    def of(
+        cls, limits: Path | Mapping[str, object] | None, conditions: Sequence[str] | None, config: Configuration
+    ) -> Judgement:
         """Return the given limits and conditions, or else those of the configuration.
 
-        ConfigError for invalid limits, and for an invalid condition of the configuration.
+        `limits` is a limits file or its content. ConfigError for invalid limits, and for an invalid condition of the
+        configuration.
         """
         named, listed = config.sections.get("limits"), config.sections.get("conditions")
         check_conditions_of(config)
-        if limits_file is None and named:
-            limits_file = config.folder / named
-        limits = None if limits_file is None else load_limits(limits_file)
-        return cls(limits_file, limits, conditions or listed)
+        if limits is None and named:
+            limits = config.folder / named
+        if isinstance(limits, Mapping):
+            return cls(None, parse_limits(limits, "limits"), conditions or listed)
+        return cls(limits, None if limits is None else load_limits(limits), conditions or listed)
 
     @property
     def asked(self) -> tuple[Condition, ...]:

@@ -167,6 +167,8 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.open(folder, config={}), "config has the type dict: a path is required"),  # type: ignore[arg-type]
         (lambda: suite.localise(folder, (1, 2, 3)), "'start' is .1, 2, 3.: 'identity', 'truth' or a pose"),  # type: ignore[call-overload]
         (lambda: suite.localise(folder, np.eye(4)), "'start' is array[^\n]*: 'identity', 'truth' or a pose"),  # type: ignore[call-overload]
+        (lambda: suite.score(truth, folder, convention=None), "'convention' has None: [^\n]*'frame=left_optical'"),  # type: ignore[arg-type]
+        (lambda: suite.score(truth, folder, limits={}), "^limits: no limit is given"),
         (lambda: suite.score(truth, folder, []), "'conditions' is empty: give at least one"),
         (lambda: truth.save(folder / "poses.xyz"), "a name that ends in .csv, .txt, .tum or .kitti is required"),
         (lambda: truth.plot("truth"), "truth has the type str: a Trajectory is required"),  # type: ignore[arg-type]
@@ -408,6 +410,33 @@ def test_refine_poses_has_priority_over_the_parameters(
     option = {None: (), False: ("--no-refine-poses",), True: ("--refine-poses",)}[given]
     assert "kept" in sfr("map", folder, "-o", tmp_path / "cloud.ply", "--config", config, *option).err
     assert [how.refine_poses for how in used] == 2 * [configured if given is None else given]
+
+
+def test_conditions_and_limits_are_those_of_the_configuration_of_the_source_as_for_the_command(
+    folder: Path, estimate: suite.Trajectory, tmp_path: Path, sfr: Sfr
+) -> None:
+    data = tmp_path / "data"
+    shutil.copytree(folder, data)
+    estimate.save(tmp_path / "estimate.csv")
+    missed = {"trajectory": [{"condition": "frames=2", "position_mean_plus_3sigma_m": 1e-9}], "minimum_independent": 1}
+    (data / "lim.yaml").write_text(json.dumps(missed))
+    (data / "sfr.yaml").write_text("conditions: [frames=3]\nlimits: lim.yaml\n")
+    done = sfr("score", tmp_path / "estimate.csv", data, "--spacing", 1, "--json", "-")
+    assert done.code == 1
+    for truth in (data, suite.open(data)):
+        scored = suite.score(tmp_path / "estimate.csv", truth, spacing=1)
+        assert figures(scored.to_json()) == figures(done.out)
+        assert scored.verdict == "fail"
+    given = suite.score(estimate, data, ["frames=4"], LIMITS, spacing=1)
+    assert given.verdict == "pass"
+    assert given.figure("position", condition="frames=4") is not None
+    with pytest.raises(ConfigError, match="has no condition"):
+        given.figure("position", condition="frames=3")
+
+
+def test_a_condition_that_the_drive_never_meets_is_reported(folder: Path, estimate: suite.Trajectory) -> None:
+    with pytest.warns(UserWarning, match="condition distance=5000: the drive is"):
+        suite.score(estimate, folder, "distance=5000")
 
 
 def test_a_drive_is_scored_with_the_configuration_with_which_its_source_was_opened(

@@ -81,7 +81,7 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
             for block in blocks if isinstance(blocks, list) else [blocks]:
                 limits += _limits_of(section, block, f"{origin}: '{section}'", None)
     if not limits:
-        raise ConfigError(f"{origin}: the file has no limit: give at least one under {', '.join(LimitSection)}")
+        raise ConfigError(f"{origin}: no limit is given: give at least one under {', '.join(LimitSection)}")
     _check_unique(limits, origin)
     return Limits(
         limits=tuple(limits), minimum_count=minimum, minimum_independent=float(independent), data_set_sha256=hashes
