@@ -639,7 +639,7 @@ MUTATIONS = (
     Mutation("simulation/shading.py", "WALL_SKY + SKY_PER_COSINE * nz", "WALL_SKY - SKY_PER_COSINE * nz"),
     Mutation("simulation/shading.py", "math.exp(-distance / parameters.haze_m)", "math.exp(-distance)"),
     Mutation("simulation/sensor.py", "(0, 0), config.blur_px", "(0, 0), 2.0 * config.blur_px"),
-    Mutation("simulation/sensor.py", "config.gain_mismatch if camera else 0.0", "config.gain_mismatch"),
+    Mutation("simulation/sensor.py", 'config.gain_mismatch if side == "right" else 0.0', "config.gain_mismatch"),
     Mutation("simulation/tracer.py", "rig.fx * x + rig.cx * depth", "rig.fx * x + 0.5 * (rig.width - 1) * depth"),
     Mutation("simulation/tracer.py", "T_own_ds = T_ds_own.inverse()", "T_own_ds = T_ds_own"),
 )

@@ -142,7 +142,7 @@ class NavCamerasConfig(CamerasConfig):
 
 @dataclass(frozen=True, slots=True)
 class DriveConfig:
-    """Drive of the rover with the localisation cameras."""
+    """Drive of the rover with the localisation cameras. If it is disabled, the rover stays at the start."""
 
     enabled: bool = param(True, doc="Whether to render the drive (localisation pairs).")
     segments: tuple[str, ...] = param(
@@ -168,7 +168,7 @@ class DriveConfig:
 
 @dataclass(frozen=True, slots=True)
 class PanoramaConfig:
-    """Panorama of the mapping cameras on the mast, with the rover at the start of its path."""
+    """Panorama of up to three pairs of the mapping cameras on the mast, with the rover at the start of its path."""
 
     enabled: bool = param(False, doc="Whether to render the mapping pairs.")
     pan_deg: tuple[float, ...] = param(

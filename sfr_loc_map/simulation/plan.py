@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sfr_loc_map.configuration.parameters import checked
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.extrinsics import mast_head_in_rb
@@ -24,6 +25,7 @@ from sfr_loc_map.suite_names import Task
 
 PATH_STEP_M = 0.3  #: Distance between path points, around which ground and rocks are generated.
 MAX_PAIRS = 1_000_000  #: Largest number of pairs of a drive, as of the setting `drive.pairs`.
+MAX_PANORAMA_PAIRS = 3  #: Largest number of pairs of a panorama, from which one map is made [1.3].
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,11 +40,19 @@ class Plan:
 
     @classmethod
     def make(cls, config: SimulationConfig) -> Plan:
-        """Return the plan of a configuration; ConfigError if nothing is enabled or the path is invalid."""
+        """Return the plan of a configuration.
+
+        If the drive is disabled, the rover stays at the start of the drive, and the segments are ignored.
+
+        Raises ConfigError if a value is out of range, settings contradict each other, nothing is enabled, or the path
+        of an enabled drive is invalid.
+        """
+        config = checked(config)
         _check_settings(config)
         terrain = Terrain.make(config.seed, config.terrain, config.ground)
         rng = np.random.default_rng([config.seed, Stream.DRIVE])
-        states = states_of(config.drive, legs_of(config.drive), rng)
+        legs = legs_of(config.drive) if config.drive.enabled else []
+        states = states_of(config.drive, legs, rng)
         times = np.arange(len(states), dtype=np.float64) * STEP_S
         origins, rotations = settle_on_terrain(terrain, *states.T[:3])
         vibration = rng.normal(size=(int(times[-1] * VIBRATION_HZ) + 3, 4))
@@ -74,6 +84,11 @@ class Plan:
             return len(self.config.panorama.pan_deg) if self.config.panorama.enabled else 0
         return self.drive.count if self.config.drive.enabled else 0
 
+    def check_frame(self, task: Task, frame: int) -> None:
+        """Raise ConfigError if a task has no pair of this number."""
+        if not 0 <= frame < self.count(task):
+            raise ConfigError(f"frame is {frame}: {task} has {self.count(task)} pairs, numbered from 0")
+
     def stamp_ns(self, task: Task, frame: int) -> int:
         """Return the stamp of a pair, which is the middle of the exposure."""
         period = self.config.panorama.period_s if task is Task.MAPPING else self.config.drive.period_s
@@ -84,7 +99,10 @@ class Plan:
         return self.drive.pose(0.0 if task is Task.MAPPING else frame * self.config.drive.period_s + delay_s)
 
     def rig_pose(self, task: Task, frame: int, delay_s: float = 0.0) -> Transform:
-        """Return `T_ds_locsb` or `T_ds_navsb` at the stamp of a pair plus a short delay."""
+        """Return `T_ds_locsb` or `T_ds_navsb` at the stamp of a pair plus a short delay.
+
+        The delay does not move the mapping cameras, because the rover and the mast are stationary in a panorama.
+        """
         if task is Task.MAPPING:
             pan = math.radians(self.config.panorama.pan_deg[frame])
             tilt = math.radians(self.config.panorama.tilt_deg[frame])
@@ -118,13 +136,17 @@ def _check_settings(config: SimulationConfig) -> None:
     """Raise ConfigError if settings contradict each other."""
     pans = len(config.panorama.pan_deg)
     tilts = len(config.panorama.tilt_deg)
-    if pans != tilts:
+    if config.panorama.enabled and pans != tilts:
         raise ConfigError(f"panorama has {pans} pans and {tilts} tilts: equal numbers are required")
     if not (config.drive.enabled or config.panorama.enabled):
         raise ConfigError("neither drive nor panorama is enabled: enable at least one")
     if config.panorama.enabled and not pans:
         raise ConfigError("panorama.pan_deg is empty: give the pan and the tilt of a pair, or disable the panorama")
-    if not config.drive.segments:
+    if config.panorama.enabled and pans > MAX_PANORAMA_PAIRS:
+        raise ConfigError(
+            f"panorama.pan_deg has {pans} pairs: at most {MAX_PANORAMA_PAIRS} are allowed, from which one map is made"
+        )
+    if config.drive.enabled and not config.drive.segments:
         raise ConfigError("drive.segments is empty: give a segment ('stop 1')")
     rocks = config.rocks
     if rocks.cover > 0.0 and rocks.smallest_m >= rocks.largest_m:

@@ -17,21 +17,22 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import yaml
 
-from sfr_loc_map import __version__, geometry
+from sfr_loc_map import __version__, geometry, jit
 from sfr_loc_map.atomic import atomic_path, make_folder
 from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.configuration.parameters import build, flatten
 from sfr_loc_map.configuration.yaml_file import load_yaml
-from sfr_loc_map.errors import ConfigError, OutputError
+from sfr_loc_map.errors import ConfigError, OutputError, SfrError
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import read_text
 from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX
 from sfr_loc_map.io.calibration.rig_file import rig_json
+from sfr_loc_map.io.images import codec
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.layouts.folder import pair_row, pairs_lines
 from sfr_loc_map.io.tables.trajectory_writer import trajectory_text
@@ -41,25 +42,31 @@ from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.tracer import require_tracer
 from sfr_loc_map.simulation.world import World
 from sfr_loc_map.suffixes import suffix_of
-from sfr_loc_map.suite_names import SIDES, Task
+from sfr_loc_map.suite_names import SIDES, Side, Task
 
 SETTINGS = "simulation.yaml"  #: Name of the file with the settings in the folder of a simulation.
-CODE = (Path(__file__).parent, Path(geometry.__file__).parent)  #: Folders of the code that determines the images.
+CODE = tuple(
+    Path(path) for path in (Path(__file__).parent, Path(geometry.__file__).parent, jit.__file__, codec.__file__)
+)
+"""Folders and files of the code that determines the images."""
+
+
+Product = Side | Literal["truth"]
 
 
 class RenderJob(NamedTuple):
-    """One image (`left`, `right`), or one ground truth with mask (`truth`), of a task."""
+    """One image, or one ground truth with mask, of a task."""
 
     task: Task
     frame: int  #: Number of the pair.
-    what: str  #: `left`, `right` or `truth`.
+    product: Product  #: The image of a camera, or the ground truth of the left image.
 
     def files(self, folder: Path) -> list[Path]:
         """Return the output files."""
         number = f"{self.frame:06d}"
-        if self.what == "truth":
+        if self.product == "truth":
             return [folder / "masks" / f"{number}.png", folder / "truth" / f"{number}.npy"]
-        return [folder / self.what / f"{number}.png"]
+        return [folder / self.product / f"{number}.png"]
 
 
 def simulate(
@@ -70,8 +77,11 @@ def simulate(
 ) -> int:
     """Write a simulated data set with exact ground truth, and return the number of pairs.
 
-    An unfinished run with the same settings by the same code is continued. `progress` is called with the number of
-    finished jobs and the total.
+    An unfinished run with the same settings by the same code is continued. `workers` is the number of processes; 0 or 1
+    renders in this process. `progress` is called with the number of finished jobs and the total.
+
+    Raises ConfigError as `Plan.make`, and if `out` is a bag. Raises OutputError if the folder contains anything else
+    than this run, or if a worker is killed. Raises MissingExtraError if the ray tracer is not installed.
     """
     require_tracer()
     if suffix_of(out) in STORAGE_BY_SUFFIX:
@@ -85,7 +95,7 @@ def simulate(
             file.parent.mkdir(parents=True, exist_ok=True)
     for rest in out.rglob(".*.part"):  # left by a killed run
         shutil.rmtree(rest, ignore_errors=True)
-    todo = [job for job in jobs if not all(file.exists() for file in job.files(folders[job.task]))]
+    todo = [job for job in jobs if not all(map(_is_written, job.files(folders[job.task])))]
     progress(len(jobs) - len(todo), len(jobs))
     if todo:
         _render(plan, out, todo, workers, lambda done: progress(len(jobs) - len(todo) + done, len(jobs)))
@@ -96,15 +106,24 @@ def simulate(
 
 
 def can_continue(config: SimulationConfig, out: Path) -> bool:
-    """Return whether a folder holds an unfinished run with these settings by this version of the code."""
-    folders = task_folders(Plan.make(config), out).values()
-    return not _difference(config, out) and not all((folder / "pairs.csv").exists() for folder in folders)
+    """Return whether a folder holds an unfinished run with these settings by this version of the code.
+
+    Raises ConfigError as `Plan.make`.
+    """
+    plan = Plan.make(config)
+    folders = task_folders(plan, out).values()
+    return not _difference(plan.config, out) and not all((folder / "pairs.csv").exists() for folder in folders)
 
 
 def render_jobs(plan: Plan) -> list[RenderJob]:
     """Return the jobs of a plan."""
-    whats = {Task.LOCALISATION: SIDES, Task.MAPPING: (*SIDES, "truth")}
-    return [RenderJob(task, frame, what) for task in Task for frame in range(plan.count(task)) for what in whats[task]]
+    products: dict[Task, tuple[Product, ...]] = {Task.LOCALISATION: SIDES, Task.MAPPING: (*SIDES, "truth")}
+    return [
+        RenderJob(task, frame, product)
+        for task in Task
+        for frame in range(plan.count(task))
+        for product in products[task]
+    ]
 
 
 def task_folders(plan: Plan, out: Path) -> dict[Task, Path]:
@@ -128,11 +147,13 @@ def _code_line() -> str:
 def _difference(config: SimulationConfig, out: Path) -> str:
     """Return how the simulation in a folder differs; empty if settings and code are the same."""
     try:
-        if build(SimulationConfig, load_yaml(out / SETTINGS)) != config:
-            return "with other settings"
-        return "" if read_text(out / SETTINGS).startswith(_code_line()) else "by another version of the code"
-    except (ConfigError, OSError, ValueError):
+        found = build(SimulationConfig, load_yaml(out / SETTINGS))
+        text = read_text(out / SETTINGS)
+    except (SfrError, OSError, ValueError) as error:
+        return f"whose settings cannot be read ({error})"
+    if found != config:
         return "with other settings"
+    return "" if text.startswith(_code_line()) else "by another version of the code"
 
 
 def _claim(config: SimulationConfig, out: Path) -> None:
@@ -212,12 +233,17 @@ def _write_job(world: World, folder: Path, job: RenderJob) -> None:
 
 def rendered(world: World, job: RenderJob) -> list[bytes]:
     """Return the contents of a job's files."""
-    if job.what != "truth":
-        return [encode_png(world.image(job.task, job.frame, SIDES.index(job.what)))]
+    if job.product != "truth":
+        return [encode_png(world.image(job.task, job.frame, job.product))]
     points, mask = world.truth(job.frame)
     stream = io.BytesIO()
     np.save(stream, points)
     return [encode_png(mask), stream.getvalue()]
+
+
+def _is_written(path: Path) -> bool:
+    """Return whether a file of a job is complete. A file that is empty was lost when the computer stopped."""
+    return path.is_file() and path.stat().st_size > 0
 
 
 def _write(path: Path, content: bytes) -> None:

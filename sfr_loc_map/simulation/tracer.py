@@ -15,6 +15,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit
 from sfr_loc_map.simulation.ground_mesh import Mesh
 from sfr_loc_map.simulation.noise import hash2, mix, unit
+from sfr_loc_map.suite_names import Side
 
 SKY = -2  #: Object number of the sky.
 GROUND = -1  #: Object number of the ground; rocks are numbered from 0.
@@ -83,10 +84,10 @@ def _disc(
             out[n, k] = sun[k] + a * side[k] + b * up[k]
 
 
-def camera_pose(T_ds_sb: Transform, rig: StereoRig, *, right: bool) -> Transform:
+def camera_pose(T_ds_sb: Transform, rig: StereoRig, side: Side) -> Transform:
     """Return `T_ds_cam` of the left or right optical frame."""
     T_ds_left = T_ds_sb @ rig.T_sb_left
-    if not right:
+    if side == "left":
         return T_ds_left
     return T_ds_left @ Transform(np.eye(3), np.array([rig.baseline_m, 0.0, 0.0]))
 

@@ -8,6 +8,7 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, IntArray, PointImage
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.simulation import tracer
@@ -18,7 +19,7 @@ from sfr_loc_map.simulation.rocks import place_rocks, rock_meshes
 from sfr_loc_map.simulation.rover import HALF_WIDTH_M, rover_mesh
 from sfr_loc_map.simulation.sensor import TASK_SEEDS, sensor_image
 from sfr_loc_map.simulation.shading import shade, shading_parameters, sun_direction
-from sfr_loc_map.suite_names import Task
+from sfr_loc_map.suite_names import SIDES, Side, Task
 
 
 class MaskBit(IntFlag):
@@ -44,13 +45,19 @@ class World:
         self._shading = shading_parameters(config, self._sun, plan.terrain)
         self._rover = tracer.Tracer(rover_mesh()) if config.light.rover_shadow else None
 
-    def image(self, task: Task, frame: int, camera: int) -> GreyImage:
-        """Return the rectified image `(H, W)` of a camera (0 left, 1 right)."""
+    def image(self, task: Task, frame: int, side: Side) -> GreyImage:
+        """Return the rectified image `(H, W)` uint8 of a camera; errors as those of `brightness`."""
         config = self.plan.config
-        return sensor_image(self.brightness(task, frame, camera), config.seed, config.sensor, task, frame, camera)
+        return sensor_image(self.brightness(task, frame, side), config.seed, config.sensor, task, frame, side)
 
-    def brightness(self, task: Task, frame: int, camera: int) -> FloatImage:
-        """Return the brightness `(H, W)` before the sensor, as a fraction of the full range."""
+    def brightness(self, task: Task, frame: int, side: Side) -> FloatImage:
+        """Return the brightness `(H, W)` before the sensor, as a fraction of the full range.
+
+        Raises ConfigError if the task has no pair of this number, or if the side is neither "left" nor "right".
+        """
+        if side not in SIDES:
+            raise ConfigError(f"side is {side!r}: one of {', '.join(SIDES)} is required")
+        self.plan.check_frame(task, frame)
         config = self.plan.config
         rig = self.plan.rig(task)
         sensor = config.sensor
@@ -58,14 +65,16 @@ class World:
         total = np.zeros(rig.height * rig.width, np.float32)
         for k, (du, dv, moment) in enumerate(tracer.sample_offsets(sensor.samples)):
             delay = moment * sensor.exposure_s
-            T_ds_cam = tracer.camera_pose(self.plan.rig_pose(task, frame, delay), rig, right=bool(camera))
+            T_ds_cam = tracer.camera_pose(self.plan.rig_pose(task, frame, delay), rig, side)
             occluder = self._occluder(task, frame, delay)
             for pixels in _bands(len(total)):
                 u = pixels % rig.width + du
                 v = pixels // rig.width + dv
                 rays = tracer.pixel_rays(rig, T_ds_cam, u, v)
                 hits = tracer.trace_primary_rays(self._tracer, T_ds_cam.translation, rays)
-                key = sub_seed(config.seed, Stream.SUN_SAMPLES, TASK_SEEDS[task], frame, camera, k, int(pixels[0]))
+                key = sub_seed(
+                    config.seed, Stream.SUN_SAMPLES, TASK_SEEDS[task], frame, SIDES.index(side), k, int(pixels[0])
+                )
                 suns = tracer.sun_rays(self._sun, sun_radius_rad, len(pixels), key)
                 lit = tracer.trace_shadow_rays(self._tracer, hits, suns, occluder)
                 bright = np.empty(len(pixels), np.float32)
@@ -74,11 +83,15 @@ class World:
         return (total / np.float32(sensor.samples)).reshape(rig.height, rig.width)
 
     def truth(self, frame: int) -> tuple[PointImage, NDArray[np.uint8]]:
-        """Return the points `(H, W, 3)` of the left image, m, LM, NaN for sky, and the mask `(H, W)` of `MaskBit`."""
+        """Return the points `(H, W, 3)` of the left image, m, LM, NaN for sky, and the mask `(H, W)` of `MaskBit`.
+
+        Raises ConfigError if the panorama has no pair of this number.
+        """
+        self.plan.check_frame(Task.MAPPING, frame)
         rig = self.plan.rig(Task.MAPPING)
         T_ds_sb = self.plan.rig_pose(Task.MAPPING, frame)
-        T_ds_left = tracer.camera_pose(T_ds_sb, rig, right=False)
-        T_ds_right = tracer.camera_pose(T_ds_sb, rig, right=True)
+        T_ds_left = tracer.camera_pose(T_ds_sb, rig, "left")
+        T_ds_right = tracer.camera_pose(T_ds_sb, rig, "right")
         count = rig.height * rig.width
         points = np.empty((count, 3), np.float32)
         mask = np.zeros(count, np.uint8)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from math import cos, pi, radians, sin
 from typing import Any
 
@@ -193,6 +194,28 @@ def test_a_drive_whose_states_do_not_fit_into_memory_is_refused(
 def test_too_many_pairs_are_refused(config: Maker) -> None:
     with pytest.raises(ConfigError, match=r"1000001 pairs: at most 1000000 .* drive\.period_s"):
         Plan.make(config(**FLAT, **STEADY, drive__segments=["stop 1000"], drive__period_s=0.001))
+
+
+def test_a_configuration_that_was_not_checked_is_refused() -> None:
+    light = replace(SimulationConfig().light, sun_elevation_deg=-20.0)
+    with pytest.raises(ConfigError, match=r"light\.sun_elevation_deg"):
+        Plan.make(replace(SimulationConfig(), light=light))
+
+
+def test_a_disabled_drive_is_not_checked_and_its_rover_is_at_the_start(config: Maker) -> None:
+    panorama = {"panorama__enabled": True, "drive__start_heading_deg": 30.0}
+    drives = Plan.make(config(**panorama))
+    stands = Plan.make(config(**panorama, drive__enabled=False, drive__segments=["straight 1e9"]))
+    assert np.array_equal(stands.lm_pose(1).matrix, drives.lm_pose(1).matrix)
+    assert np.array_equal(stands.T_ds_lm.matrix, drives.T_ds_lm.matrix)
+    with pytest.raises(ConfigError, match="frame is 2"):
+        stands.check_frame(Task.MAPPING, 2)
+
+
+def test_a_panorama_of_more_pairs_than_a_map_has_is_refused(config: Maker) -> None:
+    angles = [0.0] * 4
+    with pytest.raises(ConfigError, match=r"panorama\.pan_deg has 4 pairs"):
+        Plan.make(config(panorama__enabled=True, panorama__pan_deg=angles, panorama__tilt_deg=angles))
 
 
 @pytest.mark.parametrize("drives", [True, False])

@@ -7,14 +7,14 @@ from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.simulation.config import SensorConfig
 from sfr_loc_map.simulation.sensor import sensor_image
-from sfr_loc_map.suite_names import Task
+from sfr_loc_map.suite_names import SIDES, Task
 
 PLAIN = {"blur_px": 0.0, "full_well": 0.0, "read_noise_grey": 0.0}
 HALF = np.full((120, 160), 0.5, np.float32)
 
 
 def image(bright: FloatImage, frame: int, camera: int, **changes: object) -> GreyImage:
-    return sensor_image(bright, 7, build(SensorConfig, {**PLAIN, **changes}), Task.LOCALISATION, frame, camera)
+    return sensor_image(bright, 7, build(SensorConfig, {**PLAIN, **changes}), Task.LOCALISATION, frame, SIDES[camera])
 
 
 def test_same_frame_and_camera_same_bytes_others_differ() -> None:

@@ -146,6 +146,9 @@ def test_a_folder_of_another_simulation_is_refused_and_a_finished_one_is_unchang
     (other / SETTINGS).write_text(settings_text(CONFIG).partition("\n")[2])
     with pytest.raises(OutputError, match="by another version of the code"):
         simulate(CONFIG, other)
+    (other / SETTINGS).write_text("seed: [")
+    with pytest.raises(OutputError, match="settings cannot be read"):
+        simulate(CONFIG, other)
     (tmp_path / "a.txt").write_text("a")
     with pytest.raises(OutputError, match="is not a simulation"):
         simulate(CONFIG, tmp_path)

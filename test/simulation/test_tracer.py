@@ -77,10 +77,10 @@ def test_occlusion_is_that_of_a_plate_before_a_wall(centre: tuple[float, float])
     plate = square(np.array([1.0, 0.0, 0.0]), 0.1 * right, -4.0 * down, 3)
     tracer = Tracer(Mesh.join([wall, plate]))
     T_ds_sb = Transform(np.eye(3), np.zeros(3))
-    T_ds_left = camera_pose(T_ds_sb, rig, right=False)
+    T_ds_left = camera_pose(T_ds_sb, rig, "left")
     u = np.arange(64.0)
     hits = trace_primary_rays(tracer, T_ds_left.translation, pixel_rays(rig, T_ds_left, u, np.full(64, rig.cy)))
-    mask = occlusion_mask(tracer, hits, camera_pose(T_ds_sb, rig, right=True), rig)
+    mask = occlusion_mask(tracer, hits, camera_pose(T_ds_sb, rig, "right"), rig)
     across = hits.points @ right
     on_wall = hits.objects == GROUND
     right_column = rig.fx * (across - 0.1) / hits.points[:, 0] + rig.cx

@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.world import MaskBit, World
-from sfr_loc_map.suite_names import Task
+from sfr_loc_map.suite_names import SIDES, Task
 
 pytestmark = pytest.mark.slow
 
@@ -48,7 +48,7 @@ def shift_between(world: World) -> FloatArray:
     warped by the truth."""
     truth, mask = world.truth(0)
     rig = world.plan.rig(Task.MAPPING)
-    left, right = (world.brightness(Task.MAPPING, 0, side) * 255 for side in (0, 1))
+    left, right = (world.brightness(Task.MAPPING, 0, side) * 255 for side in SIDES)
     disparity = (rig.fx * rig.baseline_m / left_points(world, truth)[..., 2]).astype(np.float32)
     v, u = np.mgrid[: rig.height, : rig.width].astype(np.float32)
     good = cv2.erode(
