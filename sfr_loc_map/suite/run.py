@@ -184,15 +184,16 @@ def run_and_keep(
     progress: Progress,
     decision: SequentialDecision | None = None,
 ) -> None:
-    """Run jobs and save each outcome. With a `decision`, stop when the sequential tests have decided all limits.
+    """Run jobs on the workers of a client, and save each outcome when the job has finished.
 
-    A job whose source changes meanwhile fails, because its result is not that of the planned data.
+    A job fails if the files of its source have changed since the plan hashed them, because its result is then not that
+    of the planned data. With a `decision`, stop when the sequential tests have decided all limits. `say` receives the
+    line that reports this.
     """
-    states = {job.key: state_of(job.source) for job in jobs}
     with closing(run_jobs(client, jobs, settings.timeout_s, store.cache, at_work)) as outcomes:
         progress(0, len(jobs), None)
         for done, (job, found) in enumerate(outcomes, 1):
-            outcome = found if state_of(job.source) == states[job.key] else source_changed(job)
+            outcome = found if state_of(job.source) == job.source.state else source_changed(job)
             store.save(job, outcome)
             progress(done, len(jobs), (job, outcome))
             if decision is None:

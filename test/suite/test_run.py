@@ -1,4 +1,4 @@
-"""`run_suite` gives the same results from Python as the command, runs no job twice, and notices changed sources."""
+"""`run_suite` gives the same results from Python as the command, runs no job twice, and rejects changed sources."""
 
 from __future__ import annotations
 
@@ -10,9 +10,14 @@ from typing import Any
 import pytest
 
 from helpers.made_suites import JOB, made_suite
-from sfr_loc_map.suite import Store, load_specification, run, run_suite
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.metrics.stored.score_json import from_json, to_json
+from sfr_loc_map.suite import Store, load_specification, make_plan, run, run_suite
+from sfr_loc_map.suite.running.facts_cache import FactsCache
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import JobOutcome, JobState
+from sfr_loc_map.suite.running.job_run import run_job
+from sfr_loc_map.suite.running.source_readers import state_of
 from sfr_loc_map.suite.running.specification import SuiteSettings
 
 pytest.importorskip("distributed", reason="needs the extra [suite]")
@@ -42,14 +47,17 @@ def test_a_suite_is_run_from_python(tmp_path: Path) -> None:
     assert not steps, "nothing is run twice"
 
 
-@pytest.mark.parametrize("change", ["written", "replaced", "removed", "none"])
+@pytest.mark.parametrize("change", ["written", "replaced", "removed", "before the run", "none"])
 def test_a_job_whose_source_changes_during_the_run_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: str
 ) -> None:
     """The key of its result names the planned data."""
     drive = tmp_path / "drive.mcap"
     drive.write_text("drive")
-    job = replace(JOB, source=replace(JOB.source, path=str(drive)))
+    source = replace(JOB.source, path=str(drive))
+    job = replace(JOB, source=replace(source, state=state_of(source)))
+    if change == "before the run":
+        drive.write_text("other")
 
     def run_jobs(*given: Any) -> Iterator[tuple[Job, JobOutcome]]:
         if change in ("replaced", "removed"):
@@ -65,3 +73,18 @@ def test_a_job_whose_source_changes_during_the_run_fails(
     assert store.state(job) is (JobState.DONE if change == "none" else JobState.FAILED)
     if change != "none":
         assert "was changed while the suite was running" in store.failure(job).message
+
+
+def test_a_score_of_other_files_is_refused(tmp_path: Path) -> None:
+    """An estimate that was swapped between plan and job gives a score whose inputs are not those of the plan."""
+    suite = made_suite(tmp_path, 2)
+    store = Store(tmp_path / "out")
+    jobs, _ = make_plan(load_specification(suite), FactsCache(store.cache).facts_of, store.cache)
+    (tmp_path / "drive0.csv").write_bytes((tmp_path / "drive1.csv").read_bytes())
+    score = run_job(jobs[0], tmp_path, store.cache)
+    store.save(jobs[0], JobOutcome(result=to_json(score)))
+    with pytest.raises(InputError, match=r"the estimate of .* is not the file of the plan"):
+        store.score(jobs[0])
+    scored = run_job(jobs[1], tmp_path, store.cache)
+    store.save(jobs[1], JobOutcome(result=to_json(scored)))
+    assert store.score(jobs[1]) == from_json(to_json(scored), "")

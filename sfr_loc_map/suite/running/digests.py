@@ -18,6 +18,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.hashes import hash_path, visible_files
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_settings import config_beside
+from sfr_loc_map.scoring.input_files import read_files
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.suite.running.job import digest
 
@@ -84,6 +85,14 @@ def code_fingerprint() -> str:
 def estimate_hash(estimate: Path, truth: Path) -> str:
     """Return the hash of an estimate, its truth and its calls. The calls contain findings and lost poses."""
     return hash_of(files_of_estimate(estimate, truth))
+
+
+def input_hashes(estimate: Path, truth: Path) -> dict[str, str]:
+    """Return the hashes of an estimate, its truth and its calls, by their role in the provenance of a score."""
+    inputs = ScoreInputs.of(estimate, truth)
+    stats = {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
+    named = {"estimate": inputs.estimate, "truth": inputs.truth, "cloud": inputs.cloud, "map_truth": inputs.map_truth}
+    return {role: cached(file.path, hash_path) for role, file in read_files({**named, **stats}).items()}
 
 
 def files_hash(place: Path) -> str:

@@ -73,6 +73,9 @@ class JobSource:
     settings: Mapping[str, object] = field(default_factory=dict)  #: All settings of a simulation; otherwise empty.
     sha256: str  #: Hash of the content, or of the settings; empty before the plan.
     truth_sha256: str = ""  #: Hash of the truth of an estimate; otherwise empty.
+    #: Hashes of estimate, truth and calls by their role in the provenance of the score; empty for other kinds.
+    input_sha256: Mapping[str, str] = field(default_factory=dict)
+    state: str = ""  #: State of the files before they were hashed (`state_of`); empty without files.
     drive: str = ""  #: Hash of the drive of the source, which copies share; empty before the plan.
     variant: str = ""  #: Variant of an error budget (`variants.py`); otherwise empty.
     faults: str = ""  #: Faults that belong to the variant, joined by `+`.

@@ -82,14 +82,16 @@ def _check_jobs(store: Store, jobs: Collection[Job], unread: Collection[str]) ->
 
 
 def _by_identity(jobs: Collection[Job], *, has_same_code: bool) -> Iterator[tuple[str, Job]]:
-    """Yield each job by the hash of its content without paths, code, and the files in SFR_METHOD_FILES.
+    """Yield each job by the hash of its content.
+
+    The hash excludes paths, states of files, the code, and the files in SFR_METHOD_FILES.
 
     Another version of the code may detect other copies of drives, so that the drive is only compared for the same code.
     The variable SFR_METHOD_FILES may be unset, because a report runs no method.
     """
     for job in jobs:
         drive = job.source.drive if has_same_code else ""
-        source = replace(job.source, path="", truth="", drive=drive)
+        source = replace(job.source, path="", truth="", state="", drive=drive)
         parameters = {name: value for name, value in job.parameters.items() if not name.endswith(METHOD_FILES_SHA256)}
         yield digest(replace(job, source=source, parameters=parameters, code="")), job
 

@@ -17,11 +17,20 @@ from sfr_loc_map.configuration.parameters import build, flatten
 from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.suite.running.digests import estimate_hash, file_state, files_hash, files_of_estimate, files_of_source
+from sfr_loc_map.suite.running.digests import (
+    estimate_hash,
+    file_state,
+    files_hash,
+    files_of_estimate,
+    files_of_source,
+    input_hashes,
+)
 from sfr_loc_map.suite.running.drive_copies import DriveTrace, trace_of_estimate, trace_of_source
 from sfr_loc_map.suite.running.job import JobSource, JobTask, SourceKind, digest, tasks_for
 from sfr_loc_map.suite.running.source_cache import expand, fetch, rendered
 from sfr_loc_map.suite.running.source_names import last_part, pattern_in
+
+UNREADABLE = "unreadable"  #: State of a source of which a file cannot be read.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,9 +93,10 @@ class FileSource(SourceReader):
 
     def ready(self, source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
         """Inspect the file."""
+        state = state_of(source)  # before the files are hashed, so that a later change is detected
         facts = facts_of(Path(source.path))
         possible = tasks_for(has_drive=facts.pairs > 0, has_panorama=facts.nav_pairs > 0)
-        return ReadySource(replace(source, sha256=facts.sha256), possible, facts.trace)
+        return ReadySource(replace(source, sha256=facts.sha256, state=state), possible, facts.trace)
 
 
 class RemoteSource(FileSource):
@@ -128,7 +138,13 @@ class EstimateSource(SourceReader):
     def ready(self, source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
         """Hash the files."""
         estimate, truth = Path(source.path), Path(source.truth)
-        hashed = replace(source, sha256=estimate_hash(estimate, truth), truth_sha256=files_hash(truth))
+        hashed = replace(
+            source,
+            state=state_of(source),  # before the files are hashed, so that a later change is detected
+            sha256=estimate_hash(estimate, truth),
+            truth_sha256=files_hash(truth),
+            input_sha256=input_hashes(estimate, truth),
+        )
         return ReadySource(hashed, (JobTask.SCORE,), trace_of_estimate(estimate, truth))
 
     def files(self, source: JobSource) -> tuple[Path, ...]:
@@ -194,12 +210,16 @@ def read_sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource
     yield from reader.sources(entry, folder, origin)
 
 
-def state_of(source: JobSource) -> str | None:
-    """Return the state of the files of a planned source; None if one of them cannot be read."""
+def state_of(source: JobSource) -> str:
+    """Return the state of the files of a source; empty if the source has no files.
+
+    The state of an unreadable source differs from every other state.
+    """
     try:
-        return digest([file_state(file) for file in SOURCE_READERS[source.kind].files(source)])
+        files = SOURCE_READERS[source.kind].files(source)
+        return digest([file_state(file) for file in files]) if files else ""
     except SfrError:
-        return None
+        return UNREADABLE
 
 
 def inspect_file(path: Path) -> SourceFacts:

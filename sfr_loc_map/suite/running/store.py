@@ -252,7 +252,10 @@ class Store:
         return JobState.DONE if (self.results / name).is_file() else JobState.WAITING
 
     def score(self, job: Job) -> Score:
-        """Return the score of a job; raise InputError if the file has no hash or contains the score of another job."""
+        """Return the score of a job.
+
+        InputError if the file has no hash, or if the score is that of another job or of other files.
+        """
         path = self.results / f"{job.key}.json"
         content = _read(path)
         try:
@@ -262,6 +265,10 @@ class Store:
         description = _description({} if score.provenance is None else score.provenance.configuration, path)
         if description.key != job.key:
             raise InputError(f"'{path}' is the result of '{description.source}', not of '{job.label}': {ADVICE}")
+        inputs = {} if score.provenance is None else score.provenance.inputs
+        for role, sha256 in job.source.input_sha256.items():
+            if role not in inputs or inputs[role].sha256 != sha256:
+                raise InputError(f"'{path}': the {role} of '{job.label}' is not the file of the plan: {ADVICE}")
         return score
 
     def failure(self, job: Job) -> JobFailure:
