@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sfr_loc_map.configuration.sections import Key
 from sfr_loc_map.configuration.yaml_file import to_yaml_lines
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.judging.limits_template import CONDITION, active_limits, is_edited, limits_text
-from sfr_loc_map.source_setup.proposal import Proposal, TruthComponents, Value
+from sfr_loc_map.source_setup.proposal import Proposal, TruthComponents
 
 HEAD = """\
 # Parameters of the localiser and the mapper with [unit] (smallest .. largest), at their defaults. Change what you
@@ -27,15 +26,14 @@ def configuration_text() -> str:
     return HEAD + "\n".join(lines) + "\n"
 
 
-def initial_limits(proposal: Proposal, path: Path) -> tuple[Value, str | None]:
-    """Return the value of a proposal that names the file of limits `path`, and the text of this file.
+def is_kept(path: Path) -> bool:
+    """Return whether a limits file exists that differs from the files of `sfr init`, and is therefore not replaced."""
+    return path.is_file() and is_edited(path.read_text(encoding="utf-8", errors="replace"))
 
-    The text is None if the user has edited an existing file, which is then kept.
-    """
-    if path.exists() and is_edited(path.read_text(encoding="utf-8", errors="replace")):
-        return Value(Key("limits"), path.name, "the existing file is kept"), None
+
+def initial_limits(proposal: Proposal) -> str:
+    """Return the text of a limits file for a recording: placeholders for what its ground truth can judge."""
     conditions = proposal.sections.get("conditions") or [CONDITION]
     truth = proposal.truth or TruthComponents()
     active = active_limits(has_attitude=truth.has_attitude, has_height=truth.has_height, has_tilt=truth.has_tilt)
-    text = limits_text(conditions[0], active)
-    return Value(Key("limits"), path.name, "placeholders: replace them by your limits"), text
+    return limits_text(conditions[0], active)

@@ -75,6 +75,37 @@ def test_limits_of_init_are_taken_and_name_every_figure(sfr: Sfr, tmp_path: Path
     assert {item.section for item in load_limits(limits).limits} == set(LIMITED_NUMBERS)
 
 
+@pytest.mark.parametrize("edit", [(": 0.1", ": 0.0777"), ("condition: ", "condition: time=60,")])
+@pytest.mark.parametrize("has_source", [False, True])
+def test_init_keeps_edited_limits_and_replaces_placeholders(
+    sfr: Sfr, tmp_path: Path, edit: tuple[str, str], has_source: bool
+) -> None:
+    source = ["--from", broken.good_folder(tmp_path / "data")] if has_source else []
+    folder = tmp_path / "rover"
+    limits = folder / "limits.yaml"
+    sfr("init", folder, *source)
+    written = limits.read_text()
+    sfr("init", folder, *source, "--overwrite")
+    assert limits.read_text() == written
+    edited = written.replace(*edit, 1)
+    for text in (edited, edited.rsplit("\n", 2)[0]):
+        limits.write_text(text)
+        assert f"{limits} (the existing file is kept)" in sfr("init", folder, *source, "--overwrite").out
+        assert limits.read_text() == text
+    limits.unlink()
+    limits.mkdir()
+    assert f"cannot write '{limits}': it is a folder" in sfr("init", folder, *source, "--overwrite").err
+
+
+@pytest.mark.parametrize("name", ["sfr.yaml", ""])
+def test_init_requires_the_name_of_a_folder(
+    sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert sfr("init", name).code == 2
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_the_next_step_repeats_the_options_that_were_given(hints: Sfr, trajectory: Path) -> None:
     given = ("score", trajectory, trajectory, "--condition", "frames=3")
     steps = [hints(*given).err.splitlines()[-1].partition("    #")[0]]

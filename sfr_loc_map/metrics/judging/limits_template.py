@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from itertools import product
+import hashlib
 
 from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, MINIMUM_COUNT, MINIMUM_INDEPENDENT, LimitSection
 
@@ -30,7 +29,7 @@ CONDITION = "distance=5"
 POSES = "position_mean_plus_3sigma_m", "attitude_mean_plus_3sigma_deg", "heading_mean_plus_3sigma_deg"
 POSITIONS = "position_mean_plus_3sigma_m", "chord_mean_plus_3sigma_m"  #: Limits for a truth with only positions.
 HORIZONTAL = ("horizontal_mean_plus_3sigma_m",)  #: Limits for a truth with only positions and without heights.
-TRUTHS = tuple(product((True, False), repeat=3))  #: Combinations of known attitudes, heights, and roll and pitch.
+HASH_OF_LINES = "# sfr init --overwrite keeps this file if it was edited. SHA-256 of the lines above: "
 LIMITS_MEANINGS = {
     "completeness": "Fractions of the estimate or the cloud that are missing or cannot be judged",
     "map": "Errors of a map; in a score without a map these limits have not enough data",
@@ -49,7 +48,10 @@ def active_limits(*, has_attitude: bool, has_height: bool, has_tilt: bool) -> tu
 
 
 def limits_text(condition: str = CONDITION, active: tuple[str, ...] = POSES) -> str:
-    """Return the text of a limits file, in which all limits but those named in `active` are commented out."""
+    """Return the text of a limits file, in which all limits but those named in `active` are commented out.
+
+    The last line contains the hash of the other lines.
+    """
     head = LIMITS_HEAD.replace("{minimum_count}", f"{MINIMUM_COUNT}")
     head = head.replace("{minimum_independent}", f"{MINIMUM_INDEPENDENT:g}")
     lines = [head.replace("{condition}", condition)]
@@ -60,13 +62,19 @@ def limits_text(condition: str = CONDITION, active: tuple[str, ...] = POSES) -> 
         lines += [
             f"#   {name}: {1.0e9 if name.endswith('_bytes') else 0.5}" for name in LIMITED_NUMBERS[LimitSection(part)]
         ]
-    return "\n".join(lines) + "\n"
+    content = "\n".join(lines) + "\n\n"
+    return content + _hash_line(content)
 
 
 def is_edited(text: str) -> bool:
-    """Return whether the text of a limits file differs from all texts that `limits_text` returns."""
-    condition = re.search("- condition: (.*)", text)
-    if condition is None:
-        return True
-    known = (dict(zip(("has_attitude", "has_height", "has_tilt"), each, strict=True)) for each in TRUTHS)
-    return text not in {limits_text(condition[1], active_limits(**each)) for each in known}
+    """Return whether the text of a limits file differs from every text that `limits_text` returned.
+
+    A text without a hash in its last line is edited.
+    """
+    content, separator, sha256 = text.rpartition(HASH_OF_LINES)
+    return not separator or sha256 != _hash_line(content).removeprefix(HASH_OF_LINES)
+
+
+def _hash_line(content: str) -> str:
+    """Return the last line of a limits file, by which changes of the other lines are detected."""
+    return f"{HASH_OF_LINES}{hashlib.sha256(content.encode()).hexdigest()}\n"
