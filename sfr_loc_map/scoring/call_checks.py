@@ -169,15 +169,14 @@ def stamps_with_images(stats: Sequence[CallStats]) -> set[int]:
     return set(_named_images(stats, lambda calls: calls.is_localisation))
 
 
-def check_images(stats: Sequence[CallStats], pairs: Sequence[StereoPair], place: Path) -> None:
-    """Raise InputError if calls of a localiser were made on other images than those of `pairs` from a source.
+def other_images(stats: Sequence[CallStats], pairs: Sequence[StereoPair], place: Path) -> Iterator[str]:
+    """Yield a caveat if calls of a localiser were made on other images than those of `pairs` from a source.
 
     Each of the `pairs` in the source at `place` has a call with a hash (`stamps_with_images`).
     """
     named = _named_images(stats, lambda calls: calls.is_localisation)
-    other = sum(named[pair.stamp_ns] != {hash_of_pair(pair)} for pair in pairs)
-    if other:
-        raise InputError(_other_images(f"{other} of {len(pairs)} compared pairs", place))
+    if other := sum(named[pair.stamp_ns] != {hash_of_pair(pair)} for pair in pairs):
+        yield _other_images(f"{other} of {len(pairs)} compared pairs", place)
 
 
 def check_cloud(stats: Sequence[CallStats], cloud: PointCloud | None) -> None:
@@ -189,10 +188,10 @@ def check_cloud(stats: Sequence[CallStats], cloud: PointCloud | None) -> None:
         )
 
 
-def check_map_images(stats: Sequence[CallStats], pairs: Sequence[StereoPair], place: Path) -> None:
-    """Raise InputError if calls of a mapper were made on other images than those of a source.
+def other_map_images(stats: Sequence[CallStats], pairs: Sequence[StereoPair], place: Path) -> Iterator[str]:
+    """Yield a caveat if calls of a mapper were made on other images than those of a source.
 
-    `pairs` are those of the cloud in the source at `place`. Calls without a hash are not checked.
+    `pairs` are those of the cloud in the source at `place`. Calls without a hash are not compared.
     """
     hashes = {pair.stamp_ns: hash_of_pair(pair) for pair in pairs}
     of_pairs = _named_images(stats, lambda calls: calls.kinds == CallKind.MAPPING)
@@ -201,7 +200,7 @@ def check_map_images(stats: Sequence[CallStats], pairs: Sequence[StereoPair], pl
     if any(found != {hash_of_set([*hashes.values()])} for found in of_sets.values()):
         other = len(pairs)
     if other:
-        raise InputError(_other_images(f"{other} of {len(pairs)} pairs", place))
+        yield _other_images(f"{other} of {len(pairs)} pairs", place)
 
 
 def _named_images(stats: Sequence[CallStats], chosen: Callable[[Calls], Mask]) -> dict[int, set[str]]:
@@ -219,8 +218,8 @@ def _named_images(stats: Sequence[CallStats], chosen: Callable[[Calls], Mask]) -
 
 def _other_images(which: str, place: Path) -> str:
     return (
-        f"the calls (--stats) were made on other images than those of '{place}' ({which} differ): give the source of "
-        "the run with its configuration (--config), or only its true poses as a file"
+        f"the calls (--stats) were made on other images than those of '{place}' ({which} differ), so that the method "
+        "was judged on other data: give the source of the run, and its configuration (--config)"
     )
 
 

@@ -128,6 +128,7 @@ class CloudToScore:
 
     loaded: LoadedCloud
     truths: Sequence[PairTruth]
+    caveats: tuple[str, ...] = ()  #: Warnings about the calls of the cloud.
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,6 +47,8 @@ def load_run(
         on_target = [] if calls.on_target is None else [calls.on_target]
         nav_stamps_ns = _nav_stamps_of(true.source, [*stats, *on_target])
     about = None if calls.target is None else calls.target.about
+    has_images = true is not None and true.has_images
+    unbound = unbound_calls(calls, has_drive=read is not None, has_cloud=cloud is not None, has_images=has_images)
     return Run(
         origin,
         stats,
@@ -55,14 +57,7 @@ def load_run(
         cloud=cloud,
         item=ItemUnderTest(None if about is None else _method_of(about)),
         expected=ExpectedPairs(nav_stamps_ns=nav_stamps_ns),
-        caveats=tuple(
-            unbound_calls(
-                calls,
-                has_drive=read is not None,
-                has_cloud=cloud is not None,
-                has_images=true is not None and true.has_images,
-            )
-        ),
+        caveats=(*(() if cloud is None else cloud.caveats), *unbound),
     )
 
 

@@ -23,7 +23,7 @@ from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.scoring.bag_estimates import BagEstimate, read_bag_estimate
-from sfr_loc_map.scoring.call_checks import CHECKED_PAIRS, check_estimate, check_images, stamps_with_images
+from sfr_loc_map.scoring.call_checks import CHECKED_PAIRS, check_estimate, other_images, stamps_with_images
 from sfr_loc_map.scoring.inputs import IN_MEMORY, DriveToScore, InMemory, ScoreInputs
 from sfr_loc_map.scoring.load_calls import RunCalls, estimates_of_calls
 from sfr_loc_map.suite_names import Task
@@ -87,16 +87,16 @@ def read_drive(inputs: ScoreInputs, given: InMemory, true: ReadTruth, calls: Run
     if found.by_index:
         found = found.with_stamps_of(true.poses)
     caveats += check_estimate(found.trajectory, calls.of_estimate)
-    caveats += _check_images(inputs, calls, true)
+    caveats += _caveats_about_images(inputs, calls, true)
     here = [*calls.here, *of_bag]
     estimates = estimates_of_calls(found.trajectory, here, calls.on_target, found.covariance)
     return ReadDrive(replace(_drive_of(found, estimates, true), caveats=tuple(caveats)), of_bag)
 
 
-def _check_images(inputs: ScoreInputs, calls: RunCalls, true: ReadTruth) -> Iterator[str]:
+def _caveats_about_images(inputs: ScoreInputs, calls: RunCalls, true: ReadTruth) -> Iterator[str]:
     """Compare the images of the calls of files with those of the source of the truth, if the source has images.
 
-    Yield a caveat if the images cannot be read. InputError if the calls were made on other images.
+    Yield a caveat if the images cannot be read, or if the calls were made on other images.
     """
     source, named = true.source, stamps_with_images(calls.given)
     if source is None or source.loc is None or not named or not inputs.has_images_of_run:
@@ -112,7 +112,7 @@ def _check_images(inputs: ScoreInputs, calls: RunCalls, true: ReadTruth) -> Iter
             problem = str(error)
     if problem:
         yield f"the images of the calls (--stats) were not compared with those of '{source.path}': {problem}"
-    check_images(calls.given, pairs, source.path)
+    yield from other_images(calls.given, pairs, source.path)
 
 
 def _without_stamps(*trajectories: LoadedTrajectory) -> Iterator[str]:

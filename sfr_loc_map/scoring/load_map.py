@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.metrics.errors.pair_truth import truths_of
-from sfr_loc_map.scoring.call_checks import check_cloud, check_map_images
+from sfr_loc_map.scoring.call_checks import check_cloud, other_map_images
 from sfr_loc_map.scoring.inputs import CloudToScore, ScoreInputs
 
 
@@ -42,9 +42,9 @@ def read_cloud(
         )
     rig = source.nav.rig
     pairs = pairs_of_cloud(source.nav, loaded.pair_stamps_ns, source.path)
-    check_map_images(stats, [item.pair for item in pairs], source.path)
+    caveats = tuple(other_map_images(stats, [item.pair for item in pairs], source.path))
     truths = truths_of(pairs, rig)
-    return CloudToScore(loaded.of_images(rig.width, rig.height, name), truths), source.expected_nav_ns()
+    return CloudToScore(loaded.of_images(rig.width, rig.height, name), truths, caveats), source.expected_nav_ns()
 
 
 def pairs_of_cloud(nav: NavSequence, stamps_ns: Sequence[int] | None, place: Path) -> list[PosedStereoPair]:

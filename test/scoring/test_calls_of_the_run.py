@@ -155,15 +155,14 @@ def test_the_last_of_two_poses_with_one_stamp_is_that_of_the_call(tmp_path: Path
     assert not caveats(loaded(save_run(tmp_path, drive, twice), drive))
 
 
-def test_calls_on_other_images_with_the_same_stamps_are_refused(tmp_path: Path, drive: Path) -> None:
+def test_calls_on_other_images_with_the_same_stamps_are_a_caveat(tmp_path: Path, drive: Path) -> None:
     """The other drive is darker in one image of one pair."""
     other = write_folder(tmp_path / "other", PAIRS, 0)
     estimate = save_run(tmp_path, drive)
     assert not caveats(loaded(estimate, other))
     image = sorted((other / "right").iterdir())[2]
     cv2.imwrite(str(image), cv2.imread(str(image), cv2.IMREAD_GRAYSCALE) // 2)
-    with pytest.raises(InputError, match=r"made on other images than those of .*1 of 5 compared pairs differ"):
-        loaded(estimate, other)
+    assert "1 of 5 compared pairs differ" in caveats(loaded(estimate, other))
     assert not caveats(load_run(ScoreInputs.of(estimate, other / "groundtruth.csv")))
     inputs = replace(ScoreInputs.of(estimate, other), has_images_of_run=False)
     assert not caveats(load_run(inputs))
@@ -184,8 +183,7 @@ def test_the_images_of_a_run_over_the_end_of_a_drive_are_compared(
     assert not caveats(loaded(estimate, other))
     image = sorted((other / "right").iterdir())[3]
     cv2.imwrite(str(image), cv2.imread(str(image), cv2.IMREAD_GRAYSCALE) // 2)
-    with pytest.raises(InputError, match="1 of 2 compared pairs differ"):
-        loaded(estimate, other)
+    assert "1 of 2 compared pairs differ" in caveats(loaded(estimate, other))
 
 
 def test_images_that_cannot_be_read_are_not_compared(tmp_path: Path, drive: Path) -> None:
@@ -278,11 +276,10 @@ def test_calls_of_another_cloud_are_refused(tmp_path: Path, panorama: Path) -> N
 
 
 @pytest.mark.parametrize("is_set", [False, True])
-def test_calls_of_a_mapper_on_other_images_are_refused(tmp_path: Path, panorama: Path, is_set: bool) -> None:
+def test_calls_of_a_mapper_on_other_images_are_a_caveat(tmp_path: Path, panorama: Path, is_set: bool) -> None:
     other = write_folder(tmp_path / "other", 0, 2)
     path = save_map(tmp_path, panorama, is_set=is_set)
     assert not caveats(loaded(path, other))
     image = sorted((other / "left").iterdir())[1]
     cv2.imwrite(str(image), cv2.imread(str(image), cv2.IMREAD_GRAYSCALE) // 2)
-    with pytest.raises(InputError, match="made on other images"):
-        loaded(path, other)
+    assert "made on other images" in caveats(loaded(path, other))
