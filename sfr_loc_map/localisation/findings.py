@@ -15,7 +15,7 @@ cause an inferred one. The published reason is therefore not always that of the 
 | `UNTEXTURED`, `FROZEN_AND_FEW`, `FEW_LANDMARKS` | `guards.check_landmarks`, `guards.check_tracks` |
 | `CONTRADICTED`, `PARTIAL_TRANSFER`, `TRANSFER_OR_MOTION`, `DOUBLE_EXPOSURE` | `ground.cases.findings_of` |
 | `UNEXPLAINED`, `BODY_OR_GROUND`, `AT_REST_IN_DOUBT`, `AMBIGUOUS` | `ground.cases.findings_of` |
-| `RECOVERING`, `GROUND_IN_DOUBT` | `ground.cases.findings_of`, or `Ground.unselected` without a selection |
+| `RECOVERING`, `GROUND_IN_DOUBT` | `ground.cases.findings_of`, `ground.cases.findings_unselected` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED` | `guards.check_order` in a new window, `guards.check_sides` in a pair with a pose |
 | `UNTEXTURED_SIDE`, `ONE_SIDED` | `guards.check_sides` |

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sfr_loc_map.localisation.ground.identification import Phase
-from sfr_loc_map.localisation.ground.memory import NEARLY_HALF, Conclusion, GroundMemory, Support
+from sfr_loc_map.localisation.ground.identification import Identification, Phase
+from sfr_loc_map.localisation.ground.memory import NEARLY_HALF, GroundMemory, Support
 from sfr_loc_map.localisation.ground.motion_tools import Motion
 
 MAX_CONTRADICTING_FIRST = 0.05
@@ -26,15 +26,25 @@ class Evidence(NamedTuple):
 
     support: Support  #: What the memory may learn from the main motion.
     is_trusted: bool  #: Whether the pose of the main motion is trusted.
-    is_identified: bool  #: Whether earlier pairs have identified the ground's motion.
+    identification: Identification  #: Which motion is the ground's, before the pair.
+    after_one_motion: Identification  #: The identification after the pair if the main motion is the only motion.
     #: Whether the ground is not in doubt, and earlier pairs show how many landmarks are usually unexplained.
     has_typical: bool
     is_contradicted: bool  #: Whether many cells changed although the main motion predicts no change.
     is_unusual: bool  #: Whether more landmarks than usual do not follow the main motion.
     is_half_unexplained: bool  #: Whether nearly half of the landmarks do not follow the main motion.
-    stays_in_doubt: bool  #: Whether the ground stays in doubt after the pair if the main motion is the only one.
     may_be_transfer: bool  #: Whether the pair may be partially transferred.
     repeats_transfer: bool  #: Whether the previous pair was partially transferred, and this pair may be, too.
+
+    @property
+    def is_identified(self) -> bool:
+        """Whether earlier pairs have identified the ground's motion."""
+        return self.identification.phase is Phase.IDENTIFIED
+
+    @property
+    def stays_in_doubt(self) -> bool:
+        """Whether the ground is in doubt after the pair if the main motion is the only motion."""
+        return self.after_one_motion.phase is Phase.IN_DOUBT
 
     @property
     def is_credible(self) -> bool:
@@ -58,12 +68,12 @@ def evidence_of(main: Motion, memory: GroundMemory) -> Evidence:
     return Evidence(
         support=support,
         is_trusted=main.tracks.is_trusted,
-        is_identified=is_identified,
+        identification=memory.identification,
+        after_one_motion=memory.identification.after(memory.sign_of_one_motion(support), support.unexplained_cells),
         has_typical=is_identified or (phase is Phase.LEARNING and memory.typical is not None),
         is_contradicted=agreement.contradicting_fraction > max_contradicting,
         is_unusual=not memory.is_usual(support.unexplained_fraction),
         is_half_unexplained=support.unexplained_fraction >= NEARLY_HALF,
-        stays_in_doubt=memory.identification_after(Conclusion.ONE_MOTION, support).phase is Phase.IN_DOUBT,
         may_be_transfer=may_be_transfer,
         repeats_transfer=may_be_transfer and memory.faults.transfers > 0,
     )

@@ -6,7 +6,6 @@ The memory is one immutable value (`GroundMemory`), whose methods are its only c
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import Enum, auto
 from typing import NamedTuple
 
 import numpy as np
@@ -58,22 +57,13 @@ class Support(NamedTuple):
     inlier_cells: Mask  #: `(R, C)` cells of the landmarks that follow this motion.
 
 
-class Conclusion(Enum):
-    """What a case implies for the ground's motion."""
-
-    NONE = auto()
-    DOUBT = auto()  #: The ground's motion is in doubt.
-    #: The main motion is the only one. `GroundMemory.sign_of_one_motion` states how far the pair agrees with earlier
-    #: pairs, and the typical fraction of unexplained landmarks is updated.
-    ONE_MOTION = auto()
-
-
 class Effect(NamedTuple):
     """The finding of a case, and its effect on the memory of the ground."""
 
+    identification: Identification  #: Which motion is the ground's, after the pair.
     finding: Finding | None = None
-    conclusion: Conclusion = Conclusion.NONE  #: What the case implies for the ground's motion.
     fault: Fault = Fault.NONE  #: What the case shows about faults of the images.
+    is_typical: bool = False  #: Whether the typical fraction of unexplained landmarks is learnt from the pair.
     outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
 
 
@@ -106,7 +96,7 @@ class GroundMemory:
     | `excluded` | = cells after the pair (and older after `after_failed_window`) | | | | | |
     | `earlier` | one pair older, or a newer image | one pair older | = first image | pose | | |
     | `last_image` | = image of the pair | = None | = None | | | |
-    | `identification` | by the conclusion | | restarted | | restarted | |
+    | `identification` | by the case | | restarted | | restarted | |
     | `faults` | by the fault | | = none | | | by the rows |
     | `typical` | updated if there is one motion | | = None | | | |
 
@@ -189,28 +179,18 @@ class GroundMemory:
             excluded=excluded,
             earlier=self.earlier.older(),
             last_image=image,
-            identification=self.identification_after(effect.conclusion, support),
+            identification=effect.identification,
             faults=self.faults.after(effect.fault, is_moving=is_moving),
-            typical=self.typical_after(effect.conclusion, support.unexplained_fraction),
+            typical=self._with_typical(support.unexplained_fraction) if effect.is_typical else self.typical,
         )
 
-    def identification_after(self, conclusion: Conclusion, support: Support) -> Identification:
-        """Return the identification after a pair."""
-        match conclusion:
-            case Conclusion.NONE:
-                return self.identification
-            case Conclusion.DOUBT:
-                return self.identification.after(Sign.DOUBTS, support.unexplained_cells)
-            case Conclusion.ONE_MOTION:
-                return self.identification.after(self.sign_of_one_motion(support), support.unexplained_cells)
+    def _with_typical(self, unexplained: float) -> float | None:
+        """Return the typical fraction of unexplained landmarks after a pair with one motion.
 
-    def typical_after(self, conclusion: Conclusion, unexplained: float) -> float | None:
-        """Return the typical fraction of unexplained landmarks after a pair.
-
-        Only pairs with one motion change the fraction, and only while the ground is not in doubt. Once there is a
-        typical fraction, an unusual pair does not reach this conclusion (`cases.Unexplained`).
+        The fraction changes only while the ground is not in doubt. Once there is a typical fraction, an unusual pair
+        is not learnt (`MainCase.UNEXPLAINED`).
         """
-        if conclusion is not Conclusion.ONE_MOTION or self.identification.phase is Phase.IN_DOUBT:
+        if self.identification.phase is Phase.IN_DOUBT:
             return self.typical
         typical = unexplained if self.typical is None else self.typical
         gain = RISING_GAIN if unexplained > typical else FALLING_GAIN

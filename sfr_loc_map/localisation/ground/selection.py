@@ -10,6 +10,8 @@
 | 6 | `cases.effect_of`, `GroundMemory.after` | `NextMemory` |
 | 7 | `cases.findings_of` | the findings of the pair: at most one |
 
+If the left image is frozen, or if rows are stale, no motion is selected (`Ground.unselected`).
+
 In the following examples the rover moves in each pair.
 
 An object with a quarter of the landmarks is in view for one pair while the ground is identified:
@@ -17,24 +19,24 @@ An object with a quarter of the landmarks is in view for one pair while the grou
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
 | 1 | two motions | `Decided` | none | cells of the object are excluded for seven pairs; still identified |
-| 2 | one motion; no landmark is left on the object | `OneMotion` | none | unchanged |
+| 2 | one motion; no landmark is left on the object | `ONE_MOTION` | none | unchanged |
 
 The same object is in view for one pair before the ground is identified:
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
 | 1 | two motions | `Ambiguous` | `AMBIGUOUS` | in doubt; ten agreeing pairs are required; recovery takes three pairs |
-| 2 to 10 | one motion, also where the object was | `StillInDoubt` | `GROUND_IN_DOUBT` | one to nine pairs agreed |
-| 11 | one motion | `OneMotion` | `RECOVERING` | learning; recovery takes two more pairs |
-| 12 | one motion | `OneMotion` | `RECOVERING` | one pair agreed; recovery takes one more pair |
-| 13 | one motion | `OneMotion` | none | two pairs agreed; the next one identifies the ground |
+| 2 to 10 | one motion, also where the object was | `IN_DOUBT` | `GROUND_IN_DOUBT` | one to nine pairs agreed |
+| 11 | one motion | `ONE_MOTION` | `RECOVERING` | learning; recovery takes two more pairs |
+| 12 | one motion | `ONE_MOTION` | `RECOVERING` | one pair agreed; recovery takes one more pair |
+| 13 | one motion | `ONE_MOTION` | none | two pairs agreed; the next one identifies the ground |
 
 The lower half of one image repeats the previous image, with new noise, while the ground is identified:
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
-| 1 | two motions, one of them a standstill | `PartialTransfer` | `PARTIAL_TRANSFER` | one transfer |
-| 2 | one motion; half the usual excess would be unusual | `OneMotion` | none | no transfer |
+| 1 | two motions, one of them a standstill | `PARTIAL_TRANSFER` | `PARTIAL_TRANSFER` | one transfer |
+| 2 | one motion; half the usual excess would be unusual | `ONE_MOTION` | none | no transfer |
 """
 
 from __future__ import annotations
@@ -54,7 +56,7 @@ from sfr_loc_map.localisation.ground.cell_change import LEVEL, Change, change_of
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL
 from sfr_loc_map.localisation.ground.evidence import evidence_of
 from sfr_loc_map.localisation.ground.excluded_cells import Exclusion
-from sfr_loc_map.localisation.ground.identification import Fault, Phase
+from sfr_loc_map.localisation.ground.identification import Fault
 from sfr_loc_map.localisation.ground.memory import EarlierImage, GroundMemory, NextMemory
 from sfr_loc_map.localisation.ground.motion_tools import ComparedPair, Motion, MotionTools
 from sfr_loc_map.localisation.ground.two_motions import TwoMotions
@@ -104,14 +106,9 @@ class Ground(NamedTuple):
 
         A doubt, or a recovery from earlier faults, is reported again.
         """
-        findings: frozenset[Finding] = frozenset()
-        if memory.identification.phase is Phase.IN_DOUBT:
-            findings = frozenset({Finding.GROUND_IN_DOUBT})
-        elif tracks.is_trusted and memory.faults.degrades_next:
-            findings = frozenset({Finding.RECOVERING})
         return cls(
             tracks=tracks,
-            findings=findings,
+            findings=cases.findings_unselected(memory, is_trusted=tracks.is_trusted),
             not_ground=np.zeros(0, np.intp),
             other_distance=NO_DISTANCE,
             memory=NextMemory.of_unselected(memory),
@@ -148,7 +145,7 @@ class GroundSelector:
         case = cases.case_of(pair, main, evidence, memory)
         selection = selection_of(case, pair, main)
 
-        effect = cases.effect_of(case, is_identified=memory.is_identified)
+        effect = cases.effect_of(case, evidence)
         learnt = memory.after(
             effect,
             evidence.support,
@@ -189,11 +186,16 @@ def selection_of(case: cases.Case, pair: ComparedPair, main: Motion) -> Selectio
             return _either_of_two(pair, motions)
         case cases.Decided(motions):
             return _other_of_two(pair, motions) if motions.other_wins else _main_of_two(motions)
-        case cases.Untrusted() | cases.PartialTransfer() | cases.DoubleExposure() | cases.Contradicted():
-            return Selection(main, is_main=True, exclusion=Exclusion.nothing(pair.change.stationary.shape))
-        case cases.HalfUnexplained() | cases.Unexplained() | cases.StillInDoubt() | cases.OneMotion():
-            rows = main.tracks.landmarks.rows[main.agreement.on_fixed]
-            return Selection(main, is_main=True, exclusion=Exclusion.of_fixed(rows, main.agreement.fixed_cells))
+        case cases.MainCase():
+            return _main(pair, main, case)
+
+
+def _main(pair: ComparedPair, main: Motion, case: cases.MainCase) -> Selection:
+    """Select the main motion. Exclude what is fixed to the camera, if the case shows what is fixed."""
+    if case in cases.EXCLUDES_NOTHING:
+        return Selection(main, is_main=True, exclusion=Exclusion.nothing(pair.change.stationary.shape))
+    rows = main.tracks.landmarks.rows[main.agreement.on_fixed]
+    return Selection(main, is_main=True, exclusion=Exclusion.of_fixed(rows, main.agreement.fixed_cells))
 
 
 def _off_body(pair: ComparedPair, main: Motion, off_body: Motion) -> Selection:
