@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -58,8 +61,15 @@ def check(
     runs share, such as those of the calibration, stay hidden.
     """
     from sfr_loc_map.evidence.check_tables import check_tables
-    from sfr_loc_map.evidence.recording import calls_of_check, check_recording, has_drive_to_check, read_estimates
+    from sfr_loc_map.evidence.recording import (
+        calls_of_check,
+        check_recording,
+        has_drive_to_check,
+        names_of_estimates,
+        read_estimates,
+    )
     from sfr_loc_map.io.registry import open_source
+    from sfr_loc_map.scoring.provenance import provenance_of_source
 
     how = announced_config(source, config, remap)
     check_outputs(json_path, inputs=(source, how.configuration.path, *(estimate or ())), overwrite=overwrite)
@@ -74,9 +84,13 @@ def check(
     if not has_drive_to_check(opened):
         of_drives = ("condition", "estimate", "pairs")
         refuse_given(context, of_drives, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
+    settings = {**how.changed_reading, "check.conditions": [item.setting for item in conditions], "check.pairs": pairs}
+    named = {name: path for path, name in names_of_estimates(estimate or ()).items()}
+    made = provenance_of_source(opened, named, shlex.join(["sfr", *sys.argv[1:]]), settings)
     with naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("checking", total=calls_of_check(opened, pairs))
         found = check_recording(opened, how.configuration, conditions, pairs, others, lambda: bar.advance(task))
+    found = replace(found, provenance=made)
     show(found.to_dict(), json_path, check_tables(found.figures, found.advice))
     is_silent = json_path == STANDARD_OUTPUT
     for subject, item in found.checks.items():

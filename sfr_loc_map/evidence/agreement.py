@@ -9,6 +9,7 @@ difference.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -64,7 +65,7 @@ class Agreement:
 
 
 def compare(first: ComparedRun, other: ComparedRun, condition: Condition) -> Agreement:
-    """Return the comparison of a forward run with another run over the sub-trajectories of a condition.
+    """Return the comparison of two runs over the sub-trajectories of a condition; the first run is not backward.
 
     The path of the first run determines where the sub-trajectories start and end.
     """
@@ -91,20 +92,33 @@ def compare(first: ComparedRun, other: ComparedRun, condition: Condition) -> Agr
 
 def probability_of(squares: FloatArray) -> float:
     """Return the probability that the sum of independent normalised squares is at least this large."""
-    return float(gammaincc(0.5 * DEGREES * len(squares), 0.5 * squares.sum()))
+    return probability_of_sum(float(squares.sum()), len(squares))
+
+
+def probability_of_sum(total: float, count: int) -> float:
+    """Return the probability that the sum of `count` independent normalised squares is at least `total`."""
+    return float(gammaincc(0.5 * DEGREES * count, 0.5 * total))
 
 
 # ---- result and figures
 
 
 def results_of(agreements: Sequence[Agreement]) -> tuple[CheckResult, ...]:
-    """Return the result of each comparison. The significance is divided by the number of comparisons (Bonferroni)."""
-    known = sum(item.probability is not None for item in agreements)
+    """Return the result of each comparison."""
+    return results_of_probabilities([item.probability for item in agreements])
+
+
+def results_of_probabilities(probabilities: Sequence[float | None]) -> tuple[CheckResult, ...]:
+    """Return the result of comparisons by their probabilities; an unknown or undefined probability has too few data.
+
+    The significance is divided by the number of known probabilities (Bonferroni).
+    """
+    is_known = [value is not None and math.isfinite(value) for value in probabilities]
     results = []
-    for item in agreements:
-        if item.probability is None:
+    for value in probabilities:
+        if value is None or not math.isfinite(value):
             results.append(CheckResult.NOT_ENOUGH_DATA)
-        elif item.probability * known < SIGNIFICANCE:
+        elif value * sum(is_known) < SIGNIFICANCE:
             results.append(CheckResult.INCONSISTENT)
         else:
             results.append(CheckResult.CONSISTENT)

@@ -61,7 +61,7 @@ class CameraOffset(NamedTuple):
     low_px: float  #: Lowest value of a run.
     high_px: float  #: Highest value of a run.
     degrees: float
-    depth_error_m: float | None  #: Depth error at RANGE_M with the present calibration file; None except for yaw.
+    depth_error_m: float | None  #: Depth error at RANGE_M with the calibration file; None without a wrong yaw.
 
     @property
     def advice(self) -> Advice:
@@ -91,7 +91,8 @@ def right_camera_offsets(runs: Sequence[ComparedRun], rig: StereoRig) -> list[Ca
         if len(values) < 2:
             continue
         mean = float(np.mean(values))
-        depth_m = RANGE_M**2 * abs(mean) / (rig.fx * rig.baseline_m) if angle == "yaw" else None
+        is_wrong_yaw = angle == "yaw" and advice_of(angle, mean, min(values), max(values)) is Advice.REDO
+        depth_m = RANGE_M**2 * abs(mean) / (rig.fx * rig.baseline_m) if is_wrong_yaw else None
         degrees = float(np.degrees(np.arctan2(mean, rig.fx)))
         found.append(CameraOffset(angle, len(values), mean, min(values), max(values), degrees, depth_m))
     return found
@@ -109,7 +110,7 @@ def offset_rows(offset: CameraOffset) -> Iterator[Figure]:
     yield figure_row("right_camera", part=offset.angle, n=offset.runs, value=offset.px)
     spread_px = offset.high_px - offset.low_px
     yield figure_row("right_camera_spread", part=offset.angle, n=offset.runs, value=spread_px)
-    if offset.depth_error_m is not None:
+    if offset.angle == "yaw":
         yield figure_row("depth_error", part=f"at {RANGE_M:g} m", n=offset.runs, value=offset.depth_error_m)
 
 

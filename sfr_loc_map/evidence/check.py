@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import combinations, islice
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.evidence import kinds
 from sfr_loc_map.evidence.agreement import Agreement, agreement_rows, compare, disagreement_of, results_of, shortage_of
 from sfr_loc_map.evidence.calibration import (
     Advice,
@@ -18,7 +17,7 @@ from sfr_loc_map.evidence.calibration import (
     right_camera_offsets,
 )
 from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
-from sfr_loc_map.evidence.other_estimates import at_pairs_of, hat_rows, scale_row
+from sfr_loc_map.evidence.other_estimates import at_pairs_of, check_different, hat_rows, scale_row
 from sfr_loc_map.evidence.predicted import predicted_rows
 from sfr_loc_map.evidence.revisited import agreement_at, closure_rows, find_closures
 from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, Variant, run_pairs, run_variant
@@ -78,17 +77,14 @@ def check_drive(
         raise InputError(f"the drive has {counted(len(drive), 'pair')}: at least {MIN_PAIRS} are required for a check")
     forward = run_variant(drive, config, Variant.FORWARD, progress)
     others = [at_pairs_of(forward, other) for other in others]
+    for first, other in combinations((forward, *others), 2):
+        check_different(first, other)
     runs = {Variant.FORWARD: forward}
     runs |= {variant: run_variant(drive, config, variant, progress) for variant in Variant if variant not in runs}
 
     closures = find_closures(drive, forward, config)
-    of_kinds = {
-        kinds.AGREEMENT: list(_agreements_of(runs, conditions)),
-        kinds.REVISITED: [agreement_at(closures)] if closures else [],
-    }
-    agreements = [agreement for of_kind in of_kinds.values() for agreement in of_kind]
-    deciding = [agreement for kind, of_kind in of_kinds.items() if kind.decides for agreement in of_kind]
-    results = results_of(deciding)
+    agreements = [*_agreements_of(runs, conditions), *([agreement_at(closures)] if closures else [])]
+    results = results_of(agreements)
 
     with_others = [compare(forward, other, condition) for condition in conditions for other in others]
     offsets = right_camera_offsets([runs[variant] for variant in CALIBRATED], sequence.rig)
@@ -107,9 +103,9 @@ def check_drive(
         figures=figures,
         pairs=len(drive),
         pairs_of_source=len(sequence),
-        disagreements=(disagreement_of(deciding),) if CheckResult.INCONSISTENT in results else (),
-        shortage=shortage_of(deciding) if combined(results) is CheckResult.NOT_ENOUGH_DATA else "",
-        agreements=tuple(deciding),
+        disagreements=(disagreement_of(agreements),) if CheckResult.INCONSISTENT in results else (),
+        shortage=shortage_of(agreements) if combined(results) is CheckResult.NOT_ENOUGH_DATA else "",
+        agreements=tuple(agreements),
         forward=forward,
         offsets=tuple(offsets),
     )

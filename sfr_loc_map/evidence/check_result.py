@@ -8,6 +8,7 @@ from enum import StrEnum
 
 from sfr_loc_map.metrics.table.rows import Figure
 
+DRIVE, MAPS, CALIBRATION = "drive", "maps", "calibration"  #: Subjects of a check.
 SCHEMA = "sfr-check/1"  #: Schema of the JSON of a check.
 
 

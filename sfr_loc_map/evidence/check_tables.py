@@ -123,10 +123,11 @@ class CheckTable(NamedTuple):
     kind: EvidenceKind
     figure: str  #: Figure that each line of the table has.
     columns: tuple[RowColumn[Item], ...]
+    without: str = ""  #: Figure that no line of the table has; empty if any figure is allowed.
 
     def of(self, figures: Sequence[Figure]) -> Table:
         """Return the table of the figures of a check."""
-        items = items_with(self.figure, figures)
+        items = [item for item in items_with(self.figure, figures) if self.without not in item.rows]
         return table_of(self.kind.name, self.kind.title, self.columns, items, self.kind.note)
 
 
@@ -143,6 +144,7 @@ AGREEMENT_TABLE = CheckTable(
         numbers("independent", "difference_nees", "n"),
         numbers("p", "agreement"),
     ),
+    without="scale",  # a comparison with another estimate
 )
 REVISITED_TABLE = CheckTable(
     kinds.REVISITED,
@@ -173,6 +175,7 @@ SCALE_TABLE = CheckTable(
     (
         parts("runs"),
         OVER,
+        *lengths(Length("difference, rmse", "difference", "rmse"), Length("minimum error of a run", "error_at_least")),
         numbers("excess of length", "scale", unit=PERCENT),
         intervals("95 % interval", "scale", PERCENT),
         numbers("n", "scale", "n"),

@@ -72,18 +72,21 @@ PREDICTED = EvidenceKind(
 )
 SCALE = EvidenceKind(
     "scale",
-    "Length against other estimates",
-    statistic="Relative excess of the straight-line distances of the forward run over those of the other estimate, "
-    "with an interval over the independent sub-trajectories.",
-    shows="the error of the ratio of baseline and focal length, if the other estimate is the odometry of wheels that "
+    "Other estimates",
+    statistic="Difference of the forward run and another estimate over sub-trajectories. Excess of length: relative "
+    "excess of the straight-line distances of the forward run over those of the other estimate, with an interval over "
+    "the independent sub-trajectories.",
+    shows="at least one of both has the error in the column 'minimum error of a run' or a larger error. The excess is "
+    "the error of the ratio of baseline and focal length, if the other estimate is the odometry of wheels that "
     "do not slip.",
-    hides="scale errors that both estimates share.",
+    hides="errors that both estimates share.",
     decides=False,
 )
 HAT = EvidenceKind(
     "hat",
     "Three estimates",
-    statistic="Three-cornered hat: the sigma of each of three estimates from their differences, without an interval.",
+    statistic="Three-cornered hat: the sigma of each of three estimates from their differences over at least three "
+    "independent sub-trajectories, without an interval.",
     shows="which estimate is the least precise, if the errors are independent.",
     hides="errors that the estimates share, such as those of the calibration.",
     decides=False,
@@ -92,8 +95,9 @@ CALIBRATION = EvidenceKind(
     "calibration",
     "Calibration of the right camera",
     statistic="Offsets from the calibration file: mean over n runs, which share their images, so that there is no "
-    "interval. Yaw is reported as 0 until it is significant. Shift of positions: root mean square over n "
-    "sub-trajectories of the effect that the online calibration does not correct.",
+    "interval. Yaw is reported as 0 until it is significant. The error of depth is therefore unknown unless the result "
+    "for the yaw is redo. Shift of positions: root mean square over n sub-trajectories of the effect that the online "
+    "calibration does not correct.",
     shows="redo if the offsets of all runs have one sign and their mean is large; keep if the offsets of all runs are "
     "small.",
     hides="a wrong baseline or focal length, which is unobservable without a truth or wheel odometry.",

@@ -8,18 +8,21 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import MIN_SUB_TRAJECTORIES, Agreement
-from sfr_loc_map.evidence.paired_runs import SPACING, RunAtPairs, paired
+from sfr_loc_map.evidence.paired_runs import SPACING, RunAtPairs, paired, spans_of
 from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.errors.consistency import relative_errors
+from sfr_loc_map.metrics.errors.consistency import relative_errors, without_overlap
 from sfr_loc_map.metrics.errors.trajectory_errors import select
 from sfr_loc_map.metrics.frames.association import Estimates, StampedPoses, associate
 from sfr_loc_map.metrics.statistics.intervals import student_quantile
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
+
+IDENTICAL = 1e-6
+"""Largest difference of the motions of identical estimates, m and rad. Files round poses to less."""
 
 
 def at_pairs_of(run: ComparedRun, other: ComparedRun) -> ComparedRun:
@@ -39,8 +42,19 @@ def at_pairs_of(run: ComparedRun, other: ComparedRun) -> ComparedRun:
             f"{spans[0]}, the drive covers {spans[1]}; give an estimate with stamps of the same clock and "
             f"without gaps above {config.max_gap_s:g} s"
         )
-    poses = Trajectory(frames.stamps_ns, frames.true_position, frames.true_attitude)
+    poses = Trajectory(ours.stamps_ns[frames.estimate_rows], frames.true_position, frames.true_attitude)
     return ComparedRun(other.name, Estimates.of(poses))
+
+
+def check_different(first: ComparedRun, other: ComparedRun) -> None:
+    """Raise InputError if two estimates have the same motions, so that their agreement is no evidence."""
+    runs = paired(first, other)
+    later = np.arange(1, len(runs.ours.rows))
+    if len(later) and np.abs(runs.errors(np.zeros_like(later), later)).max() < IDENTICAL:
+        raise InputError(
+            f"the estimate {other.name} has the same poses as the estimate '{first.name}': give an estimate of another "
+            "method"
+        )
 
 
 def scale_row(agreement: Agreement) -> Figure:
@@ -64,18 +78,22 @@ def scale_row(agreement: Agreement) -> Figure:
 
 
 def hat_rows(runs: Sequence[ComparedRun], condition: Condition) -> list[Figure]:
-    """Return the sigma of each of three estimates by the three-cornered hat; no rows for another number of runs."""
+    """Return the sigma of each of three estimates by the three-cornered hat; no rows for another number of runs.
+
+    The sigmas are undefined if fewer than three sub-trajectories do not overlap.
+    """
     if len(runs) != 3:
         return []
     first, second, third = at_common_pairs(*runs)
     starts, ends = select(condition, SPACING, first, formulas.path_length_m(first.position))
     pairs = ((first, second), (first, third), (second, third))
     differences = [relative_errors(one, other, starts, ends)[:, :3] for one, other in pairs]
-    count = len(starts)
-    sigmas = three_cornered_hat(*differences) if count > 1 else None
+    independent = len(list(without_overlap(spans_of(starts, ends))))
+    sigmas = three_cornered_hat(*differences) if independent >= MIN_SUB_TRAJECTORIES else None
+    values = (None, None, None) if sigmas is None else sigmas
     return [
-        figure_row("hat_sigma", condition.setting, run.name, n=count, value=None if sigmas is None else sigmas[index])
-        for index, run in enumerate(runs)
+        figure_row("hat_sigma", condition.setting, run.name, n=len(starts), independent=independent, value=value)
+        for run, value in zip(runs, values, strict=True)
     ]
 
 
@@ -96,13 +114,14 @@ def poses_of(run: RunAtPairs, frames: IntArray) -> StampedPoses:
     return StampedPoses(poses.stamps_ns[frames], poses.position[frames], poses.attitude[frames])
 
 
-def three_cornered_hat(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float] | None:
-    """Return the sigma of each of three estimates from the differences `(n, 3)` of their errors: a - b, a - c, b - c.
+def three_cornered_hat(a_b: FloatArray, a_c: FloatArray, b_c: FloatArray) -> tuple[float, float, float] | None:
+    """Return the sigma, m, of the estimates A, B and C from their differences `(n, 3)`, m: A - B, A - C and B - C.
 
-    The method requires independent errors; errors that all three share are not observable. None if an estimated
-    variance is negative, which can happen by chance for few values.
+    The square of a sigma is the sum of the variances along the three axes. The method requires independent errors;
+    errors that all three estimates share are not observable. None if an estimated variance is negative, which can
+    happen by chance for few values.
     """
-    ab, ac, bc = (float(np.sum(np.var(values, axis=0, ddof=1))) for values in (a, b, c))
+    ab, ac, bc = (float(np.sum(np.var(values, axis=0, ddof=1))) for values in (a_b, a_c, b_c))
     variances = 0.5 * np.array([ab + ac - bc, ab + bc - ac, ac + bc - ab])
     if (variances < 0.0).any():
         return None

@@ -51,11 +51,16 @@ class Overlap(NamedTuple):
 
     @property
     def result(self) -> CheckResult:
-        """Result for the two pairs by the criteria of the fusion."""
-        if self.points < MIN_OVERLAP:
-            return CheckResult.NOT_ENOUGH_DATA
-        disagrees = pose_disagreement(self.ratio, self.grey_ratio) != ""
-        return CheckResult.INCONSISTENT if disagrees else CheckResult.CONSISTENT
+        """Result for the two pairs."""
+        return result_of(self.points, self.ratio, self.grey_ratio)
+
+
+def result_of(points: int, ratio: float, grey_ratio: float) -> CheckResult:
+    """Return the result for two pairs by the criteria of the fusion; `grey_ratio` is NaN without texture."""
+    if points < MIN_OVERLAP:
+        return CheckResult.NOT_ENOUGH_DATA
+    disagrees = pose_disagreement(ratio, grey_ratio) != ""
+    return CheckResult.INCONSISTENT if disagrees else CheckResult.CONSISTENT
 
 
 def check_maps(sequence: NavSequence, config: MappingConfig) -> Check:

@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat, unit_quats
-from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import propagated_covariance
-from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.errors.consistency import (
     Span,
     StepSums,
@@ -26,7 +25,7 @@ from sfr_loc_map.metrics.errors.consistency import (
     sums_of_steps,
     without_overlap,
 )
-from sfr_loc_map.metrics.frames.association import StampedPoses, associate
+from sfr_loc_map.metrics.frames.association import StampedPoses
 
 SPACING = 5  #: Number of frames between starts: half of the spacing of a score, for short recordings.
 
@@ -70,7 +69,7 @@ class RunAtPairs:
 
 
 class PairedRuns(NamedTuple):
-    """A forward run and another run at their common pairs."""
+    """Two runs at their common pairs, in the order of the recording; `ours` is a forward run."""
 
     ours: RunAtPairs
     theirs: RunAtPairs
@@ -105,31 +104,32 @@ class PairedRuns(NamedTuple):
 
 
 def paired(first: ComparedRun, other: ComparedRun) -> PairedRuns:
-    """Return a forward run and another run at their common pairs, with the stamps of the other run."""
-    frames, _ = associate(first.estimates.trajectory, as_forward(other), AssociationConfig(truth="match"))
-    # `associate` calls its second argument the truth; here it is the other run
-    rows_of_other = rows_at(other, frames.stamps_ns)
-    ours = RunAtPairs(first, frames.estimate_rows, frames.estimate)
-    return PairedRuns(ours, RunAtPairs(other, rows_of_other, frames.truth))
-
-
-def as_forward(run: ComparedRun) -> Trajectory:
-    """Return the poses of a run at the stamps of the pairs, in forward order."""
-    poses = run.estimates.trajectory
-    if not run.is_backward:
-        return poses
-    return Trajectory(run.mirror_ns - poses.stamps_ns[::-1], poses.positions[::-1], poses.quats_xyzw[::-1])
+    """Return two runs at the pairs that both have, by exactly equal stamps of the pairs. The first run is forward."""
+    ours, theirs = (run.own_stamps(run.estimates.trajectory.stamps_ns) for run in (first, other))
+    _, rows, other_rows = np.intersect1d(ours, theirs, return_indices=True)
+    return PairedRuns(
+        RunAtPairs(first, rows, poses_at(first, rows)), RunAtPairs(other, other_rows, poses_at(other, other_rows))
+    )
 
 
 def rows_at(run: ComparedRun, stamps_ns: IntArray) -> IntArray:
-    """Return the rows of the estimates at the stamps of pairs."""
-    return np.searchsorted(run.estimates.trajectory.stamps_ns, run.own_stamps(stamps_ns))
+    """Return the rows of the estimates at the stamps of pairs; MetricsError if a pair has no estimate."""
+    known_ns, wanted_ns = run.estimates.trajectory.stamps_ns, run.own_stamps(stamps_ns)
+    rows = np.searchsorted(known_ns, wanted_ns)
+    is_missing = known_ns[np.minimum(rows, len(known_ns) - 1)] != wanted_ns
+    if is_missing.any():
+        missing_ns = stamps_ns[is_missing][0]
+        raise MetricsError(
+            f"the run '{run.name}' has no pose at stamp {missing_ns} ns: a pose at each pair is required"
+        )
+    return rows
 
 
 def poses_at(run: ComparedRun, rows: IntArray) -> StampedPoses:
-    """Return the poses of a forward run that have the given row numbers."""
+    """Return the poses of a run in the given rows, with the stamps of their pairs."""
     poses = run.estimates.trajectory
-    return StampedPoses(poses.stamps_ns[rows], poses.positions[rows], unit_quats(poses.quats_xyzw[rows]))
+    stamps_ns = run.own_stamps(poses.stamps_ns[rows])
+    return StampedPoses(stamps_ns, poses.positions[rows], unit_quats(poses.quats_xyzw[rows]))
 
 
 def in_axes_of(ours: StampedPoses, theirs: StampedPoses, start: int, covariance: FloatArray) -> FloatArray:

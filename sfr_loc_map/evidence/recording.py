@@ -9,10 +9,18 @@ from typing import Any
 
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.evidence import kinds
 from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check import CORRECTED, DriveCheck, check_drive
-from sfr_loc_map.evidence.check_result import OF_SUBJECTS, SCHEMA, Check, CheckResult, combined
+from sfr_loc_map.evidence.check_result import (
+    CALIBRATION,
+    DRIVE,
+    MAPS,
+    OF_SUBJECTS,
+    SCHEMA,
+    Check,
+    CheckResult,
+    combined,
+)
 from sfr_loc_map.evidence.overlap import check_maps
 from sfr_loc_map.evidence.revisited import DIRECT
 from sfr_loc_map.evidence.variants import ComparedRun, Variant, calls_of
@@ -23,11 +31,9 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.metrics.table.rows import Figure
 
-DRIVE, MAPS, CALIBRATION = "drive", "maps", "calibration"  #: Subjects of a check.
-EVIDENCE_OF = {DRIVE: (kinds.AGREEMENT, kinds.REVISITED), MAPS: (kinds.OVERLAP,), CALIBRATION: (kinds.CALIBRATION,)}
-"""Kinds of evidence of each subject. A subject has a result if one of its kinds decides."""
 NAMES_OF_OWN_RUNS = frozenset((*Variant, CORRECTED, DIRECT))  #: Names that an estimate of another method must not have.
 
 
@@ -37,6 +43,7 @@ class RecordingCheck:
 
     drive: DriveCheck | None = None  #: None without a drive.
     maps: Check | None = None  #: None without several mapping pairs.
+    provenance: Provenance | None = None  #: Inputs, command, settings, version and time; None if unknown.
 
     @property
     def checks(self) -> dict[str, Check]:
@@ -56,10 +63,9 @@ class RecordingCheck:
 
     @property
     def results(self) -> dict[str, CheckResult]:
-        """The result of each subject with deciding evidence; the calibration only if it should be repeated."""
+        """The result of each subject; the calibration has a result only if it should be repeated."""
         results = {subject: check.result for subject, check in self.checks.items()}
-        results |= {CALIBRATION: CheckResult.INCONSISTENT} if self.calibration else {}
-        return {subject: result for subject, result in results.items() if _decides(subject)}
+        return results | ({CALIBRATION: CheckResult.INCONSISTENT} if self.calibration else {})
 
     @property
     def result(self) -> CheckResult:
@@ -100,11 +106,8 @@ class RecordingCheck:
             "disagreements": self.disagreements,
             "not_checked": self.not_checked,
             "figures": to_plain(self.figures),
+            "provenance": to_plain(self.provenance),
         }
-
-
-def _decides(subject: str) -> bool:
-    return any(kind.decides for kind in EVIDENCE_OF[subject])
 
 
 def check_recording(

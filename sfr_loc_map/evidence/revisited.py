@@ -97,7 +97,10 @@ def worth_of_visits(forward: ComparedRun) -> FloatArray:
 
 
 def closure_between(forward: ComparedRun, direct: ComparedRun, first: int, again: int) -> Closure | None:
-    """Return the misclosure of two runs between two pairs; None if the direct run is degraded or lost at a visit."""
+    """Return the misclosure between two visits, which are pairs of the forward run.
+
+    `direct` is the run that omits the path between the visits. None if this run is degraded or lost at a visit.
+    """
     poses = forward.estimates.trajectory
     visits = np.array([first, again])
     rows = rows_at(direct, poses.stamps_ns[visits])

@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
 from sfr_loc_map.metrics.score.caveats import caveats_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import CLAUSES, OF_SUB_TRAJECTORIES, STANDARD_DEVIATION
-from sfr_loc_map.metrics.table.records import TargetRecord
+from sfr_loc_map.metrics.table.records import Provenance, TargetRecord
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.notes import NO_INTERVAL
 from sfr_loc_map.report.page import from_template
@@ -30,6 +30,7 @@ from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 from sfr_loc_map.tables.model import OPEN, UNKNOWN, Table
 
 DOCUMENT = "Clarification of performance metrics for SFR Breadboarding"
+OF_RECORDING = ("source", "truth", "map_truth", "images")  #: Roles of inputs that identify a recording.
 WITH_SIGMA = ("sigma", "mean_plus_3sigma")  #: Statistics that depend on a standard deviation.
 
 
@@ -60,6 +61,18 @@ class AdditionalEvidence(NamedTuple):
     sha256: str
     tables: tuple[Table, ...]
     open_points: tuple[str, ...]
+    provenance: Provenance | None = None  #: Inputs of evidence from a recording; None if unknown.
+    is_of_recording: bool = False  #: Whether the evidence is from a recording, which must be that of the scores.
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Command, version, time and inputs of the evidence; empty if they are unknown."""
+        made = self.provenance
+        if made is None:
+            return {}
+        facts = {"Command": made.command or UNKNOWN, "Version": f"{made.version}, commit {made.commit or UNKNOWN}"}
+        facts["Time"] = made.time or UNKNOWN
+        return facts | {f"Input {role}": f"{file.path}, SHA-256 {file.sha256}" for role, file in made.inputs.items()}
 
 
 class ResultRow(NamedTuple):
@@ -140,7 +153,10 @@ def render_test_report(
         ],
         deviations=_of_all(scores, deviations_of),
         anomalies=_of_all(scores, _anomalies),
-        open_points=[*_of_all(scores, _open_points), *(text for item in evidence for text in item.open_points)],
+        open_points=[
+            *_of_all(scores, _open_points),
+            *(text for item in evidence for text in (*item.open_points, *_other_recording(item, scores))),
+        ],
     )
     return from_template(
         "test_report.html.j2", report=report, document=DOCUMENT, drawing=DRAWING, no_interval=NO_INTERVAL
@@ -160,6 +176,23 @@ def _section(score: Score, number: int) -> ScoreSection:
         tables=_named(str(number), [table for table in _tables(score) if table.rows]),
         plots=printed_plots(score),
     )
+
+
+def _other_recording(evidence: AdditionalEvidence, scores: Sequence[Score]) -> Iterator[str]:
+    """Yield that evidence from a recording has no input in common with the scores, or that its inputs are unknown."""
+    if not evidence.is_of_recording:
+        return
+    if evidence.provenance is None:
+        yield f"The recording of the evidence '{evidence.path}' is unknown: repeat the command that wrote the file."
+        return
+    made = [score.provenance for score in scores if score.provenance is not None]
+    of_scores = {file.sha256 for item in made for role, file in item.inputs.items() if role in OF_RECORDING}
+    of_evidence = {file.sha256 for role, file in evidence.provenance.inputs.items() if role in OF_RECORDING}
+    if not of_scores & of_evidence:
+        yield (
+            f"The evidence '{evidence.path}' and the scores have no recording in common by their hashes: compare the "
+            "inputs."
+        )
 
 
 def _tables(score: Score) -> tuple[Table, ...]:

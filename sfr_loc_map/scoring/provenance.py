@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -50,12 +51,17 @@ def provenance_of(run: Run) -> Provenance:
         found["images"] = InputFile(path=IN_MEMORY if truth is None else str(truth.named), sha256=sha256)
     for role, sha256 in origin.in_memory.items():
         found[role] = InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(role))
+    return provenance_with(found, origin.command, origin.settings)
+
+
+def provenance_with(inputs: Mapping[str, InputFile], command: str | None, settings: Mapping[str, object]) -> Provenance:
+    """Return inputs, command and settings with the version, the host and the present time."""
     return Provenance(
         version=__version__,
         commit=package_commit().commit,
-        command=origin.command,
-        inputs=found,
-        configuration=dict(origin.settings),
+        command=command,
+        inputs=dict(inputs),
+        configuration=dict(settings),
         host=host_facts(),
         time=datetime.now(UTC).isoformat(timespec="seconds"),
     )
@@ -144,6 +150,22 @@ def data_set_of(source: Source, how: SourceConfig) -> dict[str, InputFile]:
         sha256 = hash_of_images(source.expected_loc_ns(), source.loc.rig)
         found["images"] = InputFile(path=str(source.path), sha256=sha256)
     return found
+
+
+def provenance_of_source(
+    source: Source, estimates: Mapping[str, Path], command: str, settings: Mapping[str, object]
+) -> Provenance:
+    """Return the provenance of a check of a source and of other estimates of its drive, by name.
+
+    The inputs are those that a score of the source has, so that a report can compare them, and the complete source.
+    """
+    inputs = data_set_of(source, source.config)
+    files = {"source": source.path, "configuration": source.config.configuration.path}
+    files |= {f"estimate {name}": path for name, path in estimates.items()}
+    for role, path in files.items():
+        if path is not None:
+            inputs[role] = InputFile(path=str(path), resolved=str(path.resolve()), sha256=hash_path(path))
+    return provenance_with(inputs, command, settings)
 
 
 def check_data_set(source: Source, limits: Limits | None) -> None:

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from sfr_loc_map.errors import InputError
-from sfr_loc_map.evidence.agreement import compare, results_of, shortage_of
+from sfr_loc_map.errors import InputError, MetricsError
+from sfr_loc_map.evidence.agreement import compare, results_of, results_of_probabilities, shortage_of
 from sfr_loc_map.evidence.calibration import Advice, CameraOffset, advice_of, offset_rows, right_camera_offsets
 from sfr_loc_map.evidence.check import DriveCheck
 from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
 from sfr_loc_map.evidence.check_tables import calibration_table
-from sfr_loc_map.evidence.other_estimates import at_pairs_of, hat_rows, scale_row, three_cornered_hat
+from sfr_loc_map.evidence.other_estimates import at_pairs_of, check_different, hat_rows, scale_row, three_cornered_hat
+from sfr_loc_map.evidence.paired_runs import paired, rows_at
 from sfr_loc_map.evidence.recording import RecordingCheck
 from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -177,6 +178,44 @@ def test_a_pose_that_is_not_tracked_predicts_no_difference(state: str) -> None:
     never = compare(nowhere, second, CONDITION)
     assert never.probability is None
     assert state in shortage_of([never])
+
+
+def test_an_undefined_probability_is_not_enough_data() -> None:
+    results = results_of_probabilities([float("nan"), 0.02, None])
+    assert results == (CheckResult.NOT_ENOUGH_DATA, CheckResult.INCONSISTENT, CheckResult.NOT_ENOUGH_DATA)
+
+
+def test_runs_are_paired_by_exact_stamps_alone() -> None:
+    turns, moves = true_steps(np.random.default_rng(1))
+    first, other = run_of("a", turns, moves, 1), run_of("b", turns, moves, 2)
+    poses = other.estimates.trajectory
+    late = replace(poses, stamps_ns=poses.stamps_ns + np.where(np.arange(len(STAMPS)) % 2, 1, 0))
+    runs = paired(first, replace(other, estimates=Estimates.of(late)))
+    assert runs.ours.rows.tolist() == runs.theirs.rows.tolist() == list(range(0, len(STAMPS), 2))
+    with pytest.raises(MetricsError, match="no pose at stamp"):
+        rows_at(first, STAMPS[:3] + np.array([0, 1, 0]))
+
+
+def test_an_estimate_with_the_motions_of_a_run_is_refused() -> None:
+    """The motions are the same from another start pose."""
+    turns, moves = true_steps(np.random.default_rng(1))
+    first, other = run_of("a", turns, moves, 1), run_of("b", turns, moves, 2)
+    poses = first.estimates.trajectory
+    turned = Rotation.from_rotvec([0.1, 0.0, 2.0])
+    quats = (turned * Rotation.from_quat(poses.quats_xyzw)).as_quat()
+    moved = Trajectory(STAMPS, turned.apply(poses.positions) + np.array([1.0, 2.0, 3.0]), quats)
+    check_different(first, other)
+    with pytest.raises(InputError, match="same poses"):
+        check_different(first, ComparedRun("copy.csv", Estimates.of(moved)))
+
+
+def test_the_hat_requires_three_independent_sub_trajectories() -> None:
+    turns, moves = true_steps(np.random.default_rng(1))
+    runs = [run_of(name, turns, moves, seed) for seed, name in enumerate("abc")]
+    rows = hat_rows(runs, Condition.parse("distance=30"))
+    assert [row.value for row in rows] == [None] * 3
+    assert rows[0].n is not None
+    assert rows[0].n > 1
 
 
 def test_false_findings_are_as_rare_as_stated() -> None:

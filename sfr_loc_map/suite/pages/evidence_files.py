@@ -17,9 +17,11 @@ from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check_result import SCHEMA as CHECK_SCHEMA
 from sfr_loc_map.evidence.check_result import CheckResult
 from sfr_loc_map.evidence.check_tables import check_tables
+from sfr_loc_map.evidence.derived_results import check_results
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.test_report import AdditionalEvidence
 from sfr_loc_map.suite.pages.search_page import case_table
@@ -41,9 +43,11 @@ class CheckFile(msgspec.Struct):
     advice: dict[str, Advice] = {}
     pairs: dict[str, int] = {}  #: Number of checked pairs by subject; empty in files of earlier versions.
     pairs_of_source: dict[str, int] = {}
+    provenance: Provenance | None = None  #: None in files of earlier versions.
 
     def tables(self) -> list[Table]:
-        """Return the tables that the command prints."""
+        """Return the tables that the command prints; InputError if the results do not follow from the figures."""
+        check_results(self.results, self.figures, self.advice)
         return check_tables(self.figures, self.advice)
 
     def open_points(self) -> Iterator[str]:
@@ -108,8 +112,18 @@ KINDS: dict[str, type[CheckFile | BudgetFile | SearchFile]] = {
 
 
 def read_evidence(paths: Sequence[Path]) -> list[AdditionalEvidence]:
-    """Return the evidence of files, in the order of a report; raise InputError for other files."""
+    """Return the evidence of files, in the order of a report.
+
+    InputError for a file of another schema, for a file with the content of another one, and for a check whose results
+    do not follow from its figures.
+    """
     read = [(path, read_file(path)) for path in paths]
+    first_of: dict[str, Path] = {}
+    for path in paths:
+        sha256 = hash_path(path)
+        if sha256 in first_of:
+            raise InputError(f"evidence '{path}' has the content of '{first_of[sha256]}': give each evidence once")
+        first_of[sha256] = path
     order = [*KINDS.values()]
     read.sort(key=lambda item: order.index(type(item[1])))
     return [evidence_of(path, content) for path, content in read]
@@ -124,6 +138,8 @@ def evidence_of(path: Path, content: CheckFile | BudgetFile | SearchFile) -> Add
             sha256=hash_path(path),
             tables=tuple(table for table in content.tables() if table.rows),
             open_points=tuple(content.open_points()),
+            provenance=content.provenance if isinstance(content, CheckFile) else None,
+            is_of_recording=isinstance(content, CheckFile),
         )
 
 

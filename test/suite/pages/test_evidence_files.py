@@ -8,14 +8,20 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from helpers.cli_result import Sfr
 from helpers.made_scores import json_of, whole_score
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.evidence.agreement import Agreement, Differences, agreement_rows, probability_of
+from sfr_loc_map.evidence.calibration import CameraOffset, offset_rows
 from sfr_loc_map.evidence.overlap import Overlap, overlap_rows
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.metrics.table.records import InputFile
+from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.suite.pages.evidence_files import read_evidence
 from sfr_loc_map.suite.pages.search_page import render_search
 from sfr_loc_map.suite.search.record import SearchRecord
@@ -31,9 +37,17 @@ def write(path: Path, content: dict[str, Any]) -> Path:
 
 def check_file(folder: Path) -> Path:
     overlap = Overlap(0, 1, 0.4, 5000, 0.0125, 2.5, 0.2)
+    squares = np.array([5.0, 6.0, 7.0])
+    differences = Differences(np.ones((3, 3)), np.ones(3), squares, np.ones((3, 2)), independent=3)
+    agreement = Agreement(
+        runs=("forward", "backward"),
+        condition="distance=1",
+        differences=differences,
+        probability=probability_of(squares),
+    )
     content = {"schema": "sfr-check/1", "result": "inconsistent", "results": {"drive": "consistent"}}
     content["results"]["maps"] = "inconsistent"
-    figures = to_plain(tuple(overlap_rows(overlap)))
+    figures = to_plain((*agreement_rows(agreement), *overlap_rows(overlap)))
     return write(folder / "check.json", content | {"calibration": ["yaw is off"], "figures": figures} | COVERED)
 
 
@@ -100,7 +114,7 @@ def test_evidence_is_in_the_order_of_a_review_with_its_open_points(tmp_path: Pat
     assert "interact" in budget
     assert "1 of 2 searched scenarios" in search
     assert "1.5 times" in search
-    (overlap,) = found[0].tables
+    _, overlap = found[0].tables
     assert overlap.rows[0][3].value == 0.0125
     assert [cell.value for cell in found[2].tables[0].rows[0]] == [None, 1.0, 60.0, 5.0, 15.0, 15.0, 1.0]
 
@@ -108,6 +122,7 @@ def test_evidence_is_in_the_order_of_a_review_with_its_open_points(tmp_path: Pat
 def test_evidence_without_a_problem_leaves_no_point_open(tmp_path: Path) -> None:
     content = json.loads(check_file(tmp_path).read_text())
     content |= {"results": {"drive": "consistent"}, "calibration": []}
+    content["figures"] = [row for row in content["figures"] if not row["figure"].startswith("overlap")]
     content["pairs_of_source"] = content["pairs"]
     paths = [write(tmp_path / "good.json", content), search_file(tmp_path, 0.5, 0.9)]
     assert [item.open_points for item in read_evidence(paths)] == [(), ()]
@@ -131,6 +146,52 @@ def test_another_file_is_refused(tmp_path: Path, content: str, problem: str) -> 
     with pytest.raises(InputError, match=problem) as caught:
         read_evidence([path])
     assert "give the JSON of sfr check" in str(caught.value)
+
+
+def edited(content: dict[str, Any], figure: str, **numbers: float) -> dict[str, Any]:
+    figures = [row | numbers if row["figure"] == figure else row for row in content["figures"]]
+    return content | {"figures": figures}
+
+
+@pytest.mark.parametrize("case", ["probability", "difference", "result", "ratio", "calibration", "missing", "angle"])
+def test_a_check_whose_results_do_not_follow_from_its_figures_is_refused(tmp_path: Path, case: str) -> None:
+    content = json.loads(check_file(tmp_path).read_text())
+    offsets = (CameraOffset("pitch", 4, 0.5, 0.4, 0.6, 0.1, None),)
+    angle = to_plain(tuple(row for offset in offsets for row in offset_rows(offset)))
+    changed = {
+        "probability": edited(content, "agreement", value=1e-12),
+        "difference": edited(content, "difference_nees", mean=60.0),
+        "result": content | {"results": {"drive": "not enough data", "maps": "inconsistent"}},
+        "ratio": edited(content, "overlap_ratio", value=1.0),
+        "calibration": content | {"advice": {"pitch": "redo"}},
+        "missing": content | {"results": {"maps": "inconsistent"}},
+        "angle": content | {"advice": {"pitch": "keep"}, "figures": content["figures"] + angle},
+    }[case]
+    path = write(tmp_path / "edited.json", changed)
+    with pytest.raises(InputError, match="contradicts itself"):
+        read_evidence([path])
+
+
+def test_a_file_is_given_once(tmp_path: Path) -> None:
+    path = check_file(tmp_path)
+    copy = write(tmp_path / "copy.json", json.loads(path.read_text()))
+    with pytest.raises(InputError, match="give each evidence once"):
+        read_evidence([path, copy])
+
+
+@pytest.mark.parametrize("recording", ["of the score", "other", "unknown"])
+def test_a_check_of_another_recording_is_an_open_point(tmp_path: Path, recording: str) -> None:
+    made = whole_score().provenance
+    assert made is not None
+    source = InputFile(path="data", sha256="1" * 64)
+    score = replace(whole_score(), provenance=replace(made, inputs={"images": source}))
+    other = {"of the score": source, "other": replace(source, sha256="2" * 64)}
+    content = json.loads(check_file(tmp_path).read_text())
+    if recording in other:
+        content["provenance"] = to_plain(replace(made, inputs={"images": other[recording]}))
+    page = render_test_report([score], evidence=read_evidence([write(tmp_path / "made.json", content)]))
+    assert ("no recording in common" in page) is (recording == "other")
+    assert ("recording of the evidence" in page) is (recording == "unknown")
 
 
 def test_a_check_without_a_figure_of_a_line_is_refused(tmp_path: Path) -> None:
