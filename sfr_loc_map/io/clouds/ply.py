@@ -76,7 +76,8 @@ def read_ply(data: bytes) -> CloudFields:
     order = next((" ".join(words[1:2]) for words in header if words[0] == "format"), "")
     if order not in PLY_ORDERS:
         raise ValueError(f"its PLY format is '{order[:40]}': one of {', '.join(PLY_ORDERS)} is required")
-    comments = [line.removeprefix("comment ") for line in lines if line.startswith("comment ")]
+    statements = [line.split(None, 1) for line in lines]
+    comments = [words[1] for words in statements if len(words) == 2 and words[0] in ("comment", "obj_info")]
     position = end.end()
     elements = _ply_elements(header, PLY_ORDERS[order])
     read = _ply_text if order == "ascii" else _ply_records

@@ -113,7 +113,7 @@ def _check_commented_unit(found: PoseColumns, head: TableHead) -> None:
     if not unit:
         return
     advice = "convert the positions to metres"
-    if not found.is_matrix:
+    if not found.is_matrix and unit in METRES:
         units = {**found.units, **dict.fromkeys(found.position_keys, unit)}
         named = sorted(found.index_of.items(), key=lambda item: item[1])
         columns = (f"{key}=#{index + 1}" + (f"[{units[key]}]" if key in units else "") for key, index in named)
@@ -124,9 +124,20 @@ def _check_commented_unit(found: PoseColumns, head: TableHead) -> None:
 
 
 def _without_units_of_titles(line: str, head: TableHead) -> str:
-    """Return a line without the units in brackets if its titles name a position: these are units of single columns."""
-    is_header = bool(named_positions(head.cells_of(line)))
-    return re.sub(r"\[[^\]]*\]|\([^)]*\)", "", line) if is_header else line
+    """Return a line without the units in brackets of other columns if its titles name a position.
+
+    A cell that is only a unit in brackets belongs to the title before it.
+    """
+    cells = head.cells_of(line)
+    positions = named_positions(cells)
+    if not positions:
+        return line
+    of_position = {index for position in positions for index in position.values()}
+    of_position |= {index + 1 for index in of_position if "".join(cells[index + 1 : index + 2]).startswith(("[", "("))}
+    titles = (
+        cell if index in of_position else re.sub(r"\[[^\]]*\]|\([^)]*\)", "", cell) for index, cell in enumerate(cells)
+    )
+    return ", ".join(titles)
 
 
 def _with_time_unit(found: PoseColumns, head: TableHead) -> PoseColumns:

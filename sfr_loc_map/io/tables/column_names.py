@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.tables.length_units import METRES
+from sfr_loc_map.io.tables.length_units import LENGTH_WORDS, METRES, length_symbol
 from sfr_loc_map.io.tables.pose_columns import (
     COVARIANCE_KEYS,
     DOWN,
@@ -56,36 +56,38 @@ NAMES |= {
     for number, axis in enumerate("xyzw", 1)
 }
 """Names of columns in lower case without `_`, `.`, `-` and spaces; earlier names take precedence."""
+_LENGTHS = {name for key in ("x", "y", "z", DOWN) for name in NAMES[key]}
 _CONJUGATES = re.compile(r"att_?q_?(ds_?to_?rb|lm_?to_?navsb)_?[1-4]", re.IGNORECASE)
 """Titles of the quaternions of the suite, which are the conjugates of those in ROS messages (docs/conventions.md)."""
 SMALLER_FRACTIONS = {"us": ("usec", "microsec"), "ms": ("msec", "millisec")}
 """Units of the fraction of a second other than ns, by the beginning of the name of the column."""
 UNITS = {*METRES, *TIMES, UTC_UNIT, "rad", "deg", "1"}  #: Contents of a line of units below a header.
 _OTHER_NAMES = {
-    **dict.fromkeys(("metre", "metres", "meter", "meters"), "m"),
-    **dict.fromkeys(("centimetre", "centimetres", "centimeter", "centimeters"), "cm"),
-    **dict.fromkeys(("millimetre", "millimetres", "millimeter", "millimeters"), "mm"),
-    **dict.fromkeys(("kilometre", "kilometres", "kilometer", "kilometers"), "km"),
     **dict.fromkeys(("sec", "secs", "second", "seconds"), "s"),
     **dict.fromkeys(("msec", "msecs", "millisecond", "milliseconds"), "ms"),
     **dict.fromkeys(("usec", "usecs", "microsecond", "microseconds"), "us"),
     **dict.fromkeys(("nsec", "nsecs", "nanosecond", "nanoseconds"), "ns"),
 }
-"""Other names of units, and their symbols."""
+"""Other names of the units of stamps, and their symbols."""
 SKIPPED = "_"
-_UNIT = re.compile(
-    r"^[#%/\s]*(.*?)\s*(?:\[([^\[\]]*)\]|\((\w*)\)|_(m|cm|mm|km|s|sec|ms|msec|us|usec|ns|nsec|utc))?$", re.IGNORECASE
-)
+_TIME_WORDS = ("s", "sec", "ms", "msec", "us", "usec", "ns", "nsec", "utc")
+_WORDS = "|".join(sorted((*LENGTH_WORDS, "in", *_TIME_WORDS), key=len, reverse=True))
+_UNIT = re.compile(rf"^[#%/\s]*(.*?)\s*(?:\[([^\[\]]*)\]|\((\w*)\)|(?<=\w)[\s_/]+({_WORDS}))?$", re.IGNORECASE)
+_ATTACHED = re.compile(rf"([a-z._]+?)({'|'.join(word for word in LENGTH_WORDS if len(word) > 1)})", re.IGNORECASE)
+"""A title and a unit without a separator: `Xmm`."""
 _PREFIXES = ("field", "poseposepose", "posepose", "pose", "transform")
 _DEGREES = ({"lat", "latitude"}, {"lon", "long", "lng", "longitude"})
 """Names of the two columns of a geographic position, in lower case."""
 
 
 def split_unit(cell: str) -> tuple[str, str]:
-    """Return the name and the unit of a cell of a header: `East [mm]`, `time_ns`, `Height (m)`, `usec`."""
+    """Return the name and the unit of a cell of a header: `East [mm]`, `time_ns`, `Height (m)`, `X/mm`, `Xmm`."""
     match = _UNIT.match(cell.strip())
     title, *units = match.groups("") if match else (cell, "")
     name, unit = str(title).strip(), symbol_of("".join(units))
+    attached = None if unit else _ATTACHED.fullmatch(name)
+    if attached and _plain(attached[1]) in _LENGTHS and _plain(name) not in _LENGTHS:
+        return attached[1], symbol_of(attached[2])
     in_name = (unit for unit, starts in SMALLER_FRACTIONS.items() if name.lower().startswith(starts))
     return name, unit or next(in_name, "")
 
@@ -93,13 +95,18 @@ def split_unit(cell: str) -> tuple[str, str]:
 def symbol_of(unit: str) -> str:
     """Return the symbol of a unit: `mm` for `Millimetres`; an unknown unit in lower case."""
     plain = unit.strip().lower()
-    return _OTHER_NAMES.get(plain, plain)
+    return length_symbol(plain) or _OTHER_NAMES.get(plain, plain)
+
+
+def _plain(title: str) -> str:
+    """Return a title in lower case without signs and spaces, as in `NAMES`."""
+    return re.sub(r"[^a-z0-9]", "", title.lower())
 
 
 def key_of(cell: str) -> tuple[str, int] | None:
     """Return the content of a column by its name, and the precedence of the name; None if the name is unknown."""
     title = split_unit(cell)[0]
-    word = re.sub(r"[^a-z0-9]", "", title.lower())
+    word = _plain(title)
     words = [word]
     words += [word.removeprefix(prefix) for prefix in _PREFIXES if word.startswith(prefix)]
     words += [word.removeprefix("field").removeprefix(prefix) for prefix in _PREFIXES if word.startswith("field")]

@@ -1,26 +1,49 @@
-"""Units of lengths: their symbols, and their mention in a comment."""
+"""Units of lengths: their symbols, and their mention in a comment or in the title of a column."""
 
 from __future__ import annotations
 
 import re
 
 METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
-"""Units of lengths, m. The default unit is the metre."""
-_PREFIXES = {"milli": "mm", "centi": "cm", "kilo": "km"}
+"""Units of lengths that are converted, m. The default unit is the metre."""
+LENGTH_NAMES = {
+    "m": ("metre", "metres", "meter", "meters"),
+    "cm": ("centimetre", "centimetres", "centimeter", "centimeters"),
+    "mm": ("millimetre", "millimetres", "millimeter", "millimeters"),
+    "km": ("kilometre", "kilometres", "kilometer", "kilometers"),
+    "dm": ("decimetre", "decimetres", "decimeter", "decimeters"),
+    "um": ("\u00b5m", "\u03bcm", "micron", "microns", "micrometre", "micrometres", "micrometer", "micrometers"),
+    "nm": ("nanometre", "nanometres", "nanometer", "nanometers"),
+    "ft": ("foot", "feet"),
+    "inch": ("inches",),
+    "yd": ("yard", "yards"),
+    "mi": ("mile", "miles"),
+}
+"""Names of the units of lengths by their symbols. A unit that is not in `METRES` is refused."""
+LENGTH_WORDS = tuple(word for symbol, names in LENGTH_NAMES.items() for word in (symbol, *names))
+_SYMBOLS = {word: symbol for symbol, names in LENGTH_NAMES.items() for word in (symbol, *names)} | {"in": "inch"}
+_OTHERS = [word for word, symbol in _SYMBOLS.items() if symbol != "m" and word != "in"]
+_UNIT = "|".join(sorted(_OTHERS, key=len, reverse=True))
+_PREFIXED = "|".join(word for word in _OTHERS if re.search("met(?:re|er)|micron", word))
 _MENTION = re.compile(
-    r"\[(mm|cm|km)\]|\((mm|cm|km)\)|\bin (mm|cm|km)\b|\bunits?\b(?: is| are)?\W+(mm|cm|km)\b|"
-    r"\b(milli|centi|kilo)met(?:er|re)s?\b",
+    rf"[\[(]\s*({_UNIT}|in)\s*[\])]|\bin\s+({_UNIT})\b|"
+    rf"(?<![a-z])units?\b(?:\s+(?:is|are))?[^\w\[(]+({_UNIT}|in)\b|[:=]\s*({_UNIT})\b|\b({_PREFIXED})\b",
     re.IGNORECASE,
 )
 
 
-def unit_in_comment(text: str) -> str:
-    """Return the unit of lengths, other than the metre, that a comment states; empty if it states none.
+def length_symbol(word: str) -> str:
+    """Return the symbol of a unit of lengths: `mm` for `millimetres`; empty for another word."""
+    return _SYMBOLS.get(word.strip().lower(), "")
 
-    Examples: `positions in mm`, `units: mm`, `all lengths [mm]`, `millimetres`.
+
+def unit_in_comment(text: str) -> str:
+    """Return the symbol of the first unit of lengths, other than the metre, in a comment; empty without such a unit.
+
+    A unit is in brackets, or follows `in`, `unit`, a colon or an equals sign; names with a prefix, such as millimetres,
+    are found anywhere. Examples: `positions in feet`, `length_unit=mm`, `all lengths [mm]`, `Translation: mm`.
     """
     found = _MENTION.search(text)
     if found is None:
         return ""
-    word = next(str(group).lower() for group in found.groups() if group)
-    return _PREFIXES.get(word, word)
+    return length_symbol(next(group for group in found.groups() if group))

@@ -139,6 +139,9 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "x twice.npz": (npz(x=np.ones(3), X=np.zeros(3), y=np.ones(3), z=np.ones(3)), "it has the field x twice"),
     "points.npz": (npz(points=POINTS), "it has the arrays points: x, y and z are required"),
     "grid.npz": (npz(x=np.ones((2, 3)), y=np.ones(6), z=np.ones(6)), "array x has the shape"),
+    "feet.ply": (ply(f"comment units: feet\nelement vertex 50\n{VERTEX}", POINTS.tobytes()), "states the unit ft"),
+    "information.ply": (ply(f"obj_info units mm\nelement vertex 50\n{VERTEX}", POINTS.tobytes()), "states the unit mm"),
+    "tab.ply": (ply(f"comment\tunits: mm\nelement vertex 50\n{VERTEX}", POINTS.tobytes()), "states the unit mm"),
     "millimetres.ply": (ply(f"comment unit: mm\nelement vertex 50\n{VERTEX}", POINTS.tobytes()), "states the unit mm"),
     "in millimetres.pcd": (
         b"# all lengths in mm\n" + pcd(b"", "binary", "WIDTH 0\nHEIGHT 1").replace(b"POINTS 50", b"POINTS 0"),

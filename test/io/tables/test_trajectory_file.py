@@ -345,3 +345,53 @@ def test_poses_without_stamps_are_paired_by_the_numbers_of_their_rows(tmp_path: 
     kept = np.delete(np.arange(len(truth)), [10, 20])
     assert np.array_equal(found.stamps_ns, truth.stamps_ns[kept])
     assert np.abs(found.positions - truth.positions[kept]).max() < 1e-12
+
+
+UNIT_COMMENTS = [
+    "positions in feet",
+    "units: ft",
+    "position in um",
+    "Translation: mm",
+    "length_unit=mm",
+    "x, y, z [mm]",
+]
+
+
+@pytest.mark.parametrize("columns", ["", "t=#1[s],x=#2,y=#3,z=#4"])
+@pytest.mark.parametrize("comment", UNIT_COMMENTS)
+def test_a_comment_with_another_unit_than_metres_is_refused(tmp_path: Path, comment: str, columns: str) -> None:
+    body = "".join(f"{0.1 * k:.1f},{k},2,3\n" for k in range(20))
+    (tmp_path / "t.csv").write_text(f"# {comment}\nt,x,y,z\n{body}")
+    with pytest.raises(InputError, match="states the unit"):
+        read_trajectory_file(tmp_path / "t.csv", columns)
+
+
+@pytest.mark.parametrize("is_named", [False, True])
+@pytest.mark.parametrize(
+    ("title", "metres"),
+    [
+        ("X mm", 0.001),
+        ("X/mm", 0.001),
+        ("Xmm", 0.001),
+        ("X_cm", 0.01),
+        ("X (metres)", 1.0),
+        ("X_ft", None),
+        ("X [feet]", None),
+        ("X in", None),
+        ("X um", None),
+    ],
+)
+def test_a_unit_in_a_title_is_converted_or_refused(
+    tmp_path: Path, title: str, metres: float | None, is_named: bool
+) -> None:
+    titles = [title.replace("X", axis) for axis in "XYZ"]
+    body = "".join(f"{0.1 * k:.1f},{k},2,3\n" for k in range(20))
+    (tmp_path / "t.csv").write_text(f"t,{','.join(titles)}\n{body}")
+    named = (f"{axis}={each}" for axis, each in zip("xyz", titles, strict=True))
+    columns = ",".join(("t=#1[s]", *named)) if is_named else ""
+    if metres is None:
+        with pytest.raises(InputError, match="not supported"):
+            read_trajectory_file(tmp_path / "t.csv", columns)
+        return
+    found = read_trajectory_file(tmp_path / "t.csv", columns).trajectory
+    assert found.positions[5] == pytest.approx([5 * metres, 2 * metres, 3 * metres])
