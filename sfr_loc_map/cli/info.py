@@ -64,9 +64,6 @@ def info(
     from sfr_loc_map.io.registry import check_source_exists, open_source
     from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.io.source_settings import config_beside
-    from sfr_loc_map.localisation.config import LocalisationConfig
-    from sfr_loc_map.mapping.config import MappingConfig
-    from sfr_loc_map.scoring.judgement import check_conditions_of
     from sfr_loc_map.scoring.provenance import data_set_of
     from sfr_loc_map.source_setup.facts import facts_of, facts_tables
 
@@ -80,9 +77,6 @@ def info(
         )
     given = configuration_of(source, path, calibration, settings, remap)
     how = SourceConfig.of(given)
-    given.build(LocalisationConfig, "localisation")
-    given.build(MappingConfig, "mapping")
-    check_conditions_of(given)
     check_source_exists(source)
     if write:
         path, how = _write(source, given)

@@ -194,12 +194,33 @@ def announced_config(source: Path, config: Path | None, remap: list[str] | None 
 def configuration_of(
     source: Path, config: Path | None, calibration: Path | None, settings: list[str] | None, remap: list[str] | None
 ) -> Configuration:
-    """Return a configuration of a source with the values of `--calibration`, `--set` and `--remap`."""
+    """Return a configuration of a source with the values of `--calibration`, `--set` and `--remap`.
+
+    ConfigError if a section would be refused by the commands that use it (`check_configuration`).
+    """
     from sfr_loc_map.io.source_settings import check_remap, with_settings
 
     remaps = parse_remaps(remap)
     check_remap(source, remaps)
-    return with_settings(Configuration.read(config), parse_settings(settings), calibration, remaps)
+    found = with_settings(Configuration.read(config), parse_settings(settings), calibration, remaps)
+    check_configuration(found)
+    return found
+
+
+def check_configuration(given: Configuration) -> None:
+    """Raise ConfigError for an invalid value in any section, except `monitor`, which the node checks at its start.
+
+    The limits file is read.
+    """
+    from sfr_loc_map.io.source_config import SourceConfig
+    from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.mapping.config import MappingConfig
+    from sfr_loc_map.scoring.judgement import Judgement
+
+    SourceConfig.of(given)
+    given.build(LocalisationConfig, "localisation")
+    given.build(MappingConfig, "mapping")
+    Judgement.of(None, None, given)
 
 
 # ---- methods under test

@@ -64,12 +64,20 @@ def has_nodes(flat: Mapping[str, Any]) -> bool:
     return any(ROS_PARAMETERS in name.split(".") for name in flat)
 
 
-def sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
+class NodeValues(NamedTuple):
+    """The content of a ROS parameter file."""
+
+    sections: dict[str, Any]
+    others: tuple[tuple[str, str], ...]
+    """Node and name of the parameters that are not those of a section; the node is `ALL_NODES` or one of the suite."""
+
+
+def sections_of_nodes(flat: Mapping[str, Any], path: Path) -> NodeValues:
     """Return the sections of a ROS parameter file; values of a node have priority over those of all nodes (`/**`).
 
-    Other parameters of nodes are ignored. ConfigError if a section is not a mapping, if two nodes have different
-    values of a parameter that a section has once, or if all parameters are those of nodes of other programs. Raises the
-    errors of `_by_node` and `_by_suite_node`.
+    ConfigError if a section is not a mapping or is that of another node, if two nodes have different values of a
+    parameter that a section has once, or if all parameters are those of nodes of other programs. Raises the errors of
+    `_by_node` and `_by_suite_node`.
     """
     nodes = _by_node(flat, path)
     parameters = _by_suite_node(nodes, path)
@@ -79,6 +87,7 @@ def sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
             f"{alternatives((*SUITE_NODES, '/**'))} are required"
         )
     sections: dict[str, Any] = {}
+    others: list[tuple[str, str]] = []
     node_of: dict[str, str] = {}
     for name in (ALL_NODES, *SUITE_NODES):
         for parameter, value in parameters.get(name, {}).items():
@@ -86,12 +95,16 @@ def sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
             section = _SECTION_OF_PREFIX.get(prefix)
             if not key and is_empty(value):
                 continue
-            if section is None or name not in (ALL_NODES, *NODE_SECTIONS[section].nodes):
+            if section is None:
+                others.append((name, parameter))
                 continue
+            if section == "sync" and key not in ("", STAMP_TOLERANCE):  # nodes have other settings of their inputs
+                continue
+            of_section = NODE_SECTIONS[section].nodes
+            if name not in (ALL_NODES, *of_section):
+                raise ConfigError(f"{path}: '{parameter}' of '{name}' is a parameter of {alternatives(of_section)}")
             if not key:
                 raise ConfigError(f"{path}: '{parameter}' is {value!r:.40}: {MAPPING} is required")
-            if section == "sync" and key != STAMP_TOLERANCE:  # nodes have other settings of their inputs
-                continue
             values = sections.setdefault(section, {})
             other = name if name == ALL_NODES else node_of.setdefault(parameter, name)
             if other != name and values[key] != value:
@@ -100,7 +113,7 @@ def sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
                     "command uses one value for both nodes; give equal values"
                 )
             values[key] = value
-    return sections
+    return NodeValues(sections, tuple(others))
 
 
 def _by_node(flat: Mapping[str, Any], path: Path) -> dict[str, dict[str, Any]]:

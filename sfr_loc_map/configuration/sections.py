@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from sfr_loc_map.configuration.nodes import NODE_SECTIONS, has_nodes, sections_of_nodes
-from sfr_loc_map.configuration.parameters import MAPPING, build, flatten, is_empty, suggestion
+from sfr_loc_map.configuration.parameters import MAPPING, build, flatten, is_empty, parameters, suggestion
 from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import ConfigError, naming_key
 
@@ -100,6 +100,15 @@ def _sections_of_file(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
     return sections
 
 
+def _check_others(others: Iterable[tuple[str, str]], path: Path) -> None:
+    """Raise ConfigError if a parameter of a node has the name of a section, which is no parameter of any node."""
+    for node, parameter in others:
+        section = parameter.partition(".")[0]
+        if section in SECTIONS:
+            advice = f"name it '{ALIAS}'" if section == ALIASED else "move it to an sfr.yaml"
+            raise ConfigError(f"{path}: '{section}' of '{node}' is a section of sfr.yaml, not of a node: {advice}")
+
+
 def check_one_name(names: Iterable[str], origin: str) -> None:
     """Raise ConfigError if names of values contain both names of the section `extrinsics`."""
     if {ALIAS, ALIASED} <= {name.partition(".")[0] for name in names}:
@@ -130,6 +139,8 @@ class Configuration:
     sections: Mapping[str, Any] = field(default_factory=dict)
     """Values by section; a section is a mapping of dotted names, except `conditions` and `limits` (`check_form`)."""
     is_changed: bool = False  #: Whether options changed values of the file.
+    #: Node and name of the parameters of a ROS parameter file that are not those of a section (`NodeValues.others`).
+    others: tuple[tuple[str, str], ...] = ()
 
     @classmethod
     def read(cls, path: Path | None) -> Configuration:
@@ -140,7 +151,11 @@ class Configuration:
         if path is None:
             return cls()
         flat = _read_flat(path)
-        return cls(path, sections_of_nodes(flat, path) if has_nodes(flat) else _sections_of_file(flat, path))
+        if not has_nodes(flat):
+            return cls(path, _sections_of_file(flat, path))
+        found = sections_of_nodes(flat, path)
+        _check_others(found.others, path)
+        return cls(path, found.sections, others=found.others)
 
     @property
     def origin(self) -> str:
@@ -159,7 +174,19 @@ class Configuration:
         return self.sections.get(name) or {}
 
     def build(self, config_type: type[C], name: str) -> C:
-        """Return the parameters of a section, such as `localisation`; ConfigError if a value is invalid."""
+        """Return the parameters of a section, such as `localisation`.
+
+        ConfigError if a value is invalid, or if a ROS parameter file has one of the names without its prefix.
+        """
+        if name in NODE_SECTIONS:
+            prefix, nodes = NODE_SECTIONS[name]
+            known = {info.name for info in parameters(config_type)} if prefix else set()
+            for node, parameter in self.others:
+                if node in nodes and parameter in known:
+                    raise ConfigError(
+                        f"{self.origin}: unknown parameter '{parameter}' of '{node}' (did you mean "
+                        f"'{prefix}.{parameter}'?)"
+                    )
         return build(config_type, self.section(name), origin=f"{self.origin}, {name}")
 
 

@@ -53,20 +53,21 @@ def with_settings(
 ) -> Configuration:
     """Return a configuration with changed values, whose names are `SECTION.KEY` or `SECTION`.
 
-    A mapping changes the values that it contains, and keeps the other values of its section or group. If several
-    settings contain a value, the last of them applies. `remap` is applied before the settings.
+    A mapping changes the values that it contains, and keeps the other values of its section or group. `remap` is
+    applied before the settings.
 
     File names in `values` and `calibration` are relative to the working directory. ConfigError if a section is unknown,
-    or if a value does not have the form of its section.
+    if a value does not have the form of its section, or if two settings give a key different values.
     """
     sections = copied(given.sections)
     if remap:
         sections["topics"] = _renamed_topics(given.section("topics"), remap)
-    settings = dict(values)
+    settings = [*values.items()]
     if calibration is not None:
-        settings["calibration.file"] = str(calibration)
-    check_one_name(settings, "settings")
-    for name, value in settings.items():
+        settings.append(("calibration.file", str(calibration)))
+    check_one_name(values, "settings")
+    given_before: dict[Key, object] = {}
+    for name, value in settings:
         with naming_key(f"setting '{name}'"):
             flat = flatten({name: value}, keeps_empty=True)
         for dotted, item in flat.items():
@@ -74,6 +75,9 @@ def with_settings(
             if key.section not in SECTIONS:
                 raise ConfigError(f"setting '{dotted}': no section '{key.section}'{suggestion(key.section, SECTIONS)}")
             check_form(key, item, f"setting '{dotted}'")
+            before = given_before.setdefault(key, item)
+            if before != item:
+                raise ConfigError(f"setting '{dotted}' is {item!r:.40}, but another is {before!r:.40}: omit one")
             if key.name or not is_empty(item):
                 key.put(_in_working_directory(key, item), sections)
     return replace(given, sections=sections, is_changed=given.is_changed or sections != given.sections)

@@ -31,7 +31,7 @@ class Judgement:
         configuration.
         """
         named, listed = config.sections.get("limits"), config.sections.get("conditions")
-        check_conditions_of(config)
+        _check_conditions(config)
         if limits is None and named:
             limits = config.folder / named
         if isinstance(limits, Mapping):
@@ -45,7 +45,7 @@ class Judgement:
         return tuple(map(Condition.parse, (*(self.conditions or ()), *of_limits)))
 
 
-def check_conditions_of(config: Configuration) -> None:
+def _check_conditions(config: Configuration) -> None:
     """Raise ConfigError for an invalid condition of a configuration."""
     with naming_key(f"{config.origin}, conditions"):
         for text in config.sections.get("conditions") or ():

@@ -106,6 +106,27 @@ def test_init_requires_the_name_of_a_folder(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("conditions=[distance=-5]", "settings, conditions: "),
+        ("mapping.foo=2", "settings, mapping: unknown key 'foo'"),
+        ("localisation.max_features=-4", "settings, localisation: 'max_features' is -4"),
+        ("limits=nofile.yaml", "nofile.yaml': No such file"),
+        ("frames.bas=3", "settings, frames: unknown key 'bas'"),
+    ],
+)
+def test_init_and_info_refuse_settings_that_other_commands_refuse(
+    sfr: Sfr, tmp_path: Path, setting: str, words: str
+) -> None:
+    source = broken.good_folder(tmp_path / "data")
+    for command in (("init", tmp_path / "rover", "--from", source), ("info", source)):
+        result = sfr(*command, "--set", setting)
+        assert result.code == 2
+        assert words in result.err
+    assert not (tmp_path / "rover").exists()
+
+
 def test_the_next_step_repeats_the_options_that_were_given(hints: Sfr, trajectory: Path) -> None:
     given = ("score", trajectory, trajectory, "--condition", "frames=3")
     steps = [hints(*given).err.splitlines()[-1].partition("    #")[0]]

@@ -8,6 +8,8 @@ import pytest
 
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
 
 
 def sections_of(path: Path) -> Mapping[str, Any]:
@@ -51,6 +53,21 @@ def test_a_misspelt_prefix_in_a_ros_parameter_file_is_refused(tmp_path: Path, no
         sections_of(tmp_path / "nodes.yaml")
 
 
+@pytest.mark.parametrize("node", ["localisation", "mapping", "monitor"])
+def test_the_parameter_files_of_the_package_are_read(node: str) -> None:
+    given = Configuration.read(Path(__file__).parents[2] / "config" / f"{node}.yaml")
+    for config_type in (LocalisationConfig, MappingConfig):
+        assert given.build(config_type, config_type.__module__.split(".")[1]) == config_type()
+
+
+def test_a_parameter_of_a_node_without_its_prefix_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "nodes.yaml").write_text("/localisation_node: {ros__parameters: {max_features: 3, ds_frame: map}}\n")
+    given = Configuration.read(tmp_path / "nodes.yaml")
+    with pytest.raises(ConfigError, match=r"unknown parameter 'max_features' .* 'localisation\.max_features'"):
+        given.build(LocalisationConfig, "localisation")
+    given.build(MappingConfig, "mapping")
+
+
 def test_other_parameters_of_nodes_are_ignored(tmp_path: Path) -> None:
     text = OF_ALL.replace("truth.sigma_m", "autostart")
     other = OF_MONITOR.replace("monitor", "other").replace("truth", "thruth")
@@ -92,6 +109,12 @@ def test_nodes_of_a_namespace_are_read(tmp_path: Path, node: str) -> None:
         (
             OF_MAPPER + OF_MAPPER.replace("mapping", "localisation").replace("0.2", "0.1"),
             "'input.stamp_tolerance_s' is",
+        ),
+        ("/**: {ros__parameters: {frames: {base: x}}}\n", "'frames' of '\\*\\*' is a section of sfr.yaml"),
+        ("/**: {ros__parameters: {extrinsics.quat_xyzw: [0]}}\n", "'extrinsics' .*: name it 'T_rb_locsb'"),
+        (
+            OF_MAPPER.replace("input", "localisation"),
+            "'localisation.stamp_tolerance_s' of 'mapping_node' is a parameter",
         ),
         ("/**: {ros__parameters: {localisation: 5}}\n", "'localisation' is 5: a mapping"),
         ("/**: {ros__parameters: 5}\n", "'/\\*\\*.ros__parameters' is 5: a mapping"),

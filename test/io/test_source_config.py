@@ -147,7 +147,6 @@ def test_the_parameters_are_those_of_the_time_when_the_file_was_read(
         {"localisation.motion": {"max_speed_m_s": 2.0}},
         {"localisation": {"motion": {"max_speed_m_s": 2.0}}},
         {"localisation": {"motion.max_speed_m_s": 2.0, "motion": {}}},
-        {"localisation": {"motion": {"max_speed_m_s": 3.0}}, "localisation.motion.max_speed_m_s": 2.0},
         {"localisation": {}, "localisation.motion": {"max_speed_m_s": 2.0}},
     ],
 )
@@ -170,6 +169,14 @@ def test_a_value_that_one_setting_contains_twice_is_refused() -> None:
     settings = {"localisation": {"motion.max_speed_m_s": 1.0, "motion": {"max_speed_m_s": 2.0}}}
     with pytest.raises(ConfigError, match=r"^setting 'localisation': '.*max_speed_m_s' is given twice"):
         with_settings(Configuration(), settings)
+
+
+def test_two_settings_of_one_key_are_refused_however_they_are_nested(tmp_path: Path) -> None:
+    for settings in ({"sync.stamps": "header", "sync": {"stamps": "record"}}, {"sync": {"stamps": "header"}}):
+        calibration = None if len(settings) > 1 else tmp_path / "a.yaml"
+        other = {"calibration": {"file": "b.yaml"}} if len(settings) == 1 else {}
+        with pytest.raises(ConfigError, match="but another is "):
+            with_settings(Configuration(), settings | other, calibration)
 
 
 @pytest.mark.parametrize("section", ["extrinsics", "T_rb_locsb"])
