@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
 from sfr_loc_map.atomic import write_text
-from sfr_loc_map.errors import InterruptedRunError, OutputError
+from sfr_loc_map.errors import InterruptedRunError, SfrError
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.metrics.stored.score_json import json_line
 from sfr_loc_map.signals import hold
@@ -51,14 +51,19 @@ def run_suite(
 ) -> Summary:
     """Run the jobs of a suite that have no result yet, write the page of the suite, and return the summary.
 
-    The jobs run on `workers` processes of this host (default: `slots_for`), or on the Dask cluster of a `scheduler`.
-    After a signal, the finished jobs are reported and InterruptedRunError is raised.
+    The jobs run on `workers` processes of this host (default: `slots_for`), or on the Dask cluster of a `scheduler`
+    (its address). With `retry_failed`, failed jobs are repeated. `say` and `progress` receive what the command prints.
+
+    Before a job runs: OutputError if another run uses the folder or if the folder belongs to another suite or to a
+    search. InputError if a stored result is damaged, or if the data are not those that the limits name. Later:
+    InputError if no worker is usable. After an error or a signal, the finished jobs are reported. After a signal,
+    InterruptedRunError is raised.
     """
     settings = specification.settings
-    interrupted = False
     with store.locked():
         planned = plan_run(specification, store, retry_failed=retry_failed)
         store.save_plan(planned.all_jobs, planned.refusals, specification.stated_limits, specification.files)
+        store.check_results()
         for text in planned.texts:
             say(text)
         try:
@@ -66,17 +71,26 @@ def run_suite(
                 slots = min(slots_for(settings, workers), len(planned.jobs))
                 with suite_workers(store, settings, slots, scheduler, say) as (client, at_work):
                     run_and_keep(planned.jobs, store, settings, client, at_work, say, progress, planned.decision)
-        except KeyboardInterrupt:
-            interrupted = True
-        finally:  # report the finished jobs after any error
-            hold()
-            from sfr_loc_map.suite.pages.page import write_summary  # imported late, because the import is slow
+        except KeyboardInterrupt as error:
+            counts = _reported(store).counts
+            raise InterruptedRunError(
+                f"interrupted: {counts.done} of {counts.jobs} jobs are done and reported; repeat the command to run "
+                "the others"
+            ) from error
+        except Exception:
+            with suppress(SfrError):  # the error of the run is raised, and not an error of its report
+                _reported(store)
+            raise
+        return _reported(store)
 
-            summary = summarise(store)
-            write_summary(summary, store)
-    if interrupted:
-        done = f"{summary.counts.done} of {summary.counts.jobs} jobs are done and reported"
-        raise InterruptedRunError(f"interrupted: {done}; repeat the command to run the others")
+
+def _reported(store: Store) -> Summary:
+    """Write the page of a suite from its finished jobs, and return the summary. Signals are ignored from now on."""
+    hold()
+    from sfr_loc_map.suite.pages.page import write_summary  # imported late, because the import is slow
+
+    summary = summarise(store)
+    write_summary(summary, store)
     return summary
 
 
@@ -90,10 +104,14 @@ def run_search(
     say: Say = lambda line: None,
     progress: Progress = lambda done, total, last: None,
 ) -> SearchResult:
-    """Search for the worst case, write the page and the case, and return the result.
+    """Search for the worst case, write the page and the file of the case, and return the result.
 
-    Workers are as for `run_suite`, and are only started if a point has no result yet. `progress` counts the jobs of a
-    batch of points.
+    `workers`, `scheduler` and `say` are those of `run_suite`. Workers are only started if a point has no result yet.
+    With `at_random`, all points are drawn uniformly. `progress` counts the jobs of a batch of points.
+
+    OutputError if another run uses the folder or if the folder belongs to a suite or to another search. InputError if
+    the unchanged scenario cannot be run or lacks the figure, if no point can be run, if a job fails for a reason other
+    than invalid input, or if no worker is usable. MissingExtraError without optuna or Dask.
     """
     # imported late, because the imports are slow
     from sfr_loc_map.suite.pages.search_page import render_search
@@ -102,8 +120,7 @@ def run_search(
     settings = specification.running
     slots = slots_for(settings, workers)
     with store.locked(), ExitStack() as stack:
-        if store.suite_file is not None:
-            raise OutputError(f"'{store.folder}' is the folder of a suite ('{store.suite_file}'): choose another one")
+        store.check_owner(search=specification.path)
         connection = cache(lambda: stack.enter_context(suite_workers(store, settings, slots, scheduler, say)))
 
         def run_points(jobs: Sequence[Job]) -> None:
@@ -139,8 +156,10 @@ def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: b
     """Return all jobs of a suite, and the jobs to execute. The facts of the sources are cached in the folder.
 
     For sequential tests, the jobs are executed drive by drive. Once these tests have decided all limits, only failed
-    jobs are executed, if `retry_failed` is set. InputError if the limits name another data set than that of a job.
+    jobs are executed, if `retry_failed` is set. OutputError if the folder belongs to another suite or to a search.
+    InputError if the limits name another data set than that of a job.
     """
+    store.check_owner(suite=specification.path)
     all_jobs, refusals = make_plan(specification, FactsCache(store.cache).facts_of, store.cache)
     wanted = (JobState.WAITING, JobState.FAILED) if retry_failed else (JobState.WAITING,)
     jobs = [job for job in all_jobs if store.state(job) in wanted]

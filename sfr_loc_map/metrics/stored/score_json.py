@@ -24,6 +24,7 @@ from sfr_loc_map.metrics.table.catalogue import Subject
 T = TypeVar("T")
 HASH = "content_sha256"  #: Key of the hash of all other values.
 UNDEFINED = ("sigma", "mean_plus_3sigma")  #: Statistics of fewer than two sub-trajectories, which are written as null.
+GIVE_SCORE = "give the JSON of sfr score --json"
 SCORE_AGAIN = "score the estimate again with this version (sfr score EST TRUTH --json S.json)"
 
 
@@ -97,44 +98,47 @@ def from_dict(
     origin: str = "score",
     *,
     needs_hash: bool = False,
+    advice: str = "",
 ) -> Score:
-    """Return the score of JSON values, without their hash; `origin` names their source in messages.
+    """Return the score of JSON values, without their hash.
+
+    In messages, `origin` names their source, and `advice` states what to do (empty: the commands that make a score).
 
     InputError if the values do not match the schema or contradict each other, or if their hash differs or is missing
     although `needs_hash` is set. The message, of one line, names fault and field.
     """
-    _check_schema(content, origin)
+    score_again, give_score = advice or SCORE_AGAIN, advice or GIVE_SCORE
+    _check_schema(content, origin, score_again, give_score)
     try:
         score = msgspec.convert(content, Score)
     except (msgspec.ValidationError, ValueError) as error:
         reason = " ".join(str(error).split())  # keys of the file may contain line breaks
-        raise InputError(f"{origin} does not match {SCHEMA}: {reason}; give the JSON of sfr score --json") from error
+        raise InputError(f"{origin} does not match {SCHEMA}: {reason}; {give_score}") from error
     try:
         score = checked_score(score)
     except ContradictionError as error:
-        raise InputError(f"{origin} contradicts itself: {error}; {SCORE_AGAIN}") from error
+        raise InputError(f"{origin} contradicts itself: {error}; {score_again}") from error
     if needs_hash and score.content_sha256 is None:
-        raise InputError(f"{origin} has no {HASH}, the hash of its values: {SCORE_AGAIN}")
+        raise InputError(f"{origin} has no {HASH}, the hash of its values: {score_again}")
     if score.content_sha256 not in (None, hash_of_values(content)):
-        raise InputError(f"{origin} contradicts itself: its values were changed, as {HASH} shows; {SCORE_AGAIN}")
+        raise InputError(f"{origin} contradicts itself: its values were changed, as {HASH} shows; {score_again}")
     return replace(score, content_sha256=None)
 
 
-def _check_schema(content: object, origin: str) -> None:
-    """Check that JSON values name the schema of a score; InputError if not."""
+def _check_schema(content: object, origin: str, score_again: str, give_score: str) -> None:
+    """Raise InputError if JSON values do not name the schema of a score.
+
+    `score_again` is the advice for a former schema, and `give_score` that for other content.
+    """
     if not isinstance(content, dict):
         kind = type(content).__name__
-        raise InputError(
-            f"{origin} is not a score: a JSON object is required, found {kind}; give the JSON of sfr score --json"
-        )
+        raise InputError(f"{origin} is not a score: a JSON object is required, found {kind}; {give_score}")
     found = content.get("schema")
     if found == "sfr-score/1":
-        raise InputError(f"{origin} is a score of version 0.2 ({found}), which is no longer supported: {SCORE_AGAIN}")
+        raise InputError(f"{origin} is a score of version 0.2 ({found}), which is no longer supported: {score_again}")
     if found != SCHEMA:
         named = " ".join(repr(found).split())[:60]
-        raise InputError(
-            f"{origin} is not a score: schema {SCHEMA} is required, found {named}; give the JSON of sfr score --json"
-        )
+        raise InputError(f"{origin} is not a score: schema {SCHEMA} is required, found {named}; {give_score}")
 
 
 def _encoded(value: Any) -> bytes:  # noqa: ANN401 - any record

@@ -92,8 +92,13 @@ class SuiteSpecification:
         return (self.path,) if self.limits_file is None else (self.path, self.limits_file)
 
 
-def load_specification(path: Path) -> SuiteSpecification:
-    """Read the file of a suite; raise ConfigError if it is invalid, InputError if no source can be read."""
+def load_specification(path: Path | str) -> SuiteSpecification:
+    """Read the file of a suite, and find its sources. The data of the sources are not read.
+
+    Paths in the file are relative to its folder. ConfigError if the file is missing or invalid. InputError if no
+    source is found, or if a file of a method cannot be read.
+    """
+    path = Path(path)
     content = load_yaml(path)
     check_keys(content, (*LISTS, *OTHERS, *flatten(SuiteSettings())), path)
     lists = {name: _list_in(content, name, path) for name in LISTS}

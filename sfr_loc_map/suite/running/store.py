@@ -80,6 +80,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     refusals: list[dict[str, Any]] = []
     run: SuiteRun | None = None  #: The last run; None before the first.
     files: list[PlanFile] = []  #: The file of the suite, and the file of its limits if there is one.
+    search: str = ""  #: File of the search to which the folder belongs; empty for a suite.
 
 
 class ResultProvenance(msgspec.Struct, frozen=True):
@@ -141,11 +142,12 @@ class Store:
         refusals: Sequence[Refusal] = (),
         limits: Mapping[str, object] = {},
         files: Sequence[Path] = (),
+        search: Path | None = None,
     ) -> None:
         """Save the jobs and limits of the current file of the suite, and its unreadable sources.
 
-        `files` are the file of the suite and the file of its limits, if there is one. ConfigError if there are so many
-        jobs that the plan could not be read again.
+        `files` are the file of the suite and the file of its limits, if there is one. `search` is the file of a search.
+        ConfigError if there are so many jobs that the plan could not be read again.
         """
         self._plan = Plan(
             jobs=to_plain(jobs),
@@ -153,12 +155,39 @@ class Store:
             refusals=to_plain(refusals),
             run=SuiteRun.now(),
             files=[PlanFile(str(path.absolute()), hash_path(path)) for path in files],
+            search="" if search is None else str(search.absolute()),
         )
         text = json_line(self._plan)
         if len(text) > MAX_JSON_BYTES:
             raise ConfigError(f"the plan of {len(jobs)} jobs exceeds {MAX_JSON_BYTES / MB:g} MB: split the suite")
         write_text(text, self.plan_file)
         self._jobs = None
+
+    def check_owner(self, *, suite: Path | None = None, search: Path | None = None) -> None:
+        """Raise OutputError if the folder belongs to another file than the given file of a suite or of a search.
+
+        The file of the folder may have been moved: a missing file does not protect the folder from a file of its kind.
+        """
+        owners = {"suite": self.suite_file, "search": Path(self._plan.search) if self._plan.search else None}
+        given = {"suite": suite, "search": search}
+        for kind, owner in owners.items():
+            file = given[kind]
+            is_other = file is None or (owner is not None and owner.exists() and owner.resolve() != file.resolve())
+            if owner is not None and is_other:
+                raise OutputError(f"'{self.folder}' is the folder of the {kind} '{owner}': choose another folder")
+
+    def check_results(self) -> None:
+        """Read all results and failures in the folder; InputError if one of them is damaged or is not that of its job.
+
+        A run calls this before its first job, so that a damaged file is reported before the work and not after it.
+        """
+        for job in self.jobs:
+            state = self.state(job)
+            if state is JobState.DONE:
+                self.score(job)
+            elif state is JobState.FAILED:
+                self.failure(job)
+        self.left_over()
 
     def check_files(self) -> tuple[str, ...]:
         """Compare the plan with the suite's file and the limits file; return those of them that are missing.
@@ -198,9 +227,11 @@ class Store:
         limits = self._plan.limits
         return parse_limits(limits, f"'{self.plan_file}': limits") if limits else None
 
-    @property
-    def refusals(self) -> tuple[Refusal, ...]:
-        """Unreadable sources of the last run, and sources that have results but no job any more."""
+    def read_refusals(self) -> tuple[Refusal, ...]:
+        """Return the unreadable sources of the last run, and the sources that have results but no job any more.
+
+        InputError if a result or a failure that is not of a job cannot be read.
+        """
         return (*self.planned_refusals, *self.left_over())
 
     @property
@@ -258,10 +289,7 @@ class Store:
         """
         path = self.results / f"{job.key}.json"
         content = _read(path)
-        try:
-            score = from_dict(content, f"'{path}'", needs_hash=True)
-        except InputError as error:
-            raise InputError(f"{error}; in a suite, {ADVICE}") from error
+        score = from_dict(content, f"'{path}'", needs_hash=True, advice=ADVICE)
         description = _description({} if score.provenance is None else score.provenance.configuration, path)
         if description.key != job.key:
             raise InputError(f"'{path}' is the result of '{description.source}', not of '{job.label}': {ADVICE}")

@@ -116,7 +116,7 @@ def find_worst_case(
     try:
         return _search(specification, points, at_random=at_random)
     finally:  # also after an interruption, the folder has the plan of its results
-        store.save_plan(list(points.planned.values()))
+        store.save_plan(list(points.planned.values()), search=specification.path)
 
 
 class _Points:

@@ -169,8 +169,13 @@ class SearchSpecification:
         return None if value is None else abs(value) / chosen.limit
 
 
-def load_search(path: Path) -> SearchSpecification:
-    """Read the file of a search; raise a ConfigError if it is invalid."""
+def load_search(path: Path | str) -> SearchSpecification:
+    """Read the file of a search and its scenario, whose path is relative to the folder of the file.
+
+    ConfigError if a file is missing or invalid, if a bound of a range is invalid in the scenario, or if a setting would
+    have no effect.
+    """
+    path = Path(path)
     content = load_yaml(path)
     check_keys(content, (*STRUCTURED, *flatten(SearchSettings())), path)
     scenario_name, changes = content.pop("scenario", None), _mapping_in(content, "set", path)

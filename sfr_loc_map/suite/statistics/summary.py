@@ -137,9 +137,10 @@ class Summary:
 
 
 def summarise(store: Store, unchecked: Sequence[str] = ()) -> Summary:
-    """Return the summary of the results in a suite's folder.
+    """Read the results in the folder of a suite, judge them by the limits of the plan, and return their summary.
 
     `unchecked` are sentences about parts of the plan that were not compared with the suite. They are deviations.
+    InputError if a result or a failure cannot be read, or if a result is not that of its job.
     """
     jobs, limits = store.jobs, store.limits
     in_state: dict[JobState, list[Job]] = {state: [] for state in JobState}
@@ -155,7 +156,7 @@ def summarise(store: Store, unchecked: Sequence[str] = ()) -> Summary:
         groups=tuple(groups_of(results, limits, unfinished)),
         results=tuple(results),
         failures=tuple(store.failure(job) for job in in_state[JobState.FAILED]),
-        refusals=store.refusals,
+        refusals=store.read_refusals(),
         code=jobs[0].code if jobs else "",
         order_seed=order_seed,
         workers=store.workers(),

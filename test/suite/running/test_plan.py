@@ -127,9 +127,9 @@ def test_a_simulation_with_changed_settings_cannot_be_removed_from_a_suite(tmp_p
     for job in jobs:
         store.save(job, JobOutcome(cause=FailureCause.DIED, message="crashed"))
     store.save_plan(jobs)
-    assert not store.refusals
+    assert not store.read_refusals()
     store.save_plan(plan_of(tmp_path, sources=[good])[0])
-    assert [item.path for item in store.refusals] == ["flat-0 (drive.pairs=4)"]
+    assert [item.path for item in store.read_refusals()] == ["flat-0 (drive.pairs=4)"]
 
 
 def test_a_simulation_that_another_simulation_renames_is_the_same_source(tmp_path: Path) -> None:
@@ -139,7 +139,7 @@ def test_a_simulation_that_another_simulation_renames_is_the_same_source(tmp_pat
     for job in plan_of(tmp_path, sources=[first])[0]:
         store.save(job, JobOutcome(cause=FailureCause.DIED, message="crashed"))
     store.save_plan([replace(job, code="other") for job in plan_of(tmp_path, sources=[first, added])[0]])
-    assert not store.refusals, "the work is repeated with other code and with the name 'flat-0 (drive.pairs=3)'"
+    assert not store.read_refusals(), "the work is repeated with other code and with the name 'flat-0 (drive.pairs=3)'"
 
 
 def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None:

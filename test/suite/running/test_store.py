@@ -39,11 +39,11 @@ def test_a_source_that_was_run_and_is_in_no_job_is_reported(tmp_path: Path) -> N
         store.save(job, result_of(job))
     store.save(gone, JobOutcome(cause=FailureCause.BAD_INPUT, message="cut off"))
     store.save_plan([JOB, bad, gone, again])
-    assert not store.refusals
+    assert not store.read_refusals()
     store.save_plan([JOB])
-    assert sorted(item.path for item in store.refusals) == ["a", "b", "c"], "a repeat is work of its own"
+    assert sorted(item.path for item in store.read_refusals()) == ["a", "b", "c"], "a repeat is work of its own"
     store.save_plan([replace(job, code="other", fault_seed=7) for job in (JOB, bad, gone, again)])
-    assert not store.refusals, "with other code, and with a seed of no faults, the same work is done again"
+    assert not store.read_refusals(), "with other code, and with a seed of no faults, the same work is done again"
 
 
 @pytest.mark.parametrize("removed", ["seed", "fault", "repeat"])
@@ -58,11 +58,11 @@ def test_a_failed_job_cannot_be_removed_from_a_suite(removed: str, tmp_path: Pat
     store = Store(tmp_path)
     store.save(failed, CRASHED)
     store.save_plan([first, failed])
-    assert not store.refusals
+    assert not store.read_refusals()
     store.save_plan([first, replace(failed, code="other")])
-    assert not store.refusals, "the job is repeated with other code"
+    assert not store.read_refusals(), "the job is repeated with other code"
     store.save_plan([first])
-    assert [item.path for item in store.refusals] == [failed.source.name]
+    assert [item.path for item in store.read_refusals()] == [failed.source.name]
 
 
 @pytest.mark.parametrize("folder", ["results", "failures"])
@@ -81,7 +81,7 @@ def test_a_failure_without_a_description_is_named_by_its_source(tmp_path: Path) 
     store.save_plan([JOB])
     failure = {"key": "other", "label": "localise c", "source": "c.mcap", "cause": "bad input", "message": "cut off"}
     (store.failures / "other.json").write_text(json.dumps(failure))
-    assert [item.path for item in store.refusals] == ["c.mcap"]
+    assert [item.path for item in store.read_refusals()] == ["c.mcap"]
 
 
 def test_another_source_of_the_same_name_supersedes_nothing(tmp_path: Path) -> None:
@@ -97,13 +97,13 @@ def test_another_source_of_the_same_name_supersedes_nothing(tmp_path: Path) -> N
     found = {}
     for name, source in others.items():
         store.save_plan([replace(bad, source=source, code="other")])
-        found[name] = [item.path for item in store.refusals]
+        found[name] = [item.path for item in store.read_refusals()]
     assert found == {"another drive": ["a"], "new data": [], "the same data elsewhere": [], "another version": ["a"]}
     fetched = replace(bad, source=replace(others["another version"], path=f"{store.cache.absolute()}/fetched/1/a.mcap"))
     (store.results / f"{bad.key}.json").unlink()
     store.save(fetched, result_of(fetched))
     store.save_plan([replace(bad, source=replace(others["another version"], sha256="3"), code="other")])
-    assert not store.refusals, "a server has a new version of its file"
+    assert not store.read_refusals(), "a server has a new version of its file"
 
 
 def test_a_result_whose_hash_was_removed_is_refused(tmp_path: Path) -> None:
@@ -210,3 +210,32 @@ def test_a_damaged_file_of_a_suite_is_refused_in_one_line(tmp_path: Path, name: 
     (tmp_path / name).write_bytes(text.encode("latin-1"))
     with pytest.raises(InputError, match=r"^cannot read '.*json': [^\n]*; delete this file and run the suite again$"):
         summarise(Store(tmp_path))
+
+
+def test_a_folder_belongs_to_one_file(tmp_path: Path) -> None:
+    suite, other = tmp_path / "suite.yaml", tmp_path / "other.yaml"
+    suite.write_text("sources: []\n")
+    other.write_text("sources: []\n")
+    of_suite, of_search = Store(tmp_path / "a"), Store(tmp_path / "b")
+    of_suite.save_plan([JOB], files=[suite])
+    of_search.save_plan([JOB], search=suite)
+    reopened = Store(tmp_path / "b")
+    of_suite.check_owner(suite=suite)
+    reopened.check_owner(search=suite)
+    for store, kind, file in ((of_suite, "suite", other), (of_suite, "search", suite), (reopened, "suite", suite)):
+        with pytest.raises(OutputError, match="choose another folder"):
+            store.check_owner(**{kind: file})
+    suite.rename(tmp_path / "moved.yaml")
+    of_suite.check_owner(suite=tmp_path / "moved.yaml")
+
+
+def test_a_damaged_result_is_found_before_a_run(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.save_plan([JOB])
+    store.save(JOB, result_of(JOB))
+    store.check_results()
+    path = store.results / f"{JOB.key}.json"
+    path.write_text(path.read_text().replace('"figures":[]', '"figures":[1]'))
+    with pytest.raises(InputError, match="delete this file and run the suite again") as refused:
+        store.check_results()
+    assert "sfr score" not in str(refused.value)

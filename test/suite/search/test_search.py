@@ -198,7 +198,7 @@ def test_a_search_refuses_the_folder_of_a_suite(specification: SearchSpecificati
     store = Store(tmp_path / "out")
     store.save_plan([], files=(specification.path,))
     before = store.plan_file.read_text()
-    with pytest.raises(OutputError, match="is the folder of a suite"):
+    with pytest.raises(OutputError, match="is the folder of the suite"):
         run_search(specification, store)
     assert store.plan_file.read_text() == before
 
