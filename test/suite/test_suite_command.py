@@ -357,7 +357,8 @@ def test_a_suite_whose_bad_drive_was_replaced_by_another_is_incomplete(
     out, words = tmp_path / "out", ("--scheduler", scheduler, "--json", "-")
     bad, good = (made_suite(tmp_path / name, 1, sigma, limits=LIMITS) for name, sigma in (("bad", 0.2), ("good", 1e-3)))
     assert sfr("suite", "run", bad, "--out", out, *words).code == 1
-    swapped = sfr("suite", "run", good, "--out", out, *words)
+    bad.write_text(good.read_text().replace("estimate: ", "estimate: ../good/").replace("truth: ", "truth: ../good/"))
+    swapped = sfr("suite", "run", bad, "--out", out, *words)
     assert (swapped.code, json.loads(swapped.out)["verdict"]) == (2, "incomplete")
     assert "skipped: 'drive0.csv' was run" in swapped.err
 
