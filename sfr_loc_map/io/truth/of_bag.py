@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.plausibility import plausible_positions
 from sfr_loc_map.geometry.stamped_poses import LONGEST_GAP_S
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import refusing
@@ -21,7 +22,7 @@ from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TrueRow, TruthReader, first_pose_ns, is_placeholder
 from sfr_loc_map.io.truth.names import is_own
-from sfr_loc_map.io.truth.pose_checks import check_clock
+from sfr_loc_map.io.truth.pose_checks import check_clock, possible_poses
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import FIX, ODOMETRY, PATH, POSE_WITH_COVARIANCE
@@ -88,9 +89,12 @@ def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
         return poses, np.diagonal(covariances, axis1=1, axis2=2)
     where = f"'{topic.bag_name}' of bag '{bag.path}'"
     messages: Iterable[Any] = (message for _, _, message in bag.messages([topic]))
+    reader = TruthReader(topic.msgtype, where)
     if topic.msgtype == PATH:  # the last path contains all earlier poses, possibly corrected
         messages = _last_path(bag, topic, where)
-    reader = TruthReader(topic.msgtype, where)
+    if topic.msgtype == FIX:
+        messages = list(messages)
+        reader = _reader_of_fixes(messages, where)
     rows, bodies = list[TrueRow](), set[tuple[str, str]]()
     placeholders = 0
     for message in messages:
@@ -99,12 +103,27 @@ def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
         placeholders += topic.msgtype == FIX and is_placeholder(message)
     check_one_body(bodies, f"truth {where}")
     if placeholders:
-        text = f"{placeholders} fixes at 0, 0 or with NaN are ignored, {len(rows)} are used"
+        text = (
+            f"{placeholders} fixes without a valid latitude and longitude (0 and 0, NaN, or beyond 90 and 360 deg) are "
+            f"ignored, {len(rows)} are used"
+        )
         _log.warning(f"truth {where}: {text}")
     stamped_poses = [(stamp_ns, pose) for stamp_ns, pose, _ in rows]
     valid = valid_indices(stamped_poses, f"truth {where}")
     poses = trajectory_of([stamped_poses[k] for k in valid])
     return poses, np.reshape([rows[k][2] for k in valid], (-1, 6))
+
+
+def _reader_of_fixes(messages: Sequence[Any], where: str) -> TruthReader:
+    """Return a reader of NavSatFix whose origin is the first possible fix, because a jump may be the first one."""
+    first = TruthReader(FIX, where)
+    read = [(message, row) for message in messages for row in first.rows(message)]
+    read = [(message, row) for message, row in read if plausible_positions(np.array(row[1][:3]))]
+    reader = TruthReader(FIX, where)
+    if read:
+        is_possible, _ = possible_poses(trajectory_of([(stamp_ns, pose) for _, (stamp_ns, pose, _) in read]))
+        reader.rows(read[int(np.argmax(is_possible))][0])
+    return reader
 
 
 def _last_path(bag: Bag, topic: Topic, where: str) -> list[Any]:

@@ -28,7 +28,7 @@ MIN_JUMP_M = 1.0  #: Smallest jump, m. Smaller jumps may be position noise at tw
 JUMPS_PER_STEP = 20.0  #: Smallest ratio of a jump to the median step of the path: rovers pause and accelerate.
 MIN_STAMPS = 3  #: Smallest number of stamps for the detection of stray stamps.
 MIN_POSITIONS = 4  #: Smallest number of positions for the detection of jumps.
-MAX_STRAY = 0.1  #: Largest fraction of poses that is ignored as stray. If it is exceeded, all are kept.
+MAX_STRAY = 0.1  #: Largest fraction of poses that is ignored as stray. If it is exceeded, all are kept and reported.
 STRAY_S = 86_400.0  #: A stray stamp is more than a day, s, and twice the drive's duration from the median stamp.
 SAME_ATTITUDE = 1e-6  #: Largest quaternion component x or y if roll and pitch are zero; files round to 1e-6.
 HELD_ATTITUDE = 5e-4  #: Largest change of a component of a constant quaternion: 0.06 deg, less than any vehicle.
@@ -59,7 +59,7 @@ def check_clock(stamps_ns: IntArray, name: str) -> None:
 
 
 def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:
-    """Return which positions `(N, 3)` are unreachable; none if their fraction exceeds `MAX_STRAY`.
+    """Return which positions `(N, 3)`, m, at stamps `(N,)`, ns, are unreachable, `(N,)`.
 
     A position is reachable if a vehicle with `MAX_SPEED_M_PER_S` can travel there from the last reachable position. The
     search runs forwards and backwards in time from the position nearest to the median position.
@@ -85,7 +85,19 @@ def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:
             if distance <= reach:
                 reachable[row] = True
                 last = row
-    return ~reachable if (~reachable).mean() <= MAX_STRAY else none
+    return ~reachable
+
+
+def are_too_fast(stamps_ns: IntArray, positions: FloatArray) -> bool:
+    """Return whether more than `MAX_STRAY` of the steps between positions `(N, 3)`, m, exceed `MAX_SPEED_M_PER_S`.
+
+    The positions are then in another unit, or those of several bodies. Steps below `MIN_JUMP_M` may be noise.
+    """
+    if len(positions) < MIN_POSITIONS:
+        return False
+    steps_m = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    reach_m = MAX_SPEED_M_PER_S * np.abs(np.diff(stamps_ns)) / NS_PER_S
+    return bool((steps_m > np.maximum(MIN_JUMP_M, reach_m)).mean() > MAX_STRAY)
 
 
 def has_constant_attitude(poses: Trajectory) -> bool:
@@ -146,17 +158,23 @@ def path_turns(positions: FloatArray) -> bool:
 
 
 def possible_poses(poses: Trajectory) -> tuple[Mask, tuple[str, ...]]:
-    """Return which poses are possible, and one finding for each kind of impossible poses."""
+    """Return which poses are possible, `(N,)`, and one finding for each kind of impossible poses."""
     kept = ~stray_stamps(poses.stamps_ns)
     findings = []
     if not kept.all():
         findings.append(f"{_of(~kept)} poses have stamps that are 0 or days away from the others: ignored")
     rows = np.flatnonzero(kept)
     jumping = jumping_positions(poses.stamps_ns[rows], poses.positions[rows])
-    if jumping.any():
+    is_ambiguous = bool(len(rows)) and float(jumping.mean()) > MAX_STRAY
+    if jumping.any() and not is_ambiguous:
         text = f"poses require speeds of more than {MAX_SPEED_M_PER_S:g} m/s: ignored"
         findings.append(f"{_of(jumping)} {text}")
         kept[rows[jumping]] = False
+    if is_ambiguous or are_too_fast(poses.stamps_ns[kept], poses.positions[kept]):
+        findings.append(
+            f"more than {100.0 * MAX_STRAY:g} % of the poses require speeds of more than {MAX_SPEED_M_PER_S:g} m/s and "
+            "are kept: verify the units of the positions and stamps, and that all poses are of one body"
+        )
     return kept, tuple(findings)
 
 

@@ -62,6 +62,16 @@ def test_single_fixes_that_are_none_are_left_out(tmp_path: Path, wrong: str, cou
     assert np.abs(found.positions - found.positions[0]).max() < 15.0
 
 
+def test_a_first_fix_that_is_a_jump_is_not_the_origin(tmp_path: Path) -> None:
+    entries = []
+    for k, (stamp, xyz) in enumerate(zip(drive().stamps_ns.tolist(), drive().positions.tolist(), strict=True)):
+        place = (48.0 + xyz[1] / 111_278.4, 11.0 + xyz[0] / 74_548.9, 500.0 + xyz[2])
+        entries.append(("/fix", stamp, fix(stamp, *(place if k else (-30.0, 150.0, 20.0)))))
+    found = truth_as(write_messages(tmp_path / "x", entries), TruthConfig(source="/fix"))
+    moved = drive().positions[1:] - drive().positions[1]
+    assert np.abs(found.positions - moved).max() < 0.01
+
+
 @pytest.mark.parametrize("second", [("world", "rover"), ("map", "drone"), ("/map", "/rover")])
 @pytest.mark.parametrize("kind", ["odometry", "transform", "pose"])
 def test_poses_of_several_bodies_on_one_topic_are_refused(tmp_path: Path, kind: str, second: tuple[str, str]) -> None:

@@ -75,7 +75,7 @@ def test_two_stamps_are_never_stray() -> None:
         ([20], 300.0, 0, True),
         ([20], 90.0, 0, False),
         ([20], 300.0, 4, False),
-        (list(range(20, 32)), 9000.0, 0, False),
+        (list(range(20, 32)), 9000.0, 0, True),
         ([20, 40], 300.0, 0, True),
     ],
     ids=["too fast", "below 100 m/s", "after a pause", "one fifth", "two"],
@@ -88,6 +88,18 @@ def test_a_position_that_no_vehicle_can_reach_is_a_jump(
     stamps_ns[20:] += pause_s * NS_PER_S
     stamps_ns[21:] += pause_s * NS_PER_S
     assert np.flatnonzero(jumping_positions(stamps_ns, positions)).tolist() == (rows if is_jump else [])
+
+
+@pytest.mark.parametrize("fault", ["none", "one fifth away", "millimetres", "two bodies"])
+def test_too_many_impossible_poses_are_kept_and_reported(fault: str) -> None:
+    positions = STRAIGHT.copy()
+    positions[20:32, 1] += 9000.0 if fault == "one fifth away" else 0.0
+    positions *= 1000.0 if fault == "millimetres" else 1.0
+    positions[::2, 1] += 300.0 if fault == "two bodies" else 0.0
+    findings: list[str] = []
+    checked = check_poses(recorded(positions), warn=findings.append)
+    assert len(checked.recorded.poses) == COUNT
+    assert ["100 m/s" in finding for finding in findings] == [True] * (fault != "none")
 
 
 def test_a_jump_below_one_metre_at_equal_stamps_is_noise() -> None:
