@@ -12,6 +12,9 @@
 - A partially transferred image consists of two exposures. The rows above a boundary are new and those below are from
   the previous pair, or vice versa.
 
+A pair whose left and right images are copies of one image, possibly with different noise, is detected by the same test
+of noise (`show_one_image`).
+
 Stale parts are blanked, so that nothing is tracked in them. Rows that are stale in two consecutive pairs are assumed to
 show something fixed to the camera (own body, sky), and are not blanked in the second pair. If two consecutive partial
 transfers affect the same rows, the second pair is therefore not blanked, and is left to `ground.selection`. A frozen

@@ -93,7 +93,7 @@ class GroundMemory:
 
     | component | `after` | `after_unselected` | `in_new_window` | `moved` | `after_lost_pair` | `after_stale_rows` |
     |---|---|---|---|---|---|---|
-    | `excluded` | = cells after the pair (and older after `after_failed_window`) | | | | | |
+    | `excluded` | = cells after the pair | | | | | |
     | `earlier` | one pair older, or a newer image | one pair older | = first image | pose | | |
     | `last_image` | = image of the pair | = None | = None | | | |
     | `identification` | by the case | | restarted | | restarted | |
@@ -107,10 +107,11 @@ class GroundMemory:
     | `in_new_window` | a pair that begins a window |
     | `moved` | the end of the adjustment of a keyframe in the background |
     | `after_lost_pair` | a lost pair |
-    | `after_failed_window` | a textured pair with too few landmarks for a new window |
     | `after_stale_rows` | the detection of stale rows in a pair, before its other changes |
 
-    After a refused pair, the changes of `after` and `after_unselected` are discarded (`NextMemory`).
+    In addition, `excluded` is one pair older after a textured pair with too few landmarks for a new window
+    (`after_failed_window`). After a refused pair, the changes of `after` and `after_unselected` are discarded
+    (`NextMemory`).
     """
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.
