@@ -12,6 +12,7 @@ from pathlib import Path
 
 import psutil
 
+PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")  #: Unit of `/proc/PID/statm`, bytes.
 BLOCK_BYTES = 512  #: Unit of `st_blocks`, bytes.
 SOCKET_BYTES = 320_000
 """Largest memory of the data that a socket has sent and no process has read, bytes: 1.5 times the default of Linux for
@@ -68,8 +69,8 @@ class ProcessTree:
         self._members = members = self.members()
         cpu_s = self.cpu_s()
         for member in members:
-            with suppress(psutil.Error), member.oneshot():
-                rss_bytes += member.memory_info().rss
+            rss_bytes += resident_bytes(member.pid)
+            with suppress(psutil.Error):
                 threads += member.num_threads()
         socket_bytes = SOCKET_BYTES if self._is_supervisor else 0
         rss_bytes += bytes_of_nameless_files([member.pid for member in members], socket_bytes)
@@ -89,6 +90,32 @@ def _cpu_s(process: psutil.Process) -> float:
     return float(own_s + sum(of_children_s))
 
 
+def threads_of(process: int) -> list[int]:
+    """Return the ids of the threads of a process, the first thread first; empty if the process has ended."""
+    with suppress(OSError):
+        return sorted(map(int, os.listdir(f"/proc/{process}/task")), key=lambda thread: (thread != process, thread))
+    return []
+
+
+def running_thread(process: int) -> int:
+    """Return a thread of a process for which the kernel reports memory; the process if there is none.
+
+    A first thread that has ended has no memory in `/proc/PID`, although the other threads of the process continue.
+    """
+    return next((thread for thread in threads_of(process) if _resident_pages(thread)), process)
+
+
+def _resident_pages(thread: int) -> int:
+    with suppress(OSError):
+        return int(Path(f"/proc/{thread}/statm").read_text(encoding="ascii").split()[1])
+    return 0
+
+
+def resident_bytes(process: int) -> int:
+    """Return the resident memory of a process; 0 if it has ended."""
+    return _resident_pages(running_thread(process)) * PAGE_BYTES
+
+
 def bytes_of_nameless_files(processes: Sequence[int], socket_bytes: int = 0) -> int:
     """Return the storage of the files without a name that processes have open or have mapped; each file counts once.
 
@@ -98,17 +125,28 @@ def bytes_of_nameless_files(processes: Sequence[int], socket_bytes: int = 0) -> 
     stored: dict[tuple[int, int], int] = {}
     mapped: dict[tuple[int, int], int] = {}
     for process in processes:
-        with suppress(OSError), os.scandir(f"/proc/{process}/fd") as entries:
-            for entry in entries:
-                with suppress(OSError):
-                    about = os.stat(entry.path)
-                    if stat.S_ISREG(about.st_mode) and not about.st_nlink:
-                        stored[about.st_dev, about.st_ino] = about.st_blocks * BLOCK_BYTES
-                    elif stat.S_ISSOCK(about.st_mode):
-                        stored[about.st_dev, about.st_ino] = socket_bytes
+        for thread in threads_of(process):
+            stored |= _nameless_open_files(thread, socket_bytes)
         for file, size in _nameless_mapped_files(process).items():
             mapped[file] = max(mapped.get(file, 0), size)
     return sum((mapped | stored).values())  # for open files, the exact storage replaces the estimate from mappings
+
+
+def _nameless_open_files(thread: int, socket_bytes: int) -> dict[tuple[int, int], int]:
+    """Return the storage of the files without a name that a thread has open, by device and number.
+
+    Threads usually share their table of open files, but `unshare(CLONE_FILES)` gives a thread a table of its own.
+    """
+    stored: dict[tuple[int, int], int] = {}
+    with suppress(OSError), os.scandir(f"/proc/{thread}/fd") as entries:
+        for entry in entries:
+            with suppress(OSError):
+                about = os.stat(entry.path)
+                if stat.S_ISREG(about.st_mode) and not about.st_nlink:
+                    stored[about.st_dev, about.st_ino] = about.st_blocks * BLOCK_BYTES
+                elif stat.S_ISSOCK(about.st_mode):
+                    stored[about.st_dev, about.st_ino] = socket_bytes
+    return stored
 
 
 def _nameless_mapped_files(process: int) -> dict[tuple[int, int], int]:
@@ -118,8 +156,9 @@ def _nameless_mapped_files(process: int) -> dict[tuple[int, int], int]:
     the end of its last mapping. A file has several mappings if a process has changed the access to a part of it.
     """
     stored: dict[tuple[int, int], int] = {}
+    thread = running_thread(process)
     with suppress(OSError):
-        for line in Path(f"/proc/{process}/maps").read_text(encoding="utf-8", errors="replace").splitlines():
+        for line in Path(f"/proc/{thread}/maps").read_text(encoding="utf-8", errors="replace").splitlines():
             if not line.endswith(DELETED):
                 continue
             addresses, access, offset, device, number = line.split()[:5]
@@ -129,7 +168,7 @@ def _nameless_mapped_files(process: int) -> dict[tuple[int, int], int]:
             first, end = (int(part, 16) for part in addresses.split("-"))
             size = int(offset, 16) + end - first
             with suppress(OSError):
-                size = os.stat(f"/proc/{process}/map_files/{first:x}-{end:x}").st_blocks * BLOCK_BYTES
+                size = os.stat(f"/proc/{thread}/map_files/{first:x}-{end:x}").st_blocks * BLOCK_BYTES
             file = os.makedev(major, minor), int(number)
             stored[file] = max(stored.get(file, 0), size)
     return stored

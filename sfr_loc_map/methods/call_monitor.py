@@ -19,7 +19,7 @@ from sfr_loc_map.methods.method_call import MethodFailureError
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.formulas import memory_above_idle
 from sfr_loc_map.metrics.table.records import CallFinding, FindingKind
-from sfr_loc_map.process_tree import ProcessTree, TreeUsage
+from sfr_loc_map.process_tree import ProcessTree, TreeUsage, running_thread
 
 MB = 1_000_000
 LEAK_CALLS, LEAK_BYTES = 50, 40 * MB
@@ -102,7 +102,7 @@ class ProcessMemory:
 
     def resident_bytes(self, process: int) -> int | None:
         """Return the resident memory of one process with the files, None if unknown; reset its high-water mark."""
-        resident = reset_peak(process)
+        resident = reset_peak(running_thread(process))
         return None if resident is None else resident + self.stored_bytes()
 
     def check(self, resident_bytes: int, verb: str) -> None:
@@ -121,8 +121,8 @@ class Measurement:
     tree: TreeUsage  #: Resource use of all processes after the call.
     cpu_s: float  #: Processor time of the call.
     cpu_between_s: float  #: Processor time since the previous call.
-    #: Time in which the calling process or the method waited for a processor during the call. The larger of both times
-    #: counts, because the processes may wait at the same time.
+    #: Time in which the calling process or the method waited for a processor during the call, and in which the calling
+    #: process read processor clocks. The larger waiting time counts, because the processes may wait at the same time.
     waited_s: float
     end_s: float  #: End of the call by the monotonic clock.
     total_cpu_s: float  #: Processor time of all processes until the end of the call.
@@ -160,26 +160,30 @@ class CallMonitor:
     def begin_call(self, previous: Measurement | None) -> RunningCall:
         """Begin a call before its images are shared, because the method could already work on them.
 
+        The processor clocks are read after the call has begun, and before it ends, because the method could work while
+        the clocks of many processes are read.
         `previous` is the measurement of the previous call, None at the first call.
         """
         begin = self.memory.tree.usage()
-        reset_peak(self.pid)
+        reset_peak(running_thread(self.pid))
         before_cpu_s = self._warm_cpu_s if previous is None else previous.total_cpu_s
-        between_s = max(self.memory.tree.cpu_s() - before_cpu_s, 0.0)
-        charged_s = self._charged_s(between_s, previous)
         waits_s = waits_for_processor_s(self.pid)
+        begin_s = time.monotonic()
         self.clock.begin()
-        return RunningCall(self, begin, between_s, charged_s, waits_s)
+        between_s = max(self.memory.tree.cpu_s() - before_cpu_s, 0.0)
+        reading_s = time.monotonic() - begin_s
+        charged_s = self._charged_s(between_s, previous, begin_s)
+        return RunningCall(self, begin, between_s, charged_s, waits_s, reading_s)
 
-    def _charged_s(self, between_s: float, previous: Measurement | None) -> float:
-        """Return the time that the method worked since the last call, s.
+    def _charged_s(self, between_s: float, previous: Measurement | None, begin_s: float) -> float:
+        """Return the time that the method worked between the last call and `begin_s` (monotonic clock), s.
 
         This time is at most the processor time of all processes, and at most the time that passed. Before the first
         call the method has no images.
         """
         if previous is None or self._keeps_rate or between_s <= BETWEEN_S:
             return 0.0
-        return min(between_s, time.monotonic() - previous.end_s)
+        return min(between_s, begin_s - previous.end_s)
 
 
 @dataclass(slots=True, eq=False)
@@ -191,6 +195,7 @@ class RunningCall:
     between_s: float  #: Processor time since the previous call.
     charged_s: float  #: Work of the method since the previous call, which is added to this call.
     waits_s: FloatArray  #: Waiting times of the calling process and the method before the call.
+    reading_s: float  #: Time of the call in which the calling process has read processor clocks.
     sampled_bytes: int = field(default=0, init=False)  #: Largest sampled memory of all processes.
 
     def check_memory(self) -> TreeUsage:
@@ -204,13 +209,15 @@ class RunningCall:
 
         MethodFailureError if the peak was beyond the memory limit, also between two samples.
         """
-        answer_s = self.monitor.clock.end()
-        waited_s = float(np.max(waits_for_processor_s(self.monitor.pid) - self.waits_s, initial=0.0))
-        end_s = time.monotonic()
+        answered_s = time.monotonic()
         total_cpu_s = self.monitor.memory.tree.cpu_s()
+        answer_s = self.monitor.clock.end()
+        end_s = time.monotonic()
+        waited_s = float(np.max(waits_for_processor_s(self.monitor.pid) - self.waits_s, initial=0.0))
+        waited_s += self.reading_s + end_s - answered_s
         now = self.check_memory()
         # the peak covers only the method itself; the sampled sum includes its child processes
-        peak = peak_of(self.monitor.pid)
+        peak = peak_of(running_thread(self.monitor.pid))
         peak = None if peak is None else max(peak, self.sampled_bytes)
         if peak is not None:
             self.monitor.memory.check(peak, "had")

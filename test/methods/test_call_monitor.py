@@ -1,9 +1,12 @@
 """Findings that several calls of a method show: a leak and misstated times."""
 
 import math
+import os
+import time
 
-from sfr_loc_map.methods.call_monitor import LEAK_CALLS, MB, is_misstated, leak_in
+from sfr_loc_map.methods.call_monitor import LEAK_CALLS, MB, CallMonitor, ProcessMemory, is_misstated, leak_in
 from sfr_loc_map.metrics.table.records import FindingKind
+from sfr_loc_map.process_tree import ProcessTree
 
 
 def test_a_growth_over_all_calls_is_a_leak_and_a_saw_tooth_is_none() -> None:
@@ -35,3 +38,27 @@ def test_a_transfer_of_the_result_is_no_misstatement() -> None:
 
 def test_a_stated_time_that_is_not_a_number_is_a_misstatement() -> None:
     assert is_misstated(measured_s=0.1, stated_s=math.nan, calls=1)
+
+
+class _SlowlyRead(ProcessTree):
+    """A tree whose processes work while their clocks are read: a long loop over many processes."""
+
+    worked_s = 0.0
+
+    def cpu_s(self) -> float:
+        read_s = self.worked_s
+        time.sleep(0.03)
+        self.worked_s += 0.03
+        return read_s
+
+
+def test_work_while_processor_clocks_are_read_is_part_of_the_calls() -> None:
+    tree = _SlowlyRead(os.getpid())
+    monitor = CallMonitor(ProcessMemory(tree, lambda: 0, 10**6), os.getpid(), None, keeps_rate=False)
+    worked_s = tree.worked_s
+    first = monitor.begin_call(None).end()
+    second = monitor.begin_call(first).end()
+    worked_s = tree.worked_s - worked_s
+    before_first_s = after_last_s = 0.03  # samples of memory before the first and after the last call
+    assert first.usage.processing_time_s + second.usage.processing_time_s > worked_s - before_first_s - after_last_s
+    assert first.waited_s >= 0.06  # which is no misstatement of the method
