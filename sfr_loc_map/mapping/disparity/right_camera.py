@@ -10,6 +10,12 @@ The change of x is a disparity error, which cannot be distinguished from depth. 
 which is measured. A yaw (wy) causes the saddle `x y`, a roll (wz) causes a tilt, and a pitch (wx) causes an offset. An
 offset of the principal point changes y like a pitch, but does not change x. Residual lens distortion can have any of
 these shapes, and its effect on x is about as large as its effect on y.
+
+The yaw is measured twice. The first fit ignores that the disparities have already explained a part of the vertical
+disparity, and returns 60 to 80 % of a large yaw. If the vertical disparity that neither offset nor roll explains is at
+least `MIN_ROTATION_PX`, `fit_beside_disparity` therefore repeats the measurement in `REPEATED_STEPS` steps. On the
+development panorama and the sample, with the right camera rotated by 0.3 to 1 deg, the repeated measurement returns 95
+to 106 % of the yaw.
 """
 
 from __future__ import annotations
@@ -22,7 +28,14 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import F
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.vertical_disparity import ALL_TERMS, fit_vertical_disparity
+from sfr_loc_map.mapping.disparity.vertical_disparity import (
+    ALL_TERMS,
+    VerticalFit,
+    VerticalPolynomial,
+    fit_beside_disparity,
+    fit_vertical_disparity,
+    without_vertical_disparity,
+)
 
 MIN_ROTATION_COUNT = 5000
 """Minimum number of valid samples for measuring the rotation: five times that of the correction, because there are five
@@ -30,6 +43,10 @@ coefficients, of which the saddle is the least observable."""
 MIN_ROTATION_PX = 0.05
 """Minimum vertical disparity at the image edge that counts as a rotation, pixels. Smaller values are measurement noise
 (about 0.02 pixels) or residual distortion."""
+REPEATED_STEPS = 3  #: Gauss-Newton steps of the repeated measurement. A fourth step changes a yaw of 1 deg by 0.3 %.
+YAW_BIAS_FRACTION = 0.05
+"""Standard deviation of the remaining bias of a repeated measurement of the yaw, as a fraction of the yaw: the largest
+deviations of the measurement named above are 5 and 6 %."""
 GRID_POINTS = 16
 """Rows and columns of the grid over which the vertical disparity is averaged. The grid includes the image edges, so
 that the root mean square of a linear vertical disparity is 6 % larger than over all pixels. Chosen by hand."""
@@ -40,7 +57,9 @@ class CameraRotation:
     """Rotation of the right camera relative to its calibration, and the underlying vertical disparity."""
 
     yaw_rad: float  #: About y; a positive yaw turns the camera to the right. 0 if too few pixels are valid.
-    yaw_sigma_rad: float  #: Standard deviation of the yaw; infinite if too few pixels are valid.
+    #: Standard deviation of the yaw from image noise and, in a repeated measurement, from the remaining bias
+    #: (`YAW_BIAS_FRACTION`). Infinite if too few pixels are valid. Residual distortion is not included.
+    yaw_sigma_rad: float
     roll_rad: float  #: About z; a positive roll turns the camera clockwise.
     pitch_rad: float  #: About x; a positive pitch turns the camera up. Equivalent to the vertical offset.
     vertical_rms_px: float  #: Root mean square of the vertical disparity over the image.
@@ -69,7 +88,37 @@ def measure_right_rotation(disparity_map: DisparityMap, rig: StereoRig) -> Camer
         min_count=MIN_ROTATION_COUNT,
         used=disparity_map.valid,
     )
-    vertical = removed if fit is None else removed.plus(fit.polynomial)
+    if fit is None:
+        return _rotation_of(removed, math.inf, rig)
+    rotation = _rotation_of(removed.plus(fit.polynomial), fit.sigmas.saddle / rig.fy, rig)
+    if rotation.distortion_rms_px < MIN_ROTATION_PX:
+        return rotation
+    repeated = _repeated_fit(disparity_map, rig)
+    if repeated is None:
+        return rotation
+    rotation = _rotation_of(removed.plus(repeated.polynomial), repeated.sigmas.saddle / rig.fy, rig)
+    sigma_rad = math.hypot(rotation.yaw_sigma_rad, YAW_BIAS_FRACTION * rotation.yaw_rad)
+    return replace(rotation, yaw_sigma_rad=sigma_rad)
+
+
+def _repeated_fit(disparity_map: DisparityMap, rig: StereoRig) -> VerticalFit | None:
+    """Return the vertical disparity that remains in a map, fitted beside its disparities; None if a step fails."""
+    remaining = VerticalPolynomial()
+    sigmas = VerticalPolynomial()
+    for _ in range(REPEATED_STEPS):
+        right = without_vertical_disparity(disparity_map.right, remaining, rig.camera)
+        step = fit_beside_disparity(
+            disparity_map.left, right, disparity_map.px, rig.camera, disparity_map.valid, min_count=MIN_ROTATION_COUNT
+        )
+        if step is None:
+            return None
+        remaining = remaining.plus(step.polynomial)
+        sigmas = step.sigmas
+    return VerticalFit(remaining, sigmas)
+
+
+def _rotation_of(vertical: VerticalPolynomial, yaw_sigma_rad: float, rig: StereoRig) -> CameraRotation:
+    """Return the rotation that explains a vertical disparity."""
     without_offset_and_roll = vertical._replace(constant=0.0, along_x=0.0)
     columns = np.linspace(0.0, rig.width - 1.0, GRID_POINTS)[None]
     rows = np.linspace(0.0, rig.height - 1.0, GRID_POINTS)[:, None]
@@ -77,7 +126,7 @@ def measure_right_rotation(disparity_map: DisparityMap, rig: StereoRig) -> Camer
     distortion_px = without_offset_and_roll.at_pixels(columns, rows, rig.camera)
     return CameraRotation(
         yaw_rad=-vertical.saddle / rig.fy,
-        yaw_sigma_rad=math.inf if fit is None else fit.sigmas.saddle / rig.fy,
+        yaw_sigma_rad=yaw_sigma_rad,
         roll_rad=-vertical.along_x / rig.fy,
         pitch_rad=vertical.constant / rig.fy,
         vertical_rms_px=float(np.sqrt(np.mean(np.square(vertical_px)))),

@@ -14,8 +14,12 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.mapping.disparity.exposure import Exposure, exposure_by_disparity
-from sfr_loc_map.mapping.disparity.interpolation import shift_rows
-from sfr_loc_map.mapping.disparity.vertical_disparity import LINEAR_TERMS, VerticalPolynomial, fit_vertical_disparity
+from sfr_loc_map.mapping.disparity.vertical_disparity import (
+    LINEAR_TERMS,
+    VerticalPolynomial,
+    fit_vertical_disparity,
+    without_vertical_disparity,
+)
 
 MAX_VERTICAL_STEPS = 3
 """Maximum number of Gauss-Newton steps of the vertical disparity. Each step is limited to `MAX_VERTICAL_STEP_PX`, so
@@ -64,7 +68,7 @@ def correct_right_image(
             corrected = equalised
             vertical = VerticalPolynomial()
             break
-        corrected = _without_vertical_disparity(equalised, vertical, camera)
+        corrected = without_vertical_disparity(equalised, vertical, camera)
         if _largest_px(step, left.shape, camera) < MIN_VERTICAL_PX:
             break
     largest_px = _largest_px(vertical, left.shape, camera)
@@ -91,11 +95,3 @@ def _largest_px(vertical: VerticalPolynomial, shape: tuple[int, ...], camera: St
     columns = np.array([[0.0, width - 1.0]])
     rows = np.array([[0.0], [height - 1.0]])
     return float(np.abs(vertical.at_pixels(columns, rows, camera)).max())
-
-
-def _without_vertical_disparity(image: FloatImage, vertical: VerticalPolynomial, camera: StereoCamera) -> FloatImage:
-    """Return the right image with its rows shifted up by the vertical disparity."""
-    height, width = image.shape
-    columns = np.arange(width, dtype=np.float64)[None]
-    rows = np.arange(height, dtype=np.float64)[:, None]
-    return shift_rows(image, vertical.at_pixels(columns, rows, camera).astype(F))
