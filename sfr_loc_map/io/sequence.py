@@ -14,9 +14,12 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Truth
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
 from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import IMAGE_ENDINGS
+
+SAME_POSE = 1e-9  #: Largest difference of equal extrinsics, m or without unit: the rounding of a written quaternion.
 
 
 class LocSequence(Protocol):
@@ -95,6 +98,8 @@ class Source:
     config: SourceConfig = DEFAULT_SOURCE  #: Configuration that the source is read with.
     truth_files: tuple[Path, ...] = ()  #: Files and bags with the truth besides `path`, by the layout or configuration.
     calibration: str = ""  #: Origin of the calibration of the drive, if it is not part of the layout.
+    #: Returns the pose of the drive's rig on the rover in the source itself, which `config` may replace; None if unknown.
+    find_own_extrinsics: Callable[[], Transform | None] = lambda: None
     recorded: RecordedBag | None = None  #: The bag, if its messages are used as recorded; None for all other sources.
 
     @property
@@ -121,6 +126,21 @@ class Source:
         """Return the ascending stamps of the mapping pairs that the source lists, with and without images."""
         stamps_ns = () if self.nav is None else self.nav.stamps_ns
         return np.union1d(np.array(stamps_ns, np.int64), np.array(self.missing_nav_ns, np.int64))
+
+    @property
+    def changed_reading(self) -> dict[str, object]:
+        """The settings of `SourceConfig.changed_reading`, without extrinsics that equal those of the source itself.
+
+        Extrinsics are not used without a drive.
+        """
+        found = self.config.changed_reading
+        given = self.config.extrinsics.transform()
+        if given is None:
+            return found
+        own = self.find_own_extrinsics() if self.loc is not None else given
+        if own is None or not np.allclose(own.matrix, given.matrix, rtol=0.0, atol=SAME_POSE):
+            return found
+        return {name: value for name, value in found.items() if not name.startswith("extrinsics.")}
 
     def truth_paths(self) -> tuple[Path, ...]:
         """Return every path that may hold the truth. A method under test has no access to these paths.

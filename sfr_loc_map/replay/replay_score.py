@@ -77,7 +77,7 @@ def score_replay(
         _files_of(run, result, files_of_source(source) if read is None else read, files),
         _hashes_of(run, result) if files is None else {},
         settings={
-            **source.config.changed_reading,
+            **source.changed_reading,
             **{f"{task}.{name}": value for task, own in settings.items() for name, value in own.items()},
             **({REPLAY_RATE: rate} if rate else {}),
         },

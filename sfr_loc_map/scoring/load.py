@@ -34,14 +34,14 @@ def load_run(
     how = how_to_read(inputs)
     noted = _noted_files(inputs, how)  # before the files are read
     calls = read_calls(inputs, given)
-    settings = {**how.changed_reading, **calls.settings}
-    origin = Origin(noted, given.hashes(), settings=settings, command=command)
     cloud, nav_stamps_ns = read_cloud(inputs, given.cloud, fused, calls.given)
     true: ReadTruth | None = None
     read: ReadDrive | None = None
     if (inputs.estimate or given.estimate) is not None and (inputs.truth or given.truth) is not None:
         true = load_truth(inputs.truth, given.truth, how)
         read = read_drive(inputs, given, true, calls)
+    settings = {**_changed_reading(inputs, true, how), **calls.settings}
+    origin = Origin(noted, given.hashes(), settings=settings, command=command)
     stats = [*calls.here, *(() if read is None else read.of_bag)]
     if nav_stamps_ns is None and true is not None:
         on_target = [] if calls.on_target is None else [calls.on_target]
@@ -85,6 +85,19 @@ def how_to_read(inputs: ScoreInputs) -> SourceConfig:
     if place is not None and inputs.config is None and (place.is_dir() or is_bag(place)):
         return source_config(place)
     return inputs.config or DEFAULT_SOURCE
+
+
+def _changed_reading(inputs: ScoreInputs, true: ReadTruth | None, how: SourceConfig) -> dict[str, object]:
+    """Return the settings that changed the reading of the source of the truth; empty for a file of poses.
+
+    Extrinsics are not used without the images of a drive.
+    """
+    if true is not None and true.source is not None:
+        return true.source.changed_reading
+    place = inputs.truth or inputs.map_truth
+    if place is None or not (place.is_dir() or is_bag(place)):
+        return {}
+    return {name: value for name, value in how.changed_reading.items() if not name.startswith("extrinsics.")}
 
 
 def _nav_stamps_of(source: Source | None, stats: Sequence[CallStats]) -> IntArray | None:

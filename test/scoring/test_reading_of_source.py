@@ -78,3 +78,22 @@ def test_another_offset_of_the_right_images_hides_no_image(
     assert json.loads((tmp_path / "s.json").read_text())["verdict"] == verdict
     stated = [text for text in deviations_of(load_score(tmp_path / "s.json")) if "sync.right_offset_s" in text]
     assert len(stated) == bool(periods)
+
+
+@pytest.mark.parametrize("is_changed", [False, True])
+def test_extrinsics_of_the_source_itself_are_no_deviation(tmp_path: Path, sfr: Sfr, is_changed: bool) -> None:
+    """`sfr init` copies the extrinsics of a bag into sfr.yaml. Poses of a file have no cameras."""
+    bag = bag_without(tmp_path / "drive.mcap", set())
+    sfr("init", tmp_path / "rover", "--from", bag)
+    config = tmp_path / "rover" / "sfr.yaml"
+    content = yaml.safe_load(config.read_text())
+    content["extrinsics"]["translation_m"][0] += float(is_changed)
+    config.write_text(yaml.safe_dump(content))
+    truth = io.open_source(bag).truth
+    assert truth is not None
+    save_trajectory(tmp_path / "e.csv", truth)
+    for place in (bag, tmp_path / "e.csv"):
+        output = ("--json", tmp_path / "s.json", "--overwrite")
+        sfr("score", tmp_path / "e.csv", place, "--condition", "frames=2", "--config", config, *output)
+        stated = [text for text in deviations_of(load_score(tmp_path / "s.json")) if "extrinsics" in text]
+        assert len(stated) == (is_changed and place == bag)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from sfr_loc_map.configuration.parameters import changed
-from sfr_loc_map.errors import InputError, naming
+from sfr_loc_map.errors import InputError, SfrError, naming
 from sfr_loc_map.geometry.extrinsics import RigInBody
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Truth
@@ -19,6 +20,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import Bag, restamped
 from sfr_loc_map.io.bag.frames import pose_of
+from sfr_loc_map.io.bag.poses import read_extrinsics
 from sfr_loc_map.io.clouds.point_image import points_image
 from sfr_loc_map.io.images.codec import SampleDepth
 from sfr_loc_map.io.images.files import check_size
@@ -189,6 +191,19 @@ class BagLocSequence(_BagPairs):
             return None
         return truth_of_bag(self._bag, config)
 
+    def own_extrinsics(self) -> Transform | None:
+        """Return the pose of the rig on the rover in the bag, also if the configuration replaces this pose.
+
+        None if the bag has no valid pose, or if another file has the calibration.
+        """
+        if self._config.calibration.file:
+            return None
+        base = self._config.frames.base
+        with suppress(SfrError):
+            found = self.mount or read_extrinsics(self._bag, self._rig.frame, self.rig.baseline_m, base)
+            return None if found is None else found.T_rb_sb
+        return None
+
     def missing_ns(self) -> tuple[int, ...]:
         """Return the stamps of the left images that are skipped because they have no right image."""
         left, *right = self._images.topics
@@ -314,5 +329,6 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
         find_missing_loc=tuple if loc is None else loc.missing_ns,
         find_missing_nav=tuple if nav is None else nav.missing_ns,
         calibration="" if loc is None else loc.calibrated_by,
+        find_own_extrinsics=(lambda: None) if loc is None else loc.own_extrinsics,
         recorded=None if is_raw or is_adapted else RecordedBag(path, config.remap),
     )

@@ -116,7 +116,7 @@ def _map(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     pairs = pairs_of_cloud(source.nav, loaded.pair_stamps_ns, source.path)
     scored = CloudToScore(loaded, truths_of(pairs, source.nav.rig))
     files = read_files({"cloud": cloud, "map_truth": path, "stats_0": stats})
-    origin = Origin(files, settings=source.config.changed_reading)
+    origin = Origin(files, settings=source.changed_reading)
     expected = ExpectedPairs(nav_stamps_ns=source.expected_nav_ns())
     return _scored(job, Run(origin, [load_call_stats(stats)], cloud=scored, expected=expected))
 
