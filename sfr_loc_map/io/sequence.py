@@ -98,7 +98,7 @@ class Source:
     config: SourceConfig = DEFAULT_SOURCE  #: Configuration that the source is read with.
     truth_files: tuple[Path, ...] = ()  #: Files and bags with the truth besides `path`, by the layout or configuration.
     calibration: str = ""  #: Origin of the calibration of the drive, if it is not part of the layout.
-    #: Returns the pose of the drive's rig on the rover in the source itself, which `config` may replace; None if unknown.
+    #: Returns the pose of the drive's rig on the rover in the source itself, which `config` may replace, or None.
     find_own_extrinsics: Callable[[], Transform | None] = lambda: None
     recorded: RecordedBag | None = None  #: The bag, if its messages are used as recorded; None for all other sources.
 
