@@ -25,7 +25,8 @@ def make_plan(
 ) -> tuple[list[Job], list[Refusal]]:
     """Return the jobs of a suite in the order of its file, without duplicates, and the refused sources.
 
-    A source is refused if it is unreadable, and for each requested task for which it has no data.
+    The sources are fetched to `cache` and hashed, and `facts_of` returns the facts of a file. A source is refused if it
+    is unreadable, and for each requested task for which it has no data. ConfigError if no source has data for `tasks`.
     """
 
     def inspected(source: JobSource) -> ReadySource:
@@ -59,14 +60,16 @@ def make_plan(
 def _tasks_without_data(specification: SuiteSpecification, item: ReadySource) -> Iterator[Refusal]:
     """Yield a refusal for each requested task for which a source has no data, or one if it has no data at all."""
     if not item.possible:
-        yield Refusal(item.source.name, "the source has no data for any task")
+        yield Refusal(item.source.name, f"source '{item.source.name}' has no data for any task")
         return
     if JobTask.SCORE in item.possible:
         return
     for task in specification.tasks or ():
         if task not in item.possible:
-            reason = f"the source has no data for the task '{task}', which 'tasks' requests of each source"
-            yield Refusal(f"{item.source.name}, {task}", reason)
+            yield Refusal(
+                f"{item.source.name}, {task}",
+                f"source '{item.source.name}' has no data for the task '{task}', which 'tasks' requests of each source",
+            )
 
 
 def _jobs(

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from sfr_loc_map.suite.running.job import JobSource
-
-NAMED_PARTS = 3  #: Number of parts of a path in the name of a source whose file name is not unique.
 
 
 def with_unique_names(sources: Sequence[JobSource]) -> list[JobSource]:
     """Return the sources with unique names.
 
     Simulations with equal names and different settings are named by the folder of their scenario, then by the settings
-    that differ. Other sources with equal names are named by the ends of their paths, and estimates with several ground
-    truths also by the path of the ground truth.
+    that differ. Other sources with equal names are named by the shortest ends of their paths that differ, and estimates
+    with several ground truths also by the path of the ground truth.
     """
     named = _with_simulations_renamed(sources, _name_with_folder)
     named = _with_simulations_renamed(named, _name_with_settings)
@@ -53,7 +51,11 @@ def _name_with_settings(source: JobSource, equal: Sequence[JobSource]) -> str:
 
 
 def _with_files_renamed(sources: Sequence[JobSource]) -> list[JobSource]:
-    """Return the sources; files of equal name are named by the end of their path, or by the path if ends are equal."""
+    """Return the sources; files of equal name are named by the shortest ends of their paths that differ.
+
+    The names do not include folders that all these files have in common, so that the results of two methods in two
+    folders have the same names.
+    """
     paths: dict[str, set[str]] = {}
     for source in sources:
         paths.setdefault(source.name, set()).add(source.path)
@@ -62,10 +64,18 @@ def _with_files_renamed(sources: Sequence[JobSource]) -> list[JobSource]:
         if source.settings or len(paths[source.name]) == 1:
             renamed.append(source)
             continue
-        end = "/".join(Path(source.path).parts[-NAMED_PARTS:])
-        is_shared = any(other.path != source.path and other.path.endswith(f"/{end}") for other in sources)
-        renamed.append(replace(source, name=source.path if is_shared else end))
+        renamed.append(replace(source, name=_differing_end(source.path, paths[source.name])))
     return renamed
+
+
+def _differing_end(path: str, paths: Collection[str]) -> str:
+    """Return the end of a path with the smallest number of parts for which the ends of all paths differ."""
+    most = max(len(Path(other).parts) for other in paths)
+    for count in range(1, most):
+        ends = {Path(other).parts[-count:] for other in paths}
+        if len(ends) == len(paths):
+            return "/".join(Path(path).parts[-count:])
+    return path
 
 
 def _with_truths_named(sources: Sequence[JobSource]) -> list[JobSource]:

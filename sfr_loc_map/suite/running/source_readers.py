@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from sfr_loc_map.configuration.parameters import build, flatten
 from sfr_loc_map.configuration.yaml_file import load_yaml
-from sfr_loc_map.errors import ConfigError, InputError, SfrError
+from sfr_loc_map.errors import ConfigError, InputError, SfrError, naming_key
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import (
     estimate_hash,
@@ -162,18 +162,22 @@ class SimulatedSource(SourceReader):
     def sources(self, entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
         """Yield a source for each seed."""
         assert isinstance(entry, Mapping)
-        seeds, changes = entry.get("seeds", [0]), entry.get("set", {})
+        seeds, stated = entry.get("seeds", [0]), entry.get("set", {})
         is_whole = isinstance(seeds, list) and all(type(seed) is int for seed in seeds)
-        if set(entry) - {"simulate", "seeds", "set"} or not is_whole or not seeds or not isinstance(changes, Mapping):
+        if set(entry) - {"simulate", "seeds", "set"} or not is_whole or not seeds or not isinstance(stated, Mapping):
             raise ConfigError(
                 f"{origin}: 'simulate' accepts 'seeds' (a list of whole numbers) and 'set' (settings as NAME: VALUE)"
             )
-        scenario = folder / entry["simulate"]
-        settings = scenario_settings(scenario) | dict(changes)
+        with naming_key(f"{origin}: 'set'"):
+            changes = flatten(stated)
         if "seed" in changes:
             raise ConfigError(f"{origin}: 'seed' in 'set' has no effect: give 'seeds'")
+        scenario = folder / entry["simulate"]
+        if not scenario.exists():
+            raise InputError(f"source 'simulate: {entry['simulate']}': '{scenario}' is missing; give a scenario file")
+        settings = changed_scenario(scenario, changes, f"{origin}: 'set'")
         for seed in seeds:
-            yield simulated_source(scenario, settings, seed, f"{scenario}: 'set'")
+            yield simulated_source(scenario, settings, seed, f"{origin}: 'seeds'")
 
     def ready(self, source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
         """Return the source unchanged, because its settings identify the data."""
@@ -234,6 +238,11 @@ def inspect_file(path: Path) -> SourceFacts:
 def scenario_settings(scenario: Path) -> dict[str, object]:
     """Return all settings of a scenario by dotted name. `simulated_source` replaces the seed, which is 0 here."""
     return flatten(build(SimulationConfig, load_yaml(scenario) | {"seed": 0}, origin=str(scenario)))
+
+
+def changed_scenario(scenario: Path, changes: Mapping[str, object], origin: str) -> dict[str, object]:
+    """Return all settings of a scenario with changes, by dotted name; ConfigError if a change is invalid."""
+    return flatten(build(SimulationConfig, {**scenario_settings(scenario), **changes}, origin=origin))
 
 
 def simulated_source(scenario: Path, settings: Mapping[str, object], seed: int, origin: str) -> JobSource:

@@ -23,6 +23,7 @@ from sfr_loc_map.suite.running.source_readers import read_sources, simulated_sou
 from sfr_loc_map.suite.running.variants import ErrorSource, parse_budget, variants_of
 
 LISTS = ("sources", "perturb", "tasks", "conditions")
+NOT_EMPTY = ("tasks", "conditions")  #: Lists whose defaults apply if the list is missing, but not if it is empty.
 OTHERS = ("budget", "configurations", "limits")
 
 
@@ -101,6 +102,8 @@ def load_specification(path: Path | str) -> SuiteSpecification:
     path = Path(path)
     content = load_yaml(path)
     check_keys(content, (*LISTS, *OTHERS, *flatten(SuiteSettings())), path)
+    if empty := [name for name in NOT_EMPTY if content.get(name) == []]:
+        raise ConfigError(f"{path}: '{empty[0]}' is empty: give at least one entry, or omit '{empty[0]}'")
     lists = {name: _list_in(content, name, path) for name in LISTS}
     budget = parse_budget(content.pop("budget"), str(path)) if "budget" in content else ()
     configurations = content.pop("configurations", None)

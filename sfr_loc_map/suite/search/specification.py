@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.table.row_part import DIRECTIONS, MOVING, OTHER_FRAMES,
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import Job, JobTask
-from sfr_loc_map.suite.running.source_readers import scenario_settings, simulated_source
+from sfr_loc_map.suite.running.source_readers import changed_scenario, scenario_settings, simulated_source
 from sfr_loc_map.suite.running.specification import SuiteSettings, check_keys
 
 Point = tuple[float, ...]
@@ -178,7 +178,7 @@ def load_search(path: Path | str) -> SearchSpecification:
     path = Path(path)
     content = load_yaml(path)
     check_keys(content, (*STRUCTURED, *flatten(SearchSettings())), path)
-    scenario_name, changes = content.pop("scenario", None), _mapping_in(content, "set", path)
+    scenario_name, stated_changes = content.pop("scenario", None), _mapping_in(content, "set", path)
     ranges, seeds = _mapping_in(content, "ranges", path), content.pop("seeds", [1])
     stated_running = _mapping_in(content, "running", path)
     running = build(SuiteSettings, stated_running, origin=f"{path}: running")
@@ -189,27 +189,31 @@ def load_search(path: Path | str) -> SearchSpecification:
     if not isinstance(scenario_name, str):
         raise ConfigError(f"{path}: the file of a scenario is required for 'scenario'")
     is_list = isinstance(seeds, list) and all(type(seed) is int for seed in seeds)
-    if not is_list or not seeds:
-        raise ConfigError(f"{path}: a list of whole numbers is required for 'seeds'")
+    if not is_list or not seeds or len(set(seeds)) < len(seeds):
+        raise ConfigError(f"{path}: a list of different whole numbers is required for 'seeds'")
     if not ranges:
         raise ConfigError(f"{path}: 'ranges' is missing or empty: give parameters as NAME: [LOW, HIGH]")
+    with naming_key(f"{path}: 'set'"):
+        changes = flatten(stated_changes)
     for name, settings_of_file in (("ranges", ranges), ("set", changes)):
         if "seed" in settings_of_file:
             raise ConfigError(f"{path}: 'seed' in '{name}' has no effect: give 'seeds'")
     scenario = path.absolute().parent / scenario_name
     given = scenario_settings(scenario)
-    base = flatten(build(SimulationConfig, {**given, **changes}, origin=f"{path}: 'set'"))
+    base = changed_scenario(scenario, changes, f"{path}: 'set'")
     for seed in seeds:
         simulated_source(scenario, base, seed, f"{path}: 'seeds'")
     with naming_key(f"{path}: 'condition'"):
         condition = Condition.parse(settings.condition).setting
+    parameters = tuple(_parameter(name, value, base, f"{path}: '{name}'") for name, value in ranges.items())
+    _check_faults(parameters, base, path)
     return SearchSpecification(
         path=path,
         scenario=scenario,
         base=base,
         changes={name: value for name, value in base.items() if value != given[name]},
         seeds=tuple(seeds),
-        parameters=tuple(_parameter(name, value, base, f"{path}: '{name}'") for name, value in ranges.items()),
+        parameters=parameters,
         scoring=TrajectoryScoreConfig((condition,), running.spacing, running.rebase, running.partial),
         settings=settings,
         running=running,
@@ -261,6 +265,21 @@ def _parts_of(kind: FigureKind) -> tuple[str, ...]:
     readings = [reading for reading in Reading if not reading.is_fit]
     directions = DIRECTIONS if kind.name == "position" else ()
     return ("", *readings, *directions, MOVING, OTHER_FRAMES)
+
+
+def _check_faults(parameters: Sequence[Parameter], base: Mapping[str, object], path: Path) -> None:
+    """Raise ConfigError if a fault has the name of a setting, or if two parameters are the amount of one fault."""
+    names: dict[str, str] = {}
+    for parameter in parameters:
+        if not parameter.fault:
+            continue
+        if parameter.name in base:
+            raise ConfigError(f"{path}: '{parameter.name}' is a setting of the scenario: give the fault another name")
+        equal = names.setdefault(parameter.fault, parameter.name)
+        if equal != parameter.name:
+            raise ConfigError(
+                f"{path}: '{equal}' and '{parameter.name}' are ranges of the fault '{parameter.fault}': omit one"
+            )
 
 
 def _parameter(name: str, value: object, base: Mapping[str, object], origin: str) -> Parameter:

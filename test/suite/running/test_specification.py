@@ -120,6 +120,9 @@ def test_a_mask_is_found_beside_the_suite_and_known_by_its_content(tmp_path: Pat
         ({"configurations": {"a": {"mapping": {"method": "opencv"}}}}, "no method 'opencv'"),
         ({"configurations": {"a": {"localisation": {"method": "lib:none.so"}}}}, "No such file"),
         ({"tasks": ["fly"]}, "fly"),
+        ({"conditions": []}, "'conditions' is empty"),
+        ({"sources": [{"simulate": "s.yaml", "seeds": [-1]}]}, "suite.yaml: source 1: 'seeds'"),
+        ({"sources": [{"simulate": "s.yaml", "set": {"drive.pairs": 2, "drive": {"pairs": 3}}}]}, "given twice"),
         ({"tasks": [["localise"]]}, "'tasks' has"),
         ({"tasks": False}, "'tasks' is False: a list is required"),
         ({"conditions": 0}, "'conditions' is 0: a list is required"),
@@ -146,7 +149,7 @@ def test_a_mask_is_found_beside_the_suite_and_known_by_its_content(tmp_path: Pat
                 "budget": {"blur": {"fault": "blurred"}, "noise": {"fault": "noisy"}},
                 "limits": OMITTED,
                 "perturb": [],
-                "conditions": [],
+                "conditions": OMITTED,
                 "repeats": 5,
             },
             "'repeats' has no effect",
@@ -171,6 +174,28 @@ def test_a_source_that_is_gone_is_named_beside_those_that_are_there(tmp_path: Pa
     made = load_specification(written(tmp_path, GOOD | {"sources": ["a.mcap", "gone*.mcap"]}))
     assert [source.name for source in made.sources] == ["a.mcap"]
     assert [(refusal.path, "no match in" in refusal.reason) for refusal in made.refusals] == [("gone*.mcap", True)]
+
+
+def test_a_missing_scenario_is_skipped_like_a_missing_path(tmp_path: Path) -> None:
+    made = load_specification(written(tmp_path, GOOD | {"sources": [{"simulate": "gone.yaml"}, "a.mcap"]}))
+    assert [source.name for source in made.sources] == ["a.mcap"]
+    assert len(made.refusals) == 1
+
+
+def test_nested_settings_of_a_scenario_replace_its_values(tmp_path: Path) -> None:
+    nested = {"simulate": "s.yaml", "set": {"drive": {"pairs": 9}}}
+    (source,) = load_specification(written(tmp_path, GOOD | {"sources": [nested]})).sources
+    assert source.settings["drive.pairs"] == 9
+
+
+@pytest.mark.parametrize("inner", ["", "poses/"])
+def test_the_results_of_two_methods_in_two_folders_have_the_same_names(tmp_path: Path, inner: str) -> None:
+    def names(method: str) -> list[str]:
+        paths = [f"out/{method}/d{number}/{inner}est.csv" for number in range(2)]
+        sources = [{"estimate": path, "truth": "t.csv"} for path in paths]
+        return [source.name for source in load_specification(written(tmp_path, GOOD | {"sources": sources})).sources]
+
+    assert names("a") == names("b") == [f"d0/{inner}est.csv", f"d1/{inner}est.csv"]
 
 
 @pytest.mark.parametrize("name", ["quick", "acceptance", "robustness"])
