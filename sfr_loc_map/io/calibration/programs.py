@@ -75,9 +75,14 @@ class Reader(NamedTuple):
 
 
 def _side_by_side(name: str, cameras: list[PosedCamera], names: list[str]) -> CameraPair:
-    """Return the pair of two cameras; their poses determine which of them is left, unless `names` state it."""
-    is_named = any(SIDES[0] in each for each in names)
-    if not is_named and (cameras[0].T_body_cam.inverse() @ cameras[1].T_body_cam).translation[0] < 0:
+    """Return the pair of two cameras; their poses determine which of them is left, unless `names` state it.
+
+    Names state the left camera if they differ in the word `left`, in upper or lower case; a common folder may have it.
+    """
+    one, other = (each.lower().count(SIDES[0]) for each in names)
+    if other > one:
+        cameras, names = cameras[::-1], names[::-1]
+    if one == other and (cameras[0].T_body_cam.inverse() @ cameras[1].T_body_cam).translation[0] < 0:
         cameras, names = cameras[::-1], names[::-1]
         _log.warning(
             f"{name}: {names[1]} is to the right of {names[0]}: the images of {names[0]} must be the left ones"
@@ -89,9 +94,12 @@ def _side_by_side(name: str, cameras: list[PosedCamera], names: list[str]) -> Ca
 def _two_files(opened: OpenedFile, one: str, other: str) -> list[Path]:
     """Return the files of the two cameras, whose paths differ in a word; raise InputError if there is only one file."""
     if opened.other is None:
+        names = f"{opened.file.parent.name}/{opened.file.name}".lower()
+        advice = f"with {other} in place of {one} or {one} in place of {other}"
+        if one not in names and other not in names:
+            advice = f"and name the files by {one} and {other}"
         raise InputError(
-            f"calibration '{opened.file}' has one camera: add the file of the other camera at the same path, with "
-            f"{other} in place of {one} or {one} in place of {other}"
+            f"calibration '{opened.file}' has one camera: add the file of the other camera at the same path, {advice}"
         )
     return opened.files
 

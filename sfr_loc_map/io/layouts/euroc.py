@@ -98,7 +98,7 @@ def _load_truth(folder: Path) -> RecordedTruth | None:
 def _load_list(path: Path) -> dict[int, Path]:
     stamps_ns, files = [], []
     for number, line in enumerate(read_lines(path), start=1):
-        stamp, _, name = line.partition(",")
+        stamp, name, *_ = [*line.split(","), ""]
         with refusing(f"'{path}' entry {number}"):
             stamps_ns.append(parse_stamp_ns(stamp))
         files.append(path.parent / "data" / name.strip())

@@ -14,6 +14,7 @@ from dataclasses import replace
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.tables.column_names import (
     check_is_not_geographic,
+    columns_by_number,
     columns_of_header,
     columns_of_user,
     named_positions,
@@ -34,8 +35,8 @@ from sfr_loc_map.io.tables.pose_columns import (
     TrajectoryFormat,
 )
 from sfr_loc_map.io.tables.quaternion_order import check_order_of_quaternions
-from sfr_loc_map.io.tables.row_layouts import columns_of_layout
-from sfr_loc_map.io.tables.stamps import TIMES, UTC_UNIT, check_padded, time_unit
+from sfr_loc_map.io.tables.row_layouts import check_height_is_no_heading, columns_of_layout
+from sfr_loc_map.io.tables.stamps import TIMES, UTC_UNIT, check_is_no_time_of_day, check_padded, time_unit
 from sfr_loc_map.io.tables.table_head import TableHead, is_number, is_time
 from sfr_loc_map.message_stamps import NS_PER_S
 
@@ -56,6 +57,7 @@ def detect_columns(lines: Sequence[str], name: str, columns: str, option: str) -
         found = columns_of_layout(head)
     if not columns:
         check_order_of_quaternions(head, found)
+        check_height_is_no_heading(head, found)
     _check_complete(found, head)
     _check_units(found, head)
     found = _with_time_unit(found, head)
@@ -115,9 +117,7 @@ def _check_commented_unit(found: PoseColumns, head: TableHead) -> None:
     advice = "convert the positions to metres"
     if not found.is_matrix and unit in METRES:
         units = {**found.units, **dict.fromkeys(found.position_keys, unit)}
-        named = sorted(found.index_of.items(), key=lambda item: item[1])
-        columns = (f"{key}=#{index + 1}" + (f"[{units[key]}]" if key in units else "") for key, index in named)
-        advice = head.named_by(",".join(columns))
+        advice = head.named_by(columns_by_number(found.index_of, units))
     raise InputError(
         f"{head.name} line {number} states the unit {unit}, but the columns of the position have no unit: {advice}"
     )
@@ -147,6 +147,7 @@ def _with_time_unit(found: PoseColumns, head: TableHead) -> PoseColumns:
     column = found.index_of[STAMP]
     texts = [cells[column] for cells in head.rows if len(cells) > column]
     check_padded(texts, head.name)
+    check_is_no_time_of_day(texts, head.name)
     if found.units.get(STAMP):
         return replace(found, states_time_unit=found.by_header and found.format is not TrajectoryFormat.CSV)
     if texts and not is_number(texts[0]) and is_time(texts[0]):
@@ -155,7 +156,7 @@ def _with_time_unit(found: PoseColumns, head: TableHead) -> PoseColumns:
     unit = time_unit(texts, is_seconds=is_seconds)
     if not unit:
         raise InputError(
-            f"{head.name}: the unit of the stamps {', '.join(texts[:3])} is ambiguous: name the unit "
-            f"(s, ms, us or ns), for example {head.option_with('t[ns],x,y,z,qx,qy,qz,qw')}"
+            f"{head.name}: the unit of the stamps {', '.join(texts[:3])} is ambiguous: replace UNIT by s, ms, us or "
+            f"ns in {head.option_with(columns_by_number(found.index_of, {**found.units, STAMP: 'UNIT'}))}"
         )
     return replace(found, units={**found.units, STAMP: unit}, inferred="" if unit == "s" and is_seconds else unit)

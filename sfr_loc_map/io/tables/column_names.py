@@ -117,14 +117,28 @@ def key_of(cell: str) -> tuple[str, int] | None:
     return (title, 0) if title in COVARIANCE_KEYS else None
 
 
+def keys_of(cells: Sequence[str]) -> list[tuple[str, int] | None]:
+    """Return the contents of columns by their names (`key_of`).
+
+    Of `stamp_sec` and `stamp_nsec`, each name alone is that of a complete stamp, and both are parts of one stamp.
+    """
+    keys = [key_of(cell) for cell in cells]
+    words = [_plain(cell) for cell in cells]
+    for index, word in enumerate(words):
+        stem = word.removesuffix("sec")
+        fractions = [number for number, other in enumerate(words) if other in (f"{stem}{unit}sec" for unit in "num")]
+        if word in NAMES[SECONDS] and len(fractions) == 1:
+            keys[index], keys[fractions[0]] = (SECONDS, 0), (NANOSECONDS, 0)
+    return keys
+
+
 def named_columns(cells: Sequence[str]) -> dict[str, int]:
     """Return the columns with known names, from 0; of several columns of one key, the preferred name decides.
 
     x, y and z are those of the first complete family of names, so that they belong to one position.
     """
     ranked: dict[str, tuple[int, int]] = {}
-    for index, cell in enumerate(cells):
-        known = key_of(cell)
+    for index, known in enumerate(keys_of(cells)):
         if known is None:
             continue
         key, rank = known
@@ -187,8 +201,9 @@ def _aligned(cells: Sequence[str], head: TableHead) -> list[str]:
 
 def _check_names_differ(cells: Sequence[str], found: Mapping[str, int], head: TableHead, number: int) -> None:
     """Raise InputError if several columns of the header have the name of a column that would be read."""
+    keys = keys_of(cells)
     for index in found.values():
-        indices = [other for other, cell in enumerate(cells) if key_of(cell) == key_of(cells[index])]
+        indices = [other for other, key in enumerate(keys) if key == keys[index]]
         if len(indices) > 1:
             numbers = " and ".join(f"#{other + 1}" for other in indices)
             raise InputError(
@@ -355,6 +370,12 @@ def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
         ignored=ignored,
         is_conjugated=_are_conjugates(head, index_of, header),
     )
+
+
+def columns_by_number(index_of: Mapping[str, int], units: Mapping[str, str]) -> str:
+    """Return columns as `--columns` names them by their numbers, with their units: `t=#1[ms],x=#2`."""
+    named = sorted((index, key) for key, index in index_of.items() if key in {*NAMES, FRAME, *MATRIX} - {DOWN})
+    return ",".join(f"{key}=#{index + 1}" + (f"[{units[key]}]" if units.get(key) else "") for index, key in named)
 
 
 def _header_above(head: TableHead) -> list[str]:

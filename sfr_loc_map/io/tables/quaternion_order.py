@@ -60,7 +60,7 @@ def _check_comments(head: TableHead, found: PoseColumns, order: tuple[str, ...])
     if other != order:
         raise InputError(
             f"{head.name} line {number} states that quaternions have the scalar {_ORDERS[other]}, unlike {found.name}: "
-            f"{head.named_by(_columns_with(found, other))}"
+            f"{head.named_by(_columns_with(head, found, other))}"
         )
 
 
@@ -78,7 +78,7 @@ def _check_motion(head: TableHead, found: PoseColumns, order: tuple[str, ...]) -
     if not problem:
         return
     other = next(place for each, place in _ORDERS.items() if each != order)
-    first, last = (head.option_with(_columns_with(found, each)) for each in (SCALAR_FIRST, QUATERNION))
+    first, last = (head.option_with(_columns_with(head, found, each)) for each in (SCALAR_FIRST, QUATERNION))
     raise InputError(
         f"{head.name} has {origin}, and its attitudes are {problem} if read as {found.name}, but level and along the "
         f"path if the scalar of the quaternions is {other}: name the columns by {first} if it is first, or by {last} "
@@ -100,10 +100,10 @@ def _poses(head: TableHead, found: PoseColumns) -> tuple[FloatArray, FloatArray]
     return positions[is_valid], quats[is_valid]
 
 
-def _columns_with(found: PoseColumns, order: Sequence[str]) -> str:
+def _columns_with(head: TableHead, found: PoseColumns, order: Sequence[str]) -> str:
     """Return the columns for `--columns` with another order of quaternions, by number if a header has their units."""
     if not found.by_header:
-        return ",".join(("t[s]", *POSITION, *order))
+        return ",".join((f"t[{head.time_unit}]", *POSITION, *order))
     first = min(found.index_of[key] for key in QUATERNION)
     index_of = {**found.index_of, **{key: first + number for number, key in enumerate(order)}}
     columns = sorted(index_of.items(), key=lambda item: item[1])

@@ -79,7 +79,6 @@ def columns_of_layout(head: TableHead) -> PoseColumns:
     width = widths[len(widths) // 2]
     table = head.numbers(width)
     layout = _only_layout(head, table)
-    _check_height_is_no_heading(head, layout, table)
     _check_are_no_degrees(head, layout, table)
     index_of = {key: index for index, key in enumerate(layout.keys)}
     ignored = tuple(f"#{number + 1}" for number in range(len(layout.keys), width))
@@ -98,7 +97,8 @@ def _only_layout(head: TableHead, table: FloatArray) -> Layout:
     if len(fitting) == 1:
         return fitting[0]
     problem = f", and fits no layout of: {'; '.join(layout.name for layout in LAYOUTS)}"
-    columns = "t[s],x,y,z" if table.shape[1] < len(_POSE) + 1 else ",".join(("t[s]", *_POSE))
+    stamp = f"t[{head.time_unit}]"
+    columns = f"{stamp},x,y,z" if table.shape[1] < len(_POSE) + 1 else ",".join((stamp, *_POSE))
     advice = head.named_by(columns)
     if table.shape[1] <= len(POSITION):
         advice = "a stamp and three coordinates are required in each row"
@@ -167,16 +167,23 @@ def _is_integer(numbers: FloatArray) -> Mask:
 # ---- four numbers that are not a position
 
 
-def _check_height_is_no_heading(head: TableHead, layout: Layout, table: FloatArray) -> None:
-    """Raise InputError if the last column of `t x y z` is the heading of a planar pose, in radians or degrees."""
-    if layout.keys != (STAMP, *POSITION):
+def check_height_is_no_heading(head: TableHead, found: PoseColumns) -> None:
+    """Raise InputError if the height of `t x y z` is the heading of a planar pose, in radians or degrees.
+
+    The height has no name, or the name `h`, which may be that of a heading.
+    """
+    keys = (STAMP, *POSITION)
+    if tuple(found.value_keys) != POSITION or not set(keys) <= found.index_of.keys():
         return
-    rows = _stamped_positions(table)
+    indices = [found.index_of[key] for key in keys]
+    titles = [cells[indices[3]] for line in head.before if len(cells := head.cells_of(line)) > indices[3]]
+    if found.by_header and "h" not in map(str.lower, titles):
+        return
+    rows = _stamped_positions(head.numbers(max(indices) + 1)[:, indices])
     if unit := unit_of_headings(rows[:, 1:3], rows[:, 3]):
         raise InputError(
-            f"{head.name} has four columns and no header, and the last one is the heading of the path in {unit}, "
-            f"not a height: a position with a height is required; add a column of heights, and "
-            f"{head.named_by('t[s],x,y,z')}"
+            f"{head.name}: column #{indices[3] + 1} is the heading of the path in {unit}, not a height: a position "
+            f"with a height is required; add a column of heights, and {head.named_by_number()}"
         )
 
 
@@ -185,7 +192,8 @@ def _check_are_no_degrees(head: TableHead, layout: Layout, table: FloatArray) ->
     if layout.keys == (STAMP, *POSITION) and are_degrees(_stamped_positions(table)[:, 1:3]):
         raise InputError(
             f"{head.name} has four columns and no header, and the second and the third are probably latitude and "
-            f"longitude in degrees: positions in metres are required; convert them, or {head.named_by('t[s],x,y,z')}"
+            "longitude in degrees: positions in metres are required; convert them, or "
+            f"{head.named_by(f't[{head.time_unit}],x,y,z')}"
         )
 
 

@@ -262,6 +262,30 @@ def check_padded(texts: Sequence[str], name: str) -> None:
         )
 
 
+def check_is_no_time_of_day(texts: Sequence[str], name: str) -> None:
+    """Raise InputError if stamps are probably times of day written as `hhmmss.s`, which are not seconds.
+
+    Their minutes and seconds are below 60, and a step over a full minute is that of the other stamps only if the time
+    of day is converted to seconds.
+    """
+    numbers = np.array([number_or_nan(text) for text in texts])
+    if len(numbers) < 3 or not ((numbers >= 0.0) & (numbers < 240_000.0)).all():
+        return
+    minutes, seconds = numbers // 100.0 % 100.0, numbers % 100.0
+    if not ((minutes < 60.0) & (seconds < 60.0)).all():
+        return
+    steps = np.diff(numbers)
+    converted = np.diff(3600.0 * (numbers // 10_000.0) + 60.0 * minutes + seconds)
+    typical = float(np.median(np.abs(converted)))
+    is_over_minute = steps != converted
+    are_typical = np.abs(converted[is_over_minute] - typical) <= 0.5 * typical
+    if is_over_minute.any() and 0.0 < typical <= LONGEST_SENSOR_STEP and are_typical.all():
+        raise InputError(
+            f"{name}: the stamps, such as {texts[int(np.argmax(is_over_minute)) + 1].strip()}, are probably times of "
+            "day (hhmmss.s): seconds are required; convert the stamps"
+        )
+
+
 def _increase_only_if_padded(texts: Sequence[str], digits: int) -> bool:
     """Return whether stamps increase if their fractions are padded by leading zeros, and do not increase as written."""
     parts = [text.strip().partition(".") for text in texts if is_decimal(text.strip())]

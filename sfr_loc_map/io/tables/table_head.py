@@ -11,7 +11,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.io.tables.number_text import number_or_nan
-from sfr_loc_map.io.tables.stamps import parse_utc
+from sfr_loc_map.io.tables.stamps import parse_utc, time_unit
 from sfr_loc_map.io.tables.text_table import COMMENTS, split_cells
 
 HEAD_LINES = 5000  #: Number of lines from which the columns are detected. Later rows that do not fit are invalid.
@@ -55,6 +55,11 @@ class TableHead:
         """Largest number of cells in a row."""
         return max(len(cells) for cells in self.rows)
 
+    @property
+    def time_unit(self) -> str:
+        """Unit of the stamps in the first column, for examples in messages: inferred, or `s`."""
+        return time_unit([cells[0] for cells in self.rows], is_seconds=False) or "s"
+
     def numbers(self, width: int) -> FloatArray:
         """Return the numbers in the first `width` cells of each row that has so many; NaN for other cells."""
         rows = [cells[:width] for cells in self.rows if len(cells) >= width]
@@ -74,7 +79,7 @@ class TableHead:
 
     def named_by_number(self, keys: Sequence[str] = ("x", "y", "z")) -> str:
         """Return the end of a message: the option with an example of columns by their numbers."""
-        columns = ",".join(("t=#1[s]", *(f"{key}=#{number}" for number, key in enumerate(keys, 2))))
+        columns = ",".join((f"t=#1[{self.time_unit}]", *(f"{key}=#{number}" for number, key in enumerate(keys, 2))))
         return f"{self.named_by(columns)} with the numbers of the columns in the file"
 
 

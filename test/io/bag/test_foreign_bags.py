@@ -69,7 +69,7 @@ def test_a_first_fix_that_is_a_jump_is_not_the_origin(tmp_path: Path) -> None:
         entries.append(("/fix", stamp, fix(stamp, *(place if k else (-30.0, 150.0, 20.0)))))
     found = truth_as(write_messages(tmp_path / "x", entries), TruthConfig(source="/fix"))
     moved = drive().positions[1:] - drive().positions[1]
-    assert np.abs(found.positions - moved).max() < 0.01
+    assert np.abs(found.positions - moved).max() < 0.05  # the metres of a degree are rounded
 
 
 @pytest.mark.parametrize("second", [("world", "rover"), ("map", "drone"), ("/map", "/rover")])

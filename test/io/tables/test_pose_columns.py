@@ -368,6 +368,16 @@ REFUSED = {
     ),
     "positions without stamps": ("1 2 3\n" * 9, "", "a stamp and three coordinates are required"),
     "headings in radians in place of heights": (planar_rows(1.0), "", "the heading of the path in radians"),
+    "headings in a column h": (
+        "t,e,n,h\n" + planar_rows(1.0).replace(" ", ","),
+        "",
+        "the heading of the path in radians",
+    ),
+    "times of day as one number": (
+        "t,x,y,z\n" + "".join(f"{101558.5 + 0.5 * k + 40.0 * (k > 2):.1f},{k},2,3\n" for k in range(20)),
+        "",
+        "hhmmss",
+    ),
     "headings in degrees in place of heights": (planar_rows(180.0 / np.pi), "", "the heading of the path in degrees"),
     "times of day": ("time,x,y,z\n10:22:01.25,1,2,3\n", "", "line 1 is 'time,x,y,z', line 2 is '10:22:01.25,1,2,3'"),
     "a text without rows": ('{"poses": []}\n', "", """has no pose: .* line 1 is '{"poses": \\[\\]}'"""),

@@ -395,3 +395,11 @@ def test_a_unit_in_a_title_is_converted_or_refused(
         return
     found = read_trajectory_file(tmp_path / "t.csv", columns).trajectory
     assert found.positions[5] == pytest.approx([5 * metres, 2 * metres, 3 * metres])
+
+
+@pytest.mark.parametrize(("fraction", "unit_ns"), [("stamp_nsec", 1), ("stamp_usec", 1000), ("stamp_nanosec", 1)])
+def test_seconds_and_their_fraction_are_one_stamp(tmp_path: Path, fraction: str, unit_ns: int) -> None:
+    body = "".join(f"{1700000000 + k // 4},{k % 4 * 250_000_000 // unit_ns},{k},2,3\n" for k in range(20))
+    (tmp_path / "t.csv").write_text(f"stamp_sec,{fraction},x,y,z\n{body}")
+    found = read_trajectory_file(tmp_path / "t.csv").trajectory
+    assert np.diff(found.stamps_ns).tolist() == [250_000_000] * 19
