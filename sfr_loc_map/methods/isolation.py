@@ -29,11 +29,11 @@ from sfr_loc_map.metrics.table.records import MethodKind
 
 OWN_FILES = "SFR_METHOD_FILES"  #: Variable with additional readable paths, separated as in PATH.
 PERMITTING = (OWN_FILES, "PYTHONPATH", LIBRARY_PATH)  #: Variables whose paths a method may read.
-FOLDERS = (
-    *("PATH", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX", "CUDA_HOME", "CUDA_PATH", "TZDIR"),
-    *(LIBRARY_PATH, OWN_FILES),
-)
-"""Variables with paths. A method receives the paths that exist."""
+FOLDERS = ("PATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX", "CUDA_HOME", "CUDA_PATH", "TZDIR")
+"""Variables with paths. A method receives the existing paths of the system and of the interpreter."""
+MOST_PATHS = 64
+"""Largest number of paths of the system and of the interpreter in a variable that a method receives, because the choice
+and the order of many paths could contain data. 64 of 10,000 folders contain at most 110 bytes."""
 COUNTS = (
     *("OMP_NUM_THREADS", "OMP_THREAD_LIMIT", "OMP_MAX_ACTIVE_LEVELS", "OPENBLAS_NUM_THREADS", "BLIS_NUM_THREADS"),
     *("MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "PYTHONHASHSEED"),
@@ -102,8 +102,28 @@ def _permitted_by(name: str) -> list[str]:
     paths = _paths_in(os.environ.get(name, ""))
     if name == OWN_FILES:
         return paths
-    of_all = [path.resolve() for path in (*map(Path, SYSTEM), *_prefixes())]
-    return [path for path in paths if not any(Path(path).resolve().is_relative_to(item) for item in of_all)]
+    return [path for path in paths if not _is_installed(path)]
+
+
+def _is_installed(path: str) -> bool:
+    """Return whether a path, by its name and by its target, belongs to the system or to this interpreter."""
+    folders = [*map(Path, SYSTEM), *_prefixes()]
+    folders += [folder.resolve() for folder in folders]
+    named = (Path(os.path.normpath(path)), Path(path).resolve())
+    return all(any(item.is_relative_to(folder) for folder in folders) for item in named)
+
+
+def _passed_paths(name: str, value: str) -> list[str]:
+    """Return the existing paths of a variable that a method receives, each once.
+
+    Of the paths outside the system and the interpreter, the method receives only those that the score names.
+    """
+    existing = dict.fromkeys(os.path.normpath(path) for path in _paths_in(value) if os.path.exists(path))
+    installed = [path for path in existing if _is_installed(path)]
+    passed = installed[:MOST_PATHS]
+    if name in PERMITTING:
+        passed += [path for path in existing if path not in installed]
+    return sorted(passed, key=list(existing).index)
 
 
 def _paths_in(value: str) -> list[str]:
@@ -123,13 +143,14 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> Rules:
     named = [text for name in PERMITTING for text in _paths_in(os.environ.get(name, ""))]
     named += [text for text in sys.path if Path(text).name in PACKAGES]
     named += [method.vocabulary] if method.vocabulary else []
-    own = [PACKAGE, _kernels_of_user(), *code]
+    own = [PACKAGE, *_kernels_in(_kernels_of_user()), *code]
     wanted: list[str | Path] = [*SYSTEM, *(f"/proc/{name}" for name in FACTS), *prefixes, *named, *own]
     # this package has compiled kernels
     unhashed = unhashed_of([path for path in code if path.resolve() != PACKAGE.resolve()])
     closed = frozenset(path.resolve() for path in (*hidden, *unhashed))
     above = frozenset(parent for path in closed for parent in path.parents)
     names = [path.resolve().parent for path in (PACKAGE, *code)]  # the interpreter lists these to find packages
+    names.append(_kernels_of_user())  # numba lists its folders to find kernels
     read: list[Path] = []
     for path in dict.fromkeys(Path(item).resolve() for item in wanted):
         parts = list(_without(path, closed, above))
@@ -146,17 +167,16 @@ def environment_of(method: Method, folder: Path) -> dict[str, str]:
     """Return the environment of a method's process, which finds code and compiled kernels where this process does.
 
     The folders of `search_path_of` are added once the memory of the process without the method is measured. A method
-    under test receives only the existing paths in the variables of `FOLDERS`, and the variables of `passed_settings`; a
-    peer receives all.
+    under test receives only the variables of `passed_settings`, and of the variables in `FOLDERS` and `PERMITTING` the
+    paths of `_passed_paths`; a peer receives all.
     """
     if method.kind is MethodKind.PEER:
         return {**inherited_environment(), "TMPDIR": str(folder)}
     given = child_environment()
     found = {**passed_settings(given), "LC_ALL": LOCALE}
-    for name in FOLDERS:
-        existing = [path for path in _paths_in(given.get(name, "")) if os.path.exists(path)]
-        if existing:
-            found[name] = os.pathsep.join(existing)
+    for name in (*FOLDERS, *PERMITTING):
+        if paths := _passed_paths(name, given.get(name, "")):
+            found[name] = os.pathsep.join(paths)
     if site.ENABLE_USER_SITE:  # packages of the user are in the user's home, not in that of the method
         found["PYTHONUSERBASE"] = site.getuserbase()
     found |= dict.fromkeys(("HOME", "TMPDIR", "NUMBA_CACHE_DIR"), str(folder))
@@ -172,6 +192,11 @@ def search_path_of(method: Method) -> list[str]:
 
 def _kernels_of_user() -> Path:
     return Path.home() / ".cache" / "numba"
+
+
+def _kernels_in(folder: Path) -> list[Path]:
+    """Return the indices and kernels of numba in a cache folder, which may contain other files."""
+    return [path for kind in ("*.nbi", "*.nbc") for path in folder.rglob(kind) if not path.is_symlink()]
 
 
 def _without(path: Path, hidden: Set[Path], above: Set[Path]) -> Iterator[Path]:

@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
 from sfr_loc_map.metrics.score.caveats import caveats_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import CLAUSES, OF_SUB_TRAJECTORIES, STANDARD_DEVIATION
-from sfr_loc_map.metrics.table.records import Provenance, TargetRecord
+from sfr_loc_map.metrics.table.records import MethodKind, Provenance, TargetRecord
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.notes import NO_INTERVAL
 from sfr_loc_map.report.page import from_template
@@ -305,3 +305,9 @@ def _open_points(score: Score) -> Iterator[str]:
         yield "The commit of sfr_loc_map is unknown, because sfr_loc_map was not installed from a repository."
     if score.method is None:
         yield "The item under test is not named in the inputs."
+    elif score.method.kind in (MethodKind.PYTHON, MethodKind.LIBRARY):
+        yield (
+            f"It was not verified that the code of {score.method.name}, its configuration, and the files and names of "
+            "files of the system and of the interpreter contain no encoded ground truth. Judge the method on a drive "
+            "that its supplier does not have."
+        )

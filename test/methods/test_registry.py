@@ -17,7 +17,7 @@ from sfr_loc_map.configuration.parameters import parameters
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.methods import ours
+from sfr_loc_map.methods import isolation, ours
 from sfr_loc_map.methods.child.numba_cache import OfUser
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolation import CHOICES, COUNTS, PACKAGE, environment_of, isolation_of, rules_of
@@ -137,12 +137,34 @@ def test_a_method_receives_only_known_variables_with_a_plain_value(
     """A name that begins with that of another variable is another name."""
     for name, value in (VARIABLES | TRUTHS).items():
         monkeypatch.setenv(name, value)
-    monkeypatch.setenv("PATH", f"/usr/bin{os.pathsep}/0.1,0.2,0.3{os.pathsep}/bin")
+    (tmp_path / "folder-0.1").mkdir()
+    (tmp_path / "link-0.2").symlink_to("/usr/bin")
+    named = [str(tmp_path / "folder-0.1"), str(tmp_path / "link-0.2")]
+    monkeypatch.setenv("PATH", os.pathsep.join(["/usr/bin", "/0.1,0.2,0.3", *named, "/bin", "/usr/../usr/bin"]))
+    monkeypatch.setenv("TZDIR", os.pathsep.join(named))
     (tmp_path / "item.py").write_text("")
     found = environment_of(find_method(f"{tmp_path / 'item.py'}:Mine", Task.LOCALISATION), tmp_path)
     assert VARIABLES.items() <= found.items()
     assert TRUTHS.keys().isdisjoint(found)
     assert (found["PATH"], found["HOME"]) == (f"/usr/bin{os.pathsep}/bin", str(tmp_path))
+    assert "TZDIR" not in found
+
+
+def test_few_of_many_system_folders_are_passed_and_links_to_them_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Choice and order of many folders could contain data, and so could the name of a link."""
+    monkeypatch.delenv("SFR_METHOD_FILES", raising=False)
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    (tmp_path / "link-0.2").symlink_to("/usr/bin")
+    monkeypatch.setattr(isolation, "MOST_PATHS", 2)
+    folders = ["/usr/share", "/usr/lib", "/usr", "/usr/bin"]
+    monkeypatch.setenv("LD_LIBRARY_PATH", os.pathsep.join([*folders, str(tmp_path / "link-0.2")]))
+    (tmp_path / "item.py").write_text("")
+    found = environment_of(find_method(f"{tmp_path / 'item.py'}:Mine", Task.LOCALISATION), tmp_path)
+    passed = found["LD_LIBRARY_PATH"].split(os.pathsep)
+    assert passed == [*folders[:2], str(tmp_path / "link-0.2")]
+    assert isolation_of("files", can_read_all_files=False).readable_files == str(tmp_path / "link-0.2")
 
 
 def test_received_variables_are_part_of_the_configuration_of_a_method(
@@ -189,7 +211,12 @@ def test_kernels_in_the_cache_folder_of_the_user_are_found(tmp_path: Path, monke
     place = kernels / OfUser.get_suitable_cache_subpath(source)
     place.mkdir(parents=True)
     (place / "isolation.kernel.nbi").touch()
-    assert str(kernels) in rules_of(method, tmp_path, ())["read"]
+    (place / "model.npz").write_text("")
+    rules = rules_of(method, tmp_path, ())
+    assert [path for path in rules["read"] if Path(path).is_relative_to(kernels)] == [
+        str(place / "isolation.kernel.nbi")
+    ]
+    assert str(kernels) in rules["names"]
     for name, value in environment_of(method, tmp_path).items():
         monkeypatch.setenv(name, value)
     locator = OfUser.from_function(environment_of, source)

@@ -249,6 +249,13 @@ def test_each_limit_that_is_neither_met_nor_missed_is_an_open_point() -> None:
     assert found == set(open_states)
 
 
+@pytest.mark.parametrize(("kind", "is_open"), [(MethodKind.PYTHON, True), (MethodKind.BUILT_IN, False)])
+def test_encoded_truth_in_a_method_under_test_is_an_open_point(*, kind: MethodKind, is_open: bool) -> None:
+    score = replace(scores()[0], method=MethodRecord(name="mine.py:Mine", version=None, kind=kind))
+    _, _, listed = render_test_report([score]).partition("Open points</h2>")
+    assert ("the code of mine.py:Mine" in listed) == is_open
+
+
 def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
     score = scores()[0]
     note = view_table(READINGS, score).note
