@@ -45,6 +45,7 @@ from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.metrics.table.row_part import ANY, RowPart
 from sfr_loc_map.metrics.table.rows import COLUMNS, RowNumbers, find_rows
 from sfr_loc_map.metrics.table.rows import Figure as Row
+from sfr_loc_map.suffixes import HTML_SUFFIXES, check_suffix
 from sfr_loc_map.suite_names import Task
 
 if TYPE_CHECKING:
@@ -58,6 +59,8 @@ def path_of(value: object, name: str = "path", required: str = "a path") -> Path
     """Return an argument as a path; ConfigError, which states what is `required`, if it cannot be a path."""
     if not isinstance(value, str | os.PathLike):
         raise wrong_type(name, value, required)
+    if not str(value):
+        raise ConfigError(f"'{name}' is empty: {required} is required")
     if "\0" in str(value):
         raise ConfigError(f"'{name}' is {str(value)!r:.60}, which contains a NUL character: {required} is required")
     return Path(value)
@@ -114,12 +117,13 @@ class Trajectory(Shown, trajectory.Trajectory):
     method: MethodRecord | None = None  #: The method that estimated the poses; None if unknown.
 
     def __post_init__(self) -> None:
-        """Check the poses and the number of calls; GeometryError if they are invalid."""
+        """Check the poses, their calls and the method; GeometryError if they are invalid."""
         super().__post_init__()
-        if not isinstance(self.records, tuple) or len(self.records) not in (0, len(self)):
+        _check_calls(self.records, self.method)
+        if len(self.records) not in (0, len(self)):
             raise GeometryError(
-                f"records is {self.records!r:.60} for {len(self)} poses: a tuple with one call for each pose, or an "
-                "empty tuple, is required"
+                f"records has {len(self.records)} calls for {len(self)} poses: a tuple with one call for each pose, or "
+                "an empty tuple, is required"
             )
 
     @classmethod
@@ -238,6 +242,11 @@ class PointCloud(Shown, cloud.PointCloud):
     grid: tuple[int, int] | None = None
     not_finite: int = 0  #: Number of points of a file that were omitted because a coordinate is not finite.
 
+    def __post_init__(self) -> None:
+        """Check the points, the calls and the method; GeometryError if they are invalid."""
+        super().__post_init__()
+        _check_calls(self.records, self.method)
+
     @staticmethod
     def load(path: PathLike) -> PointCloud:
         """Read a cloud file: .ply, .pcd or .npz, with the pixel and pair of each point, or organised.
@@ -331,7 +340,8 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
     ) -> Row | None:
         """Return the row of a figure and a part, or without `part` the judged row; None if the score lacks the figure.
 
-        Without `condition` the first condition is used. ConfigError, which lists the available names, for a figure that
+        Without `condition` the first condition is used; `condition=None` selects the row of a figure that has no
+        condition. ConfigError, which lists the available names, for a figure that
         does not exist, and for a subject, condition or part that the figure does not have in this score. ConfigError,
         too, for a figure without a judged row if `part` is not given.
         """
@@ -383,14 +393,21 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         return to_json(self)
 
     def save(self, path: PathLike) -> None:
-        """Write the JSON; OutputError if the file cannot be written."""
-        write_text(self.to_json(), path_of(path))
+        """Write the JSON; OutputError for a suffix other than `.json`, or if the file cannot be written."""
+        file = path_of(path)
+        check_suffix(file, (".json",))
+        write_text(self.to_json(), file)
 
     def report(self, path: PathLike) -> None:
-        """Write the report page that `sfr score --html` writes; OutputError if the file cannot be written."""
+        """Write the report page that `sfr score --html` writes.
+
+        OutputError for a suffix other than `.html` or `.htm`, or if the file cannot be written.
+        """
         from sfr_loc_map.report.page import write_page
 
-        write_page(self._plain, path_of(path))
+        file = path_of(path)
+        check_suffix(file, HTML_SUFFIXES)
+        write_page(self._plain, file)
 
     def to_markdown(self) -> str:
         """Return all tables as Markdown."""
@@ -449,6 +466,14 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
 
         tables = "".join(to_html(table) for table in summary_tables(self._plain))
         return f"<b>{self.verdict or 'no verdict'}</b>{tables}"
+
+
+def _check_calls(records: object, method: object) -> None:
+    """Raise GeometryError unless the calls of a result are a tuple of CallRecord, and its method a MethodRecord."""
+    if not isinstance(records, tuple) or not all(isinstance(item, CallRecord) for item in records):
+        raise GeometryError(f"records is {records!r:.60}: a tuple of CallRecord is required")
+    if method is not None and not isinstance(method, MethodRecord):
+        raise GeometryError(f"method is {method!r:.60}: a MethodRecord or None is required")
 
 
 def _save_calls(path: PathLike, function: str, task: Task, result: Trajectory | PointCloud) -> None:

@@ -16,6 +16,8 @@ FILES = (
 )
 """Suffixes of well-known files, which the name of a folder rarely has."""
 
+HTML_SUFFIXES = (".html", ".htm")  #: Suffixes of a page.
+
 
 def check_is_folder_name(path: PurePath, files: str) -> None:
     """Raise OutputError if the name of an output folder has the suffix of a file; `files` are the supported files."""

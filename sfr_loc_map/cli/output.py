@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from sfr_loc_map.tables.model import Table
 
 STANDARD_OUTPUT = "-"
-HTML_SUFFIXES = (".html", ".htm")
 
 
 def check_suffix(path: Path | None, suffixes: Collection[str]) -> None:

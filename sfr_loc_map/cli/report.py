@@ -21,22 +21,13 @@ from sfr_loc_map.cli.options import (
     refuse_given,
     refuse_others,
 )
-from sfr_loc_map.cli.output import (
-    HTML_SUFFIXES,
-    STANDARD_OUTPUT,
-    check_outputs,
-    check_suffix,
-    say,
-    secondary_output,
-    show,
-    warn,
-)
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, check_suffix, say, secondary_output, show, warn
 from sfr_loc_map.cli.verdict import conclude_all, say_deviations, write_junit
 from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.suffixes import suffix_of
+from sfr_loc_map.suffixes import HTML_SUFFIXES, suffix_of
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.score.score import Score

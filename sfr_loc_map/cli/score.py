@@ -41,19 +41,12 @@ from sfr_loc_map.cli.options import (
     refuse_given,
     refuse_others,
 )
-from sfr_loc_map.cli.output import (
-    HTML_SUFFIXES,
-    STANDARD_OUTPUT,
-    check_outputs,
-    check_suffix,
-    say,
-    secondary_output,
-    show,
-)
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, check_suffix, say, secondary_output, show
 from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, present, write_junit
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.suffixes import HTML_SUFFIXES
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.source_config import SourceConfig

@@ -13,7 +13,6 @@ from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import command_group, examples, propose
 from sfr_loc_map.cli.options import HtmlOption, JsonOption, LenientOption, OverwriteOption, refuse_given
 from sfr_loc_map.cli.output import (
-    HTML_SUFFIXES,
     STANDARD_OUTPUT,
     check_outputs,
     check_suffix,
@@ -26,6 +25,7 @@ from sfr_loc_map.cli.output import (
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import FailedVerdictError, InputError
 from sfr_loc_map.message_text import one_line
+from sfr_loc_map.suffixes import HTML_SUFFIXES
 
 if TYPE_CHECKING:
     from sfr_loc_map.suite.run import Progress

@@ -290,8 +290,13 @@ def _extrinsics(seen: Observation) -> Issues:
     text = f"neither a parameter nor {place} gives the extrinsics"
     if seen.extrinsics_in_tf is None:
         text = "no parameter gives the extrinsics, and /tf_static cannot be read without tf2_msgs"
+    if seen.base_frame:
+        text = f"/tf_static does not connect frames.base, '{seen.base_frame}', to the left camera"
     alternative = "add them to rig.json" if is_files else f"publish {transform} on /tf_static"
     fix = f"set T_rb_locsb.translation_m and quat_xyzw of localisation_node (--config), or {alternative}"
+    if not seen.is_live:
+        other = "correct frames.base" if seen.base_frame else alternative
+        fix = f"set extrinsics.translation_m and extrinsics.quat_xyzw in sfr.yaml (--set), or {other}"
     yield Issue(Cause.FRAMES, "extrinsics of the localisation rig (T_rb_locsb)", text, fix)
 
 

@@ -103,6 +103,7 @@ class Observation:
     export_line: str = ""  #: Shell command that gives a publisher enough shared memory.
     broken: str = ""  #: Error that ended the reading; empty if complete.
     truth_has_attitude: bool = False
+    base_frame: str = ""  #: Configured frame of the rover of a bag; empty: a frame with a known name.
     unfinished: bool = False  #: The bag was not closed; its last second may be missing.
     skipped_pairs: int = 0  #: Files: number of listed pairs without images.
 
@@ -272,5 +273,6 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
         extrinsics_in_tf=source.loc is not None and source.loc.rig.T_rb_sb is not None,
         truth_has_attitude=truth is not None and truth.has_attitude,
         broken=broken,
+        base_frame=config.frames.base if is_bag(path) else "",
         skipped_pairs=source.skipped_pairs,
     )

@@ -101,7 +101,12 @@ class Trajectory:
     def __getitem__(self, key: slice | Sequence[int] | NDArray[np.generic]) -> Self: ...
 
     def __getitem__(self, key: Any) -> tuple[int, Transform] | Self:
-        """Return stamp, ns, and pose at an index; a trajectory for a slice, indices or a mask."""
+        """Return stamp, ns, and pose at an index; a trajectory for a slice, indices or a mask.
+
+        GeometryError for a single boolean.
+        """
+        if isinstance(key, bool | np.bool_):
+            raise GeometryError(f"the index is {key}: a whole number, a slice, indices or a mask is required")
         if isinstance(key, int | np.integer):
             return int(self.stamps_ns[key]), self.pose(int(key))
         return self.at_rows(np.arange(len(self))[key])

@@ -53,6 +53,11 @@ class StartPose:
     #: Stamp at which the pose is valid; None: the stamp of the next pair, even if that pair is refused.
     stamp_ns: int | None = None
 
+    def __post_init__(self) -> None:
+        """Raise GeometryError if the pose is no Transform; `of` checks the values."""
+        if not isinstance(self.T_ds_rb, Transform):
+            raise GeometryError(f"T_ds_rb has the type {type(self.T_ds_rb).__name__}: a Transform is required")
+
     @classmethod
     def of(cls, pose: StartPose | Transform) -> StartPose:
         """Return a start pose with copies of all arrays. A transform is exact and valid at the next pair.

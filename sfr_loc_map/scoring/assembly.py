@@ -17,6 +17,7 @@ from sfr_loc_map.metrics.score.caveats import reading_caveats
 from sfr_loc_map.metrics.score.joined_parts import score_of_results
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND
 from sfr_loc_map.metrics.table.records import ConventionRecord, MethodRecord, Provenance
 from sfr_loc_map.scoring.inputs import Run
@@ -60,10 +61,13 @@ def score_of_parts(
 
 
 def _with_settings(provenance: Provenance | None, config: ScoreConfig) -> Provenance | None:
-    """Return a provenance whose configuration contains the settings of the score by dotted name."""
+    """Return a provenance whose configuration contains the settings of the score by dotted name.
+
+    The values are those of JSON, so that a saved score equals the score that is read from its file.
+    """
     if provenance is None:
         return None
-    return struct_replace(provenance, configuration={**provenance.configuration, **flatten(config)})
+    return struct_replace(provenance, configuration=to_plain({**provenance.configuration, **flatten(config)}))
 
 
 def _warnings(judged: Score, run: Run, parts: ScoreParts, caveats: Sequence[str]) -> Iterator[str]:

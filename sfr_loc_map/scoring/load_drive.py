@@ -15,6 +15,7 @@ from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.inputs import check_exists
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.sequence import Source, without_truth
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
@@ -59,6 +60,7 @@ def load_truth(place: Path | None, given: Trajectory | None, how: SourceConfig) 
     if place is None:
         assert given is not None  # by the caller
         return ReadTruth(LoadedTrajectory(Path(f"the truth {IN_MEMORY}"), given), None, place, how)
+    check_exists(place, "give a file of poses, a ROS bag, or a data set folder")
     if is_bag(place) or how.truth.source:
         poses = LoadedTrajectory(place, io.read_truth(place, how))
         return ReadTruth(poses, _images_beside(place, how), place, how)

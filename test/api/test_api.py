@@ -142,7 +142,10 @@ def test_objects_are_shown_in_one_line_and_as_html_and_a_score_is_written(
     scored.report(tmp_path / "r.html")
     assert "top-view" in (tmp_path / "r.html").read_text()
     scored.save(tmp_path / "s.json")
-    assert suite.Score.load(tmp_path / "s.json").to_json() == scored.to_json()
+    assert suite.Score.load(tmp_path / "s.json") == scored
+    for write, name in ((scored.report, "r.txt"), (scored.save, "s.csv")):
+        with pytest.raises(OutputError, match="a name that ends in"):
+            write(tmp_path / name)
 
 
 def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> None:
@@ -163,6 +166,7 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.score(3, folder), "estimate has the type int: a path, a Trajectory or a PointCloud"),  # type: ignore[arg-type]
         (lambda: suite.score(cloud, [1]), "truth has the type list"),  # type: ignore[arg-type]
         (lambda: suite.score(cloud, folder, limits=[1]), "limits has the type list"),  # type: ignore[arg-type]
+        (lambda: suite.open(folder, config=""), "'config' is empty: a path is required"),
         (lambda: suite.open(None), "source has the type NoneType"),  # type: ignore[arg-type]
         (lambda: suite.open(folder, config={}), "config has the type dict: a path is required"),  # type: ignore[arg-type]
         (lambda: suite.localise(folder, (1, 2, 3)), "'start' is .1, 2, 3.: 'identity', 'truth' or a pose"),  # type: ignore[call-overload]
@@ -250,6 +254,21 @@ def test_a_trajectory_has_one_call_for_each_pose(estimate: suite.Trajectory, cou
     with pytest.raises(GeometryError, match="for 6 poses: a tuple with one call for each pose"):
         replace(estimate, records=records)
     assert len(estimate[:count].records) == len(estimate[:count])
+
+
+def test_calls_methods_start_poses_and_indices_of_wrong_types_are_refused(
+    estimate: suite.Trajectory, cloud: suite.PointCloud
+) -> None:
+    calls: list[tuple[Callable[[], object], str]] = [
+        (lambda: replace(estimate, records=tuple(range(6))), "a tuple of CallRecord is required"),  # type: ignore[arg-type]
+        (lambda: replace(estimate, method="x"), "method is 'x'"),  # type: ignore[arg-type]
+        (lambda: replace(cloud, method="x"), "method is 'x'"),  # type: ignore[arg-type]
+        (lambda: suite.StartPose(None), "T_ds_rb has the type NoneType"),  # type: ignore[arg-type]
+        (lambda: estimate[True], "the index is True"),
+    ]
+    for call, words in calls:
+        with pytest.raises(GeometryError, match=words):
+            call()
 
 
 def test_the_calls_of_a_map_are_saved_as_by_the_command(folder: Path, tmp_path: Path) -> None:

@@ -127,6 +127,17 @@ def test_init_and_info_refuse_settings_that_other_commands_refuse(
     assert not (tmp_path / "rover").exists()
 
 
+def test_a_missing_truth_may_be_a_file_of_poses(sfr: Sfr, trajectory: Path) -> None:
+    assert "give a file of poses" in sfr("score", trajectory, trajectory.with_name("nope")).err
+
+
+def test_the_fix_of_a_wrong_frame_of_the_rover_names_its_setting(sfr: Sfr, tmp_path: Path) -> None:
+    result = sfr("info", broken.good_bag(tmp_path / "x.mcap"), "--set", "frames.base=nope")
+    assert result.code == 1
+    assert re.search(r"fix: set extrinsics\.translation_m .* or\s+correct frames\.base", result.out)
+    assert "T_rb_locsb.translation_m" not in result.out
+
+
 def test_the_next_step_repeats_the_options_that_were_given(hints: Sfr, trajectory: Path) -> None:
     given = ("score", trajectory, trajectory, "--condition", "frames=3")
     steps = [hints(*given).err.splitlines()[-1].partition("    #")[0]]
