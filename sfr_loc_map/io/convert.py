@@ -58,6 +58,8 @@ def convert(
 
     The output path must not exist or must be an empty folder; the output appears there only when it is complete.
     The layout of another data set holds only the drive. `progress` is called with the number of pairs written so far.
+    InputError if the source cannot be read, or has no drive for another layout; OutputError if the output cannot be
+    written.
     """
     destination = Path(destination)
     if suffix_of(destination) not in STORAGE_BY_SUFFIX:

@@ -16,7 +16,7 @@ from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.calibration.camera_info import LONG_BASELINE_M
 from sfr_loc_map.io.layouts.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.layouts.folder import is_folder, open_folder
-from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_folder
+from sfr_loc_map.io.layouts.image_folder import images_of_other_formats, is_image_folder, open_image_folder
 from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source, SourceFormat, without_truth
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
@@ -121,6 +121,8 @@ def format_of(path: Path) -> SourceFormat:
     for name, reader in READERS.items():
         if reader.matches(path):
             return name
+    if problem := images_of_other_formats(path):
+        raise InputError(problem)
     found = ", ".join(sorted(item.name for item in path.iterdir())[:6]) or "nothing" if path.is_dir() else "a file"
     raise InputError(
         f"'{path}' has no supported format: looked for pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "

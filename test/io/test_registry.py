@@ -82,6 +82,22 @@ def test_a_folder_with_the_name_of_a_bag_is_not_a_bag(tmp_path: Path, name: str)
         format_of(tmp_path)
 
 
+def test_images_of_other_formats_are_named(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        (tmp_path / side / "1700000000000000000.bmp").write_bytes(b"BM")
+    with pytest.raises(InputError, match=r"left/ and right/ .*found \.bmp"):
+        format_of(tmp_path)
+
+
+def test_further_columns_of_a_list_of_euroc_are_ignored(tmp_path: Path) -> None:
+    folder = LAYOUTS["euroc"](tmp_path / "a")
+    count = len(open_source(folder).loc)
+    file = folder / CAM0
+    file.write_text("".join(f"{line},0.01\n" for line in file.read_text().splitlines()))
+    assert len(open_source(folder).loc) == count
+
+
 def test_blank_lines_of_a_list_of_pairs_are_ignored(tmp_path: Path) -> None:
     folder = LAYOUTS["folder"](tmp_path / "a")
     count = len(open_source(folder).loc)

@@ -62,7 +62,8 @@ class Bag:
     def __init__(self, path: Path, remap: Mapping[str, str] | None = None, stamps: str = "header") -> None:
         """Read the topics of a folder or file (.mcap, .db3, .bag of ROS 1); `remap` maps names in the bag to new names.
 
-        `stamps`: "header", or "record" to replace the stamps of headers by the times of recording.
+        `stamps`: "header", or "record" to replace the stamps of headers by the times of recording. InputError if the
+        bag is missing or corrupt; ConfigError if `remap` does not fit the topics.
         """
         self.path = path
         self._by_record = stamps == "record"

@@ -47,7 +47,11 @@ class StereoCalibration:
     """Names of the left and the right camera (`cam1`, `cam0`), if the geometry determines which camera is left."""
 
     def rig(self, name: str) -> tuple[StereoRig, StereoRectifier | None]:
-        """Return the rectified rig (`loc` or `nav`) and its rectifier; None if the images are rectified."""
+        """Return the rectified rig (`loc` or `nav`) and its rectifier; None if the images are rectified.
+
+        InputError if the cameras are not a side-by-side pair of one image size with a plausible baseline, or if the
+        images cannot be rectified.
+        """
         if self.is_rectified:
             left, right = self.cameras
             return rig_of_rectified((left.rectified, right.rectified), name)

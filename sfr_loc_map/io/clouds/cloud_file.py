@@ -217,7 +217,10 @@ def _check_values(cloud: PointCloud, path: Path) -> None:
 
 
 def save_cloud(path: Path, cloud: PointCloud) -> None:
-    """Write a cloud; the format is given by the ending of the name (`SUFFIXES`)."""
+    """Write a cloud; the format is given by the ending of the name (`SUFFIXES`).
+
+    OutputError if the ending is another one, or if the file cannot be written.
+    """
     _save_fields(path, CloudFields.of(cloud))
 
 

@@ -5,7 +5,8 @@ left/1700000000123456789.png    right/1700000000123456789.png     or cam0/ and c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,10 +20,13 @@ from sfr_loc_map.io.layouts.configured_drive import configured_drive
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.stamps import EARLIEST_CLOCK_S, TIMES, check_padded, parse_decimal, time_unit
+from sfr_loc_map.io.tables.stamps import EARLIEST_CLOCK_S, TIMES, UNIT_WORDS, check_padded, parse_decimal, time_unit
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import IMAGE_ENDINGS, SIDES_OF
+
+_log = logging.getLogger(__name__)
 
 
 def is_image_folder(path: Path) -> bool:
@@ -41,6 +45,8 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
             f"'{path}' --calibration FILE (Kalibr, OpenCV, ROS, COLMAP, EuRoC, ORB-SLAM or rig.json)"
         )
     left, right = (_by_stamp(folder) for folder in folders)
+    if (unit := _unit_of_names(_images(folders[0]))) != "ns":
+        _log.warning(f"'{path}': the names of the images are read as stamps in {UNIT_WORDS[TIMES[unit]]}")
     pairs = stereo_pairs(sorted(left), sorted(right), config.sync, f"'{path}'")
     entries = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in pairs.items()]
     height, width = read_grey(entries[0].left).shape
@@ -52,6 +58,19 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
     loc = configured_drive(path, config, rig, entries, None, None if rectifier is None else rectifier.rectify)
     missing = partial(without_partner, sorted(left), pairs)
     return Source(path, SourceFormat.IMAGES, loc, None, missing, calibration=found.text)
+
+
+def images_of_other_formats(path: Path) -> str:
+    """Return the problem of a folder whose folders of left and right images have no supported image; else empty."""
+    folders = {item.name.lower(): item for item in path.iterdir() if item.is_dir()} if path.is_dir() else {}
+    for names in SIDES_OF:
+        if all(name in folders for name in names):
+            found = sorted({suffix_of(file) for name in names for file in folders[name].iterdir()} - {""})
+            return (
+                f"'{path}' has {names[0]}/ and {names[1]}/ without images that end in {alternatives(IMAGE_ENDINGS)}: "
+                f"found {', '.join(found) or 'no file'}; convert the images"
+            )
+    return ""
 
 
 def _sides(path: Path) -> tuple[Path, Path] | None:
@@ -78,7 +97,7 @@ def _by_stamp(folder: Path) -> dict[int, Path]:
     wrong = [file.name for file in files if not (file.stem.isascii() and file.stem.replace(".", "", 1).isdecimal())]
     stems = sorted((file.stem for file in files), key=lambda stem: (len(stem.partition(".")[0]), stem))
     check_padded(stems, f"images of '{folder}'")
-    unit = "" if wrong else time_unit(stems, is_seconds=False)
+    unit = "" if wrong else _unit_of_names(files)
     if not unit:
         shown = wrong[0] if wrong else ", ".join(stems[:3])
         raise InputError(
@@ -94,6 +113,12 @@ def _by_stamp(folder: Path) -> dict[int, Path]:
         by_stamp[stamp_ns] = file
     _check_one_clock(by_stamp)
     return by_stamp
+
+
+def _unit_of_names(files: Sequence[Path]) -> str:
+    """Return the unit of the stamps in the names of images, inferred from their magnitude; empty if ambiguous."""
+    stems = sorted((file.stem for file in files), key=lambda stem: (len(stem.partition(".")[0]), stem))
+    return time_unit(stems, is_seconds=False)
 
 
 def _check_one_clock(by_stamp: Mapping[int, Path]) -> None:

@@ -86,3 +86,26 @@ def test_xml_that_is_not_complete_is_named(tmp_path: Path, old: str, new: str) -
     (tmp_path / "c.xml").write_text(text.replace(old, new))
     with pytest.raises(InputError, match="it is not complete XML: "):
         read_calibration(tmp_path / "c.xml")
+
+
+@pytest.mark.parametrize(
+    ("files", "is_stated"),
+    [
+        (("left_turn/cam0.yaml", "left_turn/cam1.yaml"), False),
+        (("turn/cam0.yaml", "turn/cam1.yaml"), False),
+        (("a/left.yaml", "a/right.yaml"), True),
+        (("a/LeftCameraParams.yaml", "a/RightCameraParams.yaml"), True),
+    ],
+)
+def test_only_the_names_of_the_cameras_state_which_is_left(
+    tmp_path: Path, files: tuple[str, str], is_stated: bool
+) -> None:
+    for file, place_m in zip(files, (0.1, 0.0), strict=True):
+        pose = {"data": [*POSE[:3], place_m, *POSE[4:]]}
+        write(tmp_path / file, {**FILES["cam1/sensor.yaml"], "T_BS": pose})
+    if is_stated:
+        with pytest.raises(InputError, match="swapped"):
+            read_calibration(tmp_path / files[0])
+        return
+    names = read_calibration(tmp_path / files[0]).names
+    assert names == (f"'{files[1]}'", f"'{files[0]}'")
