@@ -86,8 +86,9 @@ def run(
         refuse_given(context, of_result, "has no effect with --dry-run, which has no result: omit it")
     specification, store = load_specification(suite), Store(out)
     if dry_run:
-        _list_jobs(specification, store, workers, retry_failed=retry_failed)
-        return propose("sfr", "suite", "run", suite, "--out", out, why="run them")
+        if _list_jobs(specification, store, workers, retry_failed=retry_failed):
+            propose("sfr", "suite", "run", suite, "--out", out, why="run them")
+        return
     told: list[str] = []
 
     def tell(text: str) -> None:
@@ -107,8 +108,8 @@ def run(
     _present(summary, store, json_path, junit, mlflow, told, lenient=lenient)
 
 
-def _list_jobs(specification: SuiteSpecification, store: Store, workers: int | None, *, retry_failed: bool) -> None:
-    """Print the jobs that `sfr suite run` would run."""
+def _list_jobs(specification: SuiteSpecification, store: Store, workers: int | None, *, retry_failed: bool) -> int:
+    """Print the jobs that `sfr suite run` would run, and return their number."""
     from sfr_loc_map.suite.run import plan_run, slots_for
 
     with store.locked():
@@ -117,8 +118,10 @@ def _list_jobs(specification: SuiteSpecification, store: Store, workers: int | N
         _tell(text)
     for job in planned.jobs:
         say(f"{job.key}  {job.label}")
-    slots = min(slots_for(specification.settings, workers), max(1, len(planned.jobs)))
-    say(f"{len(planned.jobs)} of {len(planned.all_jobs)} jobs to run, {slots} at a time")
+    count, total = len(planned.jobs), len(planned.all_jobs)
+    slots = min(slots_for(specification.settings, workers), count)
+    say(f"{count} of {total} jobs to run, {slots} at a time" if count else f"none of {total} jobs is to run")
+    return count
 
 
 def _tell(text: str) -> None:
@@ -194,7 +197,7 @@ def search(
         number, ratio = f"{record.figure} {record.statistic}", record.found.ratio
         worst = f"a drive has no {number}" if ratio is None else f"{number} is {ratio:.3g} times the limit"
         raise FailedVerdictError(
-            f"at the worst point, {worst}; the smallest change of the scenario that still misses the limit is in "
+            f"at the worst point, {worst}; a reduced change of the scenario that still misses the limit is in "
             f"'{store.folder / CASE}'"
         )
 
@@ -353,14 +356,14 @@ def _present(
     if summary.not_run:
         say(one_line(f"not run, because the limits are decided: {'; '.join(summary.not_run)}"), err=True)
     outcome = verdict_texts_of(summary)
-    for text in outcome.incomplete:
-        say(text, err=True)
+    for text in (*outcome.incomplete, *outcome.without_drives):
+        say(one_line(text), err=True)
     if summary.verdict is not None:
         counts = summary.counts
         reported = f"verdict: {summary.verdict}. {counts.done} of {counts.jobs} jobs have a result"
         say(reported, err=json_path == STANDARD_OUTPUT)
     if outcome.failures:
         raise FailedVerdictError("; ".join(outcome.failures))
-    if outcome.failed_jobs:
-        raise InputError(f"jobs or sources that failed: {outcome.failed_jobs}; the messages above name them")
+    if outcome.without_result:
+        raise InputError(f"{' and '.join(outcome.without_result)}; the messages above name them")
     not_judged([*outcome.waiting, *outcome.incomplete, *outcome.undecided], lenient=lenient)

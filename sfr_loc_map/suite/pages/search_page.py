@@ -35,8 +35,9 @@ def case_table(record: SearchRecord) -> Table:
     ratios = (_ratio(case.ratio) for case in cases)
     rows.append((Cell.head("figure over limit"), *[Cell(ABSENT)] * 2, *ratios, Cell(ABSENT)))
     note = (
-        f"{record.title}: limit {record.limit:g}. {len(record.points)} scenarios were run. The reduced case is the "
-        "smallest change of the usual scenario that misses the limit. A drive without the figure counts as worse than "
+        f"{record.title}: limit {record.limit:g}. {len(record.points)} points were searched. The reduced case is "
+        "the worst point with those changes removed or made smaller without which the limit is still missed. Further "
+        "points were run to reduce the case and to compute the slices. A drive without the figure counts as worse than "
         "any drive with the figure. Rank correlation: between the parameter and the ratio, over all searched points."
     )
     return Table("case", "Worst case", heads, tuple(rows), note)
@@ -54,8 +55,7 @@ def _points_table(record: SearchRecord) -> Table:
         (Cell.number(number), _ratio(item.ratio), *(Cell.number(item.point[name]) for name in names))
         for number, item in numbered[:WORST_SHOWN]
     )
-    note = f"{len(record.points)} points were searched."
-    return Table("points", "Points with the smallest margin", heads, rows, note)
+    return Table("points", "Points with the smallest margin", heads, rows)
 
 
 def _badness(point: PointRecord) -> float:

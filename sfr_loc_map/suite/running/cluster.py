@@ -42,6 +42,7 @@ EVENT_S = 2.0  #: Maximum delay, s, of an event after the end of its worker.
 ASK_EVERY_S = 1.0  #: Period, s, at which the scheduler is asked for its workers.
 SAY_AFTER_S = 2.0  #: Time, s, without a worker after which a message is printed.
 SHOWN = 10  #: Maximum number of reported workers with different code.
+NETWORK_SCHEMES = ("tcp", "tls")  #: Schemes of the addresses of Dask that have a host and a port.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -70,6 +71,8 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
     with contextlib.ExitStack() as stack:
         stack.enter_context(dask.config.set(options))
         if scheduler is not None:
+            with refusing(f"'{scheduler}' is not the address of a Dask scheduler", "give one like tcp://host:8786"):
+                _check_address(scheduler)  # the client of an invalid address prints a traceback when it is deleted
             with refusing(f"no Dask scheduler answers at '{scheduler}'", "start a scheduler"):
                 client = Client(scheduler, timeout="10s", set_as_default=False)
             stack.callback(client.close, timeout=2)
@@ -87,6 +90,15 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
                 stack.callback(_end, cluster)
             client = stack.enter_context(Client(cluster, set_as_default=False))
         yield client
+
+
+def _check_address(address: str) -> None:
+    """Raise ValueError if an address of a network lacks its port."""
+    from distributed.comm import parse_address, parse_host_port
+
+    scheme, place = parse_address(address)
+    if scheme in NETWORK_SCHEMES:
+        parse_host_port(place)
 
 
 def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part

@@ -76,7 +76,7 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema"
     left_out: list[LeftOutRecord] = []  #: Points whose scenario cannot be run. They do not count as misses.
     usual: PointRecord  #: The unchanged scenario.
     found: PointRecord  #: The point with the smallest margin, which may be the unchanged scenario.
-    case: PointRecord  #: The smallest change of the scenario that still misses the limit.
+    case: PointRecord  #: The reduced case: the worst point with changes removed or made smaller.
     slices: list[SliceRecord] = []
     coverage: list[CoverageRecord] = []
     correlations: list[float]  #: Rank correlation of each parameter with the ratio.

@@ -60,7 +60,7 @@ class SearchResult:
     left_out: Mapping[Point, str]  #: Points whose scenario cannot be run, with the reason. They do not count as misses.
     tried: tuple[TriedPoint, ...]  #: Points of the search with a result, in the order of the search.
     found: TriedPoint  #: The point with the smallest margin.
-    case: TriedPoint  #: The smallest change of the scenario that misses the limit; `found` if none does.
+    case: TriedPoint  #: The reduced case (`reduced`); `found` if `found` meets the limit.
     case_seed: int  #: Seed with the largest ratio at the case.
     slices: tuple[SliceRecord, ...]
     coverage: tuple[CoverageRecord, ...]

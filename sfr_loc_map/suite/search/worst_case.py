@@ -144,10 +144,11 @@ def search_worst(chooser: Chooser, evaluate: Evaluate, count: int, batch: int) -
 
 
 def reduced(found: TriedPoint, parameters: Sequence[Parameter], evaluate: Evaluate) -> TriedPoint:
-    """Return the smallest change of the scenario that still misses the limit, or `found` if `found` meets the limit.
+    """Return a point with fewer and smaller changes of the scenario than `found` that still misses the limit.
 
     First, each parameter in turn is reset to its usual value if the case still fails with that value. Then each
-    remaining parameter is moved towards its usual value by bisection.
+    remaining parameter is moved towards its usual value by bisection, in `BISECTIONS` steps. Because the parameters are
+    reduced one after the other, another order may give a smaller change. If `found` meets the limit, it is returned.
     """
     if not found.fails:
         return found

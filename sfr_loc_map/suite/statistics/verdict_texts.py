@@ -24,10 +24,11 @@ class VerdictTexts:
     """
 
     failures: tuple[str, ...]  #: Failures of methods, and missed limits.
-    failed_jobs: int  #: Number of jobs and sources that failed.
+    without_result: tuple[str, ...]  #: Failed jobs and refused sources.
     waiting: tuple[str, ...]  #: Jobs that have no result yet but are needed for a verdict.
     incomplete: tuple[str, ...]  #: Groups that lack results.
     undecided: tuple[str, ...]  #: Limits that could not be judged.
+    without_drives: tuple[str, ...]  #: Conditions under which no drive has a figure. They alone do not prevent a pass.
 
 
 def verdict_texts_of(summary: Summary) -> VerdictTexts:
@@ -36,9 +37,12 @@ def verdict_texts_of(summary: Summary) -> VerdictTexts:
     is_waiting = summary.waiting > 0 and summary.is_judged and not summary.is_decided
     return VerdictTexts(
         failures=tuple(_failures(summary)),
-        failed_jobs=len(summary.failures) + len(summary.refusals),
+        without_result=tuple(_without_result(summary)),
+        without_drives=tuple(_without_drives(summary)),
         waiting=(f"{summary.waiting} of {summary.jobs} jobs have no result yet",) if is_waiting else (),
-        incomplete=tuple(_incomplete_text(*pair) for pair in verdicts if pair[1].state is VerdictState.INCOMPLETE),
+        incomplete=tuple(
+            _incomplete_text(summary, *pair) for pair in verdicts if pair[1].state is VerdictState.INCOMPLETE
+        ),
         undecided=tuple(_undecided_text(summary, *pair) for pair in verdicts if pair[1].state in UNDECIDED),
     )
 
@@ -54,11 +58,39 @@ def _failures(summary: Summary) -> Iterator[str]:
         yield f"{limits.missed} of {limits.limits} limits over all drives missed"
 
 
-def _incomplete_text(group: Group, item: GroupVerdict) -> str:
+def _without_result(summary: Summary) -> Iterator[str]:
+    """Yield the number of failed jobs and the number of refused sources, each if there are any."""
+    if summary.failures:
+        yield f"{counted(len(summary.failures), 'job')} failed"
+    if summary.refusals:
+        yield f"{counted(len(summary.refusals), 'source')} refused"
+
+
+def _without_drives(summary: Summary) -> Iterator[str]:
+    """Yield a sentence for each condition under which the results have no sub-trajectory."""
+    counts: dict[str, int] = {}
+    for group in summary.groups:
+        for row in group.figures:
+            if row.condition is not None:
+                counts[row.condition] = counts.get(row.condition, 0) + (row.n or 0)
+    for condition, count in counts.items():
+        if count == 0:
+            yield f"no drive has a sub-trajectory for the condition {condition}: give a condition that the drives have"
+
+
+def _incomplete_text(summary: Summary, group: Group, item: GroupVerdict) -> str:
+    """Return which drives are incomplete, and the reason for the first of them."""
     if item.figure is not None:
         return f"{item.name} of {group.key.text}: incomplete, because drives lack values of the figure"
     text = f"incomplete: {counted(item.missed_by, 'drive')} of {group.key.text}"
-    return text if item.value is None else f"{text}; the worst drive covers {100.0 * item.value:.4g} %"
+    if item.value is not None and item.value < 1.0:
+        text += f"; the worst drive covers {100.0 * item.value:.4g} %"
+    reasons = (
+        f"; {result.job.label}: {result.score.incomplete}"
+        for result in summary.results
+        if result.job.group == group.key and result.score.incomplete is not None
+    )
+    return text + next(reasons, "")
 
 
 def _undecided_text(summary: Summary, group: Group, item: GroupVerdict) -> str:

@@ -1,0 +1,41 @@
+"""The texts about a suite that has no limits or no verdict."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from helpers.made_suites import made_suite
+from sfr_loc_map.metrics.stored.score_json import to_json
+from sfr_loc_map.suite import Store, Summary, load_specification, make_plan, summarise
+from sfr_loc_map.suite.running.facts_cache import FactsCache
+from sfr_loc_map.suite.running.job_outcome import JobOutcome
+from sfr_loc_map.suite.running.job_run import run_job
+from sfr_loc_map.suite.statistics.verdict_texts import verdict_texts_of
+
+
+def summary_of(suite: Path, out: Path) -> Summary:
+    store = Store(out)
+    jobs, _ = make_plan(load_specification(suite), FactsCache(store.cache).facts_of, store.cache)
+    store.save_plan(jobs, limits=load_specification(suite).stated_limits)
+    for job in jobs:
+        store.save(job, JobOutcome(result=to_json(run_job(job, out, store.cache))))
+    return summarise(store)
+
+
+def test_a_condition_that_no_drive_has_is_reported(tmp_path: Path) -> None:
+    conditions = ["distance=1000", "distance=1"]
+    texts = verdict_texts_of(summary_of(made_suite(tmp_path, 1, conditions=conditions), tmp_path / "out"))
+    (text,) = texts.without_drives
+    assert "distance=1000" in text
+
+
+def test_the_reason_of_an_incomplete_drive_is_reported(tmp_path: Path) -> None:
+    """An estimate that is a copy of its truth is incomplete, although the estimate covers the drive."""
+    suite = made_suite(tmp_path, 1, limits={"trajectory": [{"condition": "distance=1", "position_mean_m": 1.0}]})
+    (tmp_path / "drive0.csv").write_bytes((tmp_path / "truth0.csv").read_bytes())
+    summary = summary_of(suite, tmp_path / "out")
+    (result,) = summary.results
+    assert result.score.incomplete is not None
+    (text,) = verdict_texts_of(summary).incomplete
+    assert result.score.incomplete in text
+    assert "covers" not in text
