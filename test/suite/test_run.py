@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from helpers import ROOT
 from helpers.made_suites import JOB, made_suite
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
@@ -88,3 +89,24 @@ def test_a_score_of_other_files_is_refused(tmp_path: Path) -> None:
     scored = run_job(jobs[1], tmp_path, store.cache)
     store.save(jobs[1], JobOutcome(result=to_json(scored)))
     assert store.score(jobs[1]) == from_json(to_json(scored), "")
+
+
+def test_the_python_lines_of_the_documentation_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The block of docs/suites.md loads both files by their names. The runs have tests of their own."""
+    made_suite(tmp_path, 1)
+    (tmp_path / "scenario.yaml").write_text("{}\n")
+    (tmp_path / "search.yaml").write_text("{scenario: scenario.yaml, ranges: {light.sun_elevation_deg: [5, 60]}}\n")
+    text = (ROOT / "docs/suites.md").read_text()
+    block = text.partition("```python\n")[2].partition("```")[0]
+    loaded: list[str] = []
+
+    def note(specification: Any, store: Store, **settings: int) -> None:
+        loaded.append(f"{specification.path} in {store.folder}")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sfr_loc_map.suite.run.run_suite", note)
+    monkeypatch.setattr("sfr_loc_map.suite.run.run_search", note)
+    monkeypatch.setattr("sfr_loc_map.suite.run_suite", note, raising=False)
+    monkeypatch.setattr("sfr_loc_map.suite.run_search", note, raising=False)
+    exec(block, {"__name__": "__main__"})
+    assert loaded == ["suite.yaml in runs/today", "search.yaml in runs/search"]

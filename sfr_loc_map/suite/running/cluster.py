@@ -94,7 +94,7 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
 
 def _check_address(address: str) -> None:
     """Raise ValueError if an address of a network lacks its port."""
-    from distributed.comm import parse_address, parse_host_port
+    from distributed.comm.addressing import parse_address, parse_host_port
 
     scheme, place = parse_address(address)
     if scheme in NETWORK_SCHEMES:

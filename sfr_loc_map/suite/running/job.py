@@ -1,14 +1,24 @@
 """A job of a suite: its inputs, and its identities.
 
+A source has these identities:
+
+    sha256             hash of the content, or of the settings of a simulation: part of the key of a job
+    input_identity     data that a method receives; of an estimate, name and truth: part of the pairing
+    drive_identity     drive, which copies of the source share: part of the drive key
+    source_identities  (of a description) name with path, and data: a later plan has the same source if either is equal
+
 A job has these identities:
 
     key           hash of all inputs of the result except names and paths of sources; names the files of the job
     description   names and inputs that the files of the job state, so that a later plan recognises the work
+    work          (of a description) task, faults, their seed and repeat: with the source, what must stay planned
     pairing       data, task, faults, repeat and scoring: pairs jobs of two suites, even with other code or parameters
     group         task, configuration and faults: the errors of a group are pooled
     drive_key     drive, task and faults: repeats and copies of a drive share this hash, because their errors depend on
                   each other. Sequential tests take the drives in the order of this hash
     label         the displayed name
+
+`plan_check` compares the jobs of two plans by a hash of their content without paths and code.
 """
 
 from __future__ import annotations
