@@ -254,6 +254,7 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
     """Observe the messages that would be played from a source; every image is read."""
     try:
         source = open_source(path, config)
+        truth = None if source.loc is None else source.loc.ground_truth
     except InputError as error:
         return Observation(f"'{path}'", SourceKind.FILES, broken=str(error))
 
@@ -264,7 +265,6 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
                 progress()
 
     topics, broken = _collected(stream())
-    truth = None if source.loc is None else source.loc.ground_truth
     return Observation(
         f"'{path}' ({source.format})",
         SourceKind.FILES,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -129,6 +130,20 @@ def test_init_and_info_refuse_settings_that_other_commands_refuse(
 
 def test_a_missing_truth_may_be_a_file_of_poses(sfr: Sfr, trajectory: Path) -> None:
     assert "give a file of poses" in sfr("score", trajectory, trajectory.with_name("nope")).err
+
+
+@pytest.mark.parametrize(
+    ("setting", "make"),
+    [("truth.source", broken.good_bag), ("truth.source", broken.good_folder), ("calibration.file", broken.good_bag)],
+)
+def test_an_invalid_truth_or_calibration_is_a_blocking_issue_beside_the_facts(
+    sfr: Sfr, tmp_path: Path, setting: str, make: Callable[[Path], Path]
+) -> None:
+    (wrong := tmp_path / "wrong.csv").write_text("a,b\n1,2\n")
+    result = sfr("info", make(tmp_path / "x.mcap"), "--set", f"{setting}={wrong}")
+    assert result.code == 1
+    assert "cannot be read" in result.out
+    assert "BLOCKING" in result.out
 
 
 def test_the_fix_of_a_wrong_frame_of_the_rover_names_its_setting(sfr: Sfr, tmp_path: Path) -> None:
