@@ -424,7 +424,7 @@ MUTATIONS = (
     Mutation(SHORTFALLS, "BEYOND = 3.0", "BEYOND = 0.1"),
     Mutation(OTHER_FRAMES, "np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)", "known"),
     Mutation(SHORTFALLS, "BEYOND_MOST = 0.02", "BEYOND_MOST = 0.2"),
-    Mutation(INCOMPLETE, "is_far and not meets(limit, value)", "is_far"),
+    Mutation(INCOMPLETE, "value is not None and not meets(limit, value)", "value is not None"),
     Mutation(INCOMPLETE, "is_met and is_of_many and", "is_met and statistic in QUANTILES and"),
     Mutation(OTHER_FRAMES, "np.quantile(known, 1.0 - BEYOND_MOST,", "np.quantile(known, 1.0,"),
     # repeated poses, copies of true poses

@@ -20,13 +20,22 @@ from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.conditions import Condition, label_of
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, CloudKind, MapScoreConfig, Reading
+from sfr_loc_map.metrics.judging.incomplete import limits_missed_at_other_frames, statistic_of
 from sfr_loc_map.metrics.judging.limit_scope import tasks_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
 from sfr_loc_map.metrics.score.caveats import caveats_of
 from sfr_loc_map.metrics.score.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, JUDGED, STANDING, TOTAL, Subject
+from sfr_loc_map.metrics.table.catalogue import (
+    ERRORS_BEYOND,
+    JUDGED,
+    STANDING,
+    TOTAL,
+    Subject,
+    statistic_title,
+    title_of,
+)
 from sfr_loc_map.metrics.table.records import REPLAY_RATE, MethodKind
 from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope, range_of
 from sfr_loc_map.report.settings import changed_settings, has_all_settings, setting_text
@@ -398,6 +407,18 @@ def _frames_beyond(score: Score) -> Iterator[str]:
             )
 
 
+def _limits_missed_at_other_frames(score: Score) -> Iterator[str]:
+    """Yield each limit that the errors at frames without a judged error would miss, which changes no verdict."""
+    spacing = 1 if score.association is None else score.association.spacing_frames
+    for limit, others, value in limits_missed_at_other_frames(score):
+        yield (
+            f"No judged sub-trajectory over {label_of(limit.condition)} starts or ends at {others.n} frames, because "
+            f"starts are {spacing} frames apart. There, {statistic_title(statistic_of(limit))} of the "
+            f"{title_of(limit.limited.figure)}, relative to the nearest judged frame, is {value:.4g} {others.unit}, "
+            f"which misses the limit of {limit.limit:g} {others.unit}. --spacing 1 judges all frames."
+        )
+
+
 def _origin_of_truth(score: Score) -> Iterator[str]:
     """Yield how the origin of the ground truth differs from a single recording, each difference once.
 
@@ -454,6 +475,7 @@ OF_SCORE: tuple[Callable[[Score], Iterator[str]], ...] = (
     _nearest_only,
     _unknown_calls,
     _frames_beyond,
+    _limits_missed_at_other_frames,
     _external_node,
     _rate_of_replay,
     _origin_of_truth,

@@ -81,6 +81,19 @@ def test_one_wrong_frame_in_a_hundred_and_an_honest_drive_pass(tmp_path: Path, s
     assert "have a position error up to 2.24 m, far above" in (tmp_path / "r.html").read_text()
 
 
+def test_errors_at_other_frames_below_the_factor_are_reported(tmp_path: Path, sfr: Sfr) -> None:
+    """The errors at the other frames miss the limit of 50 mm, but not by the factor that makes a score incomplete."""
+    estimate = honest()
+    estimate.positions[:, 1] += 0.03 * np.arange(COUNT) / LENGTH
+    estimate.positions[between_the_starts(), 1] += 0.075
+    code, text, score = judged_frames(estimate, tmp_path, sfr)
+    assert (code, score["verdict"]) == (0, "pass"), text
+    assert "which misses the limit of 0.05 m" in text
+    sfr("report", tmp_path / "s.json", "--test-report", tmp_path / "r.html")
+    assert "which misses the limit of 0.05 m" in (tmp_path / "r.html").read_text()
+    assert "misses the limit" not in judged_frames(honest(), tmp_path, sfr)[1]
+
+
 @pytest.mark.parametrize("count", [1, 30, 250, 1000])
 def test_few_outliers_are_not_the_largest_usual_error(count: int) -> None:
     """At most the fraction `BEYOND_MOST` of the known errors exceeds it, and by at most one error less than allowed."""

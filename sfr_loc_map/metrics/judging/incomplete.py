@@ -195,6 +195,17 @@ def above_most_in_gaps(kind: ShortfallKind, part: RowPart, score: Score, most: f
         yield item if item.value is None else item._replace(text=missing_text(score))
 
 
+def limits_missed_at_other_frames(score: Score) -> Iterator[tuple[Limit, Figure, float]]:
+    """Yield each limit that the errors at the other frames miss, with these errors and their limited statistic."""
+    for limit in score.active_rules.limits:
+        if limit.section is not LimitSection.TRAJECTORY:
+            continue
+        others = score.figure(limit.limited.figure, condition=limit.condition, part=OTHER_FRAMES)
+        value = None if others is None else others.statistic(statistic_of(limit))
+        if others is not None and value is not None and not meets(limit, value):
+            yield limit, others, value
+
+
 def missed_at_other_frames(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
     """Yield a shortfall for each limit that the errors at the other frames miss.
 
@@ -208,22 +219,17 @@ def missed_at_other_frames(kind: ShortfallKind, part: RowPart, score: Score, mos
     shortfall. For these statistics, the second condition therefore also requires that the 95 % quantile of the other
     frames misses the limit.
     """
-    for limit in score.active_rules.limits:
-        if limit.section is not LimitSection.TRAJECTORY:
-            continue
+    for limit, others, value in limits_missed_at_other_frames(score):
         limited = limit.limited
-        share = score.figure(ERRORS_BEYOND, condition=limit.condition, part=limited.figure)
-        others = score.figure(limited.figure, condition=limit.condition, part=OTHER_FRAMES)
         statistic = statistic_of(limit)
-        value = None if others is None else others.statistic(statistic)
-        if share is None or share.value is None or others is None or value is None:
+        share = score.figure(ERRORS_BEYOND, condition=limit.condition, part=limited.figure)
+        if share is None or share.value is None:
             continue
         judged = score.figure(limited.figure, condition=limit.condition, part=score.reading)
         judged_value = None if judged is None else judged.statistic(statistic)
         is_met = judged_value is not None and meets(limit, judged_value)
         is_of_many = statistic in QUANTILES or others.p95 is None or not meets(limit, others.p95)
-        is_far = share.value > most or (is_met and is_of_many and abs(value) > BEYOND * limit.limit)
-        if is_far and not meets(limit, value):
+        if share.value > most or (is_met and is_of_many and abs(value) > BEYOND * limit.limit):
             text = kind.text.format(
                 percent=percent_of(share),
                 spacing=1 if score.association is None else score.association.spacing_frames,
