@@ -164,7 +164,7 @@ class Mapper:
         view = view_of_pair(final, self._rig, T_lm_navsb @ self._rig.T_sb_left)
         calibration = sigma_of_calibration(rotation, self._rig, self._config.calibration)
         sigma = sigma_of_view(view, calibration, self._rig)
-        findings = findings_of_pair(final, rotation, self._rig, self._config.calibration)
+        findings = findings_of_pair(final, rotation, self._rig, self._config.calibration, self._search)
         return MappedPair.of(
             stamp_ns=pair.stamp_ns,
             index=index,

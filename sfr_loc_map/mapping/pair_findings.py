@@ -14,6 +14,7 @@ from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
 from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
 from sfr_loc_map.mapping.findings import Findings
+from sfr_loc_map.mapping.search_range import SearchRange
 
 LOW_MEASURED_FRACTION = 2.0 * MIN_MEASURED_FRACTION
 """A warning is issued if a smaller fraction of the textured pixels is measured. The threshold is twice the fraction
@@ -25,6 +26,19 @@ calibration."""
 VERTICAL_WARNING_FACTOR = 3.0
 """A warning is issued if the ratio of the vertical disparity to the configured residual distortion exceeds this: three
 standard deviations."""
+COMPENSATED_PX = 1.0
+"""Vertical disparity up to which the compensation is complete, pixels. Rows of the sample that are offset by 1, 1.5 and
+2 pixels are measured as 0.95, 1.42 and 1.84 pixels; 88, 60 and 30 % of the textured pixels are then measured."""
+NEAR_LIMIT = 0.9
+"""Disparities above this fraction of the largest searched disparity are near the limit of the search."""
+MAX_NEAR_LIMIT_FRACTION = 0.04
+"""A warning is issued if a larger fraction of the measured pixels is near the limit of the search: their surface
+probably continues beyond. The fraction is 0.05 to 0.13 in the development panorama and in the sample with a minimum
+range of 2 and 5 m, which excludes ground. It is 0.03 or less in both with the default, and in pairs from KITTI,
+Middlebury and Mars."""
+MAX_BEYOND_FRACTION = 0.5
+"""A warning is issued if a larger fraction of the pixels with a disparity is beyond the maximum depth. Chosen by hand:
+in KITTI pairs, which contain a street up to the horizon, it is 0.15 to 0.29 of the image."""
 MAX_GAIN = 1.15
 """Gain, or inverse gain, above which a warning is issued: a fifth of a stop of exposure. The gain is compensated, so
 that the warning concerns the cameras and not the map. Chosen by hand; Teddy and KITTI 2015 have a gain of 1.00."""
@@ -35,9 +49,9 @@ lower threshold would warn of single bright stones, and at a higher threshold th
 
 
 def findings_of_pair(
-    disparity_map: DisparityMap, rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior
+    disparity_map: DisparityMap, rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior, search: SearchRange
 ) -> Findings:
-    """Return the findings of a pair's map after all stages, given the configured uncertainty of the calibration."""
+    """Return the findings of a pair's map after all stages, given the search and the uncertainty of the calibration."""
     correction = disparity_map.correction
     status = disparity_map.status
     point_count = int(np.count_nonzero(disparity_map.valid))
@@ -59,7 +73,7 @@ def findings_of_pair(
         "saturated_share": disparity_map.saturation.fraction,
     }
     warnings = (
-        _warnings_of_points(disparity_map)
+        _warnings_of_points(disparity_map, search)
         + _warnings_of_images(disparity_map, prior)
         + _warnings_of_rotation(rotation, rig, prior)
     )
@@ -71,11 +85,26 @@ def vertical_warning_px(prior: CalibrationPrior) -> float:
     return max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * prior.distortion_px)
 
 
-def _warnings_of_points(disparity_map: DisparityMap) -> tuple[str, ...]:
-    """Return a warning if the map has no points."""
-    if disparity_map.valid.any():
-        return ()
+def _warnings_of_points(disparity_map: DisparityMap, search: SearchRange) -> tuple[str, ...]:
+    """Return warnings if the map has no points, or if the configured range probably excludes many."""
     beyond_count = int(np.count_nonzero(disparity_map.status == np.uint8(PixelStatus.BEYOND_RANGE)))
+    point_count = int(np.count_nonzero(disparity_map.valid))
+    if point_count:
+        warnings = []
+        measured_px = disparity_map.px[disparity_map.status == np.uint8(PixelStatus.MEASURED)]
+        near_count = int(np.count_nonzero(measured_px > NEAR_LIMIT * search.count))
+        if near_count > MAX_NEAR_LIMIT_FRACTION * len(measured_px):
+            warnings.append(
+                f"{100 * near_count / len(measured_px):.0f} % of the measured pixels are near the largest disparity of "
+                "the search: nearer surfaces are probably not mapped; reduce min_range_m"
+            )
+        beyond_fraction = beyond_count / (beyond_count + point_count)
+        if beyond_fraction > MAX_BEYOND_FRACTION:
+            warnings.append(
+                f"{100 * beyond_fraction:.0f} % of the pixels with a disparity are beyond the maximum depth and have "
+                "no point; increase max_range_m, or check the baseline"
+            )
+        return tuple(warnings)
     if not beyond_count:
         return ("the map has no points: no pixel has a valid disparity; check the images",)
     return (
@@ -99,8 +128,9 @@ def _warnings_of_images(disparity_map: DisparityMap, prior: CalibrationPrior) ->
         )
     vertical_px = correction.vertical_largest_px
     if vertical_px > vertical_warning_px(prior):
+        effect = "compensated" if vertical_px <= COMPENSATED_PX else "partly compensated, matches are lost"
         warnings.append(
-            f"vertical disparity of up to {vertical_px:.2f} px between left and right (compensated): "
+            f"vertical disparity of up to {vertical_px:.2f} px between left and right ({effect}): "
             "check the rectification"
         )
     gain = correction.exposure.gain
