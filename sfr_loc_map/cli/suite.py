@@ -348,7 +348,9 @@ def _present(
     show(summary.to_dict(), json_path, suite_tables(summary))
     if is_written:
         say(f"report: {store.folder / 'report.html'}", err=True)
-    for text in (f"skipped: {refusal.reason}" for refusal in summary.refusals):
+    planned = store.planned_refusals
+    for refusal in summary.refusals:
+        text = f"{'skipped' if refusal in planned else 'removed'}: {refusal.reason}"
         if text not in told:
             say(one_line(text), err=True)
     for failure in summary.failures:

@@ -319,7 +319,7 @@ def test_a_suite_from_which_a_drive_that_was_run_was_removed_is_incomplete(sfr: 
     remove_bad_drive(suite)
     chosen = sfr("suite", "run", suite, "--out", out, "--json", "-")
     assert (chosen.code, json.loads(chosen.out)["verdict"]) == (2, "incomplete")
-    assert "skipped: 'drive2.csv' was run" in chosen.err
+    assert "removed: 'drive2.csv' was run" in chosen.err
 
 
 @pytest.mark.slow
@@ -360,7 +360,7 @@ def test_a_suite_whose_bad_drive_was_replaced_by_another_is_incomplete(
     bad.write_text(good.read_text().replace("estimate: ", "estimate: ../good/").replace("truth: ", "truth: ../good/"))
     swapped = sfr("suite", "run", bad, "--out", out, *words)
     assert (swapped.code, json.loads(swapped.out)["verdict"]) == (2, "incomplete")
-    assert "skipped: 'drive0.csv' was run" in swapped.err
+    assert "removed: 'drive0.csv' was run" in swapped.err
 
 
 @pytest.mark.parametrize(

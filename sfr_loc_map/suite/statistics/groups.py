@@ -40,11 +40,14 @@ class Group(Struct, frozen=True, kw_only=True):
         return GroupKey(self.task, self.configuration, self.faults)
 
 
-def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: Sequence[Job] = ()) -> Iterator[Group]:
+def groups_of(
+    results: Sequence[ScoredJob], limits: Limits | None, unfinished: Sequence[Job] = (), *, is_pooled: bool = True
+) -> Iterator[Group]:
     """Yield the groups of results in the order of their first occurrence.
 
     Within a group, results are sorted by the hashes of their drives and jobs, so that figures and verdicts do not
     depend on the order of the suite's file. `unfinished` are the jobs without a result.
+    Without `is_pooled`, the groups have no pooled errors, which the verdicts of sequential tests do not need.
     """
     suite_subjects = {subject for result in results for subject in tasks_of(result.score)}
     several = len(undeclared_items_in(results))
@@ -56,7 +59,7 @@ def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: S
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
         of_drives = [result.of_drive for result in in_group]
         suite_items = several if key.configuration == NO_CONFIGURATION else 0
-        pooled = tuple(row for condition in conditions for row in pool(of_drives, condition))
+        pooled = tuple(row for condition in conditions for row in pool(of_drives, condition)) if is_pooled else ()
         yield Group(
             task=key.task,
             configuration=key.configuration,
@@ -119,4 +122,4 @@ class SequentialDecision:
         """Whether no more drives are required."""
         results = [self._scored[job.key] for job in self._jobs if job.key in self._scored]
         unfinished = [job for job in self._jobs if job.key not in self._scored]
-        return are_decided([*groups_of(results, self._limits, unfinished)], self._planned)
+        return are_decided([*groups_of(results, self._limits, unfinished, is_pooled=False)], self._planned)

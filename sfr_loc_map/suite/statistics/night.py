@@ -13,6 +13,8 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.metrics.stored.score_json import from_plain
+from sfr_loc_map.suite.running.specification import Refusal
+from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
 from sfr_loc_map.suite.statistics.pairing import PairKey, without_configuration
 from sfr_loc_map.suite.statistics.summary import SCHEMA
@@ -36,34 +38,16 @@ class JobOfNight(msgspec.Struct, frozen=True):
         return PairKey(self.pairing, self.configuration)
 
 
-class CommitOfNight(msgspec.Struct, frozen=True):
-    """The code of a night in `suite.json`."""
-
-    commit: str | None
-
-
-class RefusedSource(msgspec.Struct, frozen=True):
-    """A source without a job in `suite.json`."""
-
-    path: str
-
-
-class DeviationOfNight(msgspec.Struct, frozen=True):
-    """A deviation of results in `suite.json`."""
-
-    text: str
-
-
 class SuiteFile(msgspec.Struct, frozen=True, kw_only=True):
     """The part of `suite.json` that a history requires."""
 
-    git: CommitOfNight
+    git: dict[str, str | None]  #: Commit, branch and date of the code; None if unknown.
     results: list[JobOfNight]
     failures: list[JobOfNight]
     time: str | None = None
-    refusals: list[RefusedSource] = []
+    refusals: list[Refusal] = []
     waiting_jobs: list[str] = []
-    deviations: list[DeviationOfNight] = []
+    deviations: list[CommonDeviation] = []
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +83,7 @@ class Night:
             jobs = {job.key: job for job in (*suite.results, *suite.failures)}
             return cls(
                 name=str(folder),
-                commit=suite.git.commit,
+                commit=suite.git["commit"],
                 labels={key: job.label for key, job in jobs.items()},
                 paths={key: job.path or job.source for key, job in jobs.items()},
                 figures={job.key: _figures(job) for job in suite.results},
