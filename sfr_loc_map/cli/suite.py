@@ -119,8 +119,8 @@ def _list_jobs(specification: SuiteSpecification, store: Store, workers: int | N
     for job in planned.jobs:
         say(f"{job.key}  {job.label}")
     count, total = len(planned.jobs), len(planned.all_jobs)
-    slots = min(slots_for(specification.settings, workers), count)
-    say(f"{count} of {total} jobs to run, {slots} at a time" if count else f"none of {total} jobs is to run")
+    at_a_time = f", {min(slots_for(specification.settings, workers), count)} at a time" if count else ""
+    say(f"{count} of {total} jobs to run{at_a_time}")
     return count
 
 
