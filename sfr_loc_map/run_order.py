@@ -145,12 +145,12 @@ class AnyOrder(StampOrder[T]):
 
     Consecutive items of another time (`is_of_another_time`) are accepted together if their stamps increase, are all
     before or all after the last stamp, and one of two conditions holds. Either there are `AGREEING` items, each of
-    which is an hour ahead or has a stamp that was received earlier, as when a recording is played again. Or there are
-    `REGULAR` items at a regular pace. The accepted items begin a new run if they are before the last stamp; otherwise
-    the run continues with them.
+    which is an hour or more ahead or has a stamp that was received earlier, as when a recording is played again. Or
+    there are `REGULAR` items at a regular pace. The accepted items begin a new run if they are before the last stamp;
+    otherwise the run continues with them.
 
-    Items of another time that are not accepted in this way are dropped if their stamp was received earlier or is an
-    hour ahead. An item with a stamp of zero or less is also dropped.
+    Other items of another time are dropped if their stamp was received earlier or is an hour or more ahead. Otherwise
+    the first paragraph applies to them. An item with a stamp of zero or less is also dropped.
     """
 
     def __init__(self) -> None:

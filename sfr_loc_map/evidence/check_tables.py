@@ -86,7 +86,7 @@ def intervals(title: str, figure: str, unit: Unit) -> RowColumn[Item]:
 
 
 class Length(NamedTuple):
-    """A statistic of a figure in metres, which is displayed in a unit that suits its line."""
+    """A statistic of a figure in metres, which is displayed in a unit that suits its line of the table."""
 
     title: str
     figure: str
@@ -94,7 +94,7 @@ class Length(NamedTuple):
 
 
 def lengths(*shown: Length) -> tuple[RowColumn[Item], ...]:
-    """Return the column of the unit, which the lengths of a line share, and the column of each length."""
+    """Return the column of the unit, which all lengths in a line of the table have, and one column for each length."""
 
     def unit_of(item: Item) -> Unit:
         return fitting(METRE, *(item.number(length.figure, length.name) for length in shown))
@@ -107,7 +107,7 @@ def lengths(*shown: Length) -> tuple[RowColumn[Item], ...]:
 
 
 def parts(title: str) -> RowColumn[Item]:
-    """Return the column with the names of the lines."""
+    """Return the column with the names of the lines of the table."""
     return heads(title, lambda item: item.part or "")
 
 

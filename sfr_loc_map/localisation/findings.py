@@ -93,9 +93,10 @@ class Finding(Enum):
     ONE_SIDED = auto()  #: Few inliers are observed in both images; both have texture, and one may be stale.
     #: One motion of landmarks outside stationary cells was selected, and the ground is not identified yet.
     BODY_OR_GROUND = auto()
-    #: Only one motion was found, but the ground is in doubt, or much is unexplained and the ground is not identified.
+    #: No second motion was found, and the ground's motion is uncertain: an earlier doubt persists (`Phase.IN_DOUBT`),
+    #: about half of the landmarks are unexplained, or more than usual are unexplained and the ground is not identified.
     GROUND_IN_DOUBT = auto()
-    AT_REST_IN_DOUBT = auto()  #: The ground is in doubt, but neither the pose nor the image shows a motion.
+    AT_REST_IN_DOUBT = auto()  #: An earlier doubt persists, and neither the pose nor the image shows a motion.
     AMBIGUOUS = auto()  #: Two motions were found, and either may be the ground's.
 
 

@@ -27,8 +27,9 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 - starts a keyframe in the background: the pair is added to the window, and the window is adjusted (bundle adjustment
   with marginalisation as in OKVIS, Leutenegger et al. 2015; `keyframes`).
 
-**Where a pair is refused.** Three stages can refuse a pair, and the later stages are then skipped. The two functions
-that continue with such a pair can refuse it for further reasons:
+**Where a pair is refused.** Three stages can refuse a pair, and the later stages are then skipped. A refused pair is
+*kept* (the last pose is published again with a larger covariance), is *lost* (the pose is unknown), or begins a window.
+The two functions that continue with such a pair can refuse it for further reasons:
 
 | where | refused because | what becomes of the pair |
 |---|---|---|

@@ -97,20 +97,20 @@ class RecoveryImages(NamedTuple):
 
     @classmethod
     def of_first_keyframe(cls, image: GreyImage, landmarks: Landmarks) -> RecoveryImages:
-        """Return the images after a window began."""
+        """Return the recovery images of a new window: both are its first image."""
         known = KnownImage(image, landmarks.last_seen[:, :2], landmarks)
         return cls(known, known)
 
     def with_tracked(self, image: GreyImage, tracks: Tracks) -> RecoveryImages:
-        """Return the images after the pose of an image was accepted."""
+        """Return the recovery images, updated by an image whose pose was accepted."""
         known = KnownImage(image, tracks.observations[:, :2], tracks.landmarks)
         is_best = tracks.left_inlier_count >= MIN_BEST_RATIO * len(tracks.inliers)
         return RecoveryImages(known, known if is_best else self.best)
 
     def with_keyframe(self, landmarks: Landmarks) -> RecoveryImages:
-        """Return the images after the last image became a keyframe, with the landmarks of the adjusted window.
+        """Return the recovery images, updated by the landmarks of the adjusted window.
 
-        A keyframe is always the last image, because each keyframe is also a recovery image.
+        The newest keyframe of the window is always the last image, because each keyframe is also a recovery image.
         """
         if self.last is None:
             return self

@@ -1,4 +1,4 @@
-"""The stages of a pair that compute and judge its pose. `Localiser` calls them in order, and skips the rest on refusal.
+"""The stages that compute and judge the pose of a pair. `Localiser` calls them in order, and skips the rest on refusal.
 
 The stages take and return values. `Stages` holds their tools and keeps no state between calls.
 """
@@ -34,7 +34,10 @@ from sfr_loc_map.parallel import Pending
 
 
 class Stages:
-    """The stages of a pair, with the tools of a rig and a configuration."""
+    """The stages that process a pair, and their tools, which are created for one rig and one configuration.
+
+    The tools are the tracker, the relocaliser, the keyframe maker and the ground selector.
+    """
 
     def __init__(self, rig: StereoRig, config: LocalisationConfig) -> None:
         """Create the tools. ConfigError if a mask cannot be read or its size is not the rig's."""

@@ -146,8 +146,8 @@ class CallMonitor:
 
         `base_bytes` is the memory of this process before any code of the method was loaded, None if unknown. The memory
         "above the idle process" is above this memory, so that memory that the method takes when it is imported or
-        created counts. `keeps_rate` states that pairs arrive at their rate, so that the method may work between its
-        calls.
+        created counts. `keeps_rate` states that no pair is sent earlier than at the rate of the pairs, so that the
+        method may work between its calls.
         """
         self.memory = memory
         self.pid = pid

@@ -53,7 +53,7 @@ class ProcessSettings:
     rig: StereoRig
     limits: MethodLimits
     rate_hz: float = 0.0  #: Rate of the pairs; not used by a mapper.
-    keeps_rate: bool = False  #: Whether the pairs also arrive at this rate, so that the method may work between calls.
+    keeps_rate: bool = False  #: Whether no pair is sent earlier than at this rate; the method may work between calls.
     disparities: int = 0  #: Number of disparities that a matcher searches; not used by a localiser.
     hidden: Sequence[Path]  #: Paths that the process cannot read.
 

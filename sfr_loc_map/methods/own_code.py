@@ -15,9 +15,10 @@ CODE = ("*.py", "*.so", "*.so.*")  #: File patterns of modules and libraries.
 
 
 def code_of(kind: MethodKind, adapter: str, target: str) -> list[Path]:
-    """Return the files and folders of a method's own code; for a class in a package, only the package or module.
+    """Return the files and folders of a method's own code. The arguments are the fields of a `registry.Method`.
 
-    The arguments are the fields of a `registry.Method`.
+    An adapter with an absolute path, a library, and a class in a file contribute the file and the code beside it. A
+    class in an importable module contributes the complete top-level package, or the single module.
     """
     code = _code_beside(Path(adapter)) if Path(adapter).is_absolute() else []
     if kind is MethodKind.LIBRARY:

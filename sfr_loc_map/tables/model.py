@@ -37,7 +37,7 @@ LARGEST_IN_FULL = 1e7  #: Values of this size or larger are written with an expo
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A displayed unit; `size` is its size in the unit of the values, for example 1e-3 for ms and values in s."""
+    """A displayed unit; `size` is its size in the unit of the values: 1e-3 if values in s are displayed in ms."""
 
     symbol: str = ""
     size: float = field(init=False)

@@ -388,7 +388,10 @@ def _opencv_values(files: Sequence[Path]) -> dict[str, Any]:
 
 
 def _is_read(name: str) -> bool:
-    """Return whether the value with a plain name is read from files of OpenCV; others, such as dates, may differ."""
+    """Return whether the value with this plain name (`plain_name`) is read from files of OpenCV.
+
+    Two files of one calibration may differ in other values, such as dates.
+    """
     is_matrix = name.rstrip("12") in OPENCV_MATRICES
     return is_matrix or name in (*MODEL_NAMES, *IMAGE_SIZES) or "fisheye" in name
 

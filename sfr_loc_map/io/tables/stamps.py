@@ -39,7 +39,9 @@ LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps
 EARLIEST_DAY = 1e4  #: Days of Excel, MATLAB and Julian dates are larger numbers.
 LONGEST_STEP_DAY = 1e-4  #: Longest step of a sensor, days (9 s).
 FRACTION_DIGITS = (6, 9)  #: Numbers of digits of microseconds and nanoseconds in a second.
-SURELY_UNPADDED = 50  #: At least one of so many padded fractions begins with 0 (probability 99.5 %).
+SURELY_UNPADDED = 50
+"""Number of fractions that are unpadded if none of them begins with 0. Of 50 padded fractions, at least one begins with
+0 with a probability of 99.5 %."""
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 _BELOW_MICROSECONDS = re.compile(r"[.,][0-9]{6}([0-9]{1,3})")
 

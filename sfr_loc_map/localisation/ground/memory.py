@@ -77,7 +77,7 @@ class EarlierImage(NamedTuple):
     age: int = 1
 
     def older(self) -> EarlierImage:
-        """Return the image after one more pair."""
+        """Return the same image with its age increased by one pair."""
         return self._replace(age=self.age + 1)
 
 

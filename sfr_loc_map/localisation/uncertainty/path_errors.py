@@ -119,7 +119,7 @@ class Origin(NamedTuple):
     #: of that pair displace the map relative to the external pose.
     external: LocatedCovariance
     shared: LocatedCovariance = NOTHING  #: `PathErrors.shared` at the external pose.
-    sums: PathSums = PathSums()  #: Sums up to the external pose.
+    sums: PathSums = PathSums()  #: Sums over the steps up to the external pose.
     #: Covariance `(6, 6)` that is added to that of the external pose as soon as a pair is accepted. If the external
     #: pose is later than the last accepted pair: errors of the image of that pair, and the unobserved motion from that
     #: pair to the stamp of the external pose. Otherwise zero. A kept pose is published as the external pose itself and
@@ -177,7 +177,7 @@ class PathErrors:
     #: Covariance of the motion while the pose is kept. After an external pose, the motion counts from its stamp. The
     #: next step contains the whole motion since the last known pose instead (`PublishedPose.kept_s`).
     kept_motion: FloatArray = field(default_factory=lambda: ZERO)
-    sums: PathSums = PathSums()  #: Sums up to the present pose.
+    sums: PathSums = PathSums()  #: Sums over the steps up to the present pose.
 
     @property
     def alone(self) -> FloatArray:

@@ -76,9 +76,9 @@ def _same_segment(a: np.int32, b: np.int32, max_difference: np.int32) -> bool:
 def _find_segments(steps: NDArray[np.int32], max_difference: np.int32) -> Segments:
     """Return the segments of disparities in integer steps; negative steps are invalid.
 
-    Neighbours above, below or beside that differ by at most `max_difference` steps belong to one segment. The segments
-    are found by union-find over the rows. The first pixel of each segment is its root, and labels are in the order
-    of the roots.
+    Pixels that are adjacent in a row or in a column belong to one segment if their disparities differ by at most
+    `max_difference` steps. The segments are found by union-find over the rows. The first pixel of each segment is its
+    root, and labels are in the order of the roots.
     """
     rows, cols = steps.shape
     parent = np.empty(rows * cols, np.int32)

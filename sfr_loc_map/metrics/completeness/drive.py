@@ -123,10 +123,10 @@ class TruthCoverage(NamedTuple):
     def spans(self, expected_ns: IntArray, near_ns: int) -> Mask:
         """Return which ascending stamps the ground truth covers.
 
-        An interpolated truth covers the stamps within `near_ns` of its ends, because files round stamps, but no
-        estimate farther away is a frame. A matched truth may be sparser than the images. Each of its poses therefore
-        covers one of its median periods before and after it. A gap that is longer than both the longest interpolated
-        gap and five median periods is not covered.
+        A gap of the truth that is longer than both the longest interpolated gap and five median periods is not covered.
+        An interpolated truth also covers stamps up to `near_ns` beyond its ends and into such gaps, because files round
+        stamps. An estimate farther away is not a frame. A matched truth may be sparser than the images. Each of its
+        poses therefore covers one median period of the truth before and after it.
         """
         true_ns = self.stamps_ns
         if not len(true_ns):

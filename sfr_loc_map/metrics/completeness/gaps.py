@@ -1,11 +1,11 @@
 """The gaps of a drive: times without an estimate, their length on the true path, and parts of the path without images.
 
-A gap is a run of expected stamps without an estimate (`gaps_of`). The true poses are no evidence of the images, because
-a ground truth may be denser than unknown images. If the images are unknown, only a time of more than five median
-periods between neighbouring estimates is therefore an evident gap (`long_gaps`). The median is that of the estimates'
-own periods, so an estimate that contains only every fifth pose, for example, has no evident gap. Limits therefore
-require complete evidence, so that each true pose without an estimate is missing. Without limits there is no verdict,
-and only evident gaps are reported. See docs/metrics.md, "Completeness".
+A gap is a run of expected stamps without an estimate (`gaps_of`). If the images are unknown, the true poses are no
+evidence of them, because a ground truth may have more poses than there were images. In this case, only a time of more
+than five median periods between neighbouring estimates is an evident gap (`long_gaps`). The median is that of the
+estimates' own periods, so an estimate that contains only every fifth pose, for example, has no evident gap. Limits
+therefore require complete evidence, so that each true pose without an estimate is missing. Without limits there is no
+verdict, and only evident gaps are reported. See docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations
