@@ -50,7 +50,7 @@ data sets the fraction is 0.75 or more for swapped images, and 0.2 or less for u
 
 def check_index(index: int) -> None:
     """Raise MappingError if the index of a pair is not an integer, or is out of range."""
-    if not isinstance(index, int | np.integer) or not 0 <= index < MAX_PAIRS:
+    if isinstance(index, bool) or not isinstance(index, int | np.integer) or not 0 <= index < MAX_PAIRS:
         raise MappingError(f"pair index is {index}: an integer from 0 to {MAX_PAIRS - 1} is required")
 
 
@@ -60,10 +60,10 @@ def check_pair(pair: StereoPair) -> None:
         raise MappingError(f"the pair has the type {type(pair).__name__}: a StereoPair is required")
 
 
-def check_items(items: Sequence[object], kind: type) -> None:
-    """Raise MappingError unless the items are a sequence of objects of one type."""
+def check_items(items: Sequence[object], kind: type, required: str) -> None:
+    """Raise MappingError unless the items are a sequence of objects of one type, which `required` describes."""
     if not isinstance(items, Sequence) or not all(isinstance(item, kind) for item in items):
-        raise MappingError(f"a sequence of {kind.__name__} is required, for example a list")
+        raise MappingError(f"a sequence of {required} is required, for example a list")
 
 
 def check_pair_count(count: int) -> None:

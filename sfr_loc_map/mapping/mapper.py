@@ -35,9 +35,9 @@ The stages of `Mapper.fuse`:
 2. `register_views` (`multiview/registration`), on request -> views and `Findings`: later pairs are moved to agree with
    the earlier pairs.
 3. `fuse_views` (`multiview/fusion`, `multiview/projection`, `multiview/pose_agreement`) -> `FusedViews`: points on
-   which pairs agree move along their rays to the inverse-variance weighted mean. Of several points that sample the same
-   spot, one is kept. A point is dropped if a pair with a larger weight observes a surface behind the point. The
-   `Findings` contain the agreement of the poses where pairs overlap.
+   which pairs agree move along their rays to the inverse-variance weighted mean. Of several points that are compared
+   and sample the same spot, one is kept. A point is dropped if a pair with a larger weight observes a surface behind
+   the point. The `Findings` contain the agreement of the poses where pairs overlap.
 4. `sigma_of_points` (`point_sigma`) -> `PointSigma`: sigma of the fused points, as for one pair.
 
 To add
@@ -135,7 +135,7 @@ class Mapper:
 
         Raises MappingError under the same conditions as `process` and `fuse`.
         """
-        check_items(pairs, PosedStereoPair)
+        check_items(pairs, PosedStereoPair, "PosedStereoPair")
         check_pair_count(len(pairs))
         maps = [self.process(posed.pair, posed.T_lm_navsb, index) for index, posed in enumerate(pairs)]
         fused = self.fuse(maps)
@@ -181,11 +181,11 @@ class Mapper:
 
         The poses of the result are in the order of the maps.
 
-        Raises MappingError for zero or more than three maps, for a map that `process` did not create, for a map whose
-        cloud, random sigma, pose or disparities were replaced, and for a map of other cameras than those of this
-        mapper.
+        Raises MappingError if the argument is not a sequence of maps, for zero or more than three maps, for a map that
+        `process` did not create, for a map whose stamp is not an integer, for a map whose cloud, random sigma, pose or
+        disparities were replaced, and for a map of other cameras than those of this mapper.
         """
-        check_items(maps, PairMap)
+        check_items(maps, PairMap, "maps that `Mapper.process` returned")
         check_pair_count(len(maps))
         inputs = [fusion_input_of(item, self._rig) for item in maps]
         cleaned = without_fixed_content([item.view for item in inputs], self._rig)

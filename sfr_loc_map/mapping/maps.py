@@ -116,14 +116,16 @@ class MappedPair(PairMap):
 def fusion_input_of(pair_map: PairMap, rig: StereoRig) -> FusionInput:
     """Return the input of the fusion that `Mapper.process` stored in a map.
 
-    Raises MappingError for a map of another method, which only callers without type checks can give, and for a map of
-    other cameras. A map whose points, sigmas, pose or disparities were replaced is refused as well, because the fusion
-    uses the stored input and would ignore the new values.
+    Raises MappingError for a map of another method, which only callers without type checks can give, for a stamp that
+    is not an integer, and for a map of other cameras. A map whose points, sigmas, pose or disparities were replaced is
+    refused as well, because the fusion uses the stored input and would ignore the new values.
     """
     if not isinstance(pair_map, MappedPair):
         raise MappingError(
             f"the map of stamp {pair_map.stamp_ns} was not made by `Mapper.process`: only such maps can be fused"
         )
+    if isinstance(pair_map.stamp_ns, bool) or not isinstance(pair_map.stamp_ns, int | np.integer):
+        raise MappingError(f"the stamp of a map is {pair_map.stamp_ns!r}: an integer number of nanoseconds is required")
     found = pair_map.fusion_input
     if not found.rig.same_cameras(rig):
         raise MappingError(

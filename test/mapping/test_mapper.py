@@ -286,7 +286,7 @@ def test_wrong_size_and_index_and_maps_of_other_methods_are_refused() -> None:
     mapper = Mapper(made.rig, MappingConfig())
     with pytest.raises(MappingError, match="the size of the rig"):
         mapper.process(StereoPair(0, made.pair.left[:-1], made.pair.right[:-1]), T_LM_NAVSB, 0)
-    for index in (-1, 3, 1.5):
+    for index in (-1, 3, 1.5, True):
         with pytest.raises(MappingError, match="index"):
             mapper.process(made.pair, T_LM_NAVSB, index)  # type: ignore[arg-type]
     with pytest.raises(MappingError, match="4 pairs given"):
@@ -297,6 +297,8 @@ def test_wrong_size_and_index_and_maps_of_other_methods_are_refused() -> None:
     foreign = PairMap(
         7, *(getattr(mapped(made), name) for name in ("cloud", "random_sigma", "T_lm_left", "disparity_px"))
     )
+    with pytest.raises(MappingError, match="stamp of a map is 'x'"):
+        mapper.fuse([replace(mapped(made), stamp_ns="x")])  # type: ignore[arg-type]
     with pytest.raises(MappingError, match="stamp 7 was not made by"):
         mapper.fuse([foreign])
 
@@ -331,7 +333,7 @@ def test_an_argument_of_another_type_is_refused(wrong: Any) -> None:
         ("a StereoPair", lambda: mapper.process(wrong, Transform.identity())),
         ("a Transform", lambda: mapper.process(pair, wrong)),
         ("a sequence of PosedStereoPair", lambda: mapper.map(wrong)),
-        ("a sequence of PairMap", lambda: mapper.fuse(wrong)),
+        ("a sequence of maps that `Mapper.process` returned", lambda: mapper.fuse(wrong)),
     ]
     for required, call in calls:
         with pytest.raises(MappingError, match=f"{required} is required"):

@@ -72,8 +72,8 @@ def agreement_findings(i: int, j: int, views: Sequence[PairView], observed: Obse
     if i > j or common < MIN_OVERLAP or not disagreement:
         return Findings(statistics)
     warning = (
-        f"pairs {i} and {j} disagree where they overlap: {disagreement}; check the baseline and their poses, or "
-        "register them (refine_poses)"
+        f"pairs {i} and {j} disagree where they overlap: {disagreement}; check the baseline, their poses and whether "
+        "their exposures are equal, or register them (refine_poses)"
     )
     return Findings(statistics, (warning,))
 
