@@ -25,6 +25,7 @@ from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.frames.association import Estimates, associate, check_attitudes, unique_rows
 from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, UPPER, propagated, symmetric
+from sfr_loc_map.metrics.frames.true_attitudes import check_true_attitudes
 
 RB = "rb"  #: Frame of the rover [3.2.1].
 RB_OPTICAL = "rb_optical"  #: Frame with the origin of RB and optical axes.
@@ -238,7 +239,7 @@ def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Trans
     """Return `T_ds_world`, which aligns the first pose that is not lost with its true pose, or without truth with DS.
 
     The poses may be in any order; the first pose is that with the earliest stamp. MetricsError if every pose is lost,
-    or if no pose has a true pose at its stamp.
+    if the truth has only positions or no roll and pitch, or if no pose has a true pose at its stamp.
     """
     if truth is None:
         rows = unique_rows(estimates.trajectory.stamps_ns)
@@ -249,6 +250,7 @@ def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Trans
                 "set world=ds"
             )
         return estimates.trajectory.pose(int(tracked[0])).inverse()
+    check_true_attitudes(truth, "world=first_pose", "set world=ds")
     frames = associate(estimates.trajectory, truth, AssociationConfig())[0]
     known = np.flatnonzero(~estimates.lost[frames.estimate_rows])
     if not len(known):

@@ -29,6 +29,7 @@ from sfr_loc_map.metrics.diagnosis.compared_poses import ComparedPoses, compared
 from sfr_loc_map.metrics.diagnosis.disagreement import disagreements, eighths
 from sfr_loc_map.metrics.diagnosis.mismatches import Mismatch, mismatches_of
 from sfr_loc_map.metrics.diagnosis.offset_search import best_offset, period_ns
+from sfr_loc_map.metrics.frames.true_attitudes import incomplete_attitudes
 from sfr_loc_map.metrics.table.records import Record
 
 NEGLIGIBLE = 1e-3
@@ -95,10 +96,10 @@ def diagnose(
     """Find the single convention mismatch that explains the disagreement of estimate and truth (poses of RB in DS).
 
     With `every`, all hypotheses are tried even if estimate and truth agree. A score does not need these hypotheses.
-    The diagnosis of a truth without attitudes is empty. MetricsError if the truth has attitudes but the estimate has
-    only positions.
+    The diagnosis is empty if the truth has only positions, or no roll and pitch. MetricsError if the truth has complete
+    attitudes but the estimate has only positions.
     """
-    if not truth.has_attitude:  # the disagreement requires attitudes
+    if incomplete_attitudes(truth) is not None:  # the disagreement requires attitudes
         return NO_DIAGNOSIS
     compared = compared_poses(estimate, truth, config, rig)
     as_delivered = disagreements(compared.true, compared.found) if compared.has_enough_frames else None

@@ -23,13 +23,14 @@ from sfr_loc_map.geometry.rotation import (
     quat_normalised,
     quat_rotate,
 )
-from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth, at_point
+from sfr_loc_map.geometry.trajectory import Trajectory, as_truth, at_point
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.formulas_beside import relative_motions
 from sfr_loc_map.metrics.frames.association import check_attitudes, unique_rows
+from sfr_loc_map.metrics.frames.true_attitudes import check_true_attitudes, incomplete_attitudes, known_attitudes
 from sfr_loc_map.metrics.table.records import Alignment
 from sfr_loc_map.metrics.table.row_part import ROTATION, TRANSLATION
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
@@ -70,7 +71,8 @@ class AlignedErrors(NamedTuple):
 def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedErrors:
     """Return the absolute and relative pose error of an estimate, whose poses may be in any order.
 
-    Without true attitudes, rotation errors are unknown, and relative errors are those of displacements in DS.
+    Without true attitudes, rotation errors are unknown, and relative errors are those of displacements in DS. Without
+    true roll and pitch, rotation errors are unknown, and the truth has the roll and pitch of the estimate.
     MetricsError if the estimate has no attitudes, if the truth has no heights, if no stamps are within
     `max_difference`, or if the alignment is undetermined.
     """
@@ -90,14 +92,17 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
         ("rpe", np.linalg.norm(move - true_move, axis=1), true_turn, turn),
     ):
         errors_deg = np.degrees(quat_angle(quat_multiply(quat_conjugate(true_quats), quats)))
-        known_deg = errors_deg if known.has_attitude and known.has_tilt else errors_deg[:0]
+        known_deg = errors_deg if incomplete_attitudes(known) is None else errors_deg[:0]
         figures.append(figure_row(name, part=TRANSLATION, statistics=statistics(errors_m)))
         figures.append(figure_row(name, part=ROTATION, statistics=statistics(known_deg)))
     similarity = poses.similarity or Similarity(1.0, np.eye(3), np.zeros(3))
-    displacements = "" if truth.has_attitude else "; relative errors are of displacements in DS"
+    if not known.has_attitude:
+        attitudes = "; relative errors are of displacements in DS"
+    else:
+        attitudes = "" if known.has_tilt else "; roll and pitch of the truth are those of the estimate"
     alignment = Alignment(
         align=config.align,
-        association=f"{len(poses.truth)} poses paired by the nearest stamp{displacements}",
+        association=f"{len(poses.truth)} poses paired by the nearest stamp{attitudes}",
         max_difference_s=config.max_difference,
         rpe_delta=delta.setting,
         scale=similarity.scale,
@@ -110,16 +115,16 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
 def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedPoses:
     """Return paired poses after the alignment.
 
-    A truth without attitudes gets the attitudes of the aligned estimate. MetricsError if the estimate has no attitudes,
-    if no stamps are within `max_difference`, or if the alignment is undetermined.
+    Unknown components of the true attitudes are those of the aligned estimate. The alignment `origin` requires the true
+    heading, and is a yaw without true roll and pitch. MetricsError if the estimate has no attitudes, if no stamps are
+    within `max_difference`, or if the alignment is undetermined.
     """
     check_attitudes(estimate)
-    if config.align == "origin" and not truth.has_attitude:
-        raise MetricsError(
-            "align=origin requires true attitudes, but the truth has only positions: use align=se3 or none"
-        )
-    if not truth.has_attitude and isinstance(truth, Truth):
-        estimate = at_point(estimate, truth.lever_arm_m)
+    known = as_truth(truth)
+    if not known.has_attitude:
+        if config.align == "origin":
+            check_true_attitudes(known, "align=origin", "use align=se3 or none")
+        estimate = at_point(estimate, known.lever_arm_m)
     estimate_rows, true_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
     estimate_stamps, true_stamps = estimate.stamps_ns[estimate_rows], truth.stamps_ns[true_rows]
     estimate_is_longer = len(estimate_rows) > len(true_rows)
@@ -145,7 +150,8 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
     )
     similarity = None
     if config.align == "origin":
-        turn = quat_multiply(true.quats_xyzw[0], quat_conjugate(est.quats_xyzw[0]))
+        first = known_attitudes(known, true.quats_xyzw[:1], est.quats_xyzw[:1])[0]
+        turn = quat_multiply(first, quat_conjugate(est.quats_xyzw[0]))
         translation = true.positions[0] - quat_rotate(turn, est.positions[0])
         similarity = Similarity(1.0, matrix_from_quat(turn), translation)
     elif config.align != "none":
@@ -154,8 +160,7 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
         turned = quat_multiply(quat_from_matrix(similarity.rotation), est.quats_xyzw)
         moved = (similarity.scale * est.positions) @ similarity.rotation.T + similarity.translation
         est = Trajectory(est.stamps_ns, np.asarray(moved), turned)
-    if not truth.has_attitude:
-        true = Trajectory(true.stamps_ns, true.positions, est.quats_xyzw)
+    true = Trajectory(true.stamps_ns, true.positions, known_attitudes(known, true.quats_xyzw, est.quats_xyzw))
     return AlignedPoses(est, true, similarity)
 
 

@@ -23,6 +23,7 @@ from sfr_loc_map.metrics.config import AssociationConfig, Reading, TrajectorySco
 from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses
 from sfr_loc_map.metrics.frames.aligned_error import umeyama
 from sfr_loc_map.metrics.frames.association import Estimates, Frames, Matching, StateCounts, associate, check_attitudes
+from sfr_loc_map.metrics.frames.true_attitudes import check_true_attitudes, known_attitudes
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 
 ERROR_FUNCTIONS: dict[Reading, ErrorFunction] = {
@@ -117,15 +118,12 @@ def placed_frames(
     but the truth has no roll and pitch, or if the estimate has no attitudes.
     """
     truth = as_truth(trajectory)
-    has_turn = any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts)
-    if has_turn and not (truth.has_attitude and truth.has_tilt):
-        has = "no roll and pitch" if truth.has_attitude else "only positions"
-        raise MetricsError(f"a condition turn=DEG requires true attitudes, but the truth has {has}: omit it")
+    if any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts):
+        check_true_attitudes(truth, "a condition turn=DEG", "omit it")
     if truth.has_attitude:
         placement = None
         frames, matching = associate(estimates.trajectory, truth, config.association, images_ns)
-        if not truth.has_tilt:
-            frames = with_estimated_tilt(frames)
+        frames = frames._replace(true_attitude=known_attitudes(truth, frames.true_attitude, frames.attitude))
     else:
         estimates, frames, matching, placement = associate_positions(estimates, truth, config.association, images_ns)
     true_position = frames.true_position
@@ -142,17 +140,6 @@ def placed_frames(
         poses=Poses(true_position, frames.true_attitude, frames.position, frames.attitude),
         length_m=formulas.path_length_m(frames.true_position),
     )
-
-
-def with_estimated_tilt(frames: Frames) -> Frames:
-    """Return frames whose true attitudes have the true heading, and the roll and pitch of the estimate.
-
-    The estimate is then re-based at N only by the difference of the headings.
-    """
-    half_turn = 0.5 * (formulas.heading(frames.true_attitude) - formulas.heading(frames.attitude))
-    zeros = np.zeros_like(half_turn)
-    about_z = np.column_stack((zeros, zeros, np.sin(half_turn), np.cos(half_turn)))
-    return frames._replace(true_attitude=quat_multiply(about_z, frames.attitude))
 
 
 def associate_positions(
