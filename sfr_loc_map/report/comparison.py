@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from sfr_loc_map.metrics.conditions import label_of
-from sfr_loc_map.metrics.stored.comparison import SIGNIFICANT, Comparison, Outcome
+from sfr_loc_map.metrics.stored.comparison import SIGNIFICANT, Comparison, Outcome, PairedDifference
 from sfr_loc_map.metrics.table.catalogue import title_of
 from sfr_loc_map.report.verdict_view import limited_name, unit_of_numbers
 from sfr_loc_map.tables.model import ABSENT, NONE, Cell, Column, Row, Table, Unit, fitting
@@ -37,7 +37,7 @@ def _pairs_table(result: Comparison) -> Table:
             Cell.interval(pair.ci95, unit=unit, signed=True),
             Cell.number(pair.count),
             optional_cell(pair.p_corrected),
-            Cell(pair.outcome.value),
+            Cell(_outcome_word(result, pair)),
         )
         rows.append(row)
     columns = (
@@ -57,6 +57,13 @@ def _pairs_table(result: Comparison) -> Table:
     note += "comparisons (Holm)."
     note += "".join(_sample_notes(result))
     return Table("pairs", title, columns, tuple(rows), note)
+
+
+def _outcome_word(result: Comparison, pair: PairedDifference) -> str:
+    """Return the outcome of a difference, with the names of the scores that are incomplete."""
+    if pair.outcome is not Outcome.INCOMPLETE:
+        return pair.outcome.value
+    return f"{pair.outcome.value}: {', '.join(result.incomplete_scores(pair.name))}"
 
 
 def _sample_notes(result: Comparison) -> Iterator[str]:
@@ -94,7 +101,7 @@ def summary_of(result: Comparison) -> tuple[str, str]:
         figures = outcomes.setdefault(pair.name, {}).setdefault(pair.outcome, [])
         figures.append(f"{pair.figure} over {label_of(pair.condition)}")
     ordered = sorted(outcomes.items(), key=lambda item: Outcome.WORSE not in item[1])
-    sentences = [f"{name}: {_outcome_text(figures)}." for name, figures in ordered]
+    sentences = [f"{name}: {_outcome_text(figures, result.incomplete_scores(name))}." for name, figures in ordered]
     sentences.append(f"{len(result.names)} scores of the same data; the reference is {result.names[0]}.")
     counts = {word: sum(word in figures for figures in outcomes.values()) for word in DIFFERENT}
     heading = ", ".join(f"{count} of {len(outcomes)} {word}" for word, count in counts.items() if count)
@@ -104,8 +111,16 @@ def summary_of(result: Comparison) -> tuple[str, str]:
     return heading, " ".join(sentences)
 
 
-def _outcome_text(figures: Mapping[Outcome, Sequence[str]]) -> str:
-    """Return in which figures a score differs, or why no difference is shown."""
-    differences = [f"{word} in {', '.join(figures[word])}" for word in DIFFERENT if word in figures]
-    undecided = [f"{word} in {', '.join(figures[word])}" for word in sorted(UNDECIDED.intersection(figures))]
-    return "; ".join([*differences, *undecided]) or "no difference is certain"
+def _outcome_text(figures: Mapping[Outcome, Sequence[str]], incomplete: Sequence[str]) -> str:
+    """Return in which figures a score differs, or why no difference is shown.
+
+    `incomplete` are the names of the incomplete scores of the comparison.
+    """
+    texts = [f"{word} in {', '.join(figures[word])}" for word in DIFFERENT if word in figures]
+    if Outcome.INCOMPLETE in figures:
+        verb = "is" if len(incomplete) == 1 else "are"
+        undecided = ", ".join(figures[Outcome.INCOMPLETE])
+        texts.append(f"undecided in {undecided}, because {' and '.join(incomplete)} {verb} incomplete")
+    if Outcome.NOT_ENOUGH_DATA in figures:
+        texts.append(f"{Outcome.NOT_ENOUGH_DATA} in {', '.join(figures[Outcome.NOT_ENOUGH_DATA])}")
+    return "; ".join(texts) or "no difference is certain"

@@ -40,7 +40,7 @@ from sfr_loc_map.metrics.table.records import REPLAY_RATE, MethodKind
 from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope, range_of
 from sfr_loc_map.report.settings import changed_settings, has_all_settings, setting_text
 from sfr_loc_map.report.verdict_view import VerdictView
-from sfr_loc_map.tables.model import METRE, fitting, number
+from sfr_loc_map.tables.model import METRE, exact_number, fitting, number
 
 PATH_WITHOUT_IMAGES = 0.01
 """Fraction of the true path without images that is accepted, because the truth begins and ends near an image."""
@@ -231,10 +231,10 @@ def _relaxed_limit(item: Verdict, score: Score) -> Iterator[str]:
     """Yield the relaxation of a default by a limit of the limits file."""
     strict = {kind.limit_name: kind.most for kind in SHORTFALLS if kind.most is not None}
     if item.name in strict and item.limit > strict[item.name]:
-        yield f"The limits allow {item.name} {item.limit:g}; the default is {strict[item.name]:g}."
+        yield f"The limits allow {item.name} {item.limit:g}; the default is {exact_number(strict[item.name])}."
     usual_coverage = 1.0 - strict["pixels_without_point_max_share"]
     if item.name == COVERAGE_MIN and item.limit < usual_coverage:
-        yield f"The limits require {item.name} {item.limit:g}; the default is {usual_coverage:g}."
+        yield f"The limits require {item.name} {exact_number(item.limit)}; the default is {usual_coverage:g}."
 
 
 def _relaxed_rules(score: Score) -> Iterator[str]:
@@ -415,7 +415,7 @@ def _limits_missed_at_other_frames(score: Score) -> Iterator[str]:
             f"No judged sub-trajectory over {label_of(limit.condition)} starts or ends at {others.n} frames, because "
             f"starts are {spacing} frames apart. There, {statistic_title(statistic_of(limit))} of the "
             f"{title_of(limit.limited.figure)}, relative to the nearest judged frame, is {value:.4g} {others.unit}, "
-            f"which misses the limit of {limit.limit:g} {others.unit}. --spacing 1 judges all frames."
+            f"which misses the limit of {exact_number(limit.limit)} {others.unit}. --spacing 1 judges all frames."
         )
 
 

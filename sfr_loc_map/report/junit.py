@@ -64,14 +64,17 @@ def _add_score(root: ET.Element, name: str, score: Score, deviations: Sequence[s
     properties = ET.SubElement(suite, "properties")
     for text in deviations:
         ET.SubElement(properties, "property", name="deviation", value=printable(text))
-    for view in verdict_views(score):
-        _add_verdict(suite, view, score)
+    count_before_limits = len(score.verdicts) - len(score.on_limits)
+    for place, view in enumerate(verdict_views(score)):
+        name = view.title if place >= count_before_limits else f"{view.title}, default requirement"
+        _add_verdict(suite, view, score, name)
 
 
-def _add_verdict(suite: ET.Element, view: VerdictView, score: Score) -> None:
+def _add_verdict(suite: ET.Element, view: VerdictView, score: Score, name: str) -> None:
+    """Add a test case. Its name is unique: a figure can have a verdict on a limit and a verdict on missing data."""
     item = view.item
     clause = view.clause if view.is_defined else NO_CLAUSE
-    case = ET.SubElement(suite, "testcase", classname=f"sfr.{clause}", name=view.title)
+    case = ET.SubElement(suite, "testcase", classname=f"sfr.{clause}", name=name)
     properties = ET.SubElement(case, "properties")
     values = {
         "id": item.id,
@@ -81,9 +84,9 @@ def _add_verdict(suite: ET.Element, view: VerdictView, score: Score) -> None:
         "margin": view.margin.value,
         "certain": item.certain,
     }
-    for name, value in values.items():
+    for key, value in values.items():
         if value is not None:
-            ET.SubElement(properties, "property", name=name, value=printable(str(value)))
+            ET.SubElement(properties, "property", name=key, value=printable(str(value)))
     if item.state in ELEMENTS:
         element, _ = ELEMENTS[item.state]
         why = "" if item.state is VerdictState.FAIL else score.contradiction or score.incomplete

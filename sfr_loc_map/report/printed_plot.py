@@ -19,7 +19,7 @@ from sfr_loc_map.report.plotted_data import (
     map_of,
     plotted_conditions,
 )
-from sfr_loc_map.tables.model import number
+from sfr_loc_map.tables.model import Unit, exact_number, number
 
 
 class Drawing(NamedTuple):
@@ -195,7 +195,7 @@ def _drawn(series: Series) -> PrintedPlot:
     y_most, y_step = _end_of(max([y for _, y in pairs] + [line.value for line in lines], default=0.0))
     for limit in series.limits:
         level = limit.value * factor
-        lines.append(_Line(level, f"{limit.title} {number(level)} {unit}", LIMIT_STYLE))
+        lines.append(_Line(level, f"{limit.title} {exact_number(limit.value, Unit(unit))} {unit}", LIMIT_STYLE))
     return PrintedPlot(
         title=series.title,
         x_title=series.x_title,

@@ -129,7 +129,8 @@ def _drive_text(score: Score) -> str:
     if association is None:
         return ""
     path = f"{number(association.path_length_m)} m in {number(association.duration_s)} s"
-    return f"{path}, {association.matched} stereo pairs with a truth"
+    frames = "poses" if association.images is None else "stereo pairs"
+    return f"{path}, {association.matched} {frames} with a truth"
 
 
 def _map_text(score: Score) -> str:

@@ -32,7 +32,8 @@ from sfr_loc_map.tables.model import (
     Cell,
     Unit,
     VerdictStyle,
-    distinguishing_digits,
+    digits_beside,
+    exact_number,
     fitting,
     number,
 )
@@ -51,7 +52,7 @@ class VerdictView:
     title: str  #: Name with the number of the requirement in front.
     style: VerdictStyle
     value: Cell
-    limit: Cell  #: Limit with the relation sign in front.
+    limit: Cell  #: Limit with the relation sign in front. A limit is given, so it is not rounded.
     margin: Cell
     interval: Cell
     count: Cell  #: Number of values.
@@ -65,7 +66,7 @@ class VerdictView:
         unit = unit_of(item)
         name = name_of(item)
         has_interval = item.condition is not None and item.statistic == "mean_plus_3sigma"
-        digits = distinguishing_digits(item.value, item.limit, unit)
+        digits = digits_beside(item.value, item.limit, unit)
         is_open = item.state is VerdictState.NOT_ENOUGH_DATA
         of_nothing = ABSENT if item.state is VerdictState.PASS else NOT_ENOUGH  # a pass without a value has 0 items
         return cls(
@@ -76,7 +77,7 @@ class VerdictView:
             title=printable(f"{item.id}: {name}" if item.id else name),
             style=VERDICTS.get(item.state.value, OPEN),
             value=Cell.number(item.value, f"{key}.value", unit, of_nothing, digits=digits),
-            limit=Cell(f"{sign_of(item)} {number(item.limit, unit=unit, digits=digits)}", item.limit, f"{key}.limit"),
+            limit=Cell(f"{sign_of(item)} {exact_number(item.limit, unit)}", item.limit, f"{key}.limit"),
             margin=Cell(ABSENT) if item.margin is None else Cell.number(item.margin, f"{key}.margin", unit),
             interval=Cell.interval(item.interval, key, unit, NOT_ENOUGH if has_interval else ABSENT),
             count=_count(item, key, score),

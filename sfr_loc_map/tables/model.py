@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from decimal import Decimal
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -33,6 +34,9 @@ SHOWN_UNITS = {
 SIGNIFICANT_DIGITS = 4  #: Significant digits of displayed values.
 MAX_DIGITS = 17  #: Significant digits that distinguish any two values.
 LARGEST_IN_FULL = 1e7  #: Values of this size or larger are written with an exponent, unless they are integers.
+LARGEST_INTEGER = 1e16  #: Given integers of this size or larger are written with an exponent.
+ROUNDING_OF_DIFFERENCE = 0.1  #: Largest rounding error of a value as a fraction of its difference from its limit.
+ROUNDING_OF_UNITS = 1e-14  #: Relative error of a conversion of units.
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +87,32 @@ def number(
     return text
 
 
-def distinguishing_digits(value: float | None, other: float | None, unit: Unit) -> int:
-    """Return the number of significant digits with which two values have different texts, unless they are equal."""
-    if value is None or other is None or value == other:
+def exact_number(value: float, unit: Unit = NONE) -> str:
+    """Return a given number, such as a limit, in a unit: the shortest text from which the number can be read again.
+
+    The quotient is computed with decimals, because a binary quotient of 0.0183 m and 1 mm is not 18.3.
+    """
+    shown = float(Decimal(repr(float(value))) / Decimal(repr(unit.size)))
+    is_integer = shown.is_integer() and abs(shown) < LARGEST_INTEGER
+    return f"{shown:.0f}" if is_integer else repr(shown)
+
+
+def digits_beside(value: float | None, limit: float, unit: Unit) -> int:
+    """Return the number of significant digits of a value that is displayed beside its exact limit.
+
+    The rounding error of the value is small beside its difference from the limit, so that the text of the value shows
+    whether the limit is met.
+    """
+    if value is None or not math.isfinite(value):
         return SIGNIFICANT_DIGITS
-    counts = range(SIGNIFICANT_DIGITS, MAX_DIGITS)
-    return next((n for n in counts if number(value, unit, digits=n) != number(other, unit, digits=n)), MAX_DIGITS)
+    exact = value / unit.size
+    largest_error = max(ROUNDING_OF_DIFFERENCE * abs(value - limit) / unit.size, ROUNDING_OF_UNITS * abs(exact))
+    for digits in range(SIGNIFICANT_DIGITS, MAX_DIGITS):
+        text = number(value, unit, digits=digits)
+        is_distinct = value == limit or text != exact_number(limit, unit)
+        if is_distinct and abs(float(text) - exact) <= largest_error:
+            return digits
+    return MAX_DIGITS
 
 
 # ---- the table

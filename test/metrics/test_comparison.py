@@ -44,8 +44,18 @@ def test_a_summary_does_not_call_scores_equal_that_were_not_compared() -> None:
     incomplete = [both[0], replace(both[1], incomplete="half of the drive is missing")]
     heading, text = summary_of(compare_scores(incomplete, ["all", "half"]))
     assert heading == "no paired comparison"
-    assert text.startswith("half: incomplete in position over 5 m")
+    assert "because half is incomplete" in text
     assert summary_of(compare_scores([both[0]] * 2, ["a", "b"]))[0] == "no difference shown"
+
+
+def test_a_comparison_names_the_incomplete_score() -> None:
+    part, complete = scores(1, (0.005, 0.010))
+    result = compare_scores([replace(part, incomplete="half of the drive is missing"), complete], ["part", "all"])
+    _, text = summary_of(result)
+    assert "part is incomplete" in text
+    assert "all is incomplete" not in text
+    pairs, *_ = comparison_tables(result)
+    assert {row[-1].text for row in pairs.rows} == {"incomplete: part"}
 
 
 @pytest.mark.slow

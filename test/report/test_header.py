@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.table.records import (
     Provenance,
 )
 from sfr_loc_map.report.page import render_page
-from sfr_loc_map.report.summary import banner_of, look_first, restrictions_of
+from sfr_loc_map.report.summary import banner_of, look_first, restrictions_of, run_facts
 
 FAIL, PASS = VerdictState.FAIL, VerdictState.PASS
 
@@ -89,3 +89,14 @@ def test_the_page_states_each_warning_once_and_a_contradiction_in_the_banner_alo
     assert page.count("<li>the truth is &lt;noisy&gt;</li>") == 1
     assert page.count(wrong) == 1
     assert 'id="warnings"' not in render_page(replace(score, warnings=(), caveats=()), plots=False)
+
+
+def test_the_header_counts_poses_if_the_images_are_unknown() -> None:
+    score = named()
+    assert score.association is not None
+    texts = {
+        images: dict(run_facts(replace(score, association=replace(score.association, images=images))))["Drive"]
+        for images in (None, 300)
+    }
+    assert "poses with a truth" in texts[None]
+    assert "stereo pairs with a truth" in texts[300]

@@ -195,6 +195,46 @@ def test_a_limit_on_memory_has_the_unit_of_the_requirement(limit: float, shown: 
     assert VerdictView.of(item).limit_text == f"≤ {shown}"
 
 
+@pytest.mark.parametrize(
+    ("limit", "value", "shown", "of_value"),
+    [
+        (0.24995, 0.2, "0.24995", "0.2"),
+        (0.2120501, 0.1, "0.2120501", "0.1"),
+        (0.21205, 0.212053073, "0.21205", "0.212053"),
+        (0.21205, 0.21205, "0.21205", "0.21205"),
+    ],
+)
+def test_a_limit_is_exact_and_the_value_shows_on_which_side_it_is(
+    limit: float, value: float, shown: str, of_value: str
+) -> None:
+    item = Verdict(
+        name="attitude_mean_deg", figure="attitude", statistic="mean", limit=limit, value=value, state=VerdictState.FAIL
+    )
+    view = VerdictView.of(item)
+    assert view.limit_text == f"≤ {shown} deg"
+    assert view.comparison == f"{of_value} deg, limit ≤ {shown} deg"
+
+
+def test_junit_has_one_case_for_missing_states_and_one_for_their_limit() -> None:
+    content = {"completeness": {"lost_max_share": 0.5}}
+    score = whole_score()
+    rows = tuple(replace(row, value=None) if row.figure == "lost" else row for row in score.figures)
+    score = judged_by(replace(score, figures=rows), parse_limits(content, "test"))
+    assert [item.figure for item in score.verdicts].count("lost") > 1
+    cases = [
+        (case.attrib["classname"], case.attrib["name"]) for case in ET.fromstring(junit({"a": score})).iter("testcase")
+    ]
+    assert len(set(cases)) == len(cases)
+
+
+def test_a_limit_over_a_condition_that_the_drive_is_too_short_for_has_the_reason() -> None:
+    made = scores()[0]
+    text = render_test_report([made])
+    assert "R4: position error over 500 m" in text
+    assert "long)." in text
+    assert "distance=500: the drive is" in junit({"a": made})
+
+
 def test_junit_says_every_state_in_its_own_word() -> None:
     """pass: nothing; fail: failure; what is not judged: error, because the command ends with exit code 3."""
     made = scores()

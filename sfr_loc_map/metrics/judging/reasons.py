@@ -74,7 +74,7 @@ def why_open(item: Verdict, score: Score) -> str:
         if not item.n and (unknown := unknown_of_truth(item.figure or "", score)) is not None:
             return unknown
         if row is None or not row.unknown:
-            return "no data"
+            return unmet_conditions(score).get(item.condition, "no data")
         if not item.n:
             return f"all {row.unknown} values are unknown"
         return f"{row.unknown} of {item.n + row.unknown} values are unknown"

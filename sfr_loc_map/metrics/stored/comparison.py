@@ -97,6 +97,12 @@ class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
     pairs: tuple[PairedDifference, ...]
     side_by_side: tuple[SideBySide, ...]
 
+    def incomplete_scores(self, other: str) -> list[str]:
+        """Return the names of the incomplete scores among the first score and another score."""
+        scores = zip(self.names, self.incomplete, strict=True)
+        compared = (self.names[0], other)
+        return [name for name, missing in scores if name in compared and missing is not None]
+
     def to_dict(self) -> dict[str, object]:
         """Return the comparison as JSON values."""
         return {"schema": SCHEMA, **to_plain(self)}
