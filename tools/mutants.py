@@ -410,7 +410,7 @@ MUTATIONS = (
     Mutation(INCOMPLETE, "value is None and kind.text_of_nothing", "value is None and not kind.text_of_nothing"),
     Mutation(INCOMPLETE, "share.value <= most or moving", "share.value <= 1.0 or moving"),
     Mutation(INCOMPLETE, " or not meets(limit, value):\n            over =", ":\n            over ="),
-    Mutation("metrics/errors/standing.py", "farthest_m > least_motion(farthest_m)", "farthest_m >= 0.0"),
+    Mutation("metrics/errors/standing.py", "farthest_m > least_by_rate(farthest_m, durations_s)", "farthest_m >= 0.0"),
     Mutation("metrics/errors/standing.py", "if not 0 < standing < count:", "if not 0 < standing:"),
     Mutation("report/deviations.py", "used != (usual.scored_from_m", "used == (usual.scored_from_m"),
     # true poses at starts and ends

@@ -537,3 +537,16 @@ def test_a_live_run_without_true_poses_covers_no_true_pose(count: int) -> None:
         judged = judged_by(score, rules)
         assert "covers" not in (judged.incomplete or "")
         assert (judged.verdict is None) == (rules is None and not count)
+
+
+@pytest.mark.parametrize("gap_m", [0, 30, 90])
+@pytest.mark.parametrize("condition", ["distance=5", "time=5", "displacement=5"])
+def test_a_gap_of_the_estimate_does_not_make_a_moving_rover_stationary(gap_m: int, condition: str) -> None:
+    """A rover with the constant speed of 1 m/s. The estimates have a gap and are otherwise exact."""
+    drive = straight(0, 2001, 1)
+    positions = np.column_stack((1e-9 * drive.stamps_ns, np.zeros((len(drive), 2))))
+    truth = Trajectory(drive.stamps_ns, positions, drive.quats_xyzw)
+    is_estimated = np.abs(positions[:, 0] - 0.5 * positions[-1, 0]) >= 0.5 * gap_m
+    estimate = truth[is_estimated]
+    scored = as_score(score_trajectory(Estimates.of(estimate), truth, TrajectoryScoreConfig((condition,))))
+    assert scored.number("standing", condition=condition, part="sub-trajectories") == 0.0

@@ -12,12 +12,13 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Truth
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.completeness.expected_items import share_of
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.errors.trajectory_errors import error_figures, error_row
 from sfr_loc_map.metrics.formulas import Poses
-from sfr_loc_map.metrics.frames.motion import MOVING_SHARE, least_motion
+from sfr_loc_map.metrics.frames.motion import least_by_rate
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.table.catalogue import STANDING
 from sfr_loc_map.metrics.table.row_part import MOVING, SUB_TRAJECTORIES
@@ -29,15 +30,16 @@ QUARTERS = (0.25, 0.5, 0.75, 1.0)
 
 
 def rows_of_moving(
-    condition: Condition, sub_trajectories: SubTrajectories, overlap: float, truth: Truth
+    condition: Condition, sub_trajectories: SubTrajectories, overlap: float, truth: Truth, stamps_ns: IntArray
 ) -> Iterator[Figure]:
     """Yield the fraction of sub-trajectories of a stationary rover, and the errors of the others.
 
-    The errors are omitted if the rover is stationary in all sub-trajectories or in none.
+    The errors are omitted if the rover is stationary in all sub-trajectories or in none. `stamps_ns` `(F,)` are the
+    stamps of all frames.
     """
     name = condition.setting
     select = is_moving if condition.is_of_time else begins_elsewhere
-    moves = select(sub_trajectories, has_tilt=truth.has_tilt)
+    moves = select(sub_trajectories, stamps_ns, has_tilt=truth.has_tilt)
     count = len(sub_trajectories.starts)
     standing = count - int(np.count_nonzero(moves))
     yield figure_row(STANDING, name, SUB_TRAJECTORIES, n=count, value=share_of(standing, count))
@@ -48,34 +50,37 @@ def rows_of_moving(
         yield error_row(kind, name, MOVING, others, overlap)
 
 
-def is_moving(sub_trajectories: SubTrajectories, *, has_tilt: bool) -> Mask:
-    """Return the sub-trajectories in which the rover moves or turns by more than a tenth of the largest motion or turn.
+def is_moving(sub_trajectories: SubTrajectories, stamps_ns: IntArray, *, has_tilt: bool) -> Mask:
+    """Return the sub-trajectories in which the rover moves or turns by more than a tenth of the fastest motion or turn.
 
-    If the ground truth has no roll and pitch, only the heading counts, because the truth then has the roll and pitch of
-    the estimate.
+    `least_by_rate` defines this motion. If the ground truth has no roll and pitch, only the heading counts, because the
+    truth then has the roll and pitch of the estimate.
     """
     starts = sub_trajectories.starts
     ends = sub_trajectories.ends
     frames = [starts + np.rint(share * (ends - starts)).astype(np.int64) for share in QUARTERS]
     farthest_m = np.max([moved_m(sub_trajectories.poses, starts, at) for at in frames], axis=0)
     turns_deg = turned_deg(sub_trajectories.poses, starts, ends, has_tilt=has_tilt)
-    return np.asarray((farthest_m > least_motion(farthest_m)) | (turns_deg > least_turn(turns_deg)))
+    durations_s = (stamps_ns[ends] - stamps_ns[starts]) / NS_PER_S
+    moves = farthest_m > least_by_rate(farthest_m, durations_s)
+    return np.asarray(moves | (turns_deg > least_turn(turns_deg, durations_s)))
 
 
-def begins_elsewhere(sub_trajectories: SubTrajectories, *, has_tilt: bool) -> Mask:
+def begins_elsewhere(sub_trajectories: SubTrajectories, stamps_ns: IntArray, *, has_tilt: bool) -> Mask:
     """Return the sub-trajectories that do not begin at the place of the previous sub-trajectory.
 
-    The motion between neighbouring starts is summed, in units of a tenth of the largest motion and of the largest turn
-    between neighbouring starts. A sub-trajectory begins elsewhere if the sum has passed a whole number since the
-    previous start. The first sub-trajectory counts as beginning elsewhere.
+    The motion between neighbouring starts is summed, in units of a tenth of the fastest motion and of the fastest turn
+    between neighbouring starts (`least_by_rate`). A sub-trajectory begins elsewhere if the sum has passed a whole
+    number since the previous start. The first sub-trajectory counts as beginning elsewhere.
     """
     poses = sub_trajectories.poses
     before = sub_trajectories.starts[:-1]
     after = sub_trajectories.starts[1:]
     motions_m = moved_m(poses, before, after)
     turns_deg = turned_deg(poses, before, after, has_tilt=has_tilt)
-    least_m = max(least_motion(motions_m), np.finfo(np.float64).tiny)
-    summed = np.floor(np.cumsum(motions_m / least_m + turns_deg / least_turn(turns_deg)))
+    durations_s = (stamps_ns[after] - stamps_ns[before]) / NS_PER_S
+    least_m = max(least_by_rate(motions_m, durations_s), np.finfo(np.float64).tiny)
+    summed = np.floor(np.cumsum(motions_m / least_m + turns_deg / least_turn(turns_deg, durations_s)))
     return np.append(True, np.diff(summed, prepend=0.0) > 0.0)[: len(sub_trajectories.starts)]
 
 
@@ -95,9 +100,9 @@ def turned_deg(poses: Poses, starts: IntArray, ends: IntArray, *, has_tilt: bool
     return np.asarray(np.nan_to_num(turns))
 
 
-def least_turn(turns_deg: FloatArray) -> float:
-    """Return the rotation, deg, above which the rover counts as turning."""
-    return max(TURN_DEG, MOVING_SHARE * float(np.max(turns_deg, initial=0.0)))
+def least_turn(turns_deg: FloatArray, durations_s: FloatArray) -> float:
+    """Return the rotation, deg, above which the rover counts as turning over a typical duration."""
+    return max(TURN_DEG, least_by_rate(turns_deg, durations_s))
 
 
 def largest_standing_fraction(rows: Sequence[Figure]) -> Figure:

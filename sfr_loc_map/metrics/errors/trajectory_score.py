@@ -143,7 +143,7 @@ def result_of_condition(
             *error_rows(name, judged, overlap, placed),
             *consistency_rows(name, judged, overlap, placed, sums),
             *of_other_frames,
-            *rows_of_moving(condition, judged, overlap, placed.truth),
+            *rows_of_moving(condition, judged, overlap, placed.truth, placed.frames.stamps_ns),
         ),
         rows=sub_trajectory_rows(name, judged, placed.frames.stamps_ns, placed.length_m),
         errors=tuple(error_columns(name, judged, kept_errors)),

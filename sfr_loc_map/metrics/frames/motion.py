@@ -16,6 +16,17 @@ def least_motion(motions_m: FloatArray) -> float:
     return MOVING_SHARE * float(np.max(motions_m, initial=0.0))
 
 
+def least_by_rate(motions: FloatArray, durations_s: FloatArray) -> float:
+    """Return the motion above which the rover has moved over a typical duration, in the unit of `motions` `(M,)`.
+
+    The motion is a fraction of the motion at the largest rate over the median duration. A gap of the estimate increases
+    single motions and their durations, but not their rates.
+    """
+    if not len(motions):
+        return 0.0
+    return MOVING_SHARE * float(np.max(motions / durations_s) * np.median(durations_s))
+
+
 def typical_speed(truth: StampedPoses) -> float:
     """Return the median true speed of the moving rover, m/s; 0 if the rover does not move."""
     is_moving = moving_steps(truth.position)[1:]
