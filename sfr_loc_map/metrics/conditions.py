@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from enum import StrEnum
+from numbers import Real
 
 from sfr_loc_map.errors import MetricsError
 
@@ -53,6 +54,9 @@ class Condition:
         The kind may be given by its name. MetricsError if the kind or the value is invalid, or if two parts have the
         same kind or a part has parts.
         """
+        value: object = self.value
+        if isinstance(value, bool) or not isinstance(value, Real):
+            raise MetricsError(f"'{self.kind}={value!r}' is not a condition: {VALUES_OF_CONDITIONS}")
         if self.kind not in list(ConditionKind):
             raise MetricsError(f"'{self.kind}={self.value:g}' is not a condition: {VALUES_OF_CONDITIONS}")
         object.__setattr__(self, "kind", ConditionKind(self.kind))

@@ -71,3 +71,9 @@ def test_a_condition_requires_a_positive_decimal_number(number: str) -> None:
 @pytest.mark.parametrize("text", ["distance=5", " distance = 5 ", "distance=5 m", "distance=+5.0m", "distance=.5e1"])
 def test_a_condition_may_have_a_unit_and_spaces(text: str) -> None:
     assert Condition.parse(text).setting == "distance=5"
+
+
+@pytest.mark.parametrize("value", ["5", None, True, [5.0], 5j])
+def test_a_condition_whose_value_is_no_number_is_refused(value: object) -> None:
+    with pytest.raises(MetricsError, match="is not a condition"):
+        Condition(DISTANCE, value)
