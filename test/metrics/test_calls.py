@@ -246,3 +246,13 @@ def test_a_misspelled_state_is_no_call_of_a_localiser() -> None:
     assert {*KNOWN_STATES} == {"", *TrackingState, *MappingState}
     with pytest.raises(MetricsError, match="mapped_sett"):
         calls(["tracking", "mapped_sett"], [0.1, 0.2])
+
+
+@pytest.mark.parametrize("value", [-1.0, float("inf"), -float("inf")])
+@pytest.mark.parametrize("name", ["seconds", "peak_bytes", "above_idle_bytes", "heap_bytes", "stack_bytes", "stage_s"])
+def test_a_number_of_a_call_that_is_negative_or_infinite_is_refused(name: str, value: float) -> None:
+    columns = dict.fromkeys(("seconds", "peak_bytes", "above_idle_bytes"), np.ones(3))
+    invalid = np.array([np.nan, value, 1.0])
+    columns[name] = {"a": invalid} if name == "stage_s" else invalid
+    with pytest.raises(MetricsError, match=f"'{name}.* of a call is {value:g}: a finite number"):
+        Calls(stamps_ns=np.arange(3), states=["tracking"] * 3, **columns)

@@ -73,7 +73,7 @@ class Calls:
     def __post_init__(self) -> None:
         """Check that each column has one entry for each call; MetricsError if not.
 
-        MetricsError also if a state is unknown or a number is negative.
+        MetricsError also if a state is unknown, or if a number is negative or infinite.
         """
         count = len(self.stamps_ns)
         if len(self.states) != count:
@@ -90,8 +90,10 @@ class Calls:
             if np.shape(values) != (count,):
                 needed = f"{(count,)} is required for {counted(count, 'call')}"
                 raise MetricsError(f"'{name}' of calls has the shape {np.shape(values)}: {needed}")
-            if (values < 0.0).any():
-                raise MetricsError(f"'{name}' of a call is {np.nanmin(values):g}: a number >= 0, or NaN, is required")
+            is_invalid = (values < 0.0) | np.isinf(values)
+            if is_invalid.any():
+                invalid = values[np.argmax(is_invalid)]
+                raise MetricsError(f"'{name}' of a call is {invalid:g}: a finite number >= 0, or NaN, is required")
 
     @property
     def kinds(self) -> NDArray[np.object_]:
