@@ -11,6 +11,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory, as_truth
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind, label_of
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.formulas import DISTANCE_TOLERANCE_M
 from sfr_loc_map.metrics.frames.association import unique_rows
 from sfr_loc_map.metrics.judging.incomplete import incompleteness
 from sfr_loc_map.metrics.judging.proof import words_of
@@ -119,10 +120,14 @@ class DriveExtent(NamedTuple):
     duration_s: float
 
     def shortages(self, condition: Condition) -> list[str]:
-        """Return the extents that are too short for a part of a condition, each once; angles are not checked."""
+        """Return the extents that are too short for a part of a condition, each once; angles are not checked.
+
+        Lengths have the tolerance of the selection of sub-trajectories.
+        """
+        length_m = self.length_m + DISTANCE_TOLERANCE_M
         extents = {
-            ConditionKind.DISTANCE: (self.length_m, f"is {self.length_m:.1f} m long"),
-            ConditionKind.DISPLACEMENT: (self.length_m, "never reaches this straight-line distance"),
+            ConditionKind.DISTANCE: (length_m, f"is {self.length_m:.1f} m long"),
+            ConditionKind.DISPLACEMENT: (length_m, "never reaches this straight-line distance"),
             ConditionKind.TIME: (self.duration_s, f"lasts {self.duration_s:.1f} s"),
             ConditionKind.FRAMES: (self.frames - 1.0, f"has {self.frames} frames"),
         }

@@ -1,10 +1,15 @@
 """Conditions that a drive never meets are reported before the drive is processed."""
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.errors.trajectory_errors import select
+from sfr_loc_map.metrics.formulas import path_length_m
+from sfr_loc_map.metrics.frames.association import StampedPoses
 from sfr_loc_map.metrics.judging.reasons import conditions_beyond
 
 COUNT = 11
@@ -14,6 +19,18 @@ POSES = Trajectory(
     np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1)),
 )
 """A drive of 10 m in 10 s."""
+
+
+def test_a_condition_that_a_drive_meets_within_rounding_is_not_reported() -> None:
+    """The tolerance is that of the selection of sub-trajectories."""
+    conditions = [Condition.parse(text) for text in ("distance=10", "displacement=10")]
+    for short_m, reported in ((5e-10, 0), (1e-6, 2)):
+        positions = POSES.positions * (1.0 - 0.1 * short_m)
+        drive = Trajectory(POSES.stamps_ns, positions, POSES.quats_xyzw)
+        assert len(conditions_beyond(drive, conditions)) == reported
+        assert len(select(conditions[0], 1, StampedPoses(*astuple(drive)), path_length_m(positions))[0]) == (
+            not reported
+        )
 
 
 @pytest.mark.parametrize("rows", [np.arange(COUNT), np.arange(COUNT)[::-1], np.roll(np.arange(COUNT), 4)])
