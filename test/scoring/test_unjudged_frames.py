@@ -284,3 +284,14 @@ def test_errors_at_other_frames_change_no_other_verdict() -> None:
     score = judged_by(as_score(scored), parse_limits({"trajectory": [entry]}, "limits"))
     assert [item.state for item in score.on_limits] == ["incomplete", "pass"]
     assert score.verdict == "incomplete"
+
+
+def test_errors_of_rounding_size_are_not_far_above_exact_errors() -> None:
+    """Rounding of the positions of some frames, whose judged errors are exactly 0."""
+    drive = straight()
+    positions = drive.positions.copy()
+    positions[between_the_starts(), 1] += 7e-18
+    estimate = Trajectory(drive.stamps_ns, positions, drive.quats_xyzw)
+    scored = score_trajectory(Estimates.of(estimate), drive, TrajectoryScoreConfig())
+    assert as_score(scored).number(ERRORS_BEYOND) == 0.0
+    assert not scored.unjudged

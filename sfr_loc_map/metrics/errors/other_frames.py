@@ -17,6 +17,7 @@ from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, FigureKind
 from sfr_loc_map.metrics.table.row_part import OTHER_FRAMES
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
+ROUNDING = 1e-9  #: Largest error of rounding size, in the unit of the figure. It is no deviation from the truth.
 NAMED_FRAMES = 5  #: Maximum number of ranges of frames that a message names.
 
 
@@ -54,8 +55,12 @@ def to_other_frames(judged: SubTrajectories, placed: PlacedFrames) -> SubTraject
 
 
 def beyond_the_judged(kind: FigureKind, others: SubTrajectories, judged: SubTrajectories) -> Mask:
-    """Return which sub-trajectories have a known error above `BEYOND` times the largest usual judged error."""
-    return np.asarray(error_sizes(kind, others) > BEYOND * largest_usual(error_sizes(kind, judged)))
+    """Return which sub-trajectories have a known error above `BEYOND` times the largest usual judged error.
+
+    Errors of at most `ROUNDING` are ignored.
+    """
+    least = max(BEYOND * largest_usual(error_sizes(kind, judged)), ROUNDING)
+    return np.asarray(error_sizes(kind, others) > least)
 
 
 def largest_usual(sizes: FloatArray) -> float:
