@@ -84,12 +84,15 @@ class SubTrajectoryErrors(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """True and estimated poses of the same frames."""
+    """True and estimated poses of RB in DS at the same frames.
 
-    true_position: FloatArray
-    true_attitude: FloatArray
-    position: FloatArray
-    attitude: FloatArray
+    Unknown components of the truth are NaN, or are those of the estimate (`metrics.frames.true_attitudes`).
+    """
+
+    true_position: FloatArray  #: `(F, 3)`, m.
+    true_attitude: FloatArray  #: `(F, 4)`, unit quaternions, scalar last, that rotate vectors from RB into DS.
+    position: FloatArray  #: `(F, 3)`, m.
+    attitude: FloatArray  #: `(F, 4)`, unit quaternions, as `true_attitude`.
 
 
 ErrorFunction = Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]
