@@ -139,7 +139,8 @@ def shortage_of(agreements: Sequence[Agreement]) -> str:
 
 def disagreement_of(agreements: Sequence[Agreement]) -> str:
     """Return the description of the least probable difference."""
-    known = [(item.probability, item) for item in agreements if item.probability is not None]
+    probabilities = [(item.probability, item) for item in agreements if item.probability is not None]
+    known = [(probability, item) for probability, item in probabilities if math.isfinite(probability)]
     probability, worst = min(known, key=lambda item: item[0])
     first, other = worst.runs
     return (

@@ -27,7 +27,7 @@ from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.table.rows import Figure
 
-MIN_PAIRS = 20
+MIN_PAIRS = 20  #: Minimum number of pairs of a drive.
 CORRECTED = "corrected"  #: Name of the run with the corrected calibration.
 COMPARED = (
     (Variant.FORWARD, Variant.BACKWARD),
@@ -74,7 +74,7 @@ def check_drive(
     """
     drive = PairsInMemory(sequence.rig, list(islice(sequence.pairs(), most_pairs)))
     if len(drive) < MIN_PAIRS:
-        raise InputError(f"the drive has {counted(len(drive), 'pair')}: at least {MIN_PAIRS} are required for a check")
+        raise InputError(too_few_pairs(len(drive)))
     forward = run_variant(drive, config, Variant.FORWARD, progress)
     others = [at_pairs_of(forward, other) for other in others]
     for first, other in combinations((forward, *others), 2):
@@ -108,6 +108,23 @@ def check_drive(
         agreements=tuple(agreements),
         forward=forward,
         offsets=tuple(offsets),
+    )
+
+
+def too_few_pairs(count: int) -> str:
+    """Return why a drive has too few pairs."""
+    return f"the drive has {counted(count, 'pair')}: at least {MIN_PAIRS} are required for a check"
+
+
+def short_drive(pairs: int, pairs_of_source: int) -> Check:
+    """Return the check of a drive that has fewer than `MIN_PAIRS` pairs: there is not enough data."""
+    return Check(
+        results=(),
+        figures=(),
+        pairs=pairs,
+        pairs_of_source=pairs_of_source,
+        disagreements=(),
+        shortage=too_few_pairs(pairs),
     )
 
 

@@ -48,7 +48,12 @@ class Check:
     @property
     def checked(self) -> int:
         """Number of comparisons with enough data."""
-        return sum(result is not CheckResult.NOT_ENOUGH_DATA for result in self.results)
+        return count_with_enough_data(self.results)
+
+
+def count_with_enough_data(results: Iterable[CheckResult]) -> int:
+    """Return the number of comparisons with enough data."""
+    return sum(result is not CheckResult.NOT_ENOUGH_DATA for result in results)
 
 
 def combined(results: Iterable[CheckResult], precedence: Sequence[CheckResult] = OF_COMPARISONS) -> CheckResult:

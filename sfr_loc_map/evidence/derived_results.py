@@ -8,21 +8,29 @@ from collections.abc import Iterator, Mapping, Sequence
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import MIN_SUB_TRAJECTORIES, probability_of_sum, results_of_probabilities
 from sfr_loc_map.evidence.calibration import LARGE_PX, Advice
+from sfr_loc_map.evidence.check import COMPARED
 from sfr_loc_map.evidence.check_result import CALIBRATION, DRIVE, MAPS, CheckResult, combined
 from sfr_loc_map.evidence.overlap import result_of
+from sfr_loc_map.evidence.revisited import DIRECT
+from sfr_loc_map.evidence.variants import Variant
 from sfr_loc_map.metrics.table.rows import Figure
 
 TOLERANCE = 1e-6  #: Largest relative difference of a derived probability, because the stored mean is rounded.
+OWN_COMPARISONS = frozenset(" - ".join(runs) for runs in (*COMPARED, (Variant.FORWARD, DIRECT)))
+"""Names of the comparisons of the localiser's own runs."""
 Key = tuple[str | None, str | None]
 """Condition and part of a figure."""
 
 
 def check_results(results: Mapping[str, CheckResult], figures: Sequence[Figure], advice: Mapping[str, Advice]) -> None:
-    """Raise InputError if the results or the advice of a check differ from those that follow from its figures."""
+    """Raise InputError if a check has no results, or if its results or advice do not follow from its figures."""
+    if not results:
+        raise InputError("the check has no results: repeat the check")
     check_advice(figures, advice)
     derived = derived_results(figures, advice)
-    if MAPS in results:
-        derived.setdefault(MAPS, CheckResult.NOT_ENOUGH_DATA)  # maps without an overlap have no figures
+    for subject in (DRIVE, MAPS):
+        if subject in results:  # a short drive and maps without an overlap have no figures
+            derived.setdefault(subject, CheckResult.NOT_ENOUGH_DATA)
     for subject in (DRIVE, MAPS, CALIBRATION):
         if results.get(subject) is not derived.get(subject):
             stated, found = (of.get(subject, "missing") for of in (results, derived))
@@ -34,24 +42,28 @@ def check_results(results: Mapping[str, CheckResult], figures: Sequence[Figure],
 
 def derived_results(figures: Sequence[Figure], advice: Mapping[str, Advice]) -> dict[str, CheckResult]:
     """Return the result of each subject that has figures; the calibration only if it should be repeated."""
-    results = {}
-    if any(row.figure == "agreement" for row in figures):
-        results[DRIVE] = combined(results_of_probabilities(list(probabilities(figures))))
-    if overlaps := list(results_of_overlaps(figures)):
-        results[MAPS] = combined(overlaps)
+    results = {subject: combined(found) for subject, found in results_of_comparisons(figures).items() if found}
     if Advice.REDO in advice.values():
         results[CALIBRATION] = CheckResult.INCONSISTENT
     return results
+
+
+def results_of_comparisons(figures: Sequence[Figure]) -> dict[str, tuple[CheckResult, ...]]:
+    """Return the results of the comparisons of the drive and of the maps."""
+    of_drive = results_of_probabilities(list(probabilities(figures)))
+    return {DRIVE: of_drive, MAPS: tuple(results_of_overlaps(figures))}
 
 
 def probabilities(figures: Sequence[Figure]) -> Iterator[float | None]:
     """Yield the probability of each comparison of the localiser's own runs, derived from its NEES.
 
     Comparisons with other estimates, which have the figure `scale`, do not decide the result. InputError if a stored
-    probability differs.
+    probability differs, or if a comparison of own runs has this figure.
     """
     nees, scales = rows_of(figures, "difference_nees"), rows_of(figures, "scale")
     for key, row in rows_of(figures, "agreement").items():
+        if key in scales and row.part in OWN_COMPARISONS:
+            raise InputError(f"the check contradicts itself: {row.label} is not of another estimate; repeat the check")
         if key in scales:
             continue
         squares = nees.get(key)
@@ -79,7 +91,7 @@ def results_of_overlaps(figures: Sequence[Figure]) -> Iterator[CheckResult]:
 
 
 def check_advice(figures: Sequence[Figure], advice: Mapping[str, Advice]) -> None:
-    """Raise InputError if the advice for an angle contradicts the mean and the spread of its offset.
+    """Raise InputError if the advice for an angle is missing, or contradicts the mean and the spread of its offset.
 
     The offsets of all runs have one sign if their spread is below the size of their mean. With a larger spread, a large
     mean permits any advice except `keep`.
@@ -88,7 +100,9 @@ def check_advice(figures: Sequence[Figure], advice: Mapping[str, Advice]) -> Non
     for key, row in rows_of(figures, "right_camera").items():
         word, spread = advice.get(row.part or ""), spreads.get(key)
         if word is None or row.value is None or spread is None or spread.value is None:
-            continue
+            raise InputError(
+                f"the check has no advice, offset or spread for the {row.part} of the right camera: repeat the check"
+            )
         if abs(row.value) < LARGE_PX:
             is_possible = word is not Advice.REDO
         elif spread.value < abs(row.value):

@@ -94,10 +94,10 @@ HAT = EvidenceKind(
 CALIBRATION = EvidenceKind(
     "calibration",
     "Calibration of the right camera",
-    statistic="Offsets from the calibration file: mean over n runs, which share their images, so that there is no "
-    "interval. Yaw is reported as 0 until it is significant. The error of depth is therefore unknown unless the result "
-    "for the yaw is redo. Shift of positions: root mean square over n sub-trajectories of the effect that the online "
-    "calibration does not correct.",
+    statistic="Offsets from the calibration file: mean over the n runs that observe the angle. The runs share their "
+    "images, so that there is no interval. Yaw is reported as 0 until it is significant. The error of depth is "
+    "therefore unknown unless the result for the yaw is redo. Shift of positions: root mean square over n "
+    "sub-trajectories of the effect that the online calibration does not correct.",
     shows="redo if the offsets of all runs have one sign and their mean is large; keep if the offsets of all runs are "
     "small.",
     hides="a wrong baseline or focal length, which is unobservable without a truth or wheel odometry.",

@@ -10,7 +10,7 @@ from typing import Any
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.evidence.calibration import Advice
-from sfr_loc_map.evidence.check import CORRECTED, DriveCheck, check_drive
+from sfr_loc_map.evidence.check import CORRECTED, MIN_PAIRS, DriveCheck, check_drive, short_drive
 from sfr_loc_map.evidence.check_result import (
     CALIBRATION,
     DRIVE,
@@ -30,7 +30,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.frames.association import Estimates
-from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.metrics.stored.score_json import HASH, hash_of_values, to_plain
 from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.metrics.table.rows import Figure
 
@@ -41,7 +41,7 @@ NAMES_OF_OWN_RUNS = frozenset((*Variant, CORRECTED, DIRECT))  #: Names that an e
 class RecordingCheck:
     """The checks of a recording."""
 
-    drive: DriveCheck | None = None  #: None without a drive.
+    drive: Check | None = None  #: None without a drive. A drive of too few pairs has no `DriveCheck`.
     maps: Check | None = None  #: None without several mapping pairs.
     provenance: Provenance | None = None  #: Inputs, command, settings, version and time; None if unknown.
 
@@ -54,12 +54,12 @@ class RecordingCheck:
     @property
     def calibration(self) -> tuple[str, ...]:
         """Offsets of the right camera for which the calibration should be repeated, one phrase each."""
-        return () if self.drive is None else tuple(offset.text for offset in self.drive.wrong_offsets)
+        return tuple(offset.text for offset in self.drive.wrong_offsets) if isinstance(self.drive, DriveCheck) else ()
 
     @property
     def advice(self) -> dict[str, Advice]:
         """The recommended action for the calibration file, by angle."""
-        return {} if self.drive is None else self.drive.advice
+        return self.drive.advice if isinstance(self.drive, DriveCheck) else {}
 
     @property
     def results(self) -> dict[str, CheckResult]:
@@ -93,8 +93,8 @@ class RecordingCheck:
         return [check.shortage for check in self.checks.values() if check.shortage]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the check for JSON."""
-        return {
+        """Return the check for JSON, with the hash of its values."""
+        content = {
             "schema": SCHEMA,
             "result": self.result.value,
             "results": {subject: result.value for subject, result in self.results.items()},
@@ -108,6 +108,7 @@ class RecordingCheck:
             "figures": to_plain(self.figures),
             "provenance": to_plain(self.provenance),
         }
+        return {**content, HASH: hash_of_values(content)}
 
 
 def check_recording(
@@ -120,12 +121,19 @@ def check_recording(
 ) -> RecordingCheck:
     """Check the drive of a source, if it has one, and its maps, if it has several mapping pairs.
 
+    A drive of fewer than `MIN_PAIRS` pairs has not enough data, and its maps are checked.
     `progress` is called after each of the `calls_of_check` calls of the localiser.
     """
-    drive = maps = None
+    drive: Check | None = None
+    maps: Check | None = None
     if has_drive_to_check(source):
+        sequence = drive_of(source)
+        count = min(len(sequence), most_pairs)
         localiser = config.build(LocalisationConfig, "localisation")
-        drive = check_drive(drive_of(source), localiser, conditions, most_pairs, others, progress)
+        if count < MIN_PAIRS:
+            drive = short_drive(count, len(sequence))
+        else:
+            drive = check_drive(sequence, localiser, conditions, most_pairs, others, progress)
     if source.nav is not None and has_maps(source):
         maps = check_maps(source.nav, config.build(MappingConfig, "mapping"))
     return RecordingCheck(drive, maps)

@@ -61,6 +61,7 @@ class AdditionalEvidence(NamedTuple):
     sha256: str
     tables: tuple[Table, ...]
     open_points: tuple[str, ...]
+    results: tuple[str, ...] = ()  #: Result of each subject of a check.
     provenance: Provenance | None = None  #: Inputs of evidence from a recording; None if unknown.
     is_of_recording: bool = False  #: Whether the evidence is from a recording, which must be that of the scores.
 

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from sfr_loc_map.errors import InputError, MetricsError
-from sfr_loc_map.evidence.agreement import compare, results_of, results_of_probabilities, shortage_of
+from sfr_loc_map.evidence.agreement import compare, disagreement_of, results_of, results_of_probabilities, shortage_of
 from sfr_loc_map.evidence.calibration import Advice, CameraOffset, advice_of, offset_rows, right_camera_offsets
-from sfr_loc_map.evidence.check import DriveCheck
+from sfr_loc_map.evidence.check import DriveCheck, short_drive
 from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
 from sfr_loc_map.evidence.check_tables import calibration_table
 from sfr_loc_map.evidence.other_estimates import at_pairs_of, check_different, hat_rows, scale_row, three_cornered_hat
@@ -24,6 +24,7 @@ from sfr_loc_map.localisation.estimate import TrackingStatistics
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import STEP_SIZE, UPPER
+from sfr_loc_map.metrics.stored.score_json import hash_of_values
 
 STAMPS = 1_000_000_000 + np.arange(400) * 100_000_000
 SIGMA_M, SIGMA_RAD = 1e-3, 2e-4
@@ -333,3 +334,19 @@ def test_a_recording_is_consistent_only_if_each_of_its_subjects_is(drive: str, m
     assert content["disagreements"] == (["why"] if drive == "inconsistent" else [])
     redo = recording(CameraOffset("pitch", 4, 0.5, 0.4, 0.6, 0.1, None)).to_dict()
     assert redo["result"] == redo["results"]["calibration"] == "inconsistent"
+
+
+def test_the_finding_is_named_beside_a_comparison_with_an_undefined_probability() -> None:
+    rng = np.random.default_rng(0)
+    turns, moves = true_steps(rng)
+    found = compare(run_of("a", turns, moves, 0), run_of("b", turns, moves, 1), CONDITION)
+    undefined = replace(found, runs=("c", "d"), probability=float("nan"))
+    assert "'a' and 'b'" in disagreement_of([undefined, replace(found, probability=1e-9)])
+
+
+def test_maps_are_checked_beside_a_drive_that_is_too_short() -> None:
+    recording = RecordingCheck(short_drive(10, 10))
+    assert recording.result is CheckResult.NOT_ENOUGH_DATA
+    assert "10 pairs" in recording.not_checked[0]
+    content = recording.to_dict()
+    assert content["content_sha256"] == hash_of_values(content)

@@ -158,6 +158,16 @@ def test_the_command_writes_rows_and_takes_two_other_estimates(
     assert sfr("check", tmp_path, *["--estimate", tmp_path / "a.csv"] * 2).code == 2, "one estimate is given twice"
 
 
+def test_a_short_drive_has_not_enough_data(sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = Source(tmp_path, SourceFormat.FOLDER, PairsInMemory(LOC_RIG, drive(10)), None)
+    monkeypatch.setattr("sfr_loc_map.io.registry.open_source", lambda *_: opened)
+    found = sfr("check", tmp_path, "--json", tmp_path / "check.json")
+    assert found.code == 3
+    assert "10 pairs" in found.err
+    (evidence,) = read_evidence([tmp_path / "check.json"])
+    assert "not enough data" in evidence.results[0]
+
+
 def test_estimates_with_the_same_file_name_are_named_by_their_paths() -> None:
     left, right = Path("a/wheels.csv"), Path("b/wheels.csv")
     assert names_of_estimates([left, Path("c.csv")]) == {left: "wheels.csv", Path("c.csv"): "c.csv"}

@@ -15,12 +15,13 @@ import msgspec
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check_result import SCHEMA as CHECK_SCHEMA
-from sfr_loc_map.evidence.check_result import CheckResult
+from sfr_loc_map.evidence.check_result import CheckResult, count_with_enough_data
 from sfr_loc_map.evidence.check_tables import check_tables
-from sfr_loc_map.evidence.derived_results import check_results
+from sfr_loc_map.evidence.derived_results import check_results, results_of_comparisons
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.stored.score_json import HASH, hash_of_values
 from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.test_report import AdditionalEvidence
@@ -48,10 +49,37 @@ class CheckFile(msgspec.Struct):
     def tables(self) -> list[Table]:
         """Return the tables that the command prints; InputError if the results do not follow from the figures."""
         check_results(self.results, self.figures, self.advice)
+        if missing := sorted({*self.pairs} - {*self.results}):
+            raise InputError(f"the check has no result of the {missing[0]}: repeat the check")
         return check_tables(self.figures, self.advice)
+
+    @property
+    def checked(self) -> dict[str, tuple[int, int]]:
+        """For each subject with comparisons, the number of those with enough data, and the number of all."""
+        results = results_of_comparisons(self.figures)
+        return {
+            subject: (count_with_enough_data(found), len(found))
+            for subject, found in results.items()
+            if subject in self.results
+        }
+
+    def result_texts(self) -> Iterator[str]:
+        """Yield the result of each subject with its number of comparisons."""
+        for subject, result in self.results.items():
+            text = f"{subject}: {result.value}"
+            if subject in self.checked:
+                enough, count = self.checked[subject]
+                text += f"; {enough} of {count} comparisons have enough data"
+            yield f"{text}."
 
     def open_points(self) -> Iterator[str]:
         """Yield the results that are not consistent, and the subjects that were checked in part."""
+        for subject, (enough, count) in self.checked.items():
+            if enough < count:
+                yield (
+                    f"In the check of the {subject} without ground truth, {enough} of {count} comparisons have enough "
+                    "data."
+                )
         for subject, result in self.results.items():
             if result is not CheckResult.CONSISTENT:
                 yield f"The result of the check of the {subject} without ground truth is '{result.value}'."
@@ -138,6 +166,7 @@ def evidence_of(path: Path, content: CheckFile | BudgetFile | SearchFile) -> Add
             sha256=hash_path(path),
             tables=tuple(table for table in content.tables() if table.rows),
             open_points=tuple(content.open_points()),
+            results=tuple(content.result_texts()) if isinstance(content, CheckFile) else (),
             provenance=content.provenance if isinstance(content, CheckFile) else None,
             is_of_recording=isinstance(content, CheckFile),
         )
@@ -151,6 +180,8 @@ def read_file(path: Path) -> CheckFile | BudgetFile | SearchFile:
         kind = KINDS.get(schema) if isinstance(schema, str) else None
         if kind is None:
             raise ValueError(f"its schema is {schema!r}: one of {', '.join(KINDS)} is required")
+        if kind is CheckFile and content.get(HASH) != hash_of_values(content):
+            raise ValueError(f"its values do not have the hash in {HASH}: repeat the check")
         return msgspec.convert(content, kind)
     except (OSError, ValueError) as error:
         problem = error.strerror if isinstance(error, OSError) else error

@@ -19,8 +19,9 @@ from sfr_loc_map.evidence.agreement import Agreement, Differences, agreement_row
 from sfr_loc_map.evidence.calibration import CameraOffset, offset_rows
 from sfr_loc_map.evidence.overlap import Overlap, overlap_rows
 from sfr_loc_map.hashes import hash_path
-from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.metrics.stored.score_json import HASH, hash_of_values, to_plain
 from sfr_loc_map.metrics.table.records import InputFile
+from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.suite.pages.evidence_files import read_evidence
 from sfr_loc_map.suite.pages.search_page import render_search
@@ -31,7 +32,8 @@ COVERED = {"pairs": {"drive": 600, "maps": 2}, "pairs_of_source": {"drive": 3000
 
 
 def write(path: Path, content: dict[str, Any]) -> Path:
-    path.write_text(json.dumps(content))
+    """Write a file with the hash of its values, as `sfr check` does."""
+    path.write_text(json.dumps(content | {HASH: hash_of_values(content)}))
     return path
 
 
@@ -123,7 +125,7 @@ def test_evidence_without_a_problem_leaves_no_point_open(tmp_path: Path) -> None
     content = json.loads(check_file(tmp_path).read_text())
     content |= {"results": {"drive": "consistent"}, "calibration": []}
     content["figures"] = [row for row in content["figures"] if not row["figure"].startswith("overlap")]
-    content["pairs_of_source"] = content["pairs"]
+    content |= {"pairs": {"drive": 600}, "pairs_of_source": {"drive": 600}}
     paths = [write(tmp_path / "good.json", content), search_file(tmp_path, 0.5, 0.9)]
     assert [item.open_points for item in read_evidence(paths)] == [(), ()]
 
@@ -151,6 +153,40 @@ def test_another_file_is_refused(tmp_path: Path, content: str, problem: str) -> 
 def edited(content: dict[str, Any], figure: str, **numbers: float) -> dict[str, Any]:
     figures = [row | numbers if row["figure"] == figure else row for row in content["figures"]]
     return content | {"figures": figures}
+
+
+def test_a_check_without_its_hash_or_without_a_result_or_an_advice_is_refused(tmp_path: Path) -> None:
+    content = json.loads(check_file(tmp_path).read_text())
+    path = tmp_path / "edited.json"
+    path.write_text(json.dumps(content | {"calibration": []}))
+    with pytest.raises(InputError, match=HASH):
+        read_evidence([path])
+    offset = CameraOffset("pitch", 4, 0.5, 0.4, 0.6, 0.1, None)
+    without_advice = content | {"figures": content["figures"] + to_plain(tuple(offset_rows(offset)))}
+    scale = to_plain((figure_row("scale", "distance=1", "forward - backward", n=3, value=0.0),))
+    cases = {
+        "no results": content | {"results": {}, "figures": [], "pairs": {}},
+        "no result of the maps": content
+        | {
+            "results": {"drive": "consistent"},
+            "figures": [row for row in content["figures"] if not row["figure"].startswith("overlap")],
+        },
+        "no advice": without_advice,
+        "not of another estimate": content | {"figures": content["figures"] + scale},
+    }
+    for problem, changed in cases.items():
+        with pytest.raises(InputError, match=problem):
+            read_evidence([write(path, changed)])
+
+
+def test_the_report_states_the_result_of_a_check_and_its_comparisons(tmp_path: Path) -> None:
+    (evidence,) = read_evidence([check_file(tmp_path)])
+    assert evidence.results[0] == "drive: consistent; 1 of 1 comparisons have enough data."
+    assert evidence.results[0] in render_test_report([whole_score()], evidence=[evidence])
+    short = {"schema": "sfr-check/1", "results": {"drive": "not enough data"}, "calibration": [], "figures": []}
+    (evidence,) = read_evidence([write(tmp_path / "short.json", short)])
+    assert "0 of 0 comparisons" in evidence.results[0]
+    assert "not enough data" in evidence.open_points[0]
 
 
 @pytest.mark.parametrize("case", ["probability", "difference", "result", "ratio", "calibration", "missing", "angle"])
