@@ -417,7 +417,7 @@ MUTATIONS = (
     Mutation(SHORTFALLS, 'motions",\n        0.1,', 'motions",\n        1.0,'),
     Mutation(
         "metrics/completeness/copies.py",
-        "is_moving = lengths_m > least_motion(lengths_m)",
+        "is_moving = lengths_m > least_by_rate(lengths_m, durations_s)",
         "is_moving = lengths_m >= 0.0",
     ),
     # frames that are in no judged error

@@ -542,11 +542,15 @@ def test_a_live_run_without_true_poses_covers_no_true_pose(count: int) -> None:
 @pytest.mark.parametrize("gap_m", [0, 30, 90])
 @pytest.mark.parametrize("condition", ["distance=5", "time=5", "displacement=5"])
 def test_a_gap_of_the_estimate_does_not_make_a_moving_rover_stationary(gap_m: int, condition: str) -> None:
-    """A rover with the constant speed of 1 m/s. The estimates have a gap and are otherwise exact."""
+    """A rover on a bend at 1 m/s along x. The estimates have a gap and are otherwise exact."""
     drive = straight(0, 2001, 1)
-    positions = np.column_stack((1e-9 * drive.stamps_ns, np.zeros((len(drive), 2))))
+    x = 1e-9 * drive.stamps_ns
+    positions = np.column_stack((x, np.sin(x), 0.1 * np.sin(2.0 * x)))
     truth = Trajectory(drive.stamps_ns, positions, drive.quats_xyzw)
     is_estimated = np.abs(positions[:, 0] - 0.5 * positions[-1, 0]) >= 0.5 * gap_m
     estimate = truth[is_estimated]
     scored = as_score(score_trajectory(Estimates.of(estimate), truth, TrajectoryScoreConfig((condition,))))
     assert scored.number("standing", condition=condition, part="sub-trajectories") == 0.0
+    copied = scored.figure("errors_of_truth")
+    judged = scored.figure("position", condition=condition)
+    assert (copied.n, copied.value) == (judged.n, 1.0)

@@ -26,7 +26,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.completeness.expected_items import share_of, share_rows
 from sfr_loc_map.metrics.frames.association import Frames, unique_rows
-from sfr_loc_map.metrics.frames.motion import least_motion, moving_steps, typical_speed
+from sfr_loc_map.metrics.frames.motion import least_by_rate, moving_steps, typical_speed
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 NOISES = 5.0  #: A true displacement is a motion if it exceeds this multiple of the scatter of the truth.
@@ -88,7 +88,8 @@ def judged_of_truth(frames: Frames, judged: Iterable[tuple[IntArray, IntArray]])
     worst = figure_row("errors_of_truth", n=0)
     for starts, ends in judged:
         lengths_m = np.linalg.norm(frames.true_position[ends] - frames.true_position[starts], axis=1)
-        is_moving = lengths_m > least_motion(lengths_m)
+        durations_s = (frames.stamps_ns[ends] - frames.stamps_ns[starts]) / NS_PER_S
+        is_moving = lengths_m > least_by_rate(lengths_m, durations_s)
         motions = compared_motions(frames, frames.true_position, starts, ends, resolution_m)
         copies, testable = motions.where(is_moving).counts
         share = share_of(copies, testable)

@@ -8,12 +8,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.frames.association import StampedPoses
 
-MOVING_SHARE = 0.1  #: The rover moves if its motion exceeds this fraction of the typical or largest motion.
-
-
-def least_motion(motions_m: FloatArray) -> float:
-    """Return the length above which the rover has moved: a fraction of the largest motion, m."""
-    return MOVING_SHARE * float(np.max(motions_m, initial=0.0))
+MOVING_SHARE = 0.1  #: The rover moves if its motion exceeds this fraction of the typical or fastest motion.
 
 
 def least_by_rate(motions: FloatArray, durations_s: FloatArray) -> float:
