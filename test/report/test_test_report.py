@@ -1,5 +1,6 @@
 """The test report and JUnit: figures are those of the JSON, links lead somewhere, a pipeline reads every state."""
 
+import asyncio
 import html
 import json
 import re
@@ -12,6 +13,7 @@ import pytest
 from msgspec.structs import replace
 
 from helpers import ROOT
+from helpers.browser import Browser
 from helpers.cli_result import Sfr
 from helpers.made_scores import HOSTILE, calls, dig, half, json_of, of_drive, of_map, whole_score, without
 from sfr_loc_map.metrics.calls.call_score import score_target
@@ -193,6 +195,21 @@ def test_a_limit_on_memory_has_the_unit_of_the_requirement(limit: float, shown: 
     content = {"memory": {"localisation_peak_bytes": limit}}
     (item,) = judged_by(whole_score(), parse_limits(content, "test")).on_limits
     assert VerdictView.of(item).limit_text == f"≤ {shown}"
+
+
+@pytest.mark.parametrize("width", [1100, 1400])
+def test_the_results_fit_a_window(tmp_path: Path, width: int) -> None:
+    path = tmp_path / "report.html"
+    path.write_text(render_test_report(scores()))
+
+    async def hidden_width() -> int:
+        async with Browser(width) as browser:
+            await browser.open(path.as_uri())
+            await browser.wait_for("document.querySelector('#results')")
+            table = "document.querySelector('#results').parentElement"
+            return int(await browser.value(f"{table}.scrollWidth - {table}.clientWidth"))
+
+    assert asyncio.run(hidden_width()) == 0
 
 
 @pytest.mark.parametrize(
