@@ -209,10 +209,11 @@ class RunningCall:
 
         MethodFailureError if the peak was beyond the memory limit, also between two samples.
         """
+        answer_s = self.monitor.clock.end()  # the first reading of the clock after the answer, which it compares
         answered_s = time.monotonic()
         total_cpu_s = self.monitor.memory.tree.cpu_s()
-        answer_s = self.monitor.clock.end()
         end_s = time.monotonic()
+        answer_s += end_s - answered_s
         waited_s = float(np.max(waits_for_processor_s(self.monitor.pid) - self.waits_s, initial=0.0))
         waited_s += self.reading_s + end_s - answered_s
         now = self.check_memory()

@@ -69,6 +69,7 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
         "distributed.nanny.environ": {"NUMBA_NUM_THREADS": settings.threads},
     }
     with contextlib.ExitStack() as stack:
+        stack.enter_context(_unchanged_environment())
         stack.enter_context(dask.config.set(options))
         if scheduler is not None:
             with refusing(f"'{scheduler}' is not the address of a Dask scheduler", "give one like tcp://host:8786"):
@@ -90,6 +91,17 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
                 stack.callback(_end, cluster)
             client = stack.enter_context(Client(cluster, set_as_default=False))
         yield client
+
+
+@contextlib.contextmanager
+def _unchanged_environment() -> Iterator[None]:
+    """Restore the variables of this process, in which Dask sets those of its workers before it starts them."""
+    before = dict(os.environ)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
 
 
 def _check_address(address: str) -> None:
