@@ -142,6 +142,7 @@ def test_a_fix_is_written_where_the_configuration_was_read(sfr: Sfr, tmp_path: P
     made = ROWS["realsense_without_p3"].make(tmp_path, drive)
     beside = tmp_path / NAME
     beside.write_text("truth: {sigma_m: 0.02}\nlimits: limits.yaml\n")
+    (tmp_path / "limits.yaml").write_text("trajectory: [{condition: frames=1, position_mean_m: 1.0}]\n")
     result = sfr("info", made.source, "--write", "--set", "truth.sigma_deg=0.5")
     assert result.code == 0, result.err
     assert f"{beside}, updated" in result.err
