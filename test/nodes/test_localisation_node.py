@@ -274,7 +274,7 @@ def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Captu
         send_infos(peer, "loc", replace(LOC_RIG, fx=151.0, fy=151.0))
         node.wait_for("camera_info has changed: localisation restarts at its last pose")
         assert peer.play(2) == pytest.approx(at, abs=1e-12)
-        send_infos(peer, "loc", forged(LOC_RIG, width=65_536, height=65_536))
+        send_infos(peer, "loc", forged(LOC_RIG, width=65_536, height=65_536, cx=32_767.5, cy=32_767.5))
         peer.refused("camera_info of loc: image is 65536 x 65536: positive whole numbers")
         peer.play(3)  # the rig known stays
 
