@@ -184,10 +184,6 @@ def test_several_requirements_may_limit_one_number(blocks: list[dict[str, Any]])
             {"trajectory": [{"condition": "distance=5", "position_mean_m": 5}, {"condition": "distance=10"}]},
             "entry 2: the condition distance=10 has no limit",
         ),
-        (
-            {"trajectory": [{"condition": "distance=10", "missing_max_share": 0.1}]},
-            "the condition distance=10 has no limit, because 'missing_max_share' applies to the complete drive",
-        ),
         ({"map": {"coverage_min": float("nan")}}, "a number >= 0"),
         ({"map": {"point_error_p95_m": float("inf")}}, "a number >= 0"),
         ({"completeness": {"missing_max_share": 5}}, "a fraction from 0 to 1"),

@@ -75,7 +75,8 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
             raise ConfigError(f"{entry_origin}: {error}") from error
         rest = {key: value for key, value in entry.items() if key != "condition"}
         of_entry = _limits_of(LimitSection.TRAJECTORY, rest, entry_origin, condition)
-        _check_condition_applies(of_entry, entry_origin, condition)
+        if not of_entry:
+            raise ConfigError(f"{entry_origin}: the condition {condition} has no limit: give a limit or omit the entry")
         limits += of_entry
     for section in LimitSection:
         if section is not LimitSection.TRAJECTORY:
@@ -88,17 +89,6 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     return Limits(
         limits=tuple(limits), minimum_count=minimum, minimum_independent=float(independent), data_set_sha256=hashes
     )
-
-
-def _check_condition_applies(limits: Sequence[Limit], origin: str, condition: str) -> None:
-    """Check that an entry has a limit to which its condition applies; ConfigError, which names the origin, if not."""
-    if any(item.condition is not None for item in limits):
-        return
-    problem = f"{origin}: the condition {condition} has no limit"
-    if limits:
-        names = ", ".join(f"'{item.name}'" for item in limits)
-        raise ConfigError(f"{problem}, because {names} applies to the complete drive: give it under 'completeness'")
-    raise ConfigError(f"{problem}: give a limit or omit the entry")
 
 
 def _data_set_in(content: Mapping[str, Any], origin: str) -> tuple[str, ...]:
