@@ -165,7 +165,7 @@ def test_a_point_at_or_behind_the_camera_has_no_disparity() -> None:
 
 
 @pytest.mark.clause("4.1.3", "4.2.3.1")
-def test_the_norm_of_mean_is_a_norm_of_means_and_sigma_a_norm_of_sigmas() -> None:
+def test_the_mean_of_vectors_is_a_norm_of_means_and_sigma_a_norm_of_sigmas() -> None:
     """Two opposite errors: the mean vector is zero, though each is 1 m long."""
     got = formulas.statistics(np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]))
     assert (got.n, got.mean, got.rmse, got.p50, got.max) == (2, 0.0, 1.0, 1.0, 1.0)

@@ -95,11 +95,3 @@ def unjudged_frames(
         f"sub-trajectory over {label_of(condition)}, and their errors are far above the judged errors: frames "
         f"{', '.join(parts[:NAMED_FRAMES])}{more}, counted from 0"
     )
-
-
-def largest_fraction_beyond(rows: Sequence[Figure]) -> Iterator[Figure]:
-    """Yield the row of the largest fraction of frames far above the judged errors, if there are sub-trajectories."""
-    fractions = [row for row in rows if row.figure == ERRORS_BEYOND and row.value is not None]
-    if fractions:
-        largest = max(fractions, key=lambda row: row.value or 0.0)
-        yield figure_row(ERRORS_BEYOND, n=largest.n, value=largest.value)

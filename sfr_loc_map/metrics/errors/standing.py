@@ -6,7 +6,7 @@ stop repeats sub-trajectories, because several of them begin at the same place.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -103,12 +103,3 @@ def turned_deg(poses: Poses, starts: IntArray, ends: IntArray, *, has_tilt: bool
 def least_turn(turns_deg: FloatArray, durations_s: FloatArray) -> float:
     """Return the rotation, deg, above which the rover counts as turning over a typical duration."""
     return max(TURN_DEG, least_by_rate(turns_deg, durations_s))
-
-
-def largest_standing_fraction(rows: Sequence[Figure]) -> Figure:
-    """Return the row of the largest fraction over the conditions; the fraction is unknown without sub-trajectories."""
-    fractions = [row for row in rows if row.figure == STANDING and row.value is not None]
-    if not fractions:
-        return figure_row(STANDING, n=0)
-    largest = max(fractions, key=lambda row: row.value or 0.0)
-    return figure_row(STANDING, n=largest.n, value=largest.value)

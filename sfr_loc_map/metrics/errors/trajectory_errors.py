@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -108,6 +108,15 @@ def error_rows(
         for kind in kinds:
             if not kind.is_of_all_readings:
                 yield error_row(kind, condition, reading, by_reading)
+
+
+def largest_fraction(rows: Sequence[Figure], figure: str) -> Figure | None:
+    """Return the row of the largest fraction of a figure over the conditions; None if no fraction is known."""
+    fractions = [row for row in rows if row.figure == figure and row.value is not None]
+    if not fractions:
+        return None
+    largest = max(fractions, key=lambda row: row.value or 0.0)
+    return figure_row(figure, n=largest.n, value=largest.value)
 
 
 def growth_rows(placed: PlacedFrames, spacing: int) -> Iterator[Figure]:

@@ -21,20 +21,16 @@ from sfr_loc_map.metrics.completeness.drive import drive_completeness
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.consistency import StepSums, nees_rows, sums_of_steps
-from sfr_loc_map.metrics.errors.other_frames import (
-    largest_fraction_beyond,
-    rows_of_other_frames,
-    to_other_frames,
-    unjudged_frames,
-)
+from sfr_loc_map.metrics.errors.other_frames import rows_of_other_frames, to_other_frames, unjudged_frames
 from sfr_loc_map.metrics.errors.plot_columns import path_rows, sub_trajectory_rows
-from sfr_loc_map.metrics.errors.standing import largest_standing_fraction, rows_of_moving
+from sfr_loc_map.metrics.errors.standing import rows_of_moving
 from sfr_loc_map.metrics.errors.three_sigma import confidence_rows
 from sfr_loc_map.metrics.errors.trajectory_errors import (
     error_figures,
     error_rows,
     errors_of,
     growth_rows,
+    largest_fraction,
     overlap_of,
     select,
 )
@@ -42,10 +38,11 @@ from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.placement import PlacedFrames, placed_frames
 from sfr_loc_map.metrics.frames.truth_error import truth_error_rows, turn_rows
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
+from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, STANDING
 from sfr_loc_map.metrics.table.details import ErrorRows, SubTrajectoryRows, TrajectoryDetails, column
 from sfr_loc_map.metrics.table.records import Association, TruthRecord
 from sfr_loc_map.metrics.table.results import TrajectoryResult
-from sfr_loc_map.metrics.table.rows import Figure
+from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 
 def score_trajectory(
@@ -81,8 +78,9 @@ def score_trajectory(
         for condition, each in judged.items()
     ]
     figures = [row for result in results for row in result.figures]
-    figures += largest_fraction_beyond(figures)
-    figures.append(largest_standing_fraction(figures))
+    if (beyond := largest_fraction(figures, ERRORS_BEYOND)) is not None:
+        figures.append(beyond)
+    figures.append(largest_fraction(figures, STANDING) or figure_row(STANDING, n=0))
     figures += growth_rows(placed, config.spacing)
     figures += truth_error_rows(placed.truth, interpolated_stamps(placed))
     figures += drive.rows

@@ -87,9 +87,9 @@ def attitude_interpolation_errors(truth: Truth, frames_ns: IntArray) -> FloatArr
     The error is 0 at the poses of the truth, and for a truth without attitudes. Without true roll and pitch, the error
     is that of the heading.
     """
-    rows = unique_rows(truth.stamps_ns)
-    if not truth.has_attitude:
+    if not truth.has_attitude or not len(frames_ns):
         return np.zeros(len(frames_ns))
+    rows = unique_rows(truth.stamps_ns)
     attitudes = unit_quats(truth.quats_xyzw[rows])
     if truth.has_tilt:
         steps_deg = np.degrees(rotvecs_from_quats(quat_multiply(quat_conjugate(attitudes[:-1]), attitudes[1:])))

@@ -71,8 +71,8 @@ def is_edited(text: str) -> bool:
 
     A text without a hash in its last line is edited.
     """
-    content, separator, sha256 = text.rpartition(HASH_OF_LINES)
-    return not separator or sha256 != _hash_line(content).removeprefix(HASH_OF_LINES)
+    content, _, _ = text.rpartition(HASH_OF_LINES)
+    return text != content + _hash_line(content)
 
 
 def _hash_line(content: str) -> str:

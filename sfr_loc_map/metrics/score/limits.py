@@ -58,7 +58,8 @@ class Terms(Record, frozen=True, kw_only=True):
 
     prob: float  #: Fraction of the errors that must be within the limit.
     confidence: float  #: Confidence with which this fraction must be proved.
-    #: Population of the fraction [4.1.4.2]: `temporal` (every drive), `ensemble` (of drives) or `mixed` (all errors).
+    #: Population of the fraction [4.1.4.2]: `temporal` (every drive), `ensemble` (the largest error of each drive) or
+    #: `mixed` (one drawn sub-trajectory of each drive).
     interpretation: Population
     normal: bool = False  #: Whether the limits file declares that errors are normal.
     good: float | None = None  #: Acceptable fraction of failures; if given, a sequential test judges the drives.

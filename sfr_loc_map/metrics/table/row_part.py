@@ -105,9 +105,9 @@ class RowPart(NamedTuple):
     @classmethod
     def text_of(cls, part: str | RowPart | None) -> str | None:
         """Return the text of a part that may already be a text, as written in a score."""
-        if part is None or isinstance(part, RowPart):
-            return None if part is None else part.text
-        return str(part)
+        if isinstance(part, RowPart):
+            return part.text
+        return None if part is None else str(part)
 
     @property
     def words(self) -> str:
