@@ -481,7 +481,9 @@ def _save_calls(path: PathLike, function: str, task: Task, result: Trajectory | 
     if not result.records:
         raise ConfigError(f"the result has no calls: to_stats() requires a result of {function}")
     methods = {} if result.method is None else {task: result.method}
-    save_stats(path_of(path), result.records, methods, result if isinstance(result, Trajectory) else None)
+    estimate = result if isinstance(result, Trajectory) else None
+    cloud = result if isinstance(result, PointCloud) else None
+    save_stats(path_of(path), result.records, methods, estimate, cloud=cloud)
 
 
 def _check_name(kind: str, name: object, known: Collection[str]) -> None:
