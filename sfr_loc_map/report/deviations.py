@@ -231,7 +231,8 @@ def _relaxed_limit(item: Verdict, score: Score) -> Iterator[str]:
     """Yield the relaxation of a default by a limit of the limits file."""
     strict = {kind.limit_name: kind.most for kind in SHORTFALLS if kind.most is not None}
     if item.name in strict and item.limit > strict[item.name]:
-        yield f"The limits allow {item.name} {item.limit:g}; the default is {exact_number(strict[item.name])}."
+        default = exact_number(strict[item.name])
+        yield f"The limits allow {item.name} {exact_number(item.limit)}; the default is {default}."
     usual_coverage = 1.0 - strict["pixels_without_point_max_share"]
     if item.name == COVERAGE_MIN and item.limit < usual_coverage:
         yield f"The limits require {item.name} {exact_number(item.limit)}; the default is {usual_coverage:g}."
