@@ -113,7 +113,7 @@ def _resident_pages(thread: int) -> int:
 
 def resident_bytes(process: int) -> int:
     """Return the resident memory of a process; 0 if it has ended."""
-    return _resident_pages(running_thread(process)) * PAGE_BYTES
+    return next(filter(None, map(_resident_pages, threads_of(process))), 0) * PAGE_BYTES
 
 
 def bytes_of_nameless_files(processes: Sequence[int], socket_bytes: int = 0) -> int:

@@ -106,6 +106,11 @@ def current_run() -> CommandRun:
     return _current.get(CommandRun())
 
 
+def command_line() -> str:
+    """Return the command line of the user, with `sfr` as its first word."""
+    return shlex.join(["sfr", *sys.argv[1:]])
+
+
 def propose(*words: str | Path, why: str = "") -> None:
     """Set the last line of the command: a command line, quoted unless it is one word.
 
@@ -113,7 +118,7 @@ def propose(*words: str | Path, why: str = "") -> None:
     """
     line = str(words[0]) if len(words) == 1 else shlex.join(map(str, words))
     if line.startswith("..."):
-        line = shlex.join(["sfr", *sys.argv[1:]]) + line[3:]
+        line = command_line() + line[3:]
     current_run().next_line = f"{line}    # {why}" if why else line
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 from typer import Context, Option
 
-from sfr_loc_map.cli.app import app, examples
+from sfr_loc_map.cli.app import app, command_line, examples
 from sfr_loc_map.cli.options import (
     ConfigOption,
     JsonOption,
@@ -86,7 +84,7 @@ def check(
         refuse_given(context, of_drives, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
     settings = {**how.changed_reading, "check.conditions": [item.setting for item in conditions], "check.pairs": pairs}
     named = {name: path for path, name in names_of_estimates(estimate or ()).items()}
-    made = provenance_of_source(opened, named, shlex.join(["sfr", *sys.argv[1:]]), settings)
+    made = provenance_of_source(opened, named, command_line(), settings)
     with naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("checking", total=calls_of_check(opened, pairs))
         found = check_recording(opened, how.configuration, conditions, pairs, others, lambda: bar.advance(task))

@@ -9,7 +9,14 @@ from typer import Context, Option
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.former import FormerArgument, check_live
 from sfr_loc_map.cli.live_option import PortOption, require_live
-from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, RosRemapOption, refuse_given, require_ros
+from sfr_loc_map.cli.options import (
+    GraphConfigOption,
+    NamespaceOption,
+    RosRemapOption,
+    option_names,
+    refuse_given,
+    require_ros,
+)
 from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import InterruptedRunError
@@ -63,7 +70,7 @@ def live(
     if not terminal:
         require_live()
     values = {"host": host, "port": port, "token": token}
-    page = build(LiveConfig, values, origin="", called={name: f"--{name}" for name in values})
+    page = build(LiveConfig, values, origin="", called=option_names(context))
     remaps = list(remap or ())
     if config is not None:
         remaps += remaps_of(SourceConfig.of(Configuration.read(config)))

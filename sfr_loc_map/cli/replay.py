@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
-import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Context, Option
 
-from sfr_loc_map.cli.app import app, examples, propose, propose_page
+from sfr_loc_map.cli.app import app, command_line, examples, propose, propose_page
 from sfr_loc_map.cli.live_option import LiveOption, PortOption, live_page
 from sfr_loc_map.cli.options import (
     CONVENTION,
@@ -273,12 +271,7 @@ def _replayed(source: Source, options: ReplayOptions, files: ReplayFiles | None)
                 bar.console.print(printable(text), highlight=False, markup=False)
 
         return replay_and_score(
-            source,
-            options,
-            files,
-            command=shlex.join(["sfr", *sys.argv[1:]]),
-            progress=lambda rig: bar.advance(shown[rig]),
-            say=show_line,
+            source, options, files, command=command_line(), progress=lambda rig: bar.advance(shown[rig]), say=show_line
         )
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from typer import Argument, Context, Option
 
-from sfr_loc_map.cli.app import app, current_run, examples, propose, propose_page
+from sfr_loc_map.cli.app import app, command_line, current_run, examples, propose, propose_page
 from sfr_loc_map.cli.options import (
     ASSOCIATION,
     CLOUDS,
@@ -327,7 +325,7 @@ def _scored(inputs: ScoreInputs, request: ScoreRequest, outputs: _Outputs, fused
     """Read the files, score the run and write the outputs; return the score."""
     from sfr_loc_map.scoring.load import load_run
 
-    loaded = load_run(inputs, fused, command=shlex.join(["sfr", *sys.argv[1:]]))
+    loaded = load_run(inputs, fused, command=command_line())
     for note in () if loaded.drive is None else loaded.drive.notes:
         say(note, err=True)
     if outputs.points is not None and (loaded.cloud is None or loaded.cloud.loaded.cloud is None):

@@ -113,12 +113,13 @@ def results_of_probabilities(probabilities: Sequence[float | None]) -> tuple[Che
 
     The significance is divided by the number of known probabilities (Bonferroni).
     """
-    is_known = [value is not None and math.isfinite(value) for value in probabilities]
+    known = [None if value is None or not math.isfinite(value) else value for value in probabilities]
+    count = sum(value is not None for value in known)
     results = []
-    for value in probabilities:
-        if value is None or not math.isfinite(value):
+    for value in known:
+        if value is None:
             results.append(CheckResult.NOT_ENOUGH_DATA)
-        elif value * sum(is_known) < SIGNIFICANCE:
+        elif value * count < SIGNIFICANCE:
             results.append(CheckResult.INCONSISTENT)
         else:
             results.append(CheckResult.CONSISTENT)

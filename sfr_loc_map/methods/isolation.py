@@ -120,10 +120,10 @@ def _passed_paths(name: str, value: str) -> list[str]:
     """
     existing = dict.fromkeys(os.path.normpath(path) for path in _paths_in(value) if os.path.exists(path))
     installed = [path for path in existing if _is_installed(path)]
-    passed = installed[:MOST_PATHS]
+    passed = set(installed[:MOST_PATHS])
     if name in PERMITTING:
-        passed += [path for path in existing if path not in installed]
-    return sorted(passed, key=list(existing).index)
+        passed |= existing.keys() - set(installed)
+    return [path for path in existing if path in passed]
 
 
 def _paths_in(value: str) -> list[str]:

@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict, is_closed, open_requirements
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.report.deviations import each_deviation
+from sfr_loc_map.report.deviations import Deviation, each_deviation
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 from sfr_loc_map.tables.formats import csv_text
 
@@ -57,8 +57,9 @@ def control_csv(scores: Mapping[str, Score], report: str = "") -> str:
     writer.writeheader()
     for name, score in scores.items():
         evidence = f"{report}, {name}" if report else name
+        deviations = list(each_deviation(score))
         for index, view in enumerate(verdict_views(score)):
-            remarks = [*_remarks(view, score, common, open_ids), *_deviations(view, score, is_first=index == 0)]
+            remarks = [*_remarks(view, score, common, open_ids), *_deviations(view, deviations, is_first=index == 0)]
             is_open = not is_closed(view.item, score, common, open_ids)
             writer.writerow(_row(view, score, evidence, remarks, is_open=is_open))
     return buffer.getvalue()
@@ -113,9 +114,9 @@ def _remarks(view: VerdictView, score: Score, common: Common, open_ids: Collecti
         yield f"{view.reason or score.contradiction or score.incomplete or view.item.state.value}."
 
 
-def _deviations(view: VerdictView, score: Score, *, is_first: bool) -> Iterator[str]:
+def _deviations(view: VerdictView, deviations: Sequence[Deviation], *, is_first: bool) -> Iterator[str]:
     """Yield the deviations of a row; the first row of a score has those of the complete score, too."""
     if is_first:
-        of_score = [deviation.text for deviation in each_deviation(score) if deviation.verdict is None]
+        of_score = [deviation.text for deviation in deviations if deviation.verdict is None]
         yield from (["All rows of this score:", *of_score] if of_score else [])
-    yield from (deviation.text for deviation in each_deviation(score) if deviation.verdict is view.item)
+    yield from (deviation.text for deviation in deviations if deviation.verdict is view.item)

@@ -10,6 +10,7 @@ from sfr_loc_map.configuration.parameters import param
 
 MAX_CRATER_DENSITY = 0.057
 """Largest density of craters, 1/m^2. At 1 / (0.75 * 4.8^2) = 0.058, every cell of a size class has its one crater."""
+MAX_DRIVE_PAIRS = 1_000_000  #: Largest number of pairs of a drive.
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +159,7 @@ class DriveConfig:
     speed_m_s: float = param(0.15, unit="m/s", doc="Speed along straight lines and arcs.", low=0.001, high=100.0)
     turn_rate_deg_s: float = param(4.0, unit="deg/s", doc="Angular rate of point turns.", low=0.01, high=360.0)
     period_s: float = param(0.5, unit="s", doc="Time between two pairs.", low=0.001, high=3600.0)
-    pairs: int = param(0, doc="Largest number of pairs; 0 for no limit.", low=0, high=1_000_000)
+    pairs: int = param(0, doc="Largest number of pairs; 0 for no limit.", low=0, high=MAX_DRIVE_PAIRS)
     slip: float = param(0.08, doc="Mean wheel slip; the slip varies along the path.", low=0.0, high=0.9)
     sway_m: float = param(0.01, unit="m", doc="Standard deviation of the sideways drift.", low=0.0, high=10.0)
     sway_deg: float = param(0.8, unit="deg", doc="Standard deviation of the heading error.", low=0.0, high=45.0)

@@ -16,7 +16,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.config import MAX_DRIVE_PAIRS, SimulationConfig
 from sfr_loc_map.simulation.drive import STEP_S, VIBRATION_HZ, Drive, legs_of, states_of
 from sfr_loc_map.simulation.noise import Stream
 from sfr_loc_map.simulation.rover import SPACING_M, rig_extrinsics, settle_on_terrain
@@ -24,7 +24,6 @@ from sfr_loc_map.simulation.terrain import Terrain
 from sfr_loc_map.suite_names import Task
 
 PATH_STEP_M = 0.3  #: Distance between path points, around which ground and rocks are generated.
-MAX_PAIRS = 1_000_000  #: Largest number of pairs of a drive, as of the setting `drive.pairs`.
 MAX_PANORAMA_PAIRS = 3  #: Largest number of pairs of a panorama, from which one map is made [1.3].
 
 
@@ -57,10 +56,10 @@ class Plan:
         origins, rotations = settle_on_terrain(terrain, *states.T[:3])
         vibration = rng.normal(size=(int(times[-1] * VIBRATION_HZ) + 3, 4))
         drive = Drive(times, origins, rotations, states[:, 3], vibration, config.drive)
-        if drive.count > MAX_PAIRS:
+        if drive.count > MAX_DRIVE_PAIRS:
             raise ConfigError(
-                f"the drive has {drive.count} pairs: at most {MAX_PAIRS} are allowed; increase drive.period_s, or set "
-                "drive.pairs"
+                f"the drive has {drive.count} pairs: at most {MAX_DRIVE_PAIRS} are allowed; increase drive.period_s, "
+                "or set drive.pairs"
             )
         start = drive.pose(0.0)
         x, y = start.translation[:2]

@@ -6,7 +6,7 @@ left/1700000000123456789.png    right/1700000000123456789.png     or cam0/ and c
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -44,8 +44,8 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
             f"'{path}' has images in {folders[0].name}/ and {folders[1].name}/ but no calibration: sfr init DIR --from "
             f"'{path}' --calibration FILE (Kalibr, OpenCV, ROS, COLMAP, EuRoC, ORB-SLAM or rig.json)"
         )
-    left, right = (_by_stamp(folder) for folder in folders)
-    if (unit := _unit_of_names(_images(folders[0]))) != "ns":
+    (left, unit), (right, _) = (_by_stamp(folder) for folder in folders)
+    if unit != "ns":
         _log.warning(f"'{path}': the names of the images are read as stamps in {UNIT_WORDS[TIMES[unit]]}")
     pairs = stereo_pairs(sorted(left), sorted(right), config.sync, f"'{path}'")
     entries = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in pairs.items()]
@@ -91,13 +91,16 @@ def _images(folder: Path) -> list[Path]:
     return sorted(file for file in files if suffix_of(file) in IMAGE_ENDINGS and not file.name.startswith("."))
 
 
-def _by_stamp(folder: Path) -> dict[int, Path]:
-    """Return the images of a folder by stamp, ns, which is given by the file name."""
+def _by_stamp(folder: Path) -> tuple[dict[int, Path], str]:
+    """Return the images of a folder by stamp, ns, which the file name states, and the unit of the names.
+
+    The unit is inferred from the magnitude of the numbers.
+    """
     files = _images(folder)
     wrong = [file.name for file in files if not (file.stem.isascii() and file.stem.replace(".", "", 1).isdecimal())]
     stems = sorted((file.stem for file in files), key=lambda stem: (len(stem.partition(".")[0]), stem))
     check_padded(stems, f"images of '{folder}'")
-    unit = "" if wrong else _unit_of_names(files)
+    unit = "" if wrong else time_unit(stems, is_seconds=False)
     if not unit:
         shown = wrong[0] if wrong else ", ".join(stems[:3])
         raise InputError(
@@ -112,13 +115,7 @@ def _by_stamp(folder: Path) -> dict[int, Path]:
             raise InputError(f"'{file}' and '{by_stamp[stamp_ns].name}' have the same stamp: remove one of them")
         by_stamp[stamp_ns] = file
     _check_one_clock(by_stamp)
-    return by_stamp
-
-
-def _unit_of_names(files: Sequence[Path]) -> str:
-    """Return the unit of the stamps in the names of images, inferred from their magnitude; empty if ambiguous."""
-    stems = sorted((file.stem for file in files), key=lambda stem: (len(stem.partition(".")[0]), stem))
-    return time_unit(stems, is_seconds=False)
+    return by_stamp, unit
 
 
 def _check_one_clock(by_stamp: Mapping[int, Path]) -> None:

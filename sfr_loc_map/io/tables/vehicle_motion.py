@@ -18,9 +18,9 @@ LARGEST_DEG = 180.0  #: Largest longitude, deg.
 KILOMETRE_DEG = 0.01  #: One kilometre on the ground, deg of latitude.
 FAR_EXTENTS = 1000.0  #: Smallest distance from the origin of a path in degrees, as a multiple of its extent.
 LEVEL_IN_OTHER = 0.9  #: Smallest fraction of level poses of a vehicle in the other order of quaternions.
-LEVEL_AS_READ = (
-    0.5  #: The same in the order of the header or the layout, which is smaller, because this order is stated.
-)
+LEVEL_AS_READ = 0.5
+"""Smallest fraction of level poses of a vehicle in the order of the header or the layout. It is smaller than
+`LEVEL_IN_OTHER`, because this order is stated."""
 
 
 def problem_of_order(positions: FloatArray, quats_xyzw: FloatArray, other_xyzw: FloatArray) -> str:

@@ -42,24 +42,24 @@ def check_plan(store: Store) -> list[str]:
     jobs, refusals = make_plan(specification, FactsCache(store.cache).facts_of, store.cache)
     planned = {refusal.path for refusal in store.planned_refusals}
     unread = [refusal.path for refusal in refusals if refusal.path not in planned]
+    folder = store.suite_file.parent
     for entry in unread:
-        if not any(_is_of_entry(job, entry, store) for job in store.jobs):
+        if not any(_is_of_entry(job, entry, store.cache, folder) for job in store.jobs):
             raise _differs(store, f"the source '{entry}' is missing in the plan")
-    gone = _check_jobs(store, jobs, unread)
+    gone = _check_jobs(store, jobs, unread, folder)
     return [f"The plan was not compared with '{entry}', which cannot be read now." for entry in gone]
 
 
-def _is_of_entry(job: Job, entry: str, store: Store) -> bool:
-    """Return whether a job is of an entry of `sources`: the name, path, glob or URL of a source."""
+def _is_of_entry(job: Job, entry: str, cache: Path, folder: Path) -> bool:
+    """Return whether a job is of an entry of `sources`: the name, path in the folder, glob or URL of a source."""
     path = Path(job.source.path)
     if "://" in entry:  # a remote source was copied to the cache, with the name of its file
-        return store.cache.absolute() in path.parents and fnmatch(path.name, last_part(entry))
-    folder = store.folder if store.suite_file is None else store.suite_file.parent
+        return cache.absolute() in path.parents and fnmatch(path.name, last_part(entry))
     names = (job.source.name, *job.source.identical, job.source.path)
     return entry in names or fnmatch(job.source.path, pattern_in(folder, entry))
 
 
-def _check_jobs(store: Store, jobs: Collection[Job], unread: Collection[str]) -> list[str]:
+def _check_jobs(store: Store, jobs: Collection[Job], unread: Collection[str], folder: Path) -> list[str]:
     """Return the sources of stored jobs that cannot be read now; their jobs are not compared.
 
     Raise InputError if the other stored jobs differ from the jobs of the suite's file.
@@ -74,7 +74,7 @@ def _check_jobs(store: Store, jobs: Collection[Job], unread: Collection[str]) ->
     for identity, job in stored.items():
         if identity in made:
             continue
-        is_unread = any(_is_of_entry(job, entry, store) for entry in unread)
+        is_unread = any(_is_of_entry(job, entry, store.cache, folder) for entry in unread)
         if Path(job.source.path).exists() and not is_unread:
             raise _differs(store, f"the job '{job.label}' is not a job of the suite")
         gone[job.source.path] = None

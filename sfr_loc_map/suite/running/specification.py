@@ -107,7 +107,8 @@ def load_specification(path: Path | str) -> SuiteSpecification:
     lists = {name: _list_in(content, name, path) for name in LISTS}
     budget = parse_budget(content.pop("budget"), str(path)) if "budget" in content else ()
     configurations = content.pop("configurations", None)
-    has_limits, limits_value = "limits" in content, content.pop("limits", None)
+    has_limits = "limits" in content
+    limits_value = content.pop("limits", None)
     stated_limits = _stated_limits(limits_value, path) if has_limits else {}
     settings = build(SuiteSettings, content, origin=str(path))
     if not lists["sources"]:

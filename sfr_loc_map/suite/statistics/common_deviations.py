@@ -51,7 +51,7 @@ def _several_items(results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
     """Yield a deviation that names the items under test if the suite does not declare all of them."""
     if items := undeclared_items_in(results):
         text = f"The results come from several items under test or configurations: {', '.join(items)}."
-        yield CommonDeviation(text=text, results=len(results), of="all results")
+        yield from deviations_of_all([text], results)
 
 
 def deviations_of_all(sentences: Sequence[str], results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
