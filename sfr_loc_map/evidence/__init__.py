@@ -15,5 +15,5 @@
 
 Each of these modules returns its figures as rows of the table of figures. `kinds` lists the kinds of evidence, with the
 statistic of each, what it shows and what it hides. `check_result` defines the results (`CheckResult`) and how they are
-combined.
+combined. `derived_results` derives the results of a stored check again from its figures.
 """

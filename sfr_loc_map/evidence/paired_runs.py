@@ -69,7 +69,7 @@ class RunAtPairs:
 
 
 class PairedRuns(NamedTuple):
-    """Two runs at their common pairs, in the order of the recording; `ours` is a forward run."""
+    """Two runs at their common pairs, in the order of the recording; `ours` is not the backward run."""
 
     ours: RunAtPairs
     theirs: RunAtPairs
@@ -104,7 +104,10 @@ class PairedRuns(NamedTuple):
 
 
 def paired(first: ComparedRun, other: ComparedRun) -> PairedRuns:
-    """Return two runs at the pairs that both have, by exactly equal stamps of the pairs. The first run is forward."""
+    """Return two runs at the pairs that both have, by exactly equal stamps of the pairs.
+
+    The first run is not the backward run.
+    """
     ours, theirs = (run.own_stamps(run.estimates.trajectory.stamps_ns) for run in (first, other))
     _, rows, other_rows = np.intersect1d(ours, theirs, return_indices=True)
     return PairedRuns(

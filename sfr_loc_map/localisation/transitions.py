@@ -6,7 +6,7 @@
 | `set_pose` | `given` | path (pending pose; before the first pair, also datum and errors) |
 | keyframe of the previous call is finished | `with_keyframe` | path (pose, errors, last past pose), map, calibration, |
 | | | recovery images, memory of the ground (pose of the earlier image) |
-| its adjustment diverged | `without_map` | no map, calibration starts again, `has_diverged` |
+| its adjustment was singular or diverged | `without_map` | no map, calibration starts again, `has_diverged` |
 | a pair arrives | `arrived` | path (stamps), image memory, memory of the ground (stale rows) |
 | pair accepted | `accepted` | all but `clean_from_keyframe`, `has_diverged` and the image memory |
 | pair refused because of its pose | `refused` | memory of the ground, only if it outlasts the refusal |

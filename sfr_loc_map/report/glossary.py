@@ -37,7 +37,8 @@ TERMS: Mapping[str, str] = {
     "time": "duration of a call of the localiser or mapper, without transport and queueing",
     "first call": "reported separately, because it may include one-time initialisation",
     "peak memory": "largest resident memory of the process during a call",
-    "above the idle process": "peak memory minus the resident memory between start and first call",
+    "above the idle process": "peak memory minus the memory that was resident before the item under test "
+    "began its work",
     "value": "with a limit, the statistic to which the limit applies; otherwise the single number of a figure, such "
     "as a count, a fraction or a peak",
     "limit": "bound of the value from the limits file: for coverage a lower bound, otherwise an upper bound",

@@ -1,4 +1,4 @@
-"""Refusal of calls that belong to another estimate, cloud or source, or to several methods."""
+"""Comparison of calls with the estimate, cloud and images of their score; refusal of calls of several methods."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from sfr_loc_map.suite_names import Task
 Identity = tuple[str, str | None, str | None]  #: Name, version and SHA-256 of a method.
 SAME_POSITION_M = 0.002  #: Tolerance, m, for equal positions that were each rounded to 1 mm.
 SAME_ATTITUDE_DEG = 0.12  #: Tolerance, deg, for equal attitudes whose quaternions were rounded to 3 decimals.
-EXACT_M = EXACT_DEG = 1e-6  #: Differences up to this size are due to the conversion between file formats, m and deg.
+EXACT_M = 1e-6  #: Differences of positions up to this size, m, are due to the conversion between file formats.
+EXACT_DEG = 1e-6  #: Differences of attitudes up to this size, deg, are due to the conversion between file formats.
 CHECKED_PAIRS = 20  #: Number of pairs of a drive, the first of the run, whose images are compared with the source.
 
 

@@ -23,7 +23,7 @@ def read_cloud(
 ) -> tuple[CloudToScore | None, IntArray | None]:
     """Return a cloud from a file or memory, with the truth of its pairs, and the stamps of all pairs of the source.
 
-    InputError if the calls `stats` of files made another cloud, or were made on other images.
+    InputError if the calls `stats` of files made another cloud; a caveat if they were made on other images.
     """
     if inputs.map_truth is None or (inputs.cloud or given) is None:
         return None, None

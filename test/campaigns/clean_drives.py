@@ -3,7 +3,7 @@
 Drives of the scenarios in config/simulation are rendered with consecutive seeds and small images, so that a drive
 takes seconds, and checked without their truth. An inconsistent result is a false alarm. The last lines are the number
 of false alarms with its 95 % interval, and the rank correlation of the lower bound of the error with the true error.
-Rendered drives are kept in the folder and used again. The results are in docs/measurements.md.
+Rendered drives are kept in the folder and used again.
 """
 
 from __future__ import annotations

@@ -674,8 +674,7 @@ from numba.core.registry import CPUDispatcher
 import sfr_loc_map.localisation as package
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, loc_pair, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
-from sfr_loc_map.localisation.candidate import Candidate, CorrectedTracks
-from sfr_loc_map.localisation.config import TRACKED_LANDMARKS, LocalisationConfig
+from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 
 names = [info.name for info in pkgutil.walk_packages(package.__path__, package.__name__ + ".")]

@@ -5,7 +5,7 @@
 | pose | applies at |
 |---|---|
 | without a stamp | the next pair, even if that pair is refused |
-| start pose up to `MAX_START_AHEAD_NS` after the first pair | its stamp; until then, also from the first pair on |
+| start pose up to `MAX_START_AHEAD_NS` after the first pair | the first pair, and again its stamp if it is later |
 | pose set later, up to `MAX_AHEAD_NS` after the next pair | its stamp |
 | with a still later stamp, which indicates a different clock | the next pair |
 

@@ -341,9 +341,9 @@ def _step_beyond_slope(outer: OuterHeights, row: int, column: int, footprint: In
     """Return the step of a cell without a plane; NaN without heights.
 
     The slope of the ground is unknown. Any slope that is not a hazard explains at most the height difference `max_rise`
-    times the distance, in cells, between the cell and another cell of the footprint. Within the cell, the slope
-    explains at most `max_rise`. The step is the largest rest of a difference, so that an isolated obstacle is a hazard
-    even if its sides are not observed.
+    times the distance, in cells, between the cell and another cell of the footprint. The height
+    difference within the cell is not reduced. The step is the largest rest of a difference, so that an isolated
+    obstacle is a hazard even if its sides are not observed.
     """
     rows, columns = outer.low.shape
     low = outer.low[row, column]
