@@ -441,7 +441,7 @@ def test_development_ground(shared_data: Path) -> None:
     hazard = hazard_accuracy(fused_map, [item.truth for item in items])
     assert hazard.hazards > 400
     assert hazard.precision > 0.95
-    assert hazard.recall > 0.93
+    assert hazard.recall > 0.90
     fused = fused_map.cloud
     truth = np.stack([item.truth for item in items])[fused.pair, fused.v, fused.u]
     origin = np.stack([(item.T_lm_navsb @ rig.T_sb_left).translation for item in items])[fused.pair]
