@@ -150,8 +150,8 @@ def test_images_outside_of_an_interpolated_truth_are_not_judged(images_known: bo
 
 
 def test_one_hole_longer_than_a_condition_is_named_whatever_its_share() -> None:
-    long = straight(last=100_001)
-    keep = np.ones(100_001, np.bool_)
+    long = straight(last=30_001)
+    keep = np.ones(30_001, np.bool_)
     keep[5000:5250] = False
     holed = Trajectory(long.stamps_ns[keep], long.positions[keep], long.quats_xyzw[keep])
     for images in (None, long):
@@ -177,8 +177,8 @@ def test_one_hole_longer_than_a_condition_is_named_whatever_its_share() -> None:
 )
 def test_a_gap_hides_a_combined_condition_if_it_is_longer_in_each_part(condition: str, is_hidden: bool) -> None:
     """A gap of 2.51 m and 25.1 s."""
-    long = straight(last=100_001)
-    keep = np.ones(100_001, np.bool_)
+    long = straight(last=30_001)
+    keep = np.ones(30_001, np.bool_)
     keep[5000:5250] = False
     holed = Trajectory(long.stamps_ns[keep], long.positions[keep], long.quats_xyzw[keep])
     for images in (None, long):
