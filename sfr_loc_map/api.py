@@ -276,7 +276,7 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
     run = load_run(replace(inputs, config=how, limits=by.limits_file), fused, in_memory)
     if run.drive is not None:
         _warn(*run.drive.notes)
-    scored = request.score(request.converted(run))
+    scored = request.scored(run).score
     _warn(*unmet_conditions(scored, by.asked).values())
     return api_types.Score.of(scored)
 

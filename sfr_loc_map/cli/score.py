@@ -49,8 +49,8 @@ from sfr_loc_map.suffixes import HTML_SUFFIXES
 if TYPE_CHECKING:
     from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.metrics.score.score import Score
-    from sfr_loc_map.scoring.inputs import Run, ScoreInputs
-    from sfr_loc_map.scoring.request import ScoreRequest
+    from sfr_loc_map.scoring.inputs import ScoreInputs
+    from sfr_loc_map.scoring.request import ScoredRun, ScoreRequest
 
 
 TABLE_SUFFIXES = (".parquet", ".csv")
@@ -299,25 +299,24 @@ class _Outputs(NamedTuple):
             check_suffix(table, TABLE_SUFFIXES)
         check_outputs(*self, inputs=inputs, overwrite=overwrite)
 
-    def write(self, result: Score, run: Run, request: ScoreRequest) -> None:
+    def write(self, scored: ScoredRun) -> None:
         """Print the score, and write all requested files."""
         from sfr_loc_map.io.tables.table_file import save_table
         from sfr_loc_map.metrics.errors.point_errors import points_table
         from sfr_loc_map.metrics.errors.trajectory_score import sub_trajectory_table
-        from sfr_loc_map.scoring.assembly import with_conditions
 
-        present(result, self.json, self.html)
+        present(scored.score, self.json, self.html)
         if self.junit is not None:
             with secondary_output():
-                write_junit([result], self.junit)
-        if self.points is not None and run.cloud is not None and run.cloud.loaded.cloud is not None:
+                write_junit([scored.score], self.junit)
+        made, drive = scored.run.cloud, scored.run.drive
+        if self.points is not None and made is not None and made.loaded.cloud is not None:
             with secondary_output():
-                save_table(self.points, points_table(run.cloud.loaded.cloud, run.cloud.truths))
-        if self.pieces is not None and run.drive is not None:
-            config = with_conditions(request.config, request.limits).trajectory
+                save_table(self.points, points_table(made.loaded.cloud, made.truths))
+        if self.pieces is not None and drive is not None:
+            settings = scored.config.trajectory
             with secondary_output():
-                drive = run.drive
-                table = sub_trajectory_table(drive.estimates, drive.truth, config, drive.image_stamps_ns)
+                table = sub_trajectory_table(drive.estimates, drive.truth, settings, drive.image_stamps_ns)
                 save_table(self.pieces, table)
 
 
@@ -330,10 +329,9 @@ def _scored(inputs: ScoreInputs, request: ScoreRequest, outputs: _Outputs, fused
         say(note, err=True)
     if outputs.points is not None and (loaded.cloud is None or loaded.cloud.loaded.cloud is None):
         raise ConfigError("'--points' writes errors of map points: give a cloud with the pixel and pair of each point")
-    run = request.converted(loaded)
-    result = request.score(run)
-    outputs.write(result, run, request)
-    return result
+    scored = request.scored(loaded)
+    outputs.write(scored)
+    return scored.score
 
 
 def _propose_next(context: Context, result: Score) -> None:

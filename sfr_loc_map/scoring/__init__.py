@@ -18,7 +18,7 @@ order of their use:
 - score: `score_parts` scores the trajectory, the map and the calls of a run. `assembly` combines these parts into a
   score with verdicts and warnings. `provenance` collects the hashes of the files, the settings and facts of the host.
 - entry points: `score_run` scores a finished run, and `live` a run in progress from its messages. `request` takes the
-  options of a user by name, and converts and scores a run with these options.
+  options of a user by name, and converts and scores a run with these options (`ScoreRequest.scored`).
 """
 
 import lazy_loader

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from sfr_loc_map.metrics.config import (
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.scoring.assembly import with_conditions
 from sfr_loc_map.scoring.conversion import converted_run
 from sfr_loc_map.scoring.inputs import Correction, Run
 from sfr_loc_map.scoring.score_run import score_run
@@ -37,6 +38,14 @@ SETTINGS = {
     "rpe_delta": "rpe_delta",
 }
 """The argument of `ScoreRequest.of` by the name of the setting that the argument gives."""
+
+
+class ScoredRun(NamedTuple):
+    """A score and what it was computed from."""
+
+    score: Score
+    run: Run  #: The run with poses of RB in DS.
+    config: ScoreConfig  #: Settings, including the conditions that only the limits name.
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,13 +107,14 @@ class ScoreRequest:
             Correction(PoseConvention.parse(convention), apply_diagnosis),
         )
 
-    def converted(self, run: Run) -> Run:
-        """Return a run with its estimate converted to poses of RB in DS."""
-        return converted_run(run, self.config, self.correction)
+    def scored(self, loaded: Run) -> ScoredRun:
+        """Return a run as loaded, converted to poses of RB in DS and scored.
 
-    def score(self, run: Run) -> Score:
-        """Return the score of a converted run."""
-        return score_run(run, self.config, self.limits, self.aligned)
+        Raises MetricsError and InputError as `converted_run` and `score_run` do.
+        """
+        run = converted_run(loaded, self.config, self.correction)
+        score = score_run(run, self.config, self.limits, self.aligned)
+        return ScoredRun(score, run, with_conditions(self.config, self.limits))
 
 
 def _interval(scored_range: object, name: str) -> tuple[object, object]:

@@ -52,7 +52,8 @@ def score_run(
         map=_map_part(run, config),
         calls=calls_result(run, expected_calls(run)),
     )
-    return score_of_parts(run, parts, provenance_of(run), config, limits)
+    provenance = provenance_of(run)  # after the parts: refuses files that were changed while they were scored
+    return score_of_parts(run, parts, provenance, config, limits)
 
 
 def _convention_finding(run: Run, config: ScoreConfig) -> ConventionFinding | None:
