@@ -21,8 +21,8 @@ from sfr_loc_map import api_types
 from sfr_loc_map.api_types import PathLike, path_of, wrong_type
 from sfr_loc_map.calls.call_findings import findings_of_records
 from sfr_loc_map.calls.call_record import CallRecord, tracking_warning
-from sfr_loc_map.calls.call_rows import stats_of
 from sfr_loc_map.calls.call_stats import CallStats
+from sfr_loc_map.calls.growing_calls import stats_of
 from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError, naming

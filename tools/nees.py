@@ -22,7 +22,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from sfr_loc_map.calls.call_poses import estimates_of
-from sfr_loc_map.calls.call_rows import stats_of
+from sfr_loc_map.calls.growing_calls import stats_of
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.io.registry import open_source

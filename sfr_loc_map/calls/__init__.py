@@ -1,11 +1,23 @@
 """The calls of a localiser or mapper: state, cost and statistics of each call of `process`.
 
-The record of a call has three forms (`CallRecord` lists the fields that only the first form has):
+A call has three forms. The record of one call (`call_record`) is also published as JSON on `<node>/call`. The file of
+the calls of a run (`call_files`) has a row for each call. The calls in memory (`call_stats`) are columns, from a file
+or from records that are added one by one (`growing_calls`); scores read this form.
 
-    CallRecord (`call_record`)        one call; as JSON on the topic `<node>/call` (`encode_call`, `decode_call`)
-    stats.csv (`call_files`)          one row for each call (`save_stats`, `load_call_stats`)
-    CallStats (`call_stats`)          the calls of a run as columns, from a file or from records (`call_rows`); scores
-                                      read this form
+| `CallRecord` and JSON | stats.csv | `CallStats` |
+|---|---|---|
+| `stamp_ns`, `state` | the same | `calls` |
+| `processing_time_s` (JSON: 0 if unknown) | the same (0 is read as unknown) | `calls.seconds` (NaN if unknown) |
+| `peak_rss_bytes`, `above_idle_bytes` | the same, and `memory_method` | `calls` |
+| `statistics` | a column for each | `calls.stage_s`, `processes` |
+| `covariance` `(6, 6)` | `COVARIANCE_NAMES` (upper triangle) | `covariance` (upper triangle) |
+| `step` | `STEP_NAMES` | `steps` |
+| `finding` | the same | `findings`, counted by their kind |
+| `images_sha256` | the same | `identity`, only from a file |
+| `reason` | the same | |
+| `task` | follows from `state` | follows from `state` |
+| `pair_stamps_ns`, `fused`, `times`, `counts`, `version` | | |
+| | method, pose, `cloud_sha256`, `replay_rate` | `methods`, `identity` |
 
 `run_identity` identifies the run of calls by its poses, images, cloud and rate, so that a score detects calls of
 another run. `call_poses` assigns the states, covariances and steps of calls to the poses of their run.

@@ -1,17 +1,16 @@
-"""The CSV file of the calls of a run, one row for each call (`--stats`): written from records, read as columns.
+"""The CSV file of the calls of a run (`--stats`): written from records, read as columns.
 
-The columns are in this order. A file has only the groups for which a call has a value; a missing value is empty.
+A row is a call or, if it has a `finding_count`, a finding on an external node in a replay that belongs to no call. The
+stamp of such a finding is that of the first error. The columns are in this order. A file has only the groups for which
+a row has a value; a missing value is empty.
 
-    CALL_NAMES, MEMORY_METHOD         stamp, time, state, reason, memory
+    CALL_NAMES, MEMORY_METHOD         stamp, time, state, reason, memory; in all files
     METHOD_NAMES, FINDING             method of the task, and its error in the call
     FINDING_TASK, FINDING_COUNT       task and number of errors that belong to no call
-    POSITION_NAMES, ATTITUDE_NAMES    estimated pose
-    IMAGES, CLOUD, REPLAY_RATE        images of the call; cloud and rate of the run
+    POSE_NAMES                        estimated pose
+    IMAGES, CLOUD, RATE               images of the call; cloud and rate of the run
     statistics                        statistics of the calls by name, sorted
     COVARIANCE_NAMES, STEP_NAMES      covariance of the pose; step from the previous pose
-
-A row with a count of errors is no call. Such a row states a finding on an external node in a replay, with the stamp of
-the first error.
 """
 
 from __future__ import annotations
@@ -20,18 +19,17 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.calls.call_findings import findings_of
-from sfr_loc_map.calls.call_record import CallRecord, bounded, check_uncertainty
+from sfr_loc_map.calls.call_record import UNKNOWN_TIME_S, CallRecord, bounded, check_uncertainty
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.calls.run_identity import POSE_SIZE, RunIdentity, hash_of_cloud, poses_by_stamp
 from sfr_loc_map.errors import InputError
@@ -41,11 +39,17 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_table_text, refusing
 from sfr_loc_map.io.tables.number_text import is_decimal, parse_count
 from sfr_loc_map.io.tables.stamps import parse_stamp_ns
-from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import METHOD
-from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, STATE_KINDS, STATED_CLOCK, USAGE_NAMES, Calls, stage_of
-from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.metrics.calls.call_score import (
+    KNOWN_STATES,
+    MAX_NUMBER,
+    STATE_KINDS,
+    STATED_CLOCK,
+    USAGE_NAMES,
+    Calls,
+    stage_of,
+)
 from sfr_loc_map.metrics.frames.covariance import DIAGONAL, UPPER, check_variances, step_variances
 from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.suite_names import Task
@@ -54,34 +58,36 @@ STATS_SUFFIX = ".stats.csv"  #: Suffix of a file of calls, which replaces the su
 CALL_NAMES = ("stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes")
 COST_NAMES = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
 MEMORY_METHOD = "memory_method"  #: Column that states how memory was measured.
-METHOD_FIELDS = tuple(name for name in MethodRecord.__struct_fields__ if name != "name")
-OF_METHOD = {f"method_{name}": name for name in METHOD_FIELDS}  #: Field of a `MethodRecord` by its column.
-METHOD_NAMES = ("method", *OF_METHOD)
+OF_METHOD = {"method" if name == "name" else f"method_{name}": name for name in MethodRecord.__struct_fields__}
+"""Field of a `MethodRecord` by its column."""
+METHOD_NAMES = tuple(OF_METHOD)
 FINDING = "finding"  #: Column of the error of a method in a call.
 FINDING_TASK, FINDING_COUNT = "finding_task", "finding_count"
 """Columns of the task and of the number of errors that belong to no call; empty for a call."""
 POSITION_NAMES = ("position_x_m", "position_y_m", "position_z_m")
 ATTITUDE_NAMES = ("attitude_x", "attitude_y", "attitude_z", "attitude_w")
+POSE_NAMES = (*POSITION_NAMES, *ATTITUDE_NAMES)
 """Columns of the estimated pose of a call: position, and quaternion of RB in DS. The poses identify the estimate to
 which the calls belong."""
 IMAGES, CLOUD = "images_sha256", "cloud_sha256"
 """Columns of the hash of the images of a call, and of the hash of the cloud that the calls of a mapper made."""
-REPLAY_RATE = "replay_rate"  #: Column of the multiple of the recorded speed at which a replay was played.
+RATE = "replay_rate"  #: Column of the multiple of the recorded speed at which a replay was played.
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
 MOTION_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))
 """Columns of the uncertainty of the motion since the previous pose."""
 NOISE_NAMES = tuple(f"noise_{name}" for name in COVARIANCE_NAMES)  #: Columns of the covariance of the pose noise.
 STEP_NAMES = (*MOTION_NAMES, *NOISE_NAMES)
-SIGNED_NAMES = frozenset((*POSITION_NAMES, *ATTITUDE_NAMES, *COVARIANCE_NAMES, *STEP_NAMES))
+SIGNED_NAMES = frozenset((*POSE_NAMES, *COVARIANCE_NAMES, *STEP_NAMES))
 """Columns that may be negative."""
 FINDING_NAMES = (FINDING, FINDING_TASK, FINDING_COUNT)
-IDENTITY_NAMES = (*POSITION_NAMES, *ATTITUDE_NAMES, IMAGES, CLOUD, REPLAY_RATE)
+IDENTITY_NAMES = (*POSE_NAMES, IMAGES, CLOUD, RATE)
+ALWAYS_NAMES = (*CALL_NAMES, MEMORY_METHOD)  #: Columns of every file.
+NAMES_BEFORE_STATISTICS = (*ALWAYS_NAMES, *METHOD_NAMES, *FINDING_NAMES, *IDENTITY_NAMES)
 RESERVED_NAMES = SIGNED_NAMES.union(
     CALL_NAMES, COST_NAMES, [MEMORY_METHOD], METHOD_NAMES, FINDING_NAMES, IDENTITY_NAMES
 )
 """Names of columns that are not those of statistics. A statistic with such a name has the column `statistics.NAME`."""
 STATISTICS = "statistics."  #: Prefix of the column of a statistic whose name is reserved or begins with this prefix.
-STATES = (*TrackingState, *MappingState)
 NOT_FINITE = ("nan", "inf", "-inf")  #: Texts of numbers that are not finite.
 SHA256 = re.compile("[0-9a-f]{64}")
 
@@ -110,96 +116,78 @@ def save_stats(
     for record in records:
         with refusing(f"call of stamp {record.stamp_ns}"):
             check_uncertainty(record)
-    identity = _RunCells(
-        poses={} if estimate is None else poses_by_stamp(estimate),
+    run = _RunCells(
+        methods,
+        poses=None if estimate is None or not len(estimate) else poses_by_stamp(estimate),
         cloud_sha256=None if cloud is None else hash_of_cloud(cloud),
         replay_rate=replay_rate,
     )
-    groups = _column_groups(records, methods, identity)
-    rows_of_findings = [
-        _method_cells(methods.get(task)) | _finding_cells(task, finding)
-        for task, items in findings.items()
-        for finding in items
-    ]
-    used = set[str]().union(*rows_of_findings)
-    columns = [*CALL_NAMES, MEMORY_METHOD]
-    for group in groups:
-        if not used.isdisjoint(group.names) or any(group.values_of(record) is not None for record in records):
-            columns += group.names
+    rows = [run.of_call(record) for record in records]
+    rows += [run.of_finding(task, finding) for task, items in findings.items() for finding in items]
+    used = set[str](ALWAYS_NAMES).union(*rows)
+    statistics = sorted({name for record in records for name in record.statistics})
+    order = (*NAMES_BEFORE_STATISTICS, *map(_column_of_statistic, statistics), *COVARIANCE_NAMES, *STEP_NAMES)
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, columns, lineterminator="\n")
+        writer = csv.DictWriter(stream, [name for name in order if name in used], lineterminator="\n")
         writer.writeheader()
-        for record in records:
-            row = _call_cells(record, methods.get(record.task))
-            for group in groups:
-                if (values := group.values_of(record)) is not None:
-                    row |= zip(group.names, map(_cell, values), strict=True)
-            writer.writerow(row)
-        writer.writerows(rows_of_findings)
+        writer.writerows(rows)
 
 
-class _ColumnGroup(NamedTuple):
-    """Columns that a file has if a row has values for them."""
+@dataclass(frozen=True, slots=True)
+class _RunCells:
+    """Gives the cells of the rows of one run by column. A row has all columns of a group, or none."""
 
-    names: Sequence[str]
-    values_of: Callable[[CallRecord], Sequence[object] | None]  #: Values of a call in the order of the names, or None.
-
-
-class _RunCells(NamedTuple):
-    """What identifies the run of calls that are written."""
-
-    poses: Mapping[int, Sequence[float]]  #: Position and quaternion of each pose of the estimate by stamp.
-    cloud_sha256: str | None
+    methods: Mapping[Task, MethodRecord]  #: Known methods.
+    poses: Mapping[int, Sequence[float]] | None  #: Pose (`POSE_NAMES`) of the estimate by stamp; None without estimate.
+    cloud_sha256: str | None  #: Hash of the cloud of the run; None without a cloud.
     replay_rate: float | None
 
+    def of_call(self, record: CallRecord) -> dict[str, object]:
+        """Return the cells of a call. An external node states the memory of its calls."""
+        method = self.methods.get(record.task)
+        cells: dict[str, object] = {
+            "stamp_ns": record.stamp_ns,
+            "processing_time_s": record.processing_time_s,
+            "state": record.state,
+            "reason": record.reason,
+            "peak_rss_bytes": record.peak_rss_bytes,
+            "above_idle_bytes": record.above_idle_bytes,
+        }
+        if record.peak_rss_bytes is not None:
+            is_stated = method is not None and method.kind is MethodKind.EXTERNAL
+            cells[MEMORY_METHOD] = STATED_CLOCK if is_stated else METHOD
+        cells |= _cells_of_method(method)
+        if record.finding or method is not None:
+            cells[FINDING] = record.finding
+        if self.poses is not None:
+            cells |= zip(POSE_NAMES, self.poses.get(record.stamp_ns, [None] * POSE_SIZE), strict=True)
+        if record.images_sha256:
+            cells[IMAGES] = record.images_sha256
+        if self.cloud_sha256 is not None and record.task is Task.MAPPING:
+            cells[CLOUD] = self.cloud_sha256
+        if self.replay_rate is not None:
+            cells[RATE] = self.replay_rate
+        cells |= {_column_of_statistic(name): float(value) for name, value in record.statistics.items()}
+        if record.covariance is not None:
+            cells |= zip(COVARIANCE_NAMES, bounded(record.covariance[UPPER]).tolist(), strict=True)
+        if record.step is not None:
+            cells |= zip(STEP_NAMES, bounded(record.step).tolist(), strict=True)
+        return {name: _cell(value) for name, value in cells.items()}
 
-def _column_groups(
-    records: Sequence[CallRecord], methods: Mapping[Task, MethodRecord], identity: _RunCells
-) -> list[_ColumnGroup]:
-    """Return the optional columns of calls in the order of the file."""
-    statistics = sorted({name for record in records for name in record.statistics})
+    def of_finding(self, task: Task, finding: FindingRecord) -> dict[str, object]:
+        """Return the cells of a finding that belongs to no call."""
+        cells = _cells_of_method(self.methods.get(task)) | {
+            "stamp_ns": finding.first_stamp_ns,
+            FINDING: str(CallFinding(finding.kind, finding.text)),
+            FINDING_TASK: task.value,
+            FINDING_COUNT: finding.count,
+        }
+        return {name: _cell(value) for name, value in cells.items()}
 
-    def method_of(record: CallRecord) -> Sequence[object] | None:
-        return list(_method_cells(methods[record.task]).values()) if record.task in methods else None
 
-    def finding_of(record: CallRecord) -> Sequence[object] | None:
-        return [record.finding] if record.finding or record.task in methods else None
-
-    def pose_of(record: CallRecord) -> Sequence[object] | None:
-        return identity.poses.get(record.stamp_ns, [None] * POSE_SIZE) if identity.poses else None
-
-    def images_of(record: CallRecord) -> Sequence[object] | None:
-        return [record.images_sha256] if record.images_sha256 else None
-
-    def cloud_of(record: CallRecord) -> Sequence[object] | None:
-        has_cloud = identity.cloud_sha256 is not None and record.task is Task.MAPPING
-        return [identity.cloud_sha256] if has_cloud else None
-
-    def rate_of(record: CallRecord) -> Sequence[object] | None:
-        return None if identity.replay_rate is None else [identity.replay_rate]
-
-    def statistics_of(record: CallRecord) -> Sequence[object] | None:
-        stated = record.statistics
-        return [float(stated[name]) if name in stated else None for name in statistics]
-
-    def covariance_of(record: CallRecord) -> Sequence[object] | None:
-        return None if record.covariance is None else bounded(record.covariance[UPPER]).tolist()
-
-    def step_of(record: CallRecord) -> Sequence[object] | None:
-        return None if record.step is None else bounded(record.step).tolist()
-
-    return [
-        _ColumnGroup(METHOD_NAMES, method_of),
-        _ColumnGroup((FINDING,), finding_of),
-        _ColumnGroup((FINDING_TASK, FINDING_COUNT), lambda record: None),
-        _ColumnGroup((*POSITION_NAMES, *ATTITUDE_NAMES), pose_of),
-        _ColumnGroup((IMAGES,), images_of),
-        _ColumnGroup((CLOUD,), cloud_of),
-        _ColumnGroup((REPLAY_RATE,), rate_of),
-        _ColumnGroup([*map(_column_of_statistic, statistics)], statistics_of),
-        _ColumnGroup(COVARIANCE_NAMES, covariance_of),
-        _ColumnGroup(STEP_NAMES, step_of),
-    ]
+def _cells_of_method(method: MethodRecord | None) -> dict[str, object]:
+    """Return the cells of a method; empty without a method."""
+    return {} if method is None else {column: getattr(method, name) for column, name in OF_METHOD.items()}
 
 
 def _column_of_statistic(name: str) -> str:
@@ -215,30 +203,6 @@ def _cell(value: object) -> object:
     return printable(value).replace("\n", "\\n").replace("\t", "\\t") if isinstance(value, str) else value
 
 
-def _call_cells(record: CallRecord, method: MethodRecord | None) -> dict[str, object]:
-    """Return the cells of a call: stamp, time, state and memory. An external node states the memory of its calls."""
-    memory = record.peak_rss_bytes, record.above_idle_bytes
-    values = (record.stamp_ns, record.processing_time_s, record.state, record.reason, *memory)
-    cells: dict[str, object] = dict(zip(CALL_NAMES, map(_cell, values), strict=True))
-    measured_by = STATED_CLOCK if method is not None and method.kind is MethodKind.EXTERNAL else METHOD
-    return cells | {MEMORY_METHOD: None if record.peak_rss_bytes is None else measured_by}
-
-
-def _finding_cells(task: Task, finding: FindingRecord) -> dict[str, object]:
-    """Return the cells of a finding."""
-    text = str(CallFinding(finding.kind, finding.text))
-    values = (finding.first_stamp_ns, text, task.value, finding.count)
-    return dict(zip(("stamp_ns", *FINDING_NAMES), map(_cell, values), strict=True))
-
-
-def _method_cells(method: MethodRecord | None) -> dict[str, object]:
-    """Return the cells about a method; none without a method."""
-    if method is None:
-        return {}
-    about = {column: getattr(method, name) for column, name in OF_METHOD.items()}
-    return {column: _cell(value) for column, value in {"method": method.name, **about}.items()}
-
-
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     """Read a file with the needed column and a figure of calls. Without `stamp_ns` the calls are numbered."""
     table = _Table.read(path, needed)
@@ -246,17 +210,17 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     table = table.of_calls()
     has_stamps = "stamp_ns" in table.columns
     stamps_ns = table.stamps_ns() if has_stamps else np.arange(len(table.rows), dtype=np.int64)
-    times, peak, above_idle, heap, stack = map(table.numbers, COST_NAMES)
+    stated_s = table.numbers("processing_time_s")
     measured_by = (text for text in table.texts(MEMORY_METHOD) if text and text != STATED_CLOCK)
     calls = Calls(
         stamps_ns=stamps_ns,
-        seconds=times,
+        seconds=np.where(stated_s == UNKNOWN_TIME_S, np.nan, stated_s),
         states=table.states(),
-        peak_bytes=peak,
-        above_idle_bytes=above_idle,
+        peak_bytes=table.numbers("peak_rss_bytes"),
+        above_idle_bytes=table.numbers("above_idle_bytes"),
         stage_s={stage: table.numbers(name) for name in table.columns if (stage := stage_of(name))},
-        heap_bytes=heap,
-        stack_bytes=stack,
+        heap_bytes=table.numbers("heap_peak_bytes"),
+        stack_bytes=table.numbers("stack_peak_bytes"),
         memory_method=next(measured_by, None),
     )
     return CallStats.of_columns(
@@ -264,7 +228,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
         covariance=table.covariance(),
         steps=table.steps(),
         findings=(*findings, *findings_of(table.texts(FINDING), stamps_ns.tolist())),
-        usage_columns=[*map(table.numbers, USAGE_NAMES)],
+        usage={name: table.numbers(name) for name in USAGE_NAMES},
         methods=methods,
         identity=table.identity(),
         has_stamps=has_stamps,
@@ -309,28 +273,28 @@ class _Table:
 
     def of_calls(self) -> _Table:
         """Return the table of the calls, without findings that belong to no call."""
-        kept = [number for number, text in enumerate(self.texts(FINDING_COUNT)) if not text]
+        kept = [number for number, row in enumerate(self.rows) if not _is_finding(row)]
         return replace(self, rows=[self.rows[number] for number in kept], lines=[self.lines[number] for number in kept])
 
     def findings(self) -> Iterator[FindingRecord]:
         """Yield the findings that belong to no call."""
         for line, row in zip(self.lines, self.rows, strict=True):
-            if not (count := row.get(FINDING_COUNT)):
+            if not _is_finding(row):
                 continue
             kind, _, text = row.get(FINDING, "").partition(": ")
             stamp = row.get("stamp_ns")
             with refusing(f"statistics '{self.path}' line {line}: invalid finding"):
                 first_ns = parse_stamp_ns(stamp) if stamp else None
-                yield FindingRecord(
-                    kind=FindingKind(kind), count=parse_count(count), first_stamp_ns=first_ns, text=text
-                )
+                count = parse_count(row[FINDING_COUNT])
+                yield FindingRecord(kind=FindingKind(kind), count=count, first_stamp_ns=first_ns, text=text)
 
     def states(self) -> list[str]:
         """Return the states of the calls; InputError if a state is neither a known state nor empty."""
         states = self.texts("state")
         for line, state in zip(self.lines, states, strict=True):
-            if state and state not in STATES:
-                text = f"state is '{state}': one of {', '.join(STATES)}, or an empty cell, is required"
+            if state not in KNOWN_STATES:
+                known = ", ".join(filter(None, KNOWN_STATES))
+                text = f"state is '{state}': one of {known}, or an empty cell, is required"
                 raise InputError(f"statistics '{self.path}' line {line}: {text}")
         return states
 
@@ -354,28 +318,32 @@ class _Table:
             named.setdefault(task, set()).add(tuple(row.get(column, "") for column in METHOD_NAMES))
         for of_task in named.values():
             self._check_one_method(of_task)
-        found = {task: self._method(cells) for task, (cells,) in named.items() if cells[0]}
+        found = {}
+        for task, (texts,) in named.items():
+            cells = dict(zip(METHOD_NAMES, texts, strict=True))
+            if cells["method"]:
+                found[task] = self._method(cells)
         under_test = {task for task, method in found.items() if method.kind is not MethodKind.BUILT_IN}
         self._check_one_method(set().union(*(named[task] for task in under_test)))
         return found
 
-    def _method(self, cells: Sequence[str]) -> MethodRecord:
+    def _method(self, cells: Mapping[str, str]) -> MethodRecord:
         """Return the method of the cells of `METHOD_NAMES`."""
-        name, *others = cells
-        about = {field: text for field, text in zip(METHOD_FIELDS, others, strict=True) if text}
+        about = {field: cells[column] for column, field in OF_METHOD.items() if cells[column]}
         if (kind := about.get("kind", "")) not in set(MethodKind):
             text = f"method_kind is '{kind}': one of {', '.join(MethodKind)} is required"
             raise InputError(f"statistics '{self.path}': {text}")
         with refusing(f"statistics '{self.path}'", "give the statistics of one run, unchanged"):
-            return msgspec.convert({"name": name, "version": None, **about}, MethodRecord, strict=False)
+            return msgspec.convert({"version": None, **about}, MethodRecord, strict=False)
 
     def _check_one_method(self, named: set[tuple[str, ...]]) -> None:
         """Raise InputError if the cells of `METHOD_NAMES` differ."""
         if len(named) > 1:
-            methods = ", ".join(sorted({" ".join(filter(None, names[:2])) or "no method" for names in named}))
+            cells = [dict(zip(METHOD_NAMES, texts, strict=True)) for texts in named]
+            names = {f"{each['method']} {each['method_version']}".strip() or "no method" for each in cells}
             raise InputError(
-                f"statistics '{self.path}': its rows name different methods or configurations ({methods}): give the "
-                "statistics of one run, unchanged"
+                f"statistics '{self.path}': its rows name different methods or configurations "
+                f"({', '.join(sorted(names))}): give the statistics of one run, unchanged"
             )
 
     def covariance(self) -> FloatArray | None:
@@ -404,8 +372,8 @@ class _Table:
     def identity(self) -> RunIdentity:
         """Return what identifies the run; InputError for an invalid hash, and for several clouds or rates."""
         self.hashes(CLOUD)
-        self.numbers(REPLAY_RATE)
-        rate = float(self._of_run(REPLAY_RATE) or 0.0)
+        self.numbers(RATE)
+        rate = float(self._of_run(RATE) or 0.0)
         return RunIdentity(
             positions=self.matrix(POSITION_NAMES),
             quats_xyzw=self.matrix(ATTITUDE_NAMES),
@@ -461,8 +429,13 @@ class _Table:
         return values
 
 
+def _is_finding(row: Mapping[str, str]) -> bool:
+    """Return whether a row is a finding that belongs to no call."""
+    return bool(row.get(FINDING_COUNT))
+
+
 def _task_of(row: Mapping[str, str]) -> Task:
     """Return the task of a row: that of its finding, or else of its state. ValueError if the task is unknown."""
-    if row.get(FINDING_COUNT):
+    if _is_finding(row):
         return Task(row.get(FINDING_TASK, ""))
     return Task.MAPPING if row.get("state") in STATE_KINDS else Task.LOCALISATION

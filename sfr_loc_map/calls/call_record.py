@@ -21,7 +21,13 @@ from sfr_loc_map.io.tables.stamps import STAMP_LIMIT
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
-from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, is_statistic, statistic_range
+from sfr_loc_map.metrics.calls.call_score import (
+    LOCALISER_STATES,
+    MAX_NUMBER,
+    STATE_KINDS,
+    is_statistic,
+    statistic_range,
+)
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.frames.covariance import DIAGONAL, STEP_SIZE, check_variances, step_variances
 from sfr_loc_map.suite_names import Task
@@ -29,10 +35,13 @@ from sfr_loc_map.suite_names import Task
 if TYPE_CHECKING:
     from sfr_loc_map.mapping.maps import FusedMap
 
-STATES_OF: dict[Task, tuple[str, ...]] = {Task.LOCALISATION: tuple(TrackingState), Task.MAPPING: tuple(MappingState)}
+STATES_OF: dict[Task, tuple[str, ...]] = {Task.LOCALISATION: LOCALISER_STATES, Task.MAPPING: tuple(STATE_KINDS)}
+"""States of the calls of each task; empty: unknown."""
 DEFAULT_STATE = {Task.LOCALISATION: "", Task.MAPPING: MappingState.MAPPED.value}
 """State of a call, by task, if an external node reports none; the state of a localiser is then unknown."""
-MAX_CALL_S = 1e6
+UNKNOWN_TIME_S = 0.0
+"""Processing time of a call whose time is unknown, s, in JSON and in files; NaN in `CallRecord` and `CallStats`."""
+MAX_CALL_S = 1e6  #: Maximum processing time of a received call, s.
 MANY = 0.05  #: Minimum fraction of lost or degraded pairs for a warning.
 MAX_STATISTICS = 500  #: Maximum number of statistics of a received call; each has a column in the file of the calls.
 ASYMMETRY = 1e-6  #: Maximum difference of symmetric numbers of a covariance, relative to its largest number.
@@ -47,14 +56,13 @@ Hash = Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")]
 class CallRecord:
     """One call of localiser or mapper; `encode_call` and `decode_call` convert it for `<node>/call`.
 
-    The file of the calls of a run (`call_files`) has all fields but `pair_stamps_ns`, `fused`, `times`, `counts`,
-    `version` and `task`. The columns in memory (`call_stats`) also have no `reason`, and `images_sha256` only from a
-    file. Of the statistics they have the times of stages and the usage, and findings are counted by their kind. The
-    task of a row follows from its state.
+    The table in `sfr_loc_map.calls` states which fields the other forms of a call have.
     """
 
     stamp_ns: Stamp  #: Stamp of the pair; for a fused cloud, of its last pair.
-    processing_time_s: Annotated[float, Meta(ge=0.0, le=MAX_CALL_S)]  #: Wall-clock time; 0 or NaN: unknown.
+    processing_time_s: Annotated[
+        float, Meta(ge=0.0, le=MAX_CALL_S)
+    ]  #: Wall-clock time; NaN: unknown, also if given as 0.
     state: Text = ""  #: State after the call: initialising, tracking, degraded, lost; mapped, fused, mapped_set.
     _: KW_ONLY
     #: Peak resident memory of the process during the call; None if it cannot be measured.
@@ -79,9 +87,12 @@ class CallRecord:
     task: Task = Task.LOCALISATION  #: Task of the node that made the call.
 
     def __post_init__(self) -> None:
-        """Reject a state that calls of the task do not have."""
+        """Reject a state that calls of the task do not have; replace an unknown time by NaN."""
         if self.state and self.state not in STATES_OF[self.task]:
-            raise ValueError(f"state is '{self.state}': one of {', '.join(STATES_OF[self.task])} is required")
+            known = ", ".join(filter(None, STATES_OF[self.task]))
+            raise ValueError(f"state is '{self.state}': one of {known} is required")
+        if self.processing_time_s == UNKNOWN_TIME_S:
+            object.__setattr__(self, "processing_time_s", math.nan)
 
     @property
     def outcome(self) -> str:
@@ -99,17 +110,19 @@ def outcome_text(state: str, reason: str) -> str:
     return f"{state}: {reason}" if reason else state
 
 
-def call_of_stages(stages: Sequence[CallRecord | CallUsage]) -> CallUsage:
+def usage_of_stages(stages: Sequence[CallRecord | CallUsage]) -> CallUsage:
     """Return the usage of a mapping call from its stages: each pair and the fusion.
 
     The time is the sum of the times of the stages. The time between stages does not count, such as the wait for the
     next pair.
     """
-    peak, above_idle = (
-        max((value for value in values if value is not None), default=None)
-        for values in zip(*((item.peak_rss_bytes, item.above_idle_bytes) for item in stages), strict=True)
+    peaks = [item.peak_rss_bytes for item in stages if item.peak_rss_bytes is not None]
+    above_idle = [item.above_idle_bytes for item in stages if item.above_idle_bytes is not None]
+    return CallUsage(
+        processing_time_s=sum(item.processing_time_s for item in stages),
+        peak_rss_bytes=max(peaks, default=None),
+        above_idle_bytes=max(above_idle, default=None),
     )
-    return CallUsage(sum(item.processing_time_s for item in stages), peak, above_idle)
 
 
 def call_of_estimate(
@@ -219,17 +232,19 @@ def tracking_warning(records: Sequence[CallRecord], source: object, *, is_ours: 
 def encode_call(record: CallRecord) -> str:
     """Return a call as JSON; numbers have the shortest form that is exact when read back.
 
-    JSON has no NaN: an unknown processing time is 0, and other unknown values are omitted.
+    JSON has no NaN: an unknown processing time is `UNKNOWN_TIME_S`, and other unknown values are omitted.
     """
-    record = replace(
+    finite = replace(
         record,
-        processing_time_s=record.processing_time_s if math.isfinite(record.processing_time_s) else 0.0,
         statistics=_finite(record.statistics),
         times=_finite(record.times),
         covariance=_finite_or_none(record.covariance),
         step=_finite_or_none(record.step),
     )
-    return msgspec.json.encode(record, enc_hook=_to_plain).decode()
+    content = msgspec.to_builtins(finite, enc_hook=_to_plain)
+    if not math.isfinite(record.processing_time_s):
+        content["processing_time_s"] = UNKNOWN_TIME_S
+    return msgspec.json.encode(content).decode()
 
 
 def _finite(values: Mapping[str, float]) -> dict[str, float]:
@@ -260,8 +275,7 @@ def decode_call(text: str, task: Task) -> CallRecord:
         if record.covariance is not None:
             _check_array("covariance", record.covariance, (6, 6))
         check_uncertainty(record)
-    time_s = record.processing_time_s or math.nan  # 0 is unknown, because JSON has no NaN
-    return replace(record, processing_time_s=time_s, state=record.state or DEFAULT_STATE[task])
+    return replace(record, state=record.state or DEFAULT_STATE[task])
 
 
 def _check_statistics(statistics: Mapping[str, float]) -> None:

@@ -1,4 +1,4 @@
-"""The calls of a run as columns. `call_rows` makes the columns from records, and `call_files` from a file."""
+"""The calls of a run as columns. `growing_calls` makes the columns from records, and `call_files` from a file."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class CallStats:
         covariance: FloatArray | None,
         steps: FloatArray | None,
         findings: tuple[FindingRecord, ...],
-        usage_columns: Sequence[FloatArray] | None,
+        usage: Mapping[str, FloatArray] | None,
         methods: Mapping[Task, MethodRecord] = MappingProxyType({}),
         identity: RunIdentity | None = None,
         has_stamps: bool = True,
@@ -53,15 +53,14 @@ class CallStats:
     ) -> CallStats:
         """Return the calls of records, of a file or of messages.
 
-        A processing time of 0 is unknown. `usage_columns` are those of USAGE_NAMES, None if they are missing. The other
-        arguments are the fields of the same name.
+        `usage` has the columns of USAGE_NAMES, None if they are missing. The other arguments are the fields of the same
+        name.
         """
-        calls = replace(calls, seconds=known_times(calls.seconds))
-        processes = None if usage_columns is None else processes_of(usage_columns, calls)
+        processes = None if usage is None else processes_of(usage, calls)
         if stated_tasks:
             is_stated = is_of_tasks(calls, stated_tasks)
             calls = replace(calls, memory_method=_memory_method(calls, is_stated))
-            if usage_columns is not None and processes is not None and is_stated[np.isfinite(usage_columns[0])].all():
+            if usage is not None and processes is not None and is_stated[np.isfinite(usage["cpu_s"])].all():
                 processes = struct_replace(processes, method=STATED_CLOCK)
         return cls(
             calls,
@@ -129,27 +128,23 @@ def known_or_none(values: FloatArray | None) -> FloatArray | None:
     return values if values is not None and not np.isnan(values).all() else None
 
 
-def known_times(seconds: FloatArray) -> FloatArray:
-    """Return processing times, s, with NaN in place of 0, which states that a time is unknown."""
-    return np.where(seconds == 0.0, np.nan, seconds)
-
-
-def processes_of(usage_columns: Sequence[FloatArray], calls: Calls) -> ProcessUsage | None:
-    """Return the usage of the processes of a method in all calls, from the columns of USAGE_NAMES.
+def processes_of(usage: Mapping[str, FloatArray], calls: Calls) -> ProcessUsage | None:
+    """Return the usage of the processes of a method in all calls, from the columns of USAGE_NAMES; None if unknown.
 
     Processor time is outside a call if it was used between two calls, or if it exceeds the time that the reported
     threads could use within the call.
     """
-    known = np.isfinite(usage_columns[0]) & np.isfinite(usage_columns[1])
+    known = np.isfinite(usage["cpu_s"]) & np.isfinite(usage["cpu_between_s"])
     if not known.any():
         return None
-    cpu_s, between_s, threads, processes = (np.nan_to_num(values[known]) for values in usage_columns)
+    of_calls = {name: np.nan_to_num(values[known]) for name, values in usage.items()}
+    cpu_s, between_s, threads = of_calls["cpu_s"], of_calls["cpu_between_s"], of_calls["threads"]
     within_s = threads * np.nan_to_num(calls.seconds[known]) + ADAPTER_S
     return ProcessUsage(
         cpu_s=float(cpu_s.sum() + between_s.sum()),
         cpu_outside_s=float(between_s.sum() + np.maximum(cpu_s - within_s, 0.0).sum()),
         peak_rss_bytes=int(np.nanmax(np.append(calls.peak_bytes, 0.0))),
-        processes=int(processes.max()),
+        processes=int(of_calls["processes"].max()),
         threads=int(threads.max()),
         method=USAGE_METHOD,
     )

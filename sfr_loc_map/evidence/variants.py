@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.calls.call_poses import estimates_of
-from sfr_loc_map.calls.call_rows import stats_of
+from sfr_loc_map.calls.growing_calls import stats_of
 from sfr_loc_map.geometry.arrays import GreyImage, IntArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Truth

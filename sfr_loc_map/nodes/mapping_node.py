@@ -17,7 +17,7 @@ from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
-from sfr_loc_map.calls.call_record import call_of_fusion, call_of_stages, mapping_call
+from sfr_loc_map.calls.call_record import call_of_fusion, mapping_call, usage_of_stages
 from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -234,7 +234,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         stamps_ns = [pair.result.stamp_ns for pair in pairs]
         stamp_ns = stamps_ns[-1]
         self._cloud.publish(messages.cloud_msg(fused.cloud, stamp_ns, self._lm_frame))
-        whole = call_of_stages([*(pair.usage for pair in pairs), usage])
+        whole = usage_of_stages([*(pair.usage for pair in pairs), usage])
         level = self._reported(fused.warnings)
         for took, state in ((usage, MappingState.FUSED), (whole, MappingState.MAPPED_SET)):
             self.publish_call(call_of_fusion(fused, stamps_ns, took, state), level)

@@ -8,7 +8,7 @@ import numpy as np
 
 from sfr_loc_map.calls.call_poses import estimates_of
 from sfr_loc_map.calls.call_record import CallRecord, bounded, is_covariance_reported
-from sfr_loc_map.calls.call_rows import stats_of
+from sfr_loc_map.calls.growing_calls import stats_of
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.io.sequence import LocSequence, Source
 from sfr_loc_map.localisation.estimate import TrackingState

@@ -9,8 +9,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from sfr_loc_map.calls.call_rows import stats_of
 from sfr_loc_map.calls.call_stats import CallStats
+from sfr_loc_map.calls.growing_calls import stats_of
 from sfr_loc_map.hashes import hash_arrays
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source

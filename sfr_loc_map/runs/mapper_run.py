@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from sfr_loc_map.calls.call_record import CallRecord, call_of_fusion, call_of_stages, mapping_call
+from sfr_loc_map.calls.call_record import CallRecord, call_of_fusion, mapping_call, usage_of_stages
 from sfr_loc_map.calls.run_identity import hash_of_pair, hash_of_set
 from sfr_loc_map.configuration.parameters import changed
 from sfr_loc_map.errors import MappingError
@@ -180,7 +180,7 @@ def _map_and_fuse(
         raise KeyboardInterrupt
     if fusion is not None:
         stages.append(fusion)
-    whole = mapping_call(maps[-1].stamp_ns, call_of_stages(stages), MappingState.MAPPED_SET)
+    whole = mapping_call(maps[-1].stamp_ns, usage_of_stages(stages), MappingState.MAPPED_SET)
     return MapRun(maps, fused, [*stages, whole], measured.record)
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map.calls.call_record import CallRecord, decode_call
-from sfr_loc_map.calls.call_rows import stats_of
 from sfr_loc_map.calls.call_stats import CallStats
+from sfr_loc_map.calls.growing_calls import stats_of
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory

@@ -17,8 +17,8 @@ from msgspec.structs import replace
 from sfr_loc_map.calls.call_files import COVARIANCE_NAMES, load_call_stats, save_stats
 from sfr_loc_map.calls.call_poses import estimates_of
 from sfr_loc_map.calls.call_record import CallRecord, decode_call, encode_call, tracking_warning
-from sfr_loc_map.calls.call_rows import CallRows, stats_of
 from sfr_loc_map.calls.call_stats import CallStats
+from sfr_loc_map.calls.growing_calls import GrowingCalls, stats_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.tables.stamps import STAMP_LIMIT
 from sfr_loc_map.message_text import printable
@@ -124,7 +124,7 @@ def test_the_file_of_the_calls_and_their_messages_have_what_the_records_have(
     has_memory = any(record.peak_rss_bytes is not None for record in records)
     assert read.stated_tasks == (frozenset({Task.LOCALISATION}) if is_external else frozenset())
     assert read.calls.memory_method == ((STATED_CLOCK if is_external else METHOD) if has_memory else None)
-    received = CallRows()
+    received = GrowingCalls()
     for record in records:
         received.add(record)
     live = received.stats(stated_tasks=tuple(Task))

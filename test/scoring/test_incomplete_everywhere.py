@@ -16,7 +16,7 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, NAV_RIG, nav_pair, true_cloud
 from helpers.made_suites import JOB
 from sfr_loc_map.calls.call_record import CallRecord
-from sfr_loc_map.calls.call_rows import stats_of
+from sfr_loc_map.calls.growing_calls import stats_of
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud

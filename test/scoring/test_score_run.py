@@ -19,7 +19,7 @@ from helpers.scored_drives import PERIOD_NS, straight
 from sfr_loc_map.calls.call_files import load_call_stats, save_stats
 from sfr_loc_map.calls.call_poses import estimates_of
 from sfr_loc_map.calls.call_record import CallRecord, encode_call
-from sfr_loc_map.calls.call_rows import stats_of
+from sfr_loc_map.calls.growing_calls import stats_of
 from sfr_loc_map.calls.run_identity import RunIdentity
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud

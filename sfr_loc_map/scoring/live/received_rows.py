@@ -11,8 +11,8 @@ import numpy as np
 
 from sfr_loc_map.calls.call_poses import estimates_of
 from sfr_loc_map.calls.call_record import CallRecord, is_covariance_reported
-from sfr_loc_map.calls.call_rows import CallRows
 from sfr_loc_map.calls.call_stats import CallStats
+from sfr_loc_map.calls.growing_calls import GrowingCalls
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
@@ -40,7 +40,7 @@ class ReceivedRows:
 
     def __init__(self, body: TrackedBodyConfig) -> None:
         """Start a run without rows. `body` is the tracked body of the true poses."""
-        self.calls = CallRows(MAX_STAGES)
+        self.calls = GrowingCalls(MAX_STAGES)
         self._body = body
         self._estimates = GrowingRows(ESTIMATE)
         self._truth = GrowingRows(TRUE_POSE)

@@ -35,7 +35,7 @@ CALL = [
 STAGE = [("row", np.int64), ("stage", np.int64), ("seconds", np.float64)]
 
 
-class CallRows:
+class GrowingCalls:
     """The calls of a run. A value that only some calls have is kept with the row of its call."""
 
     def __init__(self, max_stages: int | None = None) -> None:
@@ -92,7 +92,7 @@ class CallRows:
             covariance=self._column(self._covariances, COVARIANCE_SIZE),
             steps=self._column(self._steps, STEP_SIZE),
             findings=self._findings.records,
-            usage_columns=None if usage is None else [*usage.T],
+            usage=None if usage is None else dict(zip(USAGE_NAMES, usage.T, strict=True)),
             stated_tasks=stated_tasks,
         )
 
@@ -135,7 +135,7 @@ def stats_of(
 
     Nodes state time and memory of the calls of `stated_tasks` in messages. Those of other calls were measured.
     """
-    rows = CallRows()
+    rows = GrowingCalls()
     for record in records:
         rows.add(record)
     stats = rows.stats(stated_tasks)
