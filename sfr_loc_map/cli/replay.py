@@ -214,7 +214,7 @@ def replay(
             request=request,
             limits_file=by.limits_file,
             start=first_pose(opened, start, start_offset),
-            rate=rate,
+            rate=rate or None,
             offset_s=start_offset,
             duration_s=math.inf if duration is None else duration,
             paused=start_paused,

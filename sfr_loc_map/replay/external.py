@@ -25,6 +25,7 @@ from sfr_loc_map.replay.process_watch import ProcessWatch, processes_watched
 from sfr_loc_map.replay.publisher_check import PublisherCheck
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.result import ExternalResult
+from sfr_loc_map.replay.waiting import QUIET_S
 from sfr_loc_map.ros.processes import ChildProcess
 from sfr_loc_map.ros.publishers import UNKNOWN_NODE
 from sfr_loc_map.suite_names import Task
@@ -35,7 +36,10 @@ PUBLISHER_GRACE_S = 2.0
 
 
 class ExternalNode:
-    """A connected external node: counts its answers, accepts those that are used, and measures its process."""
+    """A connected external node: counts its answers, accepts those that are used, and measures its process.
+
+    A replay awaits the answers as an `AwaitedNode`. Missing answers and the end of the process are findings.
+    """
 
     def __init__(
         self,
@@ -61,9 +65,9 @@ class ExternalNode:
         self._publishers = PublisherCheck(peer, options.topic, watch)
 
     @property
-    def timeout_s(self) -> float:
-        """Timeout of the answer to a pair, s."""
-        return self._options.timeout_s
+    def quiet_s(self) -> float:
+        """Time without any result, s, after which missing answers are no longer awaited: at least their timeout."""
+        return max(QUIET_S, self._options.timeout_s)
 
     def receive(self, message: Any) -> None:  # noqa: ANN401 - of the converter's `kind`
         """Count an answer, and accept it if it is used. An answer before its pair is accepted once the pair is sent."""
@@ -87,7 +91,7 @@ class ExternalNode:
         """Wait until a pair is answered, its timeout has passed, or the process has ended."""
 
         def settled() -> bool:
-            self.check_process()
+            self.check()
             self._peer.supervisor.check()
             return self.is_settled(stamp_ns)
 
@@ -98,7 +102,7 @@ class ExternalNode:
         """Return whether a pair is answered, or its answer is no longer awaited."""
         return self._answers.is_settled(stamp_ns)
 
-    def check_process(self) -> None:
+    def check(self) -> None:
         """Note whether the process of the node has ended, even if a script has restarted it.
 
         ConfigError if the process to watch is not that of the answers' publisher.
@@ -117,13 +121,16 @@ class ExternalNode:
                 f"the publisher of its first answer on {topic} has disappeared, or another has appeared"
             )
 
+    def finish(self) -> None:
+        """Wait for nothing: each answer belongs to one pair."""
+
     def result(self, version: str | None) -> ExternalResult:
         """Return answers and process of the node, and stop measuring the process; called while the process runs.
 
         `version` is the version that the calls of the node state.
         """
         with suppress(ConfigError):  # a wrong process to watch has ended the replay
-            self.check_process()
+            self.check()
         if self._watch is not None:
             self._watch.stop()
         answers = self._answers

@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.calls.call_files import save_stats
 from sfr_loc_map.io.clouds.cloud_file import save_cloud, save_points
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
-from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.replay.result import ReplayResult
-from sfr_loc_map.suite_names import Task
 
 
 class ReplayFiles:
-    """Paths of the outputs of a replay."""
+    """Paths of the outputs of a replay. `save_replay` writes the results, and `cli.verdict` report and page."""
 
     def __init__(self, folder: Path) -> None:
         """Set the paths; no file is accessed."""
         self.folder = folder
         self.estimate = folder / "estimate.csv"
+        self.as_published = folder / "estimate_as_published.csv"  # poses of an external node before conversion
         self.stats = folder / "stats.csv"  # one row for each call and for each finding on an external node
         self.cloud = folder / "cloud.ply"
+        self.points = folder / "cloud.npz"  # the cloud of an external mapper without pixels
+        self.external_log = folder / "external.log"
         self.report = folder / "report.json"
         self.page = folder / "report.html"
-        self.points = folder / "cloud.npz"  # the cloud of an external mapper without pixels
-        self.as_published = folder / "estimate_as_published.csv"  # poses of an external node before conversion
-        self.external_log = folder / "external.log"
 
     @property
     def all(self) -> tuple[Path, ...]:
@@ -40,13 +37,8 @@ class ReplayFiles:
             path.unlink(missing_ok=True)
 
 
-def save_replay(
-    result: ReplayResult, files: ReplayFiles, methods: Mapping[Task, MethodRecord], *, rate: float = 0.0
-) -> None:
-    """Write the available results of a replay, without the score. The calls name the method of their task.
-
-    `rate` is the multiple of the recorded speed; 0 is lock step.
-    """
+def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
+    """Write the available results of a replay. The calls name the method of their task."""
     node = result.external
     if len(result.estimate):
         save_trajectory(files.estimate, result.estimate)
@@ -55,11 +47,11 @@ def save_replay(
         save_stats(
             files.stats,
             result.records,
-            methods,
+            result.methods,
             result.estimate,
             findings,
             cloud=result.map.cloud,
-            replay_rate=rate or None,
+            replay_rate=result.rate,
         )
     if result.map.cloud is not None:
         save_cloud(files.cloud, result.map.cloud)

@@ -60,7 +60,7 @@ class ReplayOptions:
     request: ScoreRequest
     limits_file: Path | None  #: File of the limits of the request.
     start: StartPose | None  #: Pose of RB in DS at the start, with its stamp; None: identity.
-    rate: float  #: Multiple of the recorded speed; 0: lock step, which waits for the results of each pair.
+    rate: float | None  #: Multiple of the recorded speed; None: lock step, which waits for the results of each pair.
     offset_s: float  #: Start of the replay, s after the first message.
     duration_s: float  #: Duration of the played interval of the source, s.
     paused: bool  #: Whether the replay waits for the service ~/resume before the first pair.

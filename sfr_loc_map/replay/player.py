@@ -21,14 +21,14 @@ from sfr_loc_map.ros.peer import POLL_S
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import INITIAL_POSE, INITIAL_POSE_SET
 
-SOURCE_DEPTH = 20
+SOURCE_DEPTH = 20  #: Queue depth of the published topics: 5 pairs of the four topics of a rig.
 
 
 class Pacer:
     """Computes when a message is due, from its stamp and the rate; each rig has its own clock."""
 
-    def __init__(self, rate: float) -> None:
-        """Set the rate, a multiple of the recorded speed; at a rate of 0, each message is due immediately."""
+    def __init__(self, rate: float | None) -> None:
+        """Set the rate, a multiple of the recorded speed; in lock step (None), each message is due immediately."""
         self._rate = rate
         self._origins: dict[str, tuple[float, int]] = {}  # by rig: time and stamp of the first message
 
@@ -38,7 +38,7 @@ class Pacer:
 
     def wait_s(self, message: Message) -> float:
         """Return the time until a message is due, s; 0 if it is due."""
-        if self._rate <= 0.0:
+        if self._rate is None:
             return 0.0
         begin_s, first_ns = self._origins.setdefault(message.rig, (time.monotonic(), message.stamp_ns))
         return max(begin_s + (message.stamp_ns - first_ns) * 1e-9 / self._rate - time.monotonic(), 0.0)
@@ -47,7 +47,7 @@ class Pacer:
 class Player:
     """Publishes messages until their end or until `stop`. `connected_player` waits until the nodes receive them."""
 
-    def __init__(self, peer: ReplayPeer, topics: Mapping[str, str], rate: float, *, paused: bool) -> None:
+    def __init__(self, peer: ReplayPeer, topics: Mapping[str, str], rate: float | None, *, paused: bool) -> None:
         """Advertise topics, given as name and type, and the services."""
         self.stopped = False
         self._paused = paused
@@ -118,7 +118,7 @@ class Player:
         return serve
 
 
-def connected_player(peer: ReplayPeer, topics: Mapping[str, str], rate: float, *, paused: bool) -> Player:
+def connected_player(peer: ReplayPeer, topics: Mapping[str, str], rate: float | None, *, paused: bool) -> Player:
     """Return a player once the started nodes are active and receive its topics, given as name and type.
 
     The nodes have then also discovered all subscriptions that this process created before the call.

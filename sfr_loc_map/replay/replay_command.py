@@ -13,7 +13,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.replay.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.options import ReplayOptions
-from sfr_loc_map.replay.replay_score import files_of_source, methods_of, score_replay
+from sfr_loc_map.replay.replay_score import files_of_source, score_replay
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.replay.session import Replayed, replay
 from sfr_loc_map.suite_names import Task
@@ -54,18 +54,10 @@ def replay_and_score(
             raise KeyboardInterrupt
         result = _converted_or_saved(replayed, source, options, files)
         if files is not None:
-            _save(result, files, options)
+            _save(result, files)
         _check_map(result)
     score = score_replay(
-        source,
-        result,
-        options.request.config,
-        options.request.limits,
-        settings=options.changed_settings,
-        read=read,
-        files=files,
-        command=command,
-        rate=options.rate,
+        source, result, options.request.config, options.request.limits, read=read, files=files, command=command
     )
     localised = [record for record in result.records if record.task is Task.LOCALISATION]
     states = [f"{len(result.estimate)} poses, {states_text(localised)}"] if result.loc_pairs.sent else []
@@ -101,14 +93,14 @@ def _converted_or_saved(
     except SfrError as error:
         if files is None or replayed.result.is_empty:
             raise
-        _save(replayed.result, files, options)
+        _save(replayed.result, files)
         raise type(error)(f"{error}; the received results are in '{files.folder}'") from error
 
 
-def _save(result: ReplayResult, files: ReplayFiles, options: ReplayOptions) -> None:
+def _save(result: ReplayResult, files: ReplayFiles) -> None:
     """Write the results; the files of an earlier replay are removed, because it may have written more of them."""
     files.remove()
-    save_replay(result, files, methods_of(result, options.changed_settings), rate=options.rate)
+    save_replay(result, files)
 
 
 def _remarks(result: ReplayResult) -> Iterator[str]:

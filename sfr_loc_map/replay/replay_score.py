@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -14,12 +13,11 @@ from sfr_loc_map.calls.growing_calls import stats_of
 from sfr_loc_map.hashes import hash_arrays
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.errors.pair_truth import truths_of
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.records import REPLAY_RATE, MethodRecord
+from sfr_loc_map.metrics.table.records import REPLAY_RATE
 from sfr_loc_map.replay.files import ReplayFiles
 from sfr_loc_map.replay.result import ReplayedMap, ReplayResult
 from sfr_loc_map.scoring.input_files import CONFIGURATION_ROLES, ReadFile, configuration_files, read_files
@@ -27,7 +25,6 @@ from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, ExpectedPairs
 from sfr_loc_map.scoring.load_calls import estimates_of_calls
 from sfr_loc_map.scoring.load_map import pairs_of_cloud
 from sfr_loc_map.scoring.score_run import score_run
-from sfr_loc_map.suite_names import Task
 
 
 def files_of_source(source: Source, limits_file: Path | None = None) -> dict[str, ReadFile]:
@@ -36,58 +33,36 @@ def files_of_source(source: Source, limits_file: Path | None = None) -> dict[str
     return read_files({**paths, **configuration_files(source.config)})
 
 
-def methods_of(result: ReplayResult, settings: Mapping[Task, Mapping[str, object]]) -> dict[Task, MethodRecord]:
-    """Return the method of each task in a replay: ours, or the external node.
-
-    `settings` are those of localiser and mapper that differ from the defaults.
-    """
-    methods = {task: record_of_ours(task, settings.get(task, {})) for task in Task}
-    if (node := result.external) is not None:
-        methods[node.task] = node.method
-    return methods
-
-
-def _judged_method(result: ReplayResult, methods: Mapping[Task, MethodRecord]) -> MethodRecord:
-    """Return the method that is judged: the external node, or else our localiser, or else our mapper."""
-    if result.external is not None:
-        return result.external.method
-    return methods[Task.LOCALISATION if len(result.estimate) else Task.MAPPING]
-
-
 def score_replay(
     source: Source,
     result: ReplayResult,
     config: ScoreConfig,
     limits: Limits | None,
     *,
-    settings: Mapping[Task, Mapping[str, object]] = MappingProxyType({}),
     read: Mapping[str, ReadFile] | None = None,
     files: ReplayFiles | None = None,
     command: str | None = None,
-    rate: float = 0.0,
 ) -> Score:
     """Return the score of a replay, computed by the functions that score files.
 
-    `settings` are the settings of localiser and mapper that differ from the defaults. They and those of the source are
-    added to the settings of the score. For provenance, `read` has the result of `files_of_source`, and `files` the
-    files that `save_replay` has written. `rate` is the multiple of the recorded speed; 0 is lock step.
+    The settings of the source and of our localiser and mapper are added to the settings of the score. For provenance,
+    `read` has the result of `files_of_source`, `files` the files that `save_replay` has written, and `command` the
+    command line.
     """
-    run = _run_of(source, result, _judged_method(result, methods_of(result, settings)))
+    run = _run_of(source, result)
+    settings = {f"{task}.{name}": value for task, of_task in result.settings.items() for name, value in of_task.items()}
+    played = {} if result.rate is None else {REPLAY_RATE: result.rate}
     origin = Origin(
         _files_of(run, result, files_of_source(source) if read is None else read, files),
         _hashes_of(run, result) if files is None else {},
-        settings={
-            **source.changed_reading,
-            **{f"{task}.{name}": value for task, own in settings.items() for name, value in own.items()},
-            **({REPLAY_RATE: rate} if rate else {}),
-        },
+        settings={**source.changed_reading, **settings, **played},
         command=command,
     )
     return score_run(replace(run, origin=origin), config, limits)
 
 
-def _run_of(source: Source, result: ReplayResult, method: MethodRecord) -> Run:
-    """Return the data of a replay that are scored, without their origin; `method` is the judged method."""
+def _run_of(source: Source, result: ReplayResult) -> Run:
+    """Return the data of a replay that are scored, without their origin."""
     node = result.external
     stated_tasks = () if node is None else (node.task,)
     stats = [stats_of(result.records, estimate=result.estimate, stated_tasks=stated_tasks)] if result.records else []
@@ -104,8 +79,8 @@ def _run_of(source: Source, result: ReplayResult, method: MethodRecord) -> Run:
         ),
     )
     if node is None:
-        return replace(run, item=ItemUnderTest(method))
-    item = ItemUnderTest(method, node.score, node.findings)
+        return replace(run, item=ItemUnderTest(result.judged_method))
+    item = ItemUnderTest(result.judged_method, node.score, node.findings)
     return replace(run, item=item, convention=node.convention)
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.table.records import ConventionRecord, ExternalScore, FindingRecord, MethodRecord
 from sfr_loc_map.suite_names import Task
 
@@ -79,11 +80,27 @@ class ReplayResult:
     nav_pairs: PairCounts = NO_PAIRS  #: Pairs of the navigation cameras.
     clouds: int = 0  #: Number of received clouds, complete or not.
     refused_calls: RefusedCalls | None = None  #: Invalid calls of an external node; None without any.
+    rate: float | None = None  #: Multiple of the recorded speed at which the source was played; None in lock step.
+    #: Parameters of our localiser and mapper that differ from the defaults, by name.
+    settings: Mapping[Task, Mapping[str, object]] = field(default_factory=dict)
 
     @classmethod
     def empty(cls) -> ReplayResult:
         """Return the result of a replay before its first message."""
         return cls(Trajectory.empty(), ReplayedMap(), ())
+
+    @property
+    def methods(self) -> dict[Task, MethodRecord]:
+        """The method of each task: ours, or the external node."""
+        ours = {task: record_of_ours(task, self.settings.get(task, {})) for task in Task}
+        return ours if self.external is None else ours | {self.external.task: self.external.method}
+
+    @property
+    def judged_method(self) -> MethodRecord:
+        """The method that is judged: the external node, or else our localiser, or else our mapper."""
+        if self.external is not None:
+            return self.external.method
+        return self.methods[Task.LOCALISATION if len(self.estimate) else Task.MAPPING]
 
     @property
     def has_stats(self) -> bool:

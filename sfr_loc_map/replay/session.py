@@ -7,6 +7,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.page_process import shown_on
-from sfr_loc_map.replay.answer_converters import answer_converter
+from sfr_loc_map.replay.answer_converters import AnswerConverter, answer_converter
 from sfr_loc_map.replay.arguments_by_node import arguments_by_node, pairs_per_map
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.external import ExternalNode, connected_node
@@ -25,7 +26,7 @@ from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.player import Player, connected_player
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.result import ReplayResult
-from sfr_loc_map.replay.waiting import ResultWaits
+from sfr_loc_map.replay.waiting import AwaitedNode, OurMapper, OurNode, ResultWaits
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.processes import ChildProcess, Supervisor, user_command
 from sfr_loc_map.ros.static_transforms import publish_extrinsics
@@ -45,22 +46,29 @@ class Replayed(NamedTuple):
     error: SfrError | None = None  #: Error that ended the replay early.
 
 
-class Participants(NamedTuple):
-    """The connected participants of a replay, and what they receive."""
+class Subscribed(NamedTuple):
+    """A replay whose subscriptions and converter exist, but which the nodes have not discovered yet."""
 
-    peer: ReplayPeer  #: ROS node through which the others communicate with the started nodes.
+    collector: ResultCollector
+    command: ChildProcess | None  #: Process of an external node that the replay has started.
+    converter: AnswerConverter | None  #: Converter of the answers of an external node; None without one.
+
+
+class Connected(NamedTuple):
+    """A replay whose nodes receive what the player publishes, and whose results the collector receives."""
+
+    collector: ResultCollector
     player: Player
-    received: Received
     waits: ResultWaits
     external: ExternalNode | None
 
-    def result(self) -> ReplayResult:
+    def result(self, options: ReplayOptions) -> ReplayResult:
         """Return what was received; called while an external node runs, because its process is measured until then."""
-        task = self.received.external_task
-        if self.external is None or task is None:
-            return self.received.result(None)
-        version = self.received.of(task).version
-        return self.received.result(self.external.result(version))
+        received = self.collector.received
+        external = None
+        if self.external is not None and received.external_task is not None:
+            external = self.external.result(received.of(received.external_task).version)
+        return replace(received.result(external), rate=options.rate, settings=options.changed_settings)
 
 
 def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: Say) -> Replayed:
@@ -71,11 +79,11 @@ def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: S
     check_source(source, options.offset_s)
     result, was_interrupted = ReplayResult.empty(), False
     try:
-        with shown_on(options.page), started_participants(source, options, say) as participants:
+        with shown_on(options.page), connected_replay(source, options, say) as connected:
             try:
-                was_interrupted = _play_until_signal(source, options, participants, progress, say)
+                was_interrupted = _play_until_signal(source, options, connected, progress, say)
             finally:
-                result = participants.result()
+                result = connected.result(options)
             if options.page is not None:
                 options.page.run_is_over()
     except SfrError as error:
@@ -84,20 +92,20 @@ def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: S
 
 
 def _play_until_signal(
-    source: Source, options: ReplayOptions, participants: Participants, progress: Progress, say: Say
+    source: Source, options: ReplayOptions, connected: Connected, progress: Progress, say: Say
 ) -> bool:
     """Play a source and collect the results; return whether a signal ended the replay early."""
-    with signals.stopping(participants.player.stop) as interrupted:
+    with signals.stopping(connected.player.stop) as interrupted:
         say(f"playing from {options.offset_s:g} s")
-        play_and_collect(source, options, participants, progress)
+        play_and_collect(source, options, connected, progress)
         was_interrupted = interrupted()
         signals.hold()  # the played part is still scored
     return was_interrupted
 
 
-def play_and_collect(source: Source, options: ReplayOptions, participants: Participants, progress: Progress) -> None:
+def play_and_collect(source: Source, options: ReplayOptions, connected: Connected, progress: Progress) -> None:
     """Publish a source until its end or until the player is stopped, then wait for the missing results."""
-    player, waits = participants.player, participants.waits
+    player, waits, received = connected.player, connected.waits, connected.collector.received
     pairs = message_stream.PairTracker(message_stream.parts_of_pairs(source))
     if options.start is not None:
         player.set_pose(options.start)
@@ -108,7 +116,7 @@ def play_and_collect(source: Source, options: ReplayOptions, participants: Parti
         if completed is not None:
             rig, stamp_ns = completed
             task = Task.of_rig(rig)
-            participants.received.add_pair(task, stamp_ns)
+            received.add_pair(task, stamp_ns)
             waits.after_pair(task, stamp_ns, sent_s)
             progress(rig)
 
@@ -120,37 +128,51 @@ def play_and_collect(source: Source, options: ReplayOptions, participants: Parti
 
 
 @contextmanager
-def started_participants(source: Source, options: ReplayOptions, say: Say) -> Iterator[Participants]:
-    """Start the nodes of a replay and yield its participants once all communicate with each other.
+def connected_replay(source: Source, options: ReplayOptions, say: Say) -> Iterator[Connected]:
+    """Start the nodes of a replay, and yield the replay once all nodes communicate with each other.
 
-    The subscriptions of the collector and the publisher of the converter come first, because the nodes have discovered
-    both once the player is connected. The processes are ended after the `with` block.
+    The processes are ended after the `with` block.
     """
     environment.isolate()
     environment.prepare()
+    with _started_processes(source, options) as (supervisor, command), ReplayPeer(supervisor) as peer:
+        subscribed = _subscribe(source, options, peer, command)
+        say("waiting for the nodes")
+        if options.page is not None and not peer.wait_for_page(options.page):
+            say("the page does not receive all messages yet: the start of the replay may be missing on the page")
+        yield _connect(source, options, subscribed)
+
+
+def _subscribe(source: Source, options: ReplayOptions, peer: ReplayPeer, command: ChildProcess | None) -> Subscribed:
+    """Subscribe to the results, and create the publishers of converted answers and of the extrinsics."""
+    received = Received.without_messages(options.external_task)
+    collector = ResultCollector(peer, received)
+    converter = None if options.external is None else answer_converter(peer, source, options.external, received)
+    if source.loc is not None and source.loc.rig.T_rb_sb is not None:
+        publish_extrinsics(peer.ros_node, source.loc.rig.T_rb_sb)
+    return Subscribed(collector, command, converter)
+
+
+def _connect(source: Source, options: ReplayOptions, subscribed: Subscribed) -> Connected:
+    """Advertise the topics of the source, and wait until all nodes have discovered all endpoints of the replay.
+
+    The nodes discover the endpoints of `subscribed` before those of the player, because these were created earlier.
+    """
+    collector, command, converter = subscribed
     topics = message_stream.topics_of(source)
     # An external node must not receive the ground truth. The score reads the ground truth from the source.
     if options.external is not None:
         topics = {name: kind for name, kind in topics.items() if name not in names(Role.TRUTH)}
-    received = Received.without_messages(options.external_task)
-    with ExitStack() as stack:
-        supervisor, command = stack.enter_context(_started_processes(source, options))
-        peer = stack.enter_context(ReplayPeer(supervisor))
-        collector = ResultCollector(peer, received)
-        converter = None if options.external is None else answer_converter(peer, source, options.external, received)
-        if source.loc is not None and source.loc.rig.T_rb_sb is not None:
-            publish_extrinsics(peer.ros_node, source.loc.rig.T_rb_sb)
-        say("waiting for the nodes")
-        if options.page is not None and not peer.wait_for_page(options.page):
-            say("the page does not receive all messages yet: the start of the replay may be missing on the page")
-        player = connected_player(peer, topics, options.rate, paused=options.paused)
-        external = None
-        if options.external is not None and converter is not None:
-            external = connected_node(peer, options.external, command, converter, topics)
-        waits = ResultWaits(
-            peer, received, collector, external, pairs_per_map=pairs_per_map(source), is_lock_step=options.rate <= 0.0
-        )
-        yield Participants(peer, player, received, waits, external)
+    player = connected_player(collector.peer, topics, options.rate, paused=options.paused)
+    nodes: dict[Task, AwaitedNode] = {
+        Task.LOCALISATION: OurNode(Task.LOCALISATION, collector),
+        Task.MAPPING: OurMapper(Task.MAPPING, collector, pairs_per_map(source)),
+    }
+    external = None
+    if options.external is not None and converter is not None:
+        external = connected_node(collector.peer, options.external, command, converter, topics)
+        nodes[options.external.task] = external
+    return Connected(collector, player, ResultWaits(collector, nodes, options.rate is None), external)
 
 
 @contextmanager

@@ -1,122 +1,164 @@
-"""The waits of a replay for results: after each pair in lock step, and at the end of the source."""
+"""The waits of a replay for results: after each pair in lock step, and at the end of the source.
+
+A replay awaits the results of each task from one node: a node of the suite (`OurNode`, `OurMapper`), or the external
+node under test (`external.ExternalNode`).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
 
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.replay.collector import ResultCollector
-from sfr_loc_map.replay.external import ExternalNode
-from sfr_loc_map.replay.message_store import Received
-from sfr_loc_map.replay.replay_peer import ANSWER_TIMEOUT_S, ReplayPeer
-from sfr_loc_map.ros.peer import Unchanged
+from sfr_loc_map.replay.replay_peer import ANSWER_TIMEOUT_S
 from sfr_loc_map.suite_names import Task
 
-QUIET_S = 5.0  #: Time after the last result, s, for which the end of a replay waits for further results.
+QUIET_S = 5.0
+"""Time without a result, s, after which the end of a replay no longer waits. Chosen above the interval between two
+results of a busy host, several seconds."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ResultWaits:
-    """Waits for the results of published pairs, which `received` contains."""
+class AwaitedNode(Protocol):
+    """The node of a task, from which a replay awaits the results of its pairs."""
 
-    peer: ReplayPeer
-    received: Received  #: Published pairs and received results.
-    collector: ResultCollector
-    external: ExternalNode | None
-    pairs_per_map: int = field(kw_only=True)
-    is_lock_step: bool = field(kw_only=True)
+    @property
+    def quiet_s(self) -> float:
+        """Time without any result, s, after which missing results of the node are no longer awaited."""
 
-    def after_pair(self, task: Task, stamp_ns: int, sent_s: float) -> None:
-        """Let an external node start its timeout, and wait for the results of a pair in lock step.
+    def note_sent(self, stamp_ns: int, sent_s: float) -> None:
+        """Note a pair, and the time of the monotonic clock when its last image was published, s."""
 
-        `sent_s` is the time of the monotonic clock when the last image of the pair was published, s.
-        """
-        if (external := self._external_of(task)) is not None:
-            external.note_sent(stamp_ns, sent_s)
-        if self.is_lock_step:
-            self._wait_for_pair(task, stamp_ns)
-        elif self.external is not None:
-            self.external.check_process()
-        self.collector.check_nodes()
+    def wait_for(self, stamp_ns: int) -> None:
+        """Wait in lock step for the results of a pair."""
+
+    def is_settled(self, stamp_ns: int) -> bool:
+        """Return whether the results of a pair are complete, or no longer awaited."""
+
+    def check(self) -> None:
+        """Check whether the node runs."""
 
     def finish(self) -> None:
-        """Wait for the missing results, finish a map in progress, and wait for the last map.
+        """Wait for results that do not belong to one pair, after the results of all pairs are settled."""
 
-        Each wait for results ends if none has arrived for `QUIET_S`, so that lost pairs do not fail a replay
-        that is not in lock step.
-        An external node has at least its timeout for an answer. The wait for the answer of our mapper is longer,
-        because nothing arrives during a fusion.
-        """
-        timeout_s = 0.0 if self.external is None else self.external.timeout_s
-        self._wait_while_results_arrive(self._has_all_results, max(QUIET_S, timeout_s))
-        if self.received.external_task is not Task.MAPPING and self.received.maps.sent_ns:
-            self._finish_map()
-        if self.external is not None:
-            self.external.check_process()
-        self.collector.check_nodes()
 
-    def _wait_for_pair(self, task: Task, stamp_ns: int) -> None:
-        """Wait for the results of a pair of a replay in lock step.
+@dataclass(frozen=True, slots=True)
+class OurNode:
+    """A node of the suite, whose end or internal fault ends the replay."""
+
+    task: Task
+    collector: ResultCollector
+
+    @property
+    def quiet_s(self) -> float:
+        """Time without any result, s, after which missing results of the node are no longer awaited."""
+        return QUIET_S
+
+    def note_sent(self, stamp_ns: int, sent_s: float) -> None:
+        """Note nothing: a node of the suite has no timeout."""
+
+    def wait_for(self, stamp_ns: int) -> None:
+        """Wait in lock step for the results of a pair.
 
         Raises the last unusable input that a node of the suite has reported, also before this pair, because in lock
         step no message may be lost. A replay at a rate continues after an unusable input.
         """
-        if (external := self._external_of(task)) is not None:
-            external.wait_for(stamp_ns)
-            return
+        peer = self.collector.peer
 
         def is_complete() -> bool:
             self.collector.check_nodes()
             self.collector.check_inputs()
-            return self.received.of(task).has_pair(stamp_ns)
+            return self.is_settled(stamp_ns)
 
         def problem() -> str:
-            line = self.peer.supervisor.processes[task.node].last_log_line
-            return f"{task.node} published no result for the pair of stamp {stamp_ns} (its last log line: {line})"
+            line = peer.supervisor.processes[self.task.node].last_log_line
+            return f"{self.task.node} published no result for the pair of stamp {stamp_ns} (its last log line: {line})"
 
-        self.peer.wait_for(is_complete, ANSWER_TIMEOUT_S, problem)
+        peer.wait_for(is_complete, ANSWER_TIMEOUT_S, problem)
 
-    def _external_of(self, task: Task) -> ExternalNode | None:
-        """Return the external node if it has the task; None if a node of the suite does."""
-        return self.external if task is self.received.external_task else None
+    def is_settled(self, stamp_ns: int) -> bool:
+        """Return whether the results of a pair were received."""
+        return self.collector.received.of(self.task).has_pair(stamp_ns)
 
-    def _has_all_results(self) -> bool:
-        """Return whether the results of all pairs are complete or no longer awaited."""
-        return all(self._has_results(task, stamp_ns) for task in Task for stamp_ns in self.received.of(task).sent_ns)
+    def check(self) -> None:
+        """Raise a NodeError if a node of the suite has ended or has reported an internal fault."""
+        self.collector.check_nodes()
 
-    def _has_results(self, task: Task, stamp_ns: int) -> bool:
-        external = self._external_of(task)
-        return self.received.of(task).has_pair(stamp_ns) if external is None else external.is_settled(stamp_ns)
+    def finish(self) -> None:
+        """Wait for nothing: each result belongs to one pair."""
 
-    def _finish_map(self) -> None:
-        """Let our mapper finish a map in progress, and wait for the maps of the pairs that it received.
+
+@dataclass(frozen=True, slots=True)
+class OurMapper(OurNode):
+    """The mapper of the suite, which publishes a map after `pairs_per_map` pairs or at the service `~/finish`."""
+
+    pairs_per_map: int
+
+    def finish(self) -> None:
+        """Let the mapper finish a map in progress, and wait for the maps of the pairs that it received.
 
         The mapper answers after the pairs and fusions that it received earlier. The answer is a failure if no map is in
-        progress, so that only a missing map of left pairs is an error.
+        progress, so that only a missing map of the remaining pairs is an error.
         """
-        problem = f"{Task.MAPPING.node} did not finish its map"
-        answer = self.peer.request(Trigger, f"{Task.MAPPING.node}/finish", Trigger.Request(), problem)
-        self._wait_while_results_arrive(self._has_all_maps, QUIET_S)
-        maps, left = divmod(len(self.received.maps.mapped_ns), self.pairs_per_map)
-        if left and self.received.maps.map_count <= maps and not answer.success:
+        maps = self.collector.received.maps
+        if not maps.sent_ns:
+            return
+        problem = f"{self.task.node} did not finish its map"
+        answer = self.collector.peer.request(Trigger, f"{self.task.node}/finish", Trigger.Request(), problem)
+        self.collector.wait_while_results_arrive(self._has_all_maps, QUIET_S)
+        complete_maps, remaining_pairs = divmod(len(maps.mapped_ns), self.pairs_per_map)
+        if remaining_pairs and maps.map_count <= complete_maps and not answer.success:
             raise NodeError(f"{problem}: {answer.message}")
 
     def _has_all_maps(self) -> bool:
-        """Return whether our mapper has published the results of all its pairs and their maps."""
-        maps = self.received.maps
+        """Return whether the mapper has published the results of all its pairs and their maps."""
+        maps = self.collector.received.maps
         pairs = len(maps.sent_ns)
         return len(maps.mapped_ns) == pairs and maps.map_count >= math.ceil(pairs / self.pairs_per_map)
 
-    def _wait_while_results_arrive(self, is_complete: Callable[[], bool], quiet_s: float) -> None:
-        """Wait until a condition holds, or until no result has arrived for `quiet_s`."""
-        unchanged = Unchanged()
 
-        def is_over() -> bool:
-            self.collector.check_nodes()
-            return is_complete() or unchanged.seconds(self.received.count) >= quiet_s
+@dataclass(frozen=True, slots=True)
+class ResultWaits:
+    """Waits for the results of published pairs, which the collector has received."""
 
-        self.peer.spin(math.inf, is_over)
+    collector: ResultCollector
+    nodes: Mapping[Task, AwaitedNode]  #: The node of each task.
+    is_lock_step: bool
+
+    def after_pair(self, task: Task, stamp_ns: int, sent_s: float) -> None:
+        """Note a published pair, and wait for its results in lock step.
+
+        `sent_s` is the time of the monotonic clock when the last image of the pair was published, s.
+        """
+        node = self.nodes[task]
+        node.note_sent(stamp_ns, sent_s)
+        if self.is_lock_step:
+            node.wait_for(stamp_ns)
+        self._check_nodes()
+
+    def finish(self) -> None:
+        """Wait for the missing results of all pairs, then for results that do not belong to one pair.
+
+        The first wait ends if no result has arrived for the longest `quiet_s` of the nodes, so that lost pairs do not
+        fail a replay that is not in lock step.
+        """
+        quiet_s = max(node.quiet_s for node in self.nodes.values())
+        self.collector.wait_while_results_arrive(self._has_all_results, quiet_s)
+        for node in self.nodes.values():
+            node.finish()
+        self._check_nodes()
+
+    def _check_nodes(self) -> None:
+        for node in self.nodes.values():
+            node.check()
+
+    def _has_all_results(self) -> bool:
+        """Return whether the results of all pairs are complete or no longer awaited."""
+        received = self.collector.received
+        return all(
+            node.is_settled(stamp_ns) for task, node in self.nodes.items() for stamp_ns in received.of(task).sent_ns
+        )

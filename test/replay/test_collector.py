@@ -20,7 +20,7 @@ from sfr_loc_map.replay import waiting
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.message_store import Received, ReceivedCloud
 from sfr_loc_map.replay.replay_peer import ReplayPeer
-from sfr_loc_map.replay.waiting import ResultWaits
+from sfr_loc_map.replay.waiting import AwaitedNode, OurMapper, OurNode, ResultWaits
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import DIAGNOSTICS, call_topic
 
@@ -40,12 +40,16 @@ def add_map(received: Received) -> None:
 def waits_of(peer: ReplayPeer, received: Received, *, pairs_per_map: int = 3, is_lock_step: bool) -> ResultWaits:
     """Return the waits for the results of the suite's nodes."""
     collector = ResultCollector(peer, received)
-    return ResultWaits(peer, received, collector, None, pairs_per_map=pairs_per_map, is_lock_step=is_lock_step)
+    nodes: dict[Task, AwaitedNode] = {
+        Task.LOCALISATION: OurNode(Task.LOCALISATION, collector),
+        Task.MAPPING: OurMapper(Task.MAPPING, collector, pairs_per_map),
+    }
+    return ResultWaits(collector, nodes, is_lock_step)
 
 
 def publish(waits: ResultWaits, task: Task, stamp_ns: int) -> None:
     """Act as the session after the last image of a pair."""
-    waits.received.add_pair(task, stamp_ns)
+    waits.collector.received.add_pair(task, stamp_ns)
     waits.after_pair(task, stamp_ns, 0.0)
 
 
@@ -133,10 +137,9 @@ def test_an_external_node_has_its_timeout_for_the_last_answer(monkeypatch: pytes
         def is_settled(_: int) -> bool:
             return time.monotonic() >= answered_s
 
-        settling = {"is_settled": is_settled, "check_process": lambda: None}
-        external = cast("Any", SimpleNamespace(task=Task.MAPPING, timeout_s=30.0, **settling))
-        collector = ResultCollector(peer, received)
-        ResultWaits(peer, received, collector, external, pairs_per_map=1, is_lock_step=False).finish()
+        settling = {"is_settled": is_settled, "check": lambda: None, "finish": lambda: None}
+        external = cast("Any", SimpleNamespace(quiet_s=30.0, **settling))
+        ResultWaits(ResultCollector(peer, received), {Task.MAPPING: external}, False).finish()
         assert is_settled(1)
 
 
@@ -154,7 +157,7 @@ def test_an_invalid_call_of_an_external_node_is_counted() -> None:
     assert "stamp_ns" in refused.first
 
 
-def test_a_map_of_left_pairs_that_cannot_be_finished_fails_the_replay(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_map_of_remaining_pairs_that_cannot_be_finished_fails_the_replay(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(waiting, "QUIET_S", 0.2)
     supervisor = SimpleNamespace(processes={}, check=lambda: None)
     received = Received()

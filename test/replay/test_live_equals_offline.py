@@ -21,8 +21,9 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import score_config
 from sfr_loc_map.metrics.stored.score_json import to_dict
 from sfr_loc_map.replay.options import ReplayOptions
+from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.replay_score import score_replay
-from sfr_loc_map.replay.session import Participants, play_and_collect, started_participants
+from sfr_loc_map.replay.session import connected_replay, play_and_collect
 from sfr_loc_map.runs.drive_start import start_pose
 from sfr_loc_map.scoring.request import ScoreRequest
 
@@ -39,18 +40,18 @@ def numbers(score: dict[str, Any]) -> Iterator[tuple[str, float]]:
                 yield f"{names}/{column}", float(value)
 
 
-def final_report(parts: Participants, reports: list[str]) -> dict[str, Any]:
+def final_report(peer: ReplayPeer, reports: list[str]) -> dict[str, Any]:
     """Return the monitor's report once everything that was published is in it."""
 
     def is_complete() -> bool:
         problem = "monitor_node did not publish its figures"
-        assert parts.peer.request(Trigger, "monitor_node/finish", Trigger.Request(), problem).success, problem
+        assert peer.request(Trigger, "monitor_node/finish", Trigger.Request(), problem).success, problem
         report = json.loads(reports[-1]) if reports else {}
         posed = (report.get("association") or {}).get("matched") == POSES
         timed = posed and number(report, "localisation", "n") == POSES
         return bool(timed and number(report, "mapping_call", "n") == 1 and number(report, "coverage"))
 
-    parts.peer.wait_for(is_complete, 60.0, lambda: f"no complete report, the last one is {reports[-1:]}")
+    peer.wait_for(is_complete, 60.0, lambda: f"no complete report, the last one is {reports[-1:]}")
     return dict(json.loads(reports[-1]))
 
 
@@ -65,19 +66,20 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
         request=ScoreRequest(config),
         limits_file=None,
         start=start_pose(source.loc, "truth"),
-        rate=0.0,
+        rate=None,
         offset_s=0.0,
         duration_s=math.inf,
         paused=False,
         parameter_file=None,
     )
     reports: list[str] = []
-    with started_participants(source, options, lambda line: None) as parts:
+    with connected_replay(source, options, lambda line: None) as connected:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        parts.peer.ros_node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
-        play_and_collect(source, options, parts, lambda rig: None)
-        live = final_report(parts, reports)
-    offline = to_dict(score_replay(source, parts.result(), config, None))
+        peer = connected.collector.peer
+        peer.ros_node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
+        play_and_collect(source, options, connected, lambda rig: None)
+        live = final_report(peer, reports)
+    offline = to_dict(score_replay(source, connected.result(options), config, None))
     found, expected = dict(numbers(live)), dict(numbers(offline))
     # how much of the drive has no estimate follows from the images, which the monitor does not know
     known = {name for name in expected if not name.startswith("completeness/None/None/")}

@@ -46,7 +46,7 @@ from sfr_loc_map.metrics.table.records import (
 )
 from sfr_loc_map.replay.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
-from sfr_loc_map.replay.replay_score import methods_of, score_replay
+from sfr_loc_map.replay.replay_score import score_replay
 from sfr_loc_map.replay.result import ExternalResult, ReplayedMap, ReplayResult
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.summary import banner_of
@@ -104,7 +104,7 @@ def test_live_replay_and_score_of_every_file_format_are_equal_to_the_last_digit(
         ReplayResult(Trajectory.empty(), ReplayedMap(cloud, None, stamps), run.records),
         ReplayFiles(tmp_path),
     )
-    save_replay(result, files, OURS)
+    save_replay(result, files)
     replayed = of_map(score_replay(source, result, ScoreConfig(), None))
     assert replayed["cloud"]["kind"] == ("single pairs" if case == "folder, not fused" else "fused")
     assert replayed == file_score(files.cloud, source.path) == live_score(source, run, cloud)
@@ -125,7 +125,7 @@ def test_a_point_that_is_not_finite_is_counted_and_not_scored(tmp_path: Path, ha
     points = ReplayedMap(None, xyz.astype(np.float64), stamps)
     made = ReplayedMap(replace(cloud, xyz=xyz), None, stamps) if has_pixels else points
     result = ReplayResult(Trajectory.empty(), made, [])
-    save_replay(result, files, OURS)
+    save_replay(result, files)
     replayed = of_map(score_replay(source, result, ScoreConfig(), None))
     assert number(replayed, "points_not_finite") == pytest.approx(1.0 / len(cloud))
     assert replayed == file_score(files.cloud if has_pixels else files.points, source.path)
@@ -135,7 +135,7 @@ def test_only_calls_of_a_mapper_from_a_file_without_a_hash_may_belong_to_another
     source, run = mapped(write_folder(tmp_path / "source", 0, 2))
     stamps, files = tuple(item.stamp_ns for item in run.maps), ReplayFiles(tmp_path)
     result = ReplayResult(Trajectory.empty(), ReplayedMap(run.fused.cloud, None, stamps), run.records)
-    save_replay(result, files, OURS)
+    save_replay(result, files)
     replayed = score_replay(source, result, ScoreConfig(), None, files=files)
     inputs = replace(ScoreInputs.of(files.cloud, source.path), stats=(files.stats,))
     given = score_files(inputs, ScoreConfig())
@@ -173,7 +173,7 @@ def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
         files = ReplayFiles(tmp_path / f"{rows}-{partial}")
         files.folder.mkdir()
         result = ReplayResult(estimate, ReplayedMap(), [])
-        save_replay(result, files, OURS)
+        save_replay(result, files)
         config = score_config(["frames=2"], {"trajectory.partial": partial, "trajectory.spacing": 1})
         score = score_replay(source, result, config, limits, files=files)
         why = wanted[rows]
@@ -255,7 +255,7 @@ def test_the_calls_of_a_replay_belong_to_its_estimate(tmp_path: Path) -> None:
     ]
     result, config = ReplayResult(estimate, ReplayedMap(), calls), score_config(["frames=2"], {})
     files.folder.mkdir()
-    save_replay(result, files, OURS)
+    save_replay(result, files)
     score = score_replay(source, result, config, None, files=files)
     assert not [text for text in score.warnings if "have no positions" in text]
     inputs = replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,))
@@ -289,7 +289,7 @@ def test_calls_of_an_external_localiser_without_a_pose_are_kept(tmp_path: Path) 
         number % 3 > 0 for number in range(12)
     ]
     files = ReplayFiles(tmp_path)
-    save_replay(result, files, methods_of(result, {}))
+    save_replay(result, files)
     scored = score_files(replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,)), config)
     assert len(load_call_stats(files.stats).localised_ns) == 12
     assert scored.association.matched == 4
@@ -306,7 +306,7 @@ def test_a_time_offset_moves_the_calls_with_their_poses(tmp_path: Path) -> None:
     correction = Correction(PoseConvention(time_offset_ns=-50_000_000))
     result = with_converted_poses(replace(made, estimate=late, records=moved), source, config, correction)
     files = ReplayFiles(tmp_path)
-    save_replay(result, files, methods_of(result, {}))
+    save_replay(result, files)
     inputs = replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,))
     wanted = score_replay(source, made, config, None)
     for score in (score_replay(source, result, config, None), score_files(inputs, config)):
@@ -338,14 +338,14 @@ def test_the_files_of_a_replay_state_the_method_and_its_errors(tmp_path: Path) -
     config = score_config(["frames=2"], {})
     result = of_external(source, calls, AnswerCounts(pairs=12, answered=12), config, findings)
     files = ReplayFiles(tmp_path)
-    save_replay(result, files, methods_of(result, {}))
+    save_replay(result, files)
     replayed = score_replay(source, result, config, None, files=files)
     inputs = replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,))
     scored = score_files(inputs, config)
     assert scored.method == replayed.method == result.external.method
     assert scored.findings == replayed.findings == findings
     assert scored.verdict == replayed.verdict == "fail"
-    save_replay(replace(result, external=None), files, OURS)
+    save_replay(replace(result, external=None), files)
     assert load_call_stats(files.stats).methods == {Task.LOCALISATION: OURS[Task.LOCALISATION]}
 
 
@@ -361,7 +361,7 @@ def test_findings_on_an_external_mapper_without_calls_are_in_the_files(tmp_path:
     of_ours = CallRecord(5, 0.1, "tracking", finding="late answer: once")
     for records in ([], [of_ours]):
         result = ReplayResult(Trajectory.empty(), ReplayedMap(), records, external)
-        save_replay(result, files, methods_of(result, {}))
+        save_replay(result, files)
         stats = load_call_stats(files.stats)
         assert stats.findings[:2] == findings
         assert stats.method == external.method
@@ -396,6 +396,6 @@ def test_the_rate_of_a_replay_is_a_deviation_of_limited_times_of_a_node(
     config = score_config(("frames=2",), {})
     result = of_external(source, calls, AnswerCounts(pairs=12, answered=12), config)
     limits = parse_limits({"timing": {"localisation_p50_s": 1.0}}, "limits") if is_limited else None
-    score = score_replay(source, result, config, limits, rate=rate)
+    score = score_replay(source, replace(result, rate=rate or None), config, limits)
     assert score.provenance.configuration.get(REPLAY_RATE, 0.0) == rate
     assert any("(--rate)" in text for text in deviations_of(score)) == (rate > 0.0 and is_limited)
