@@ -37,7 +37,11 @@ PANELS = {
     "Methods of your own": ("bench",),
     "Data": ("convert", "simulate"),
 }
-"""Subcommands in the order of the help, grouped by the titles of the panels. Other subcommands are last."""
+"""Subcommands in the order of the help, grouped by the titles of its panels.
+
+A new command requires an entry here, and a module of `cli` with its name. The module has a function with the name of
+the command and `@app.command`, or the `group` (`command_group`) of its subcommands.
+"""
 HINTS = "SFR_HINTS"
 
 
@@ -112,14 +116,14 @@ def command_line() -> str:
 
 
 def propose(*words: str | Path, why: str = "") -> None:
-    """Set the last line of the command: a command line, quoted unless it is one word.
-
-    A first word `...` is replaced by the command line of the user.
-    """
+    """Set the last line of the command: a command line, quoted unless it is one word."""
     line = str(words[0]) if len(words) == 1 else shlex.join(map(str, words))
-    if line.startswith("..."):
-        line = command_line() + line[3:]
     current_run().next_line = f"{line}    # {why}" if why else line
+
+
+def propose_again(*options: str, why: str) -> None:
+    """Propose the command line of the user with further options."""
+    propose(" ".join((command_line(), *options)), why=why)
 
 
 def propose_page(page: str | Path, more: str = "") -> None:
@@ -140,8 +144,7 @@ class _Group(TyperGroup):
         """Return the subcommands of `sfr` in the order of PANELS, those of a group in the order of definition."""
         names = super().list_commands(ctx)
         in_panels = [name for panel in PANELS.values() for name in panel]
-        order = {name: place for place, name in enumerate(in_panels)}
-        return names if ctx.parent is not None else sorted(names, key=lambda name: order.get(name, len(order)))
+        return names if ctx.parent is not None else sorted(names, key=in_panels.index)
 
 
 def help_without_command(context: typer.Context) -> None:

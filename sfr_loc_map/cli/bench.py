@@ -21,14 +21,14 @@ from sfr_loc_map.cli.options import (
     option_names,
     refuse_given,
 )
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, counting, progress_bar, say, show
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, claim_outputs, counting, progress_bar, say, show
 from sfr_loc_map.cli.verdict import check_conditions
 from sfr_loc_map.errors import FailedVerdictError, InputError, InterruptedRunError, NotJudgedError
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.suite_names import Task
 
-app = command_group("Compare methods on the same input in separate processes. Test ours with injected faults.")
+group = command_group("Compare methods on the same input in separate processes. Test ours with injected faults.")
 
 
 MethodsOption = Annotated[
@@ -41,7 +41,7 @@ PeerOption = Annotated[
 RepeatOption = Annotated[int, Option(min=1, metavar="N", help="Number of passes; medians are shown.")]
 
 
-@app.command(epilog=examples("sfr bench localise data/ --repeat 3 --json bench.json"))
+@group.command(epilog=examples("sfr bench localise data/ --repeat 3 --json bench.json"))
 def localise(
     context: Context,
     source: SourceArgument,
@@ -80,7 +80,7 @@ def localise(
         refuse_given(context, ("vocabulary",), "is the vocabulary of ORB-SLAM3: give --peer-python PYTHON, too")
     scoring = ScoreRequest.of(conditions, spacing=spacing, called=option_names(context)).config.trajectory
     how = announced_config(source, config, remap)
-    check_outputs(json_path, inputs=(source, how.configuration.path, vocabulary), overwrite=overwrite)
+    claim_outputs(json_path, inputs=(source, how.configuration.path, vocabulary), overwrite=overwrite)
     opened = open_source(source, how)
     parameters = how.configuration.build(LocalisationConfig, "localisation")
     sequence = drive_of(opened)
@@ -99,7 +99,7 @@ def localise(
     _present({"source": str(source), **result.content(), "missing": missing}, json_path)
 
 
-@app.command(name="map", epilog=examples("sfr bench map data/ --json bench.json"))
+@group.command(name="map", epilog=examples("sfr bench map data/ --json bench.json"))
 def map_(
     source: SourceArgument,
     method: MethodsOption = None,
@@ -118,7 +118,7 @@ def map_(
 
     propose("sfr map SRC -o C.ply --stats S.csv --method NAME", why="runs one method, with files to score")
     how = announced_config(source, config, remap)
-    check_outputs(json_path, inputs=(source, how.configuration.path), overwrite=overwrite)
+    claim_outputs(json_path, inputs=(source, how.configuration.path), overwrite=overwrite)
     opened = open_source(source, how)
     parameters = how.configuration.build(MappingConfig, "mapping")
     sequence = panorama_of(opened)
@@ -130,7 +130,7 @@ def map_(
     _present({"source": str(source), **result.content(), "missing": missing}, json_path)
 
 
-@app.command(epilog=examples("sfr bench faults data/ --fault torn+noisy --json faults.json"))
+@group.command(epilog=examples("sfr bench faults data/ --fault torn+noisy --json faults.json"))
 def faults(
     context: Context,
     source: SourceArgument,
@@ -163,7 +163,7 @@ def faults(
 
     propose("sfr simulate DST --from SRC --fault KIND:amount=A", why="writes the data with a single fault")
     how = announced_config(source, config, remap)
-    check_outputs(json_path, inputs=(source, how.configuration.path), overwrite=overwrite)
+    claim_outputs(json_path, inputs=(source, how.configuration.path), overwrite=overwrite)
     wanted = tuple(fault or FAULTS)
     scoring = ScoreRequest.of([conditions], spacing=spacing, called=option_names(context)).config.trajectory
     opened = open_source(source, how)
@@ -190,7 +190,7 @@ def faults(
         )
 
 
-@app.command(epilog=examples("sfr bench methods", "sfr bench methods --include-dir"))
+@group.command(epilog=examples("sfr bench methods", "sfr bench methods --include-dir"))
 def methods(
     context: Context,
     include_dir: Annotated[bool, Option("--include-dir", help="Print only the folder of sfr_candidate.h.")] = False,
@@ -206,7 +206,7 @@ def methods(
         refuse_given(context, ("json_path",), "has no effect with --include-dir: omit one of them")
         say(str(header_folder()))
         return
-    check_outputs(json_path, overwrite=overwrite)
+    claim_outputs(json_path, overwrite=overwrite)
     found = listed_methods()
     show({"methods": found}, json_path, [registered_methods_table(found)])
 

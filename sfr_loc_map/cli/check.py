@@ -19,7 +19,7 @@ from sfr_loc_map.cli.options import (
     announced_config,
     refuse_given,
 )
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, claim_outputs, progress_bar, say, show
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, naming
 from sfr_loc_map.metrics.conditions import Condition
@@ -70,7 +70,7 @@ def check(
     from sfr_loc_map.scoring.provenance import provenance_of_source
 
     how = announced_config(source, config, remap)
-    check_outputs(json_path, inputs=(source, how.configuration.path, *(estimate or ())), overwrite=overwrite)
+    claim_outputs(json_path, inputs=(source, how.configuration.path, *(estimate or ())), overwrite=overwrite)
     if len(estimate or ()) > MAX_ESTIMATES:
         raise ConfigError(
             f"'--estimate' is given {len(estimate or ())} times: at most {MAX_ESTIMATES} estimates can be compared "

@@ -19,7 +19,7 @@ from sfr_loc_map.cli.options import (
     columns_of,
     refuse_others,
 )
-from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, pairs_progress, say, warn
+from sfr_loc_map.cli.output import check_suffix, claim_outputs, output_folder, pairs_progress, say, warn
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.suffixes import suffix_of
 
@@ -164,7 +164,7 @@ def _convert_cloud(source: Path, destination: Path, *, overwrite: bool) -> None:
     from sfr_loc_map.io.convert import convert_cloud
 
     check_suffix(destination, SUFFIXES)
-    check_outputs(destination, inputs=(source,), overwrite=overwrite)
+    claim_outputs(destination, inputs=(source,), overwrite=overwrite)
     count = convert_cloud(source, destination)
     say(f"{count} points: {destination}", err=True)
     propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")
@@ -182,7 +182,7 @@ def _convert_pairs(
     from sfr_loc_map.runs.drive_start import true_start
 
     how = announced_config(source, config, remap)
-    check_outputs(destination, inputs=(source, how.configuration.path), overwrite=overwrite)
+    claim_outputs(destination, inputs=(source, how.configuration.path), overwrite=overwrite)
     opened = open_source(source, how)
     start = None if opened.loc is None else true_start(opened.loc).T_ds_rb
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
@@ -202,7 +202,7 @@ def _convert_trajectory(source: Path, destination: Path, columns: list[str] | No
     if of_truth:
         raise ConfigError(f"'--columns truth:{of_truth}': '{source}' is the only table: omit 'truth:'")
     if format_of_name(destination) is not None:  # before the source is read; `output_folder` checks other outputs
-        check_outputs(*files_written(destination), inputs=(source,), overwrite=overwrite)
+        claim_outputs(*files_written(destination), inputs=(source,), overwrite=overwrite)
     read = read_trajectory_file(source, of_poses)
     if read.is_announced:
         say(read.text, err=True)
@@ -217,7 +217,7 @@ def _write_true_trajectory(
     from sfr_loc_map.io.tables.trajectory_writer import files_written
 
     how = announced_config(source, config, remap)
-    check_outputs(*files_written(destination), inputs=(source, how.configuration.path), overwrite=overwrite)
+    claim_outputs(*files_written(destination), inputs=(source, how.configuration.path), overwrite=overwrite)
     _write_poses(read_truth(source, how), source, destination, overwrite=overwrite)
 
 

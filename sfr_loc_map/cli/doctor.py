@@ -18,7 +18,7 @@ from sfr_loc_map.cli.options import (
     parse_remaps,
     require_ros,
 )
-from sfr_loc_map.cli.output import check_outputs
+from sfr_loc_map.cli.output import claim_outputs
 from sfr_loc_map.configuration.sections import Configuration
 
 
@@ -36,7 +36,7 @@ def doctor(
 ) -> None:
     """List the blocking issues of the running ROS graph, each with its fix; exit 1 if there are any."""
     check_doctor(files)
-    check_outputs(json_path, inputs=(config,), overwrite=overwrite)
+    claim_outputs(json_path, inputs=(config,), overwrite=overwrite)
     require_ros("doctor")
     from sfr_loc_map.doctor.examination import examine
     from sfr_loc_map.graph.observer import GraphObserver

@@ -21,7 +21,7 @@ from sfr_loc_map.cli.options import (
     configuration_of,
     given_words,
 )
-from sfr_loc_map.cli.output import check_outputs, progress_bar, say
+from sfr_loc_map.cli.output import claim_outputs, progress_bar, say
 from sfr_loc_map.configuration.sections import Configuration, is_ros_parameter_file
 from sfr_loc_map.errors import ConfigError, InputError
 
@@ -68,7 +68,7 @@ def info(
     from sfr_loc_map.source_setup.facts import facts_of, facts_tables
 
     path = config or config_beside(source)
-    check_outputs(json_path, inputs=(source, path, calibration), overwrite=overwrite)
+    claim_outputs(json_path, inputs=(source, path, calibration), overwrite=overwrite)
     can_write = path is None or not is_ros_parameter_file(path)
     if write and not can_write:
         raise ConfigError(

@@ -10,7 +10,7 @@ from typing import Annotated
 from typer import Argument, Context, Option
 
 from sfr_loc_map.atomic import write_text
-from sfr_loc_map.cli.app import app, examples, propose
+from sfr_loc_map.cli.app import app, examples, propose, propose_again
 from sfr_loc_map.cli.options import (
     CalibrationOption,
     OverwriteOption,
@@ -19,7 +19,7 @@ from sfr_loc_map.cli.options import (
     configuration_of,
     refuse_given,
 )
-from sfr_loc_map.cli.output import check_outputs, make_folder, say
+from sfr_loc_map.cli.output import claim_outputs, make_folder, say
 from sfr_loc_map.configuration.sections import Configuration, Key
 from sfr_loc_map.errors import FailedVerdictError, OutputError
 from sfr_loc_map.suffixes import check_is_folder_name
@@ -64,7 +64,7 @@ def init(
     make_folder(folder, "name")
     configuration, limits = folder / "configuration.yaml", folder / LIMITS
     has_limits = is_kept(limits)
-    check_outputs(configuration, *([] if has_limits else [limits]), overwrite=overwrite)
+    claim_outputs(configuration, *([] if has_limits else [limits]), overwrite=overwrite)
     write_text(configuration_text(), configuration)
     say(f"configuration: {configuration}")
     if not has_limits:
@@ -96,8 +96,8 @@ def _init_from(
     names_limits = "limits" in given.sections
     has_limits = names_limits or is_kept(limits)
     if folder.is_dir():
-        check_outputs(path, inputs=inputs, overwrite=overwrite)
-        check_outputs(None if has_limits else limits, inputs=inputs, overwrite=True)  # placeholders are replaced
+        claim_outputs(path, inputs=inputs, overwrite=overwrite)
+        claim_outputs(None if has_limits else limits, inputs=inputs, overwrite=True)  # placeholders are replaced
     found = propose_config(source, replace(given, path=path))
     make_folder(folder, "name")
     if not has_limits:
@@ -111,7 +111,7 @@ def _init_from(
     for text in found.remarks:
         say(f"remark: {text}", err=True)
     if found.missing:
-        propose("..." if overwrite else "... --overwrite", why="with the missing values")
+        propose_again(*([] if overwrite else ["--overwrite"]), why="with the missing values")
         raise FailedVerdictError(f"'{path}' is not complete: {'; '.join(found.missing)}")
     start = ("--start", "truth") if found.truth is not None and found.truth.has_attitude else ()
     words = ("sfr", "replay", source, "--config", path, *start, "--out", "out")

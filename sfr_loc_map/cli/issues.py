@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sfr_loc_map.cli.app import propose
+from sfr_loc_map.cli.app import propose, propose_again
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, say, show
 from sfr_loc_map.errors import FailedVerdictError
 from sfr_loc_map.message_text import counted
@@ -33,7 +33,7 @@ class IssueList:
         if command:
             propose(command, why="writes the sfr.yaml of the source")
         elif self.blocking:
-            propose("...", why="again, after the fix")
+            propose_again(why="again, after the fix")
         else:
             propose(*after, why=why)
 

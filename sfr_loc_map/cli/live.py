@@ -40,7 +40,7 @@ def live(
     context: Context,
     files: FormerArgument = None,
     namespace: NamespaceOption = "",
-    remap: RosRemapOption = None,
+    rules: RosRemapOption = None,
     config: GraphConfigOption = None,
     host: Annotated[
         str, Option(metavar="H", help="Address to listen on; except for loopback, --token is required.")
@@ -71,7 +71,7 @@ def live(
         require_live()
     values = {"host": host, "port": port, "token": token}
     page = build(LiveConfig, values, origin="", called=option_names(context))
-    remaps = list(remap or ())
+    remaps = list(rules or ())
     if config is not None:
         remaps += remaps_of(SourceConfig.of(Configuration.read(config)))
     state = LiveState()

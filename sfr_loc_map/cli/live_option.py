@@ -28,15 +28,15 @@ def require_live() -> None:
 
 @contextmanager
 def live_page(
-    context: Context, namespace: str = "", remaps: Sequence[str] = (), *, isolated: bool = False
+    context: Context, live: bool, port: int, namespace: str = "", remaps: Sequence[str] = (), *, isolated: bool = False
 ) -> Iterator[PageProcess | None]:
-    """Show the run of the `with` block on a page if `--live` is given; yield the page, or None.
+    """Show the run of the `with` block on a page; yield the page, or None without `live`.
 
-    The page subscribes to topics with the remappings `FROM:=TO` of the nodes.
-    The page of a replay (`isolated`) uses the ROS domain of the run. After the run, even if it failed, the page is
-    served until Ctrl-C.
+    `live` and `port` are the values of `--live` and `--live-port`. The page subscribes to topics with the remappings
+    `FROM:=TO` of the nodes. The page of a replay (`isolated`) uses the ROS domain of the run. After the run, even if it
+    failed, the page is served until Ctrl-C.
     """
-    if not context.params["live"]:
+    if not live:
         refuse_given(context, ("live_port",), "applies to the page: give --live, or omit it")
         yield None
         return
@@ -47,7 +47,7 @@ def live_page(
     if isolated:
         environment.isolate()
     words = [word for remap in remaps for word in ("-r", remap)]
-    with PageProcess(("--port", str(context.params["live_port"]), "--namespace", namespace, *words)) as page:
+    with PageProcess(("--port", str(port), "--namespace", namespace, *words)) as page:
         try:
             yield page
         except SfrError as error:

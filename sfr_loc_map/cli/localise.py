@@ -22,7 +22,7 @@ from sfr_loc_map.cli.options import (
     given_words,
     method_under_test,
 )
-from sfr_loc_map.cli.output import check_outputs, check_suffix, pairs_progress, say, secondary_output, warn
+from sfr_loc_map.cli.output import check_suffix, claim_outputs, pairs_progress, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.errors import InterruptedRunError, naming
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -76,9 +76,9 @@ def localise(
     stats = stats_beside(output) if stats is None else stats
     how = announced_config(source, config if method == OURS else None, remap)
     inputs = (source, how.configuration.path, config)
-    check_outputs(*files_written(output), stats, video, inputs=inputs, overwrite=overwrite)
+    claim_outputs(*files_written(output), stats, video, inputs=inputs, overwrite=overwrite)
     opened = open_source(source, how)
-    theirs = method_under_test(context, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
+    theirs = method_under_test(context, method, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
     parameters = how.configuration.build(LocalisationConfig, "localisation")
     sequence = drive_of(opened)
     with ExitStack() as film, naming(source):

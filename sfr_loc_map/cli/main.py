@@ -11,27 +11,10 @@ import os
 import sys
 import traceback
 from contextlib import suppress
+from importlib import import_module
 
 import typer
 
-from sfr_loc_map.cli import (  # noqa: F401 - most join `app` when they are imported
-    bench,
-    check,
-    convert,
-    doctor,
-    info,
-    init,
-    live,
-    localise,
-    map,
-    replay,
-    report,
-    run,
-    score,
-    simulate,
-    suite,
-)
-from sfr_loc_map.cli import record as record_command  # noqa: F401 - as above
 from sfr_loc_map.cli.app import PANELS, app, command_run, current_run
 from sfr_loc_map.errors import ExitCode, SfrError
 from sfr_loc_map.message_text import one_line, printable
@@ -39,14 +22,14 @@ from sfr_loc_map.signals import handle_signals, hold, ignore_signals
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # the class of click, or of typer's copy of click
 
-app.add_typer(bench.app, name="bench")
-app.add_typer(suite.app, name="suite")
 _panel_of = {name: panel for panel, names in PANELS.items() for name in names}
+for _name, _panel in _panel_of.items():
+    _module = import_module(f"sfr_loc_map.cli.{_name}")  # a function of the module joins `app`, or it has a `group`
+    if hasattr(_module, "group"):
+        app.add_typer(_module.group, name=_name, rich_help_panel=_panel)
 for _command in app.registered_commands:
     _command.name = _command.name or str(getattr(_command.callback, "__name__", ""))
-    _command.rich_help_panel = _panel_of.get(_command.name)
-for _group in app.registered_groups:
-    _group.rich_help_panel = _panel_of.get(str(_group.name))
+    _command.rich_help_panel = _panel_of[_command.name]
 
 
 class _LineFormatter(logging.Formatter):

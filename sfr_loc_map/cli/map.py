@@ -21,7 +21,7 @@ from sfr_loc_map.cli.options import (
     given_words,
     method_under_test,
 )
-from sfr_loc_map.cli.output import check_outputs, check_suffix, pairs_progress, say, secondary_output, warn
+from sfr_loc_map.cli.output import check_suffix, claim_outputs, pairs_progress, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.errors import InterruptedRunError, naming
 from sfr_loc_map.mapping.config import CalibrationPrior, MappingConfig
@@ -87,9 +87,9 @@ def map_cloud(
         parameters = replace(parameters, refine_poses=refine_poses)
     check_dems(dem or ())
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)
-    check_outputs(output, stats, *outputs.more, inputs=(source, how.configuration.path, config), overwrite=overwrite)
+    claim_outputs(output, stats, *outputs.more, inputs=(source, how.configuration.path, config), overwrite=overwrite)
     opened = open_source(source, how)
-    theirs = method_under_test(context, Task.MAPPING, opened, config, call_timeout, memory_limit)
+    theirs = method_under_test(context, method, Task.MAPPING, opened, config, call_timeout, memory_limit)
     sequence = panorama_of(opened)
     with naming(source), pairs_progress("mapping", len(sequence)) as progress:
         run = run_mapper(sequence, theirs or parameters, progress, keeps_finished=True)

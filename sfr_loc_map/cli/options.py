@@ -245,16 +245,15 @@ OF_OUR_METHOD = {Task.LOCALISATION: ("video",), Task.MAPPING: ("refine_poses",)}
 
 
 def method_under_test(
-    context: Context, task: Task, source: Source, config: Path | None, call_timeout_s: float, memory_mb: int
+    context: Context, name: str, task: Task, source: Source, config: Path | None, call_timeout_s: float, memory_mb: int
 ) -> UnderTest | None:
-    """Return the method of `--method` with its configuration and limits, None for our own method.
+    """Return the method with the name given by `--method`, its configuration and limits; None for our own method.
 
     MethodError if there is no such method. ConfigError if an option does not apply to the method.
     """
     from sfr_loc_map.methods.registry import EXTERNAL, MethodLimits, config_text, find_method
     from sfr_loc_map.runs.under_test import UnderTest
 
-    name: str = context.params["method"]
     if name == OURS:
         of_others = ("call_timeout", "memory_limit")
         refuse_given(context, of_others, "applies to a method under test, not to ours: give --method, or omit it")

@@ -35,9 +35,10 @@ def check_suffix(path: Path | None, suffixes: Collection[str]) -> None:
         file_suffixes.check_suffix(path, suffixes)
 
 
-def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (), overwrite: bool) -> None:
-    """Raise OutputError, before the work is done, if a file cannot be written; None and the text `-` are ignored.
+def claim_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (), overwrite: bool) -> None:
+    """Check and note the files that the command will write, before the work is done; None and the text `-` are ignored.
 
+    Raises OutputError if a file cannot be written. Noted files are named in the message after an interruption.
     Only `--json` can be standard output, and its value is a text; the path `-` is a file. An output must differ from
     the inputs of the command and from the files of its sources.
     """

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Context, Option
 
-from sfr_loc_map.cli.app import app, command_line, examples, propose, propose_page
+from sfr_loc_map.cli.app import app, command_line, examples, propose_again, propose_page
 from sfr_loc_map.cli.live_option import LiveOption, PortOption, live_page
 from sfr_loc_map.cli.options import (
     CONVENTION,
@@ -35,13 +35,10 @@ from sfr_loc_map.cli.options import (
     refuse_given,
     require_ros,
 )
-from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
+from sfr_loc_map.cli.output import claim_outputs, make_folder, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude, present
-from sfr_loc_map.configuration.sections import is_ros_parameter_file
 from sfr_loc_map.errors import InterruptedRunError
 from sfr_loc_map.live.config import DEFAULT_PORT
-from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.suite_names import Task
 
@@ -162,16 +159,11 @@ def replay(
     or sensor_msgs/PointCloud2 with the stamp of each pair. In lock step the replay waits for each answer
     (--answer-timeout). A crash or a missing answer is a finding, and the replay continues. See docs/candidates.md.
     """
-    with live_page(context, isolated=True) as page:  # first, because its imports are faster
+    with live_page(context, live, live_port, isolated=True) as page:  # first, because its imports are faster
         if out is None:
             refuse_given(context, ("overwrite",), "replaces the files of a folder: give --out DIR, too")
-        if external is None and method == "sfr":
-            of_external = of_panels(context, UNDER_TEST, CONVENTION)
-            refuse_given(context, of_external, "applies only to external nodes: give --external TASK, too")
-        if external is not None and method == "sfr":
-            refuse_given(context, ("method",), "contradicts --external: omit one of both options")
+        _refuse_options_of_external_node(context, external, method)
         from sfr_loc_map.io.registry import open_source
-        from sfr_loc_map.metrics.stored.score_json import to_json
         from sfr_loc_map.replay.files import ReplayFiles
         from sfr_loc_map.scoring.judgement import Judgement
         from sfr_loc_map.scoring.provenance import check_data_set
@@ -179,7 +171,6 @@ def replay(
 
         how = announced_config(source, config, remap)
         opened = open_source(source, how)
-        file = how.configuration.path
         if opened.loc is None:
             of_drives = ("start", *of_panels(context, TRAJECTORIES))
             refuse_given(context, of_drives, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
@@ -207,38 +198,36 @@ def replay(
             timeout_s=answer_timeout,
             correction=request.correction,
         )
-        options = ReplayOptions(
-            localisation=how.configuration.build(LocalisationConfig, "localisation"),
-            mapping=how.configuration.build(MappingConfig, "mapping"),
-            parameter_file=file if file is not None and is_ros_parameter_file(file) else None,
-            request=request,
+        options = ReplayOptions.of(
+            how.configuration,
+            request,
             limits_file=by.limits_file,
             start=first_pose(opened, start, start_offset),
             rate=rate or None,
             offset_s=start_offset,
             duration_s=math.inf if duration is None else duration,
             paused=start_paused,
-            monitor=how.configuration.section("monitor"),
             page=page,
             external=external_node,
         )
         files = None if out is None else ReplayFiles(out)
-        report = None if files is None else str(files.report)
-        html = None if files is None else files.page
-        with _room_for(files, (source, by.limits_file, file), overwrite=overwrite):
-            outcome = _replayed(opened, options, files)
-            if page is not None:
-                page.show_score(to_json(outcome.score))
-            try:
-                present(outcome.score, report, html)
-            finally:
-                _report_files(outcome, files)
-                if page is not None and files is not None:
-                    page.run_is_over(report=str(files.page))
+        with _room_for(files, (source, by.limits_file, how.configuration.path), overwrite=overwrite):
+            outcome = _replay_and_present(opened, options, files)
         if outcome.interrupted:
             raise InterruptedRunError(outcome.interrupted)
         # without limits and conditions, a missing judgement is only a warning
         conclude(outcome.score, by.asked, lenient=lenient or not (by.limits_file or by.conditions))
+
+
+def _refuse_options_of_external_node(context: Context, external: str | None, method: str) -> None:
+    """Raise ConfigError for options of an external node without one, and for `--method` that contradicts it."""
+    if method != "sfr":
+        return
+    if external is None:
+        of_external = of_panels(context, UNDER_TEST, CONVENTION)
+        refuse_given(context, of_external, "applies only to external nodes: give --external TASK, too")
+    else:
+        refuse_given(context, ("method",), "contradicts --external: omit one of both options")
 
 
 @contextmanager
@@ -251,11 +240,27 @@ def _room_for(files: ReplayFiles | None, inputs: Iterable[Path | None], *, overw
     made = not out.exists()
     make_folder(out, "--out")
     try:
-        check_outputs(*files.all, inputs=inputs, overwrite=overwrite)
+        claim_outputs(*files.all, inputs=inputs, overwrite=overwrite)
         yield
     finally:
         if made and not any(out.iterdir()):
             out.rmdir()
+
+
+def _replay_and_present(source: Source, options: ReplayOptions, files: ReplayFiles | None) -> ScoredReplay:
+    """Replay and score; print the score and write report and page, if files are given, and show it on the live page."""
+    from sfr_loc_map.metrics.stored.score_json import to_json
+
+    outcome = _replayed(source, options, files)
+    if options.page is not None:
+        options.page.show_score(to_json(outcome.score))
+    try:
+        present(outcome.score, None if files is None else str(files.report), None if files is None else files.page)
+    finally:
+        _report_files(outcome, files)
+        if options.page is not None and files is not None:
+            options.page.run_is_over(report=str(files.page))
+    return outcome
 
 
 def _replayed(source: Source, options: ReplayOptions, files: ReplayFiles | None) -> ScoredReplay:
@@ -282,7 +287,7 @@ def _report_files(outcome: ScoredReplay, files: ReplayFiles | None) -> None:
     if outcome.warning is not None:
         warn(outcome.warning)
     if files is None:
-        propose("... --out out", why="keeps report, estimate and cloud")
+        propose_again("--out out", why="keeps report, estimate and cloud")
         return
     page = files.page if files.page.exists() else files.report
     if not page.exists():

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Context, Option
 
 from sfr_loc_map.atomic import write_text
-from sfr_loc_map.cli.app import app, examples, propose, propose_page
+from sfr_loc_map.cli.app import app, examples, propose, propose_again, propose_page
 from sfr_loc_map.cli.options import (
     Align,
     JsonOption,
@@ -21,7 +21,7 @@ from sfr_loc_map.cli.options import (
     refuse_given,
     refuse_others,
 )
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, check_suffix, say, secondary_output, show, warn
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_suffix, claim_outputs, say, secondary_output, show, warn
 from sfr_loc_map.cli.verdict import conclude_all, say_deviations, write_junit
 from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.errors import ConfigError
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.metrics.score.score import Score
 
 FORMATS = (*HTML_SUFFIXES, ".md", ".csv")
-SIGNED = "Test report of scores"
+DOCUMENTS = "Test report of scores"
 DRAWN = "Page of trajectories"
 
 
@@ -79,25 +79,25 @@ def report(
     lenient: LenientOption = False,
     test_report: Annotated[
         Path | None,
-        Option(metavar="T.html", rich_help_panel=SIGNED, help="Write the test report of the scores for signature."),
+        Option(metavar="T.html", rich_help_panel=DOCUMENTS, help="Write the test report of the scores for signature."),
     ] = None,
-    title: Annotated[str, Option(metavar="TEXT", rich_help_panel=SIGNED, help="Title of the test report.")] = "",
-    number: Annotated[str, Option(metavar="TEXT", rich_help_panel=SIGNED, help="Number of the test report.")] = "",
+    title: Annotated[str, Option(metavar="TEXT", rich_help_panel=DOCUMENTS, help="Title of the test report.")] = "",
+    number: Annotated[str, Option(metavar="TEXT", rich_help_panel=DOCUMENTS, help="Number of the test report.")] = "",
     issue: Annotated[
-        str, Option(metavar="TEXT", rich_help_panel=SIGNED, help="Issue (revision) of the test report.")
+        str, Option(metavar="TEXT", rich_help_panel=DOCUMENTS, help="Issue (revision) of the test report.")
     ] = "",
     junit: Annotated[
-        Path | None, Option(metavar="F.xml", rich_help_panel=SIGNED, help="Write the verdicts as JUnit XML.")
+        Path | None, Option(metavar="F.xml", rich_help_panel=DOCUMENTS, help="Write the verdicts as JUnit XML.")
     ] = None,
     control: Annotated[
         Path | None,
-        Option(metavar="F.csv", rich_help_panel=SIGNED, help="Write the verification control document (close-out)."),
+        Option(metavar="F.csv", rich_help_panel=DOCUMENTS, help="Write the verification control document (close-out)."),
     ] = None,
     evidence: Annotated[
         list[Path] | None,
         Option(
             metavar="E.json",
-            rich_help_panel=SIGNED,
+            rich_help_panel=DOCUMENTS,
             help="Evidence for the test report: JSON of sfr check, suite.json with a budget, search.json.",
         ),
     ] = None,
@@ -124,23 +124,23 @@ def report(
     check_suffix(control, (".csv",))
     kind = _kind_of(results)
     refuse_others(context, _options_of(context, kind), f"does not apply to {kind}: omit it")
-    is_signed = any(path is not None for path in (test_report, junit, control))
-    _check_partners(context, is_signed=is_signed)
-    if kind is ResultKind.SCORES and len(results) == 1 and output is None and not is_signed:
+    has_documents = any(path is not None for path in (test_report, junit, control))
+    _check_partners(context, test_report, control, truth, has_documents=has_documents)
+    if kind is ResultKind.SCORES and len(results) == 1 and output is None and not has_documents:
         output = results[0].with_name("report.html")
     read = (*results, *(evidence or ()), truth)
-    check_outputs(json_path, output, test_report, junit, control, inputs=read, overwrite=overwrite)
+    claim_outputs(json_path, output, test_report, junit, control, inputs=read, overwrite=overwrite)
     match kind:
         case ResultKind.SCORES:
             scores = _read_scores(results)
-            if is_signed:
-                _sign(scores, (title, number, issue), evidence or (), test_report, junit, control)
+            if has_documents:
+                _write_documents(scores, (title, number, issue), evidence or (), test_report, junit, control)
             elif len(scores) == 1 and output is not None:
                 _write_score(next(iter(scores.values())), output, json_path)
             else:
                 _compare_scores(results, list(scores.values()), output, json_path)
             say_deviations(list(scores.values()), err=json_path == STANDARD_OUTPUT)
-            conclude_all(scores, requires_common_verdict=is_signed, lenient=lenient)
+            conclude_all(scores, requires_common_verdict=has_documents, lenient=lenient)
         case ResultKind.SUITES:
             _compare_suites(results, output, json_path)
         case ResultKind.TRAJECTORIES:
@@ -173,17 +173,18 @@ def _options_of(context: Context, kind: ResultKind) -> tuple[str, ...]:
     """Return the arguments and options that apply to a kind of results."""
     match kind:
         case ResultKind.SCORES:
-            return (*OF_PAGE, *of_panels(context, SIGNED), "lenient")
+            return (*OF_PAGE, *of_panels(context, DOCUMENTS), "lenient")
         case ResultKind.SUITES:
             return OF_PAGE
         case ResultKind.TRAJECTORIES:
             return ("results", "output", "overwrite", *of_panels(context, DRAWN))
 
 
-def _check_partners(context: Context, *, is_signed: bool) -> None:
+def _check_partners(
+    context: Context, test_report: Path | None, control: Path | None, truth: Path | None, *, has_documents: bool
+) -> None:
     """Raise ConfigError if an option is given without the option that it requires, or with one that excludes it."""
-    test_report, control, truth = (context.params[name] for name in ("test_report", "control", "truth"))
-    if is_signed:
+    if has_documents:
         pages = ("output", "json_path")
         refuse_given(context, pages, "is not written with --test-report, --junit or --control: omit it")
     if test_report is None:
@@ -237,7 +238,7 @@ def _write_score(score: Score, page: Path, json_path: str | None) -> None:
         propose_page(page)
 
 
-def _sign(
+def _write_documents(
     scores: dict[str, Score],
     heading: tuple[str, str, str],
     evidence: Sequence[Path],
@@ -297,7 +298,7 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
         write_text(render_overview("Comparison of scores", banner, tables, plots, FIRST_TABLES), page)
         propose_page(page)
     else:
-        propose("... -o comparison.html", why="the same as a page with figures")
+        propose_again("-o comparison.html", why="the same as a page with figures")
     shown = [table for table in tables if table.name != "provenance"]  # too wide for a terminal; the page has it
     show(result.to_dict(), json_path, shown)
 

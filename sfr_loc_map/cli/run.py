@@ -38,7 +38,7 @@ def run(
     ] = None,
     config: GraphConfigOption = None,
     namespace: NamespaceOption = "",
-    remap: RosRemapOption = None,
+    rules: RosRemapOption = None,
     log_level: Annotated[
         Literal["debug", "info", "warn", "error"], Option(help="Minimum severity of displayed messages.")
     ] = "info",
@@ -63,9 +63,9 @@ def run(
             config,
             Path(scratch) / "parameters.yaml",
             parameter_files=params_file or (),
-            remaps=remap or (),
+            remaps=rules or (),
             namespace=namespace,
             log_level=log_level,
         )
-        with live_page(context, namespace, topic_rules(arguments)) as page, shown_on(page):
+        with live_page(context, live, live_port, namespace, topic_rules(arguments)) as page, shown_on(page):
             run_nodes(nodes, arguments, lambda text: say(f"sfr run: {text}", err=True), respawn=respawn)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from typer import Argument, Context, Option
 
-from sfr_loc_map.cli.app import app, command_line, current_run, examples, propose, propose_page
+from sfr_loc_map.cli.app import app, command_line, current_run, examples, propose, propose_again, propose_page
 from sfr_loc_map.cli.options import (
     ASSOCIATION,
     CLOUDS,
@@ -39,7 +39,7 @@ from sfr_loc_map.cli.options import (
     refuse_given,
     refuse_others,
 )
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, check_suffix, say, secondary_output, show
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_suffix, claim_outputs, say, secondary_output, show
 from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, present, write_junit
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.bag.files import is_bag
@@ -213,7 +213,7 @@ def score(
     from sfr_loc_map.scoring.request import ScoreRequest
 
     found = ScoreInputs.of(estimate, truth, stats)
-    _check_options(context, found)
+    _check_options(context, found, diagnose=diagnose)
     how = _configuration_of_truth(truth, config_file)
     by = Judgement.of(limits, conditions, how.configuration)
     of_estimate, of_truth = columns_of(columns)
@@ -221,7 +221,7 @@ def score(
     inputs = replace(found, columns=of_estimate, config=configured, limits=by.limits_file)
     inputs = _measured_on(inputs, target, target_timing, target_run)
     outputs = _Outputs(json_path, html, junit, points, pieces)
-    outputs.check((estimate, truth, *inputs.paths), overwrite=overwrite)
+    outputs.claim((estimate, truth, *inputs.paths), overwrite=overwrite)
     request = ScoreRequest.of(
         by.conditions,
         by.limits,
@@ -243,7 +243,7 @@ def score(
         _diagnose(inputs, request.config, json_path, lenient=lenient)
         return
     result = _scored(inputs, request, outputs, fused)
-    _propose_next(context, result)
+    _propose_next(context, (estimate, truth), result, outputs, overwrite=overwrite)
     conclude(result, by.asked, lenient=lenient)
     if junit is not None and not result.is_judged:
         not_judged([NO_LIMITS], lenient=lenient)
@@ -257,14 +257,14 @@ def _configuration_of_truth(truth: Path, config_file: Path | None) -> SourceConf
     return announced_config(truth, config_file) if is_configured else DEFAULT_SOURCE
 
 
-def _check_options(context: Context, given: ScoreInputs) -> None:
+def _check_options(context: Context, given: ScoreInputs, *, diagnose: bool) -> None:
     """Raise ConfigError if an option does not apply to the kind of the estimate, or to a diagnosis."""
     if given.estimate is None:
         of_trajectories = of_panels(context, TRAJECTORIES, ASSOCIATION, TABLES, CONVENTION)
         refuse_given(context, of_trajectories, "applies only to trajectories: omit it for a cloud")
     if given.cloud is None:
         refuse_given(context, of_panels(context, CLOUDS), "applies only to clouds: omit it for a trajectory")
-    if context.params["diagnose"]:
+    if diagnose:
         of_diagnosis = (*OF_DIAGNOSIS, *of_panels(context, ASSOCIATION, TABLES))
         refuse_others(context, of_diagnosis, "has no effect with --diagnose, which makes no score: omit it")
 
@@ -292,12 +292,12 @@ class _Outputs(NamedTuple):
     points: Path | None
     pieces: Path | None
 
-    def check(self, inputs: Sequence[Path], *, overwrite: bool) -> None:
+    def claim(self, inputs: Sequence[Path], *, overwrite: bool) -> None:
         """Raise OutputError if a file cannot be written, or is one of the inputs."""
         check_suffix(self.html, HTML_SUFFIXES)
         for table in (self.points, self.pieces):
             check_suffix(table, TABLE_SUFFIXES)
-        check_outputs(*self, inputs=inputs, overwrite=overwrite)
+        claim_outputs(*self, inputs=inputs, overwrite=overwrite)
 
     def write(self, scored: ScoredRun) -> None:
         """Print the score, and write all requested files."""
@@ -334,33 +334,28 @@ def _scored(inputs: ScoreInputs, request: ScoreRequest, outputs: _Outputs, fused
     return scored.score
 
 
-def _propose_next(context: Context, result: Score) -> None:
-    """Propose the next command after a score."""
+def _propose_next(
+    context: Context, scored: tuple[Path, Path], result: Score, outputs: _Outputs, *, overwrite: bool
+) -> None:
+    """Propose the next command after a score; `scored` are the estimate and the truth of the command line."""
     from sfr_loc_map.metrics.judging.incomplete import is_lifted_by_partial
 
-    estimate, truth, html, json_path = (context.params[name] for name in ("estimate", "truth", "html", "json_path"))
-    again = "... --overwrite" if current_run().outputs and not context.params["overwrite"] else "..."
+    again = ["--overwrite"] if current_run().outputs and not overwrite else []
     if result.incomplete is not None and is_lifted_by_partial(result):
-        propose(f"{again} --partial", why="judges the part that the estimate covers")
+        propose_again(*again, "--partial", why="judges the part that the estimate covers")
     elif result.contradiction is not None:
         compared = given_words(context, *of_panels(context, ASSOCIATION, TABLES), "config_file")
         propose(
-            "sfr",
-            "score",
-            estimate,
-            truth,
-            *compared,
-            "--diagnose",
-            why="finds the convention mismatch and its correction",
+            "sfr", "score", *scored, *compared, "--diagnose", why="finds the convention mismatch and its correction"
         )
-    elif html is not None:
-        propose_page(html)
+    elif outputs.html is not None:
+        propose_page(outputs.html)
     elif not result.verdicts:
-        propose(f"{again} --limits limits.yaml --html report.html", why="sfr init writes limits to fill in")
-    elif json_path is not None:
-        propose("sfr", "report", json_path, why="the same as a page with figures")
+        propose_again(*again, "--limits limits.yaml --html report.html", why="sfr init writes limits to fill in")
+    elif outputs.json is not None:
+        propose("sfr", "report", outputs.json, why="the same as a page with figures")
     else:
-        propose(f"{again} --html report.html", why="the same command, with a page of figures")
+        propose_again(*again, "--html report.html", why="the same command, with a page of figures")
 
 
 def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *, lenient: bool) -> None:

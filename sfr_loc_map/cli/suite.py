@@ -14,8 +14,8 @@ from sfr_loc_map.cli.app import command_group, examples, propose
 from sfr_loc_map.cli.options import HtmlOption, JsonOption, LenientOption, OverwriteOption, refuse_given
 from sfr_loc_map.cli.output import (
     STANDARD_OUTPUT,
-    check_outputs,
     check_suffix,
+    claim_outputs,
     progress_bar,
     say,
     secondary_output,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.statistics.summary import Summary
 
-app = command_group("Suites of many sources, configurations and faults. An interrupted suite is resumable.")
+group = command_group("Suites of many sources, configurations and faults. An interrupted suite is resumable.")
 
 JunitOption = Annotated[Path | None, Option(metavar="F.xml", help="Write verdicts and failures as JUnit XML.")]
 MlflowOption = Annotated[str | None, Option(metavar="URI", help="Log the suite as an MLflow run (extra mlflow).")]
@@ -50,7 +50,7 @@ SchedulerOption = Annotated[
 FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite, made by sfr suite run.")]
 
 
-@app.command(
+@group.command(
     epilog=examples(
         "sfr suite run suite.yaml --out runs/today --workers 4",
         "sfr suite run suite.yaml --out runs/today --dry-run",
@@ -79,8 +79,8 @@ def run(
     from sfr_loc_map.suite.running.store import Store
 
     propose("sfr", "suite", "report", out, why="rebuilds the page from the results")
-    check_outputs(json_path, junit, inputs=(suite,), overwrite=overwrite)
-    _refuse_both(context)
+    claim_outputs(json_path, junit, inputs=(suite,), overwrite=overwrite)
+    _refuse_workers_of(context, scheduler)
     if dry_run:
         of_result = ("json_path", "junit", "mlflow", "lenient")
         refuse_given(context, of_result, "has no effect with --dry-run, which has no result: omit it")
@@ -149,14 +149,14 @@ def _progress() -> Iterator[Progress]:
         yield advance
 
 
-def _refuse_both(context: Context) -> None:
+def _refuse_workers_of(context: Context, scheduler: str | None) -> None:
     """Raise ConfigError if `--workers` is given with `--scheduler`."""
-    if context.params["scheduler"] is not None:
+    if scheduler is not None:
         reason = "has no effect with --scheduler, because a running scheduler has its own workers: give one of them"
         refuse_given(context, ("workers",), reason)
 
 
-@app.command(epilog=examples("sfr suite search search.yaml --out runs/search --workers 2"))
+@group.command(epilog=examples("sfr suite search search.yaml --out runs/search --workers 2"))
 def search(
     context: Context,
     search: Annotated[Path, Argument(metavar="SEARCH.yaml", help="File with scenario, ranges, figure and limit.")],
@@ -175,8 +175,8 @@ def search(
     from sfr_loc_map.suite.search.specification import load_search
 
     propose("sfr", "suite", "run", out / CASE, "--out", out / "case", why="repeats the worst case")
-    check_outputs(json_path, inputs=(search,), overwrite=overwrite)
-    _refuse_both(context)
+    claim_outputs(json_path, inputs=(search,), overwrite=overwrite)
+    _refuse_workers_of(context, scheduler)
     specification, store = load_search(search), Store(out)
     with _progress() as progress:
         result = run_search(
@@ -202,7 +202,7 @@ def search(
         )
 
 
-@app.command(epilog=examples("sfr suite report runs/today --json summary.json"))
+@group.command(epilog=examples("sfr suite report runs/today --json summary.json"))
 def report(
     folder: FolderArgument,
     json_path: JsonOption = None,
@@ -216,7 +216,7 @@ def report(
     from sfr_loc_map.suite.statistics.summary import summarise
 
     propose("sfr report A B", why="compares with an earlier suite")
-    check_outputs(json_path, junit, inputs=(folder,), overwrite=overwrite)
+    claim_outputs(json_path, junit, inputs=(folder,), overwrite=overwrite)
     store, unchecked = _open_store(folder)
     with store.locked_if_free() as is_locked:
         summary = summarise(store, unchecked)
@@ -227,7 +227,7 @@ def report(
     _present(summary, store, json_path, junit, mlflow, is_written=is_locked, lenient=lenient)
 
 
-@app.command(
+@group.command(
     "plan", epilog=examples("sfr suite plan --prob 0.95 --confidence 0.95 --power 0.9", "sfr suite plan runs/today")
 )
 def drives(
@@ -252,7 +252,7 @@ def drives(
     from sfr_loc_map.suite.statistics.drive_count import count_without_suite, drive_counts
     from sfr_loc_map.suite.statistics.summary import summarise
 
-    check_outputs(json_path, overwrite=overwrite)
+    claim_outputs(json_path, overwrite=overwrite)
     asked = {"prob": prob, "confidence": confidence, "power": power, "good": good}
     given = {name: value for name, value in asked.items() if value is not None}
     if folder is None:
@@ -265,7 +265,7 @@ def drives(
     show(counts, json_path, [drive_count_table(counts)])
 
 
-@app.command(epilog=examples("sfr suite history nights/* --html history.html"))
+@group.command(epilog=examples("sfr suite history nights/* --html history.html"))
 def history(
     folders: Annotated[list[Path], Argument(metavar="DIR", help="Folders of suites in chronological order.")],
     json_path: JsonOption = None,
@@ -284,7 +284,7 @@ def history(
 
     propose("sfr report A B", why="compares two of these runs in full")
     check_suffix(html, HTML_SUFFIXES)
-    check_outputs(json_path, html, inputs=folders, overwrite=overwrite)
+    claim_outputs(json_path, html, inputs=folders, overwrite=overwrite)
     nights = [Night.read(folder) for folder in folders]
     check_order(nights)
     result = find_changes(nights)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.configuration.parameters import changed
+from sfr_loc_map.configuration.sections import Configuration, is_ros_parameter_file
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.io.message_stream import begin_of
 from sfr_loc_map.io.sequence import Source
@@ -68,6 +69,42 @@ class ReplayOptions:
     monitor: Mapping[str, Any] = field(default_factory=dict)  #: Parameters of the monitor besides score and limits.
     page: PageProcess | None = None  #: Live page that shows the run; None: no page.
     external: ExternalOptions | None = None  #: External node under test; None: only nodes of the suite.
+
+    @classmethod
+    def of(
+        cls,
+        configuration: Configuration,
+        request: ScoreRequest,
+        *,
+        limits_file: Path | None,
+        start: StartPose | None,
+        rate: float | None,
+        offset_s: float,
+        duration_s: float,
+        paused: bool,
+        page: PageProcess | None,
+        external: ExternalOptions | None,
+    ) -> ReplayOptions:
+        """Return the options with the parameters of the nodes from a configuration; ConfigError if one is invalid.
+
+        The other arguments are the fields of the same name.
+        """
+        path = configuration.path
+        return cls(
+            localisation=configuration.build(LocalisationConfig, "localisation"),
+            mapping=configuration.build(MappingConfig, "mapping"),
+            monitor=configuration.section("monitor"),
+            parameter_file=path if path is not None and is_ros_parameter_file(path) else None,
+            request=request,
+            limits_file=limits_file,
+            start=start,
+            rate=rate,
+            offset_s=offset_s,
+            duration_s=duration_s,
+            paused=paused,
+            page=page,
+            external=external,
+        )
 
     @property
     def external_task(self) -> Task | None:

@@ -46,7 +46,7 @@ def page(monkeypatch: pytest.MonkeyPatch) -> Page:
     return found
 
 
-CONTEXT = SimpleNamespace(params={"live": True, "live_port": 0})
+CONTEXT = SimpleNamespace()
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ CONTEXT = SimpleNamespace(params={"live": True, "live_port": 0})
     ],
 )
 def test_a_run_that_an_error_aborts_stays_on_its_page_with_the_cause(page: Page, error: SfrError, cause: str) -> None:
-    with pytest.raises(type(error)), live_page(CONTEXT, isolated=True), page_process.shown_on(page):
+    with pytest.raises(type(error)), live_page(CONTEXT, True, 0, isolated=True), page_process.shown_on(page):
         raise error
     assert (page.stayed, page.aborted) == (True, cause)
 
@@ -86,6 +86,6 @@ def test_a_page_stays_after_an_error_if_its_run_is_over(
             page.run_is_over()
         raise error
 
-    with pytest.raises(type(error)), live_page(CONTEXT, isolated=True):
+    with pytest.raises(type(error)), live_page(CONTEXT, True, 0, isolated=True):
         run()
     assert page.stayed is stays
