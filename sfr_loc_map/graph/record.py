@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import time
@@ -25,9 +26,11 @@ from sfr_loc_map.signals import hold, stopping
 from sfr_loc_map.topics import names, rectified_beside
 from sfr_loc_map.transport_issues import silence_of
 
-DEPTH = 200
-DISCOVERY_S = 0.25
-FLUSH_S = 0.5
+DEPTH = 200  #: Queue depth of a recorded topic: 2 s of a topic of 100 Hz, for example of an IMU.
+DISCOVERY_PERIOD_S = 0.25  #: Period of the search for new topics, s.
+FLUSH_PERIOD_S = (
+    0.5  #: Period at which messages are written to disk, s. A crash loses at most the messages of a period.
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +52,16 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
     If no message was received, no bag is written.
     """
     with _Recorder(options, say) as recorder, stopping() as ended, BagRecorder(path, zstd=options.zstd) as bag:
-        begin = flushed = time.monotonic()
-        while not ended():
+        now_s = flushed_s = time.monotonic()
+        end_s = math.inf if options.duration_s is None else now_s + options.duration_s
+        while now_s < end_s and not ended():
             recorder.discover(bag)
             recorder.count_losses()
-            now = time.monotonic()
-            recorder.spin(DISCOVERY_S, ended)
-            if now - flushed > FLUSH_S:
+            recorder.spin(min(DISCOVERY_PERIOD_S, end_s - time.monotonic()), ended)
+            now_s = time.monotonic()
+            if now_s - flushed_s > FLUSH_PERIOD_S:
                 bag.flush()
-                flushed = now
-            if options.duration_s is not None and now - begin > options.duration_s:
-                break
+                flushed_s = now_s
         hold()
         recorder.count_losses()
         silences = recorder.silences()

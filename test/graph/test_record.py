@@ -3,12 +3,17 @@
 import time
 from pathlib import Path
 from threading import Event, Thread
+from types import SimpleNamespace
 
+import pytest
 import rclpy
 from rclpy.context import Context
 from std_msgs.msg import String
 
+from sfr_loc_map.errors import NodeError
+from sfr_loc_map.graph import record as module
 from sfr_loc_map.graph.record import RecordOptions, record
+from sfr_loc_map.ros.peer import Peer
 
 TOPIC = "/bookmark"
 
@@ -41,3 +46,21 @@ def test_messages_of_a_second_publisher_are_no_losses(tmp_path: Path) -> None:
         talker.join()
     assert counts[TOPIC].count > 110, "the second publisher was recorded"
     assert counts[TOPIC].lost == 0
+
+
+@pytest.mark.parametrize("duration_s", [0.1, 0.25, 0.6, 3.0])
+def test_a_recording_ends_after_its_duration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_domain: None, duration_s: float
+) -> None:
+    """By a clock that only waiting advances."""
+    clock = SimpleNamespace(now_s=100.0)
+
+    def spin(peer: Peer, seconds: float, until: object = None) -> bool:
+        clock.now_s += seconds
+        return False
+
+    monkeypatch.setattr(Peer, "spin", spin)
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock.now_s))
+    with pytest.raises(NodeError, match="no message was received"):
+        record(tmp_path / "bag", RecordOptions((TOPIC,), duration_s=duration_s), print)
+    assert clock.now_s - 100.0 == pytest.approx(duration_s)
