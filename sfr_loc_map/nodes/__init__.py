@@ -4,7 +4,7 @@ The path of a stereo pair through a node, in two threads:
 
     executor's thread   `input.stereo_input` (images to pairs, by stamps and runs)
                         -> `pair_node` -> `localisation_node`, or `mapping_node` (waits for the pose of the pair)
-    worker's thread     -> the localiser or the mapper -> results, and the call record on `~/call`
+    worker's thread     -> the localiser or the mapper -> results, and the call record
 
 `monitor_node` passes results and ground truth to its worker in the same way, scores them (`scoring.live`), and
 publishes the score (`score_publisher`, `score_messages`) or saves it (`score_file`).

@@ -6,7 +6,6 @@ session, so that a new rig, pose or configuration takes effect in order with the
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +18,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
-from sfr_loc_map.calls.call_record import call_of_estimate
+from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate
 from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
@@ -38,7 +37,7 @@ from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.input.thinned_path import ThinnedPath
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.localisation_session import LocalisationSession
-from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
+from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, decoded
 from sfr_loc_map.nodes.pose_file import PoseFile
 from sfr_loc_map.ros import messages
 from sfr_loc_map.ros.qos import profile
@@ -56,7 +55,7 @@ from sfr_loc_map.topics import (
 
 MAX_POSE_AGE_NS = 600 * NS_PER_S
 """Maximum age of an initialpose relative to the last pair. Older poses apply only to later runs."""
-OUTPUT_DEPTH = 1000  #: Number of odometry messages kept for a slow subscriber.
+ODOMETRY_DEPTH = 1000  #: Number of odometry messages kept for a slow subscriber.
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
     TrackingState.TRACKING: Level.OK,
@@ -129,7 +128,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         if self._pose_file is not None:
             self._pose_file.check()
         self.meter.mark_idle()
-        self._odometry = add_publisher(Odometry, ESTIMATE, OUTPUT_DEPTH)
+        self._odometry = add_publisher(Odometry, ESTIMATE, ODOMETRY_DEPTH)
         self._path_publisher = add_publisher(PathMsg, ESTIMATED_PATH, 1, latched=True)
         self._pose_set = add_publisher(PoseWithCovarianceStamped, INITIAL_POSE_SET, 1, latched=True)
         self._tracks = add_publisher(PointCloud2, TRACKS, 2)
@@ -185,15 +184,6 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self.get_logger().warning(f"{reason}: localisation restarts at its first pose")
         self.worker.enqueue(self._session.restart)
 
-    def on_rig(self, rig: StereoRig) -> None:
-        """Set the rig of the following pairs."""
-
-        def work() -> None:
-            if self._session.set_rig(rig):
-                self.get_logger().warning("camera_info has changed: localisation restarts at its last pose")
-
-        self.worker.enqueue(work)
-
     def on_pair(self, pair: ReceivedPair) -> None:
         """Enqueue a pair for the worker."""
         self._extrinsics.search(pair.frame_id, pair.rig.baseline_m, self.get_logger().info)
@@ -232,20 +222,24 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         return "localisation restarts at the identity"
 
     def _process(self, received: ReceivedPair) -> None:
-        begin = time.perf_counter()
-        pair = received.decode()
-        conversion_s = time.perf_counter() - begin
+        pair, conversion_s = decoded(received)
+        estimate, call = self._estimate(pair, received.rig)
+        self.publish_estimate(estimate)
+        times = self.times(received, conversion_s)
+        self._publish_tracks(pair, estimate, messages.header_msg(pair.stamp_ns, received.frame_id))
+        self.publish_call(replace(call, times=times), LEVELS[estimate.state])
+
+    def _estimate(self, pair: StereoPair, rig: StereoRig) -> tuple[PoseEstimate, CallRecord]:
+        """Localise a pair of a rig; return the estimate and the record of the call."""
+        if self._session.set_rig(rig):
+            self.get_logger().warning("the cameras have changed: localisation restarts at its last pose")
         localiser = self._session.localiser_at(pair.stamp_ns, self._extrinsics.T_rb_sb)
         known_ns, wait_s = localiser.known_ns, self.config.motion_prior.wait_s
         motion = None if known_ns is None else self._motion_prior.between(known_ns, pair.stamp_ns, wait_s)
         with self.meter.measure() as usage:
             estimate = localiser.process(pair, motion)
         self._session.accept(estimate)
-        self.publish_estimate(estimate)
-        times = self.times(received, conversion_s)
-        self._publish_tracks(pair, estimate, messages.header_msg(pair.stamp_ns, received.frame_id))
-        call = call_of_estimate(estimate, usage, {} if motion is None else {"motion_prior": 1.0})
-        self.publish_call(replace(call, times=times), LEVELS[estimate.state])
+        return estimate, call_of_estimate(estimate, usage, {} if motion is None else {"motion_prior": 1.0})
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
         """Publish odometry and, unless tracking is lost, tf and the path; estimates are in the order of the pairs."""

@@ -6,7 +6,6 @@ mapper and the map in progress.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -34,7 +33,7 @@ from sfr_loc_map.nodes.input.pose_matching import PoseMatching
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.input.waiting import Input
 from sfr_loc_map.nodes.lifecycle.runner import run
-from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
+from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, decoded
 from sfr_loc_map.ros import messages
 from sfr_loc_map.ros.qos import profile
 from sfr_loc_map.run_order import AGREEING
@@ -42,7 +41,7 @@ from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import CLOUD, DISPARITY, ELEVATION, HAZARD, NAV_POSE
 
 POSE_DEPTH = 100  #: Queue depth of nav/pose.
-OUTPUT_DEPTH = 10  #: Queue depth of the disparity; clouds and grids are latched.
+DISPARITY_DEPTH = 10  #: Number of disparity images kept for a slow subscriber; clouds and grids are latched.
 OVERDUE_S = 0.2  #: Period of the check for pairs that have waited too long for their pose.
 ANY_RIG = StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1)  #: Rig for checking parameters before the rig is known.
 
@@ -87,7 +86,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._cloud = add_publisher(PointCloud2, CLOUD, 1, latched=True)
         self._elevation = add_publisher(PointCloud2, ELEVATION, 1, latched=True)
         self._hazard = add_publisher(OccupancyGrid, HAZARD, 1, latched=True)
-        self._disparity = self.endpoints.add_publisher(DisparityImage, DISPARITY, OUTPUT_DEPTH)
+        self._disparity = self.endpoints.add_publisher(DisparityImage, DISPARITY, DISPARITY_DEPTH)
 
     def subscribe(self) -> None:
         """Subscribe and offer services."""
@@ -106,7 +105,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._lm_frame = config.frame(config.lm_frame)
         self._mapping = config.mapping  # parameters of the next pair that the worker processes
         self._pairs: list[CountedPair] = []  # pairs of the map in progress
-        self._mapped_rig: StereoRig | None = None  # rig of the worker's pairs; `rig` may be newer
+        self._mapped_rig: StereoRig | None = None  # rig of the last pair that the worker processed
         self._mapper: Mapper | None = None  # with the parameters and the mapped rig; created on demand
         self._matching: PoseMatching[ReceivedPair] = PoseMatching(
             config.input.stamp_tolerance_ns, config.pose_wait_s, self._report_without_pose
@@ -142,21 +141,6 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._pairs.clear()
 
     # ---- in the executor's thread
-
-    def on_rig(self, rig: StereoRig) -> None:
-        """Set the rig of the following pairs; a map in progress with different cameras is dropped."""
-
-        def work() -> None:
-            if self._mapped_rig is not None and self._mapped_rig.same_cameras(rig):
-                return
-            if self._mapped_rig is not None:
-                self.get_logger().warning("camera_info has changed: a new map begins")
-            self._pairs.clear()
-            self._mapped_rig = rig
-            self._mapper = None
-
-        self._matching.clear_pairs()
-        self.worker.enqueue(work)
 
     def on_pair(self, pair: ReceivedPair) -> None:
         """Hold a pair until a pose with its stamp is received, then enqueue it for the worker."""
@@ -197,10 +181,20 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._mapping = mapping
         self._mapper = None
 
+    def _set_rig(self, rig: StereoRig) -> None:
+        """Set the rig of the pair to process; a map in progress with different cameras is dropped."""
+        if self._mapped_rig is not None and self._mapped_rig.same_cameras(rig):
+            return
+        if self._mapped_rig is not None:
+            self.get_logger().warning("the cameras have changed: a new map begins")
+        self._pairs.clear()
+        self._mapped_rig = rig
+        self._mapper = None
+
     def _mapper_of_rig(self) -> Mapper:
-        """Return the mapper; raise an `SfrError` if there is no rig yet, or if the parameters do not suit the rig."""
+        """Return the mapper; raise an `SfrError` if there is no pair yet, or if the parameters do not suit the rig."""
         if self._mapped_rig is None:
-            raise InputError("no camera_info was received yet: publish it for both navigation cameras")
+            raise InputError("no pair was processed yet: publish images and camera_info of both navigation cameras")
         self._mapper = self._mapper or Mapper(self._mapped_rig, self._mapping)
         return self._mapper
 
@@ -209,9 +203,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
         return "a new map begins"
 
     def _process(self, received: ReceivedPair, pose: Transform) -> None:
-        begin = time.perf_counter()
-        pair = received.decode()
-        conversion_s = time.perf_counter() - begin
+        pair, conversion_s = decoded(received)
+        self._set_rig(received.rig)
         mapper = self._mapper_of_rig()
         with self.meter.measure() as usage:
             result = mapper.process(pair, pose, len(self._pairs))

@@ -239,7 +239,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any message
             self._lost_in_transport += gaps.add(info)
             if topic == ESTIMATE and gaps.count == 1:
-                self._missed_estimates = gaps.before
+                self.worker.enqueue(partial(self._set_missed_estimates, gaps.before))
             size_bytes = len(message.data) if kind is PointCloud2 else 0
             self.worker.enqueue_droppable(partial(callback, message), size_bytes)
 
@@ -251,6 +251,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self.worker.enqueue_droppable(partial(self._add_image, stamp_ns))
 
     # ---- in the worker's thread
+
+    def _set_missed_estimates(self, count: int) -> None:
+        self._missed_estimates = count
 
     def _add_image(self, stamp_ns: int) -> None:
         self._score.add_image(stamp_ns)

@@ -7,14 +7,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from std_msgs.msg import String
 
 from sfr_loc_map.calls.call_record import CallRecord, encode_call
 from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import ConfigError, InputError
-from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.calls.call_meter import CallMeter
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
@@ -25,6 +25,7 @@ from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.ros.transport import latencies
 from sfr_loc_map.run_order import AGREEING
 from sfr_loc_map.suite_names import Task
+from sfr_loc_map.topics import call_topic
 
 CALL_DEPTH = 1000  #: Number of calls kept for a slow subscriber.
 
@@ -74,6 +75,20 @@ class PairNodeConfig(NodeConfig):
 P = TypeVar("P", bound=PairNodeConfig)
 
 
+class DecodedPair(NamedTuple):
+    """A decoded pair."""
+
+    pair: StereoPair
+    conversion_s: float  #: Time of decoding and rectification.
+
+
+def decoded(received: ReceivedPair) -> DecodedPair:
+    """Decode a pair."""
+    begin_s = time.perf_counter()
+    pair = received.decode()
+    return DecodedPair(pair, time.perf_counter() - begin_s)
+
+
 class Backoff:
     """Selects the periods to report: every period with input, and the 1st, 2nd, 4th, ... consecutive silent period."""
 
@@ -106,8 +121,8 @@ class PairNode(ManagedNode[P], ABC):
     | poses of `nav/pose` | cleared | cleared | kept, because they may belong to the new run |
     | map in progress | kept | cleared | cleared |
 
-    `motion_prior` has runs of its own (`OdometryBuffer`). When the cameras change (`on_rig`), the localiser restarts at
-    its last pose, and pairs that wait for a pose and the map in progress are cleared. After an internal fault
+    `motion_prior` has runs of its own (`OdometryBuffer`). Each pair has its rig. At a pair of other cameras than the
+    previous pair, the localiser restarts at its last pose, and the map in progress is cleared. After an internal fault
     (`restart_after_fault`), the localiser restarts at its last pose, and the map in progress is cleared.
     """
 
@@ -116,10 +131,6 @@ class PairNode(ManagedNode[P], ABC):
     @abstractmethod
     def on_pair(self, pair: ReceivedPair) -> None:
         """Enqueue a pair for the worker, immediately or when the other input of the pair is received."""
-
-    @abstractmethod
-    def on_rig(self, rig: StereoRig) -> None:
-        """Set the rig of the following pairs."""
 
     @abstractmethod
     def on_new_run(self, reason: str) -> None:
@@ -140,7 +151,7 @@ class PairNode(ManagedNode[P], ABC):
         Calls are latched, so that the doctor can detect whether the node has processed input.
         """
         self.meter = CallMeter()
-        self._call_publisher = self.endpoints.add_publisher(String, "~/call", CALL_DEPTH, latched=True)
+        self._call_publisher = self.endpoints.add_publisher(String, call_topic(self.task), CALL_DEPTH, latched=True)
 
     def reset_state(self) -> None:
         """Create the state of the node, without input and results."""
@@ -152,7 +163,6 @@ class PairNode(ManagedNode[P], ABC):
             self.status,
             self.endpoints,
             on_pair=self.on_pair,
-            on_rig=self.on_rig,
             on_new_run=self.on_new_run,
             agreeing=self.agreeing_stamps(),
         )
@@ -227,7 +237,7 @@ class PairNode(ManagedNode[P], ABC):
     def publish_call(self, call: CallRecord, level: Level) -> None:
         """Publish the record of a call with the numbers of dropped messages.
 
-        Programs read this report on `~/call`, and people read it on /diagnostics.
+        Programs read this report on `call_topic`, and people read it on /diagnostics.
         """
         call = replace(call, counts=self.counts())
         self._call_publisher.publish(String(data=encode_call(call)))

@@ -32,6 +32,7 @@ from sfr_loc_map.suite_names import SIDES, Side
 from sfr_loc_map.topics import COMPRESSED_END
 from sfr_loc_map.transport_issues import MUCH_LOST, doubled_publishers, loss_fix
 
+IMAGE_TYPES = {"raw": Image, "compressed": CompressedImage}  #: Message types by their transport.
 LOSS_WINDOW = 40  #: Minimum number of images over which the fraction lost in transport is computed.
 RECENT = 200  #: Number of stamps kept of each side, to explain why its images form no pair.
 ReceivedImage = tuple[Any, Mapping[str, Any]]
@@ -124,22 +125,23 @@ class StereoInput:
         endpoints: Endpoints,
         *,
         on_pair: Callable[[ReceivedPair], None],
-        on_rig: Callable[[StereoRig], None],
         on_new_run: Callable[[str], None],
         agreeing: int,
     ) -> None:
         """Set the callbacks; `subscribe` starts the reception.
 
-        `on_pair` is called with each pair, `on_rig` with the rig of the pairs that follow, and `on_new_run` with the
-        reason why the pairs that follow start a new run. After a jump of the stamps, `agreeing` consecutive pairs
-        start a new run.
+        `on_pair` is called with each pair, and `on_new_run` with the reason why the pairs that follow start a new run.
+        After a jump of the stamps, `agreeing` consecutive pairs start a new run.
         """
         self._order: RunOrder[tuple[ReceivedImage, ReceivedImage]] = RunOrder(agreeing)
         self._name, self._config, self._status, self._endpoints = name, config, status, endpoints
-        self._on_pair, self._on_rig, self._on_new_run = on_pair, on_rig, on_new_run
-        stem, transport = "image_raw" if config.rectify else "image_rect", config.image_transport
-        kinds = (("compressed", stem, Image), ("raw", f"{stem}{COMPRESSED_END}", CompressedImage))
-        self._images: dict[str, type[Any]] = {name: kind for other, name, kind in kinds if transport != other}
+        self._on_pair, self._on_new_run = on_pair, on_new_run
+        stem = "image_raw" if config.rectify else "image_rect"
+        ends = {"raw": "", "compressed": COMPRESSED_END}
+        transports = ends if config.image_transport == "auto" else (config.image_transport,)
+        self._images: dict[str, type[Any]] = {
+            f"{stem}{ends[transport]}": IMAGE_TYPES[transport] for transport in transports
+        }  # message type of an image by the last part of its topic
         self._dropped = {"rejected": 0, "unstamped": 0, "without_camera_info": 0}
         self._infos = CameraInfoPair()
         self._latched: set[Side] = set()  # sides with a subscription to a latched camera_info
@@ -148,7 +150,7 @@ class StereoInput:
         self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
         self._gaps: dict[str, TransportGaps] = {}  # gaps in the sequence numbers, by topic
         self._remove_compressed: dict[Side, Callable[[], object]] = {}
-        self._counts_at_last_share = 0, 0  # images lost and sent when the lost fraction was last computed
+        self._counts_at_last_fraction = 0, 0  # images lost and sent when the lost fraction was last computed
         self.reset_received()
         self._forget_cameras()
 
@@ -183,7 +185,7 @@ class StereoInput:
             "dropped_in_transport": sum(gaps.lost for gaps in self._gaps.values()),
             "dropped_unpaired": self._pairing.unpaired + self._pairing.overflowed,
             "dropped_rejected": self._dropped["rejected"],
-            "dropped_stale": self._order.late,
+            "dropped_stale": self._order.late,  # not later than a previous pair; `Level.STALE` means silent
             "dropped_stray": self._order.strays + self._dropped["unstamped"],
             "dropped_without_camera_info": self._dropped["without_camera_info"],
         }
@@ -259,8 +261,9 @@ class StereoInput:
             self._status.error(str(error))
             return
         if self.rig is None or not self.rig.same_cameras(rig):
+            if self.rig is not None:
+                self._status.info(f"camera_info of '{self._name}' has changed")
             self.rig = rig
-            self._on_rig(rig)
         while self._without_rig:
             self._hand_over(rig, self._without_rig.popleft())
 
@@ -299,20 +302,26 @@ class StereoInput:
     def _receive_image(self, side: Side, gaps: TransportGaps, message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401
         if isinstance(message, Image) and side in self._remove_compressed:
             self._remove_compressed.pop(side)()  # raw images arrive, so compressed images are not needed
-        if gaps.add(info) and (share := self._lost_share()) > MUCH_LOST and not self.check_publishers():
-            text = f"{share:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
-            self._status.warn(text, "transport")
+        if gaps.add(info):
+            self._warn_of_losses()
         self._status.note_arrival()
         self._add_image(side, (message, info))
 
-    def _lost_share(self) -> float:
+    def _warn_of_losses(self) -> None:
+        """Warn if many of the recent images were lost in transport, and each topic has one publisher."""
+        fraction = self._lost_fraction()
+        if fraction > MUCH_LOST and not self.check_publishers():
+            text = f"{fraction:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
+            self._status.warn(text, "transport")
+
+    def _lost_fraction(self) -> float:
         """Return the fraction of recent images that were lost in transport; 0 for fewer than `LOSS_WINDOW` images."""
         lost = sum(gaps.lost for gaps in self._gaps.values())
         sent = lost + sum(gaps.count for gaps in self._gaps.values())
-        lost_before, sent_before = self._counts_at_last_share
+        lost_before, sent_before = self._counts_at_last_fraction
         if sent - sent_before < LOSS_WINDOW:
             return 0.0
-        self._counts_at_last_share = lost, sent
+        self._counts_at_last_fraction = lost, sent
         return (lost - lost_before) / (sent - sent_before)
 
     def _hand_over(self, rig: StereoRig, images: tuple[ReceivedImage, ReceivedImage]) -> None:
