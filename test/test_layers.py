@@ -58,7 +58,7 @@ LAYERS = {
     ),
     "graph": ("doctor geometry io ros", "Programs that observe or record a running graph"),
     "live": (
-        "calls configuration geometry io localisation mapping metrics nodes report ros tables",
+        "calls configuration geometry io localisation mapping metrics report ros tables",
         "Views of a run in progress, and their connection to the nodes",
     ),
     "replay": (

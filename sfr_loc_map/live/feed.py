@@ -35,12 +35,11 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages, are_of_pair
 from sfr_loc_map.message_stamps import NS_PER_S, serialised_stamp
 from sfr_loc_map.message_types import StatusKind
-from sfr_loc_map.nodes.input.truth_input import TruthTopic
-from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
-from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
 from sfr_loc_map.ros import messages
 from sfr_loc_map.ros.peer import Peer
 from sfr_loc_map.ros.qos import LATCHED
+from sfr_loc_map.ros.statuses import level_of, values_of
+from sfr_loc_map.ros.truth_subscription import TruthSubscription
 from sfr_loc_map.suite_names import SUITE_NODES, Task
 from sfr_loc_map.topics import (
     CAMERAS,
@@ -57,6 +56,7 @@ from sfr_loc_map.topics import (
     TRUE_POSES,
     call_topic,
 )
+from sfr_loc_map.worker import Overload, Worker
 
 DEPTH = 200  #: Queue depth of poses, calls and diagnostics.
 GRAPH_PERIOD_S = 0.5  #: Period, s, at which the graph is examined and subscriptions follow the viewers.
@@ -127,7 +127,7 @@ class RosFeed(Peer):
         The diagnostics are last, because `_publish_connected_nodes` relies on this order.
         """
         self._receive(Odometry, ESTIMATE, self._on_odometry, BEST_EFFORT)
-        self._truth = TruthTopic(self._receive_truth)
+        self._truth = TruthSubscription(self._receive_truth)
         self._receive_map(TRUE_POINTS, PointCloud2, self._maps.add_true_points, TRUTH_QOS)
         for task in Task:
             self.subscribe(String, call_topic(task), partial(self._on_call, task), BEST_EFFORT)

@@ -45,7 +45,6 @@ from sfr_loc_map.nodes.input.truth_input import FrameTruthInput, TopicTruthInput
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.runner import run
-from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.score_file import ScoreFile
 from sfr_loc_map.nodes.score_publisher import ScorePacing, ScorePublisher
 from sfr_loc_map.ros.messages import cloud_from_msg, covariance_of, odometry_row, transform_from_pose
@@ -57,6 +56,7 @@ from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import SIDES, Side, Task
 from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TRUE_POINTS, call_topic, configuration_topic
 from sfr_loc_map.transport_issues import Reliability
+from sfr_loc_map.worker import Overload
 
 ESTIMATES, TRUTH = "estimate", "truth"
 SOURCES: dict[str, str] = {
@@ -135,7 +135,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     | whether an estimate and the ground truth were received | kept | kept |
     | type and origin of the ground truth (`TopicTruthInput`) | kept | kept |
 
-    Ground truth from /tf also has runs of its own (`TruthFrame`).
+    Ground truth from /tf also has runs of its own (`FramePoses`).
     """
 
     task = "monitor"

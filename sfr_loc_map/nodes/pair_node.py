@@ -21,11 +21,11 @@ from sfr_loc_map.nodes.input.stereo_input import ReceivedPair, StereoInput, Ster
 from sfr_loc_map.nodes.input.waiting import Input, missing_input
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
-from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.ros.transport import latencies
 from sfr_loc_map.run_order import AGREEING
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import call_topic
+from sfr_loc_map.worker import Overload
 
 CALL_DEPTH = 1000  #: Number of calls kept for a slow subscriber.
 

@@ -3,8 +3,10 @@
     environment ──► rclpy ──► peer (node of a program beside the nodes of the suite)
     (variables, domain)        │ publishers: who publishes a topic, with which type and quality of service
                                │ services: calls of the nodes' services
+                               │ truth_subscription: true poses, with the published type
                                ▼
-    values ◄── messages ──► topics, with the profiles of qos; static_transforms: /tf_static
+    values ◄── messages ──► topics, with the profiles of qos
+               statuses: /diagnostics; static_transforms: /tf_static
                                │
                                ▼
                            transport: latency and losses of received messages

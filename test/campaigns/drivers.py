@@ -32,10 +32,10 @@ from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.io.calibration.camera_info import projection
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.message_stamps import stamp_of
-from sfr_loc_map.nodes.lifecycle.diagnostics import values_of
 from sfr_loc_map.ros.environment import start_ros
 from sfr_loc_map.ros.messages import tf_message_type
 from sfr_loc_map.ros.processes import Supervisor
+from sfr_loc_map.ros.statuses import values_of
 from sfr_loc_map.suite_names import SIDES
 
 SECONDS = 8.0

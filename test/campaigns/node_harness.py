@@ -35,10 +35,10 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
 from sfr_loc_map.ros.environment import start_ros
 from sfr_loc_map.ros.messages import pose_msg
 from sfr_loc_map.ros.processes import ChildProcess, end_processes, node_process
+from sfr_loc_map.ros.statuses import level_of, values_of
 from sfr_loc_map.suite_names import SIDES
 from sfr_loc_map.topics import DIAGNOSTICS
 

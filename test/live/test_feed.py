@@ -23,9 +23,9 @@ from sfr_loc_map.live.tracked_images import TrackedImages
 from sfr_loc_map.live.updates import ImageSample, MediaKind
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.nodes.lifecycle.diagnostics import status_msg
 from sfr_loc_map.ros.messages import header_msg, image_msg, message_type
 from sfr_loc_map.ros.qos import LATCHED
+from sfr_loc_map.ros.statuses import status_msg
 from sfr_loc_map.topics import DIAGNOSTICS, IMAGES
 
 PIXELS = np.arange(64 * 48, dtype=np.uint16).reshape(48, 64).astype(np.uint8)

@@ -36,7 +36,6 @@ from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
-from sfr_loc_map.nodes.lifecycle.diagnostics import values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.ros.messages import (
     covariance_of,
@@ -46,6 +45,7 @@ from sfr_loc_map.ros.messages import (
     tracks_from_msg,
     transform_from_pose,
 )
+from sfr_loc_map.ros.statuses import values_of
 from sfr_loc_map.suite_names import SIDES, Task
 
 CONFIG = ROOT / "config"

@@ -22,10 +22,10 @@ from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
 from sfr_loc_map.nodes.mapping_node import MappingNode
 from sfr_loc_map.nodes.pair_node import PairNode
 from sfr_loc_map.ros.messages import cloud_from_msg, elevation_msg, hazard_msg
+from sfr_loc_map.ros.statuses import level_of, values_of
 
 
 def test_pairs_that_wait_for_their_poses_are_dropped_at_a_deactivation(ros: None, capfd: Capture) -> None:

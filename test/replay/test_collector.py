@@ -15,12 +15,12 @@ from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.nodes.lifecycle.diagnostics import status_msg
 from sfr_loc_map.replay import waiting
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.message_store import Received, ReceivedCloud
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.waiting import AwaitedNode, OurMapper, OurNode, ResultWaits
+from sfr_loc_map.ros.statuses import status_msg
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import DIAGNOSTICS, call_topic
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any, Protocol
 
@@ -19,6 +19,7 @@ from sfr_loc_map.message_types import ODOMETRY
 from sfr_loc_map.ros.messages import message_type, tf_message_type
 from sfr_loc_map.ros.publishers import publishers_of
 from sfr_loc_map.ros.qos import TF_STATIC_QOS
+from sfr_loc_map.ros.truth_subscription import TruthSubscription
 from sfr_loc_map.run_order import RunOrder
 from sfr_loc_map.topics import TF, TF_STATIC, TRUE_POSES
 from sfr_loc_map.transport_issues import Reliability, silence_of
@@ -26,27 +27,7 @@ from sfr_loc_map.transport_issues import Reliability, silence_of
 MAX_WAITING = 1000  #: Maximum number of transforms per frame that wait for other frames; the oldest are dropped.
 
 
-class TruthTopic:
-    """Subscribes to true poses with the published type, because a process can use only one type per topic."""
-
-    def __init__(self, subscribe: Callable[[str], Callable[[], object]], msgtype: str = ODOMETRY) -> None:
-        """Begin with a type; `subscribe` subscribes with a type and returns the function that unsubscribes."""
-        self.msgtype = msgtype
-        self._subscribe = subscribe
-        self._unsubscribe = subscribe(msgtype)
-
-    def follow(self, published: Sequence[str]) -> bool:
-        """Change to a published type of true poses unless the present type is published; return whether it changed."""
-        usable = [msgtype for msgtype in published if msgtype in TRUTH_TYPES]
-        if not usable or self.msgtype in usable:
-            return False
-        self._unsubscribe()
-        self.msgtype = usable[0]
-        self._unsubscribe = self._subscribe(self.msgtype)
-        return True
-
-
-class TruthFrame:
+class FramePoses:
     """Makes true poses from the messages of /tf and /tf_static: the poses of a frame in one of its ancestors.
 
     As with a bag, the poses have the stamps of the most frequent transform of the chain. A pose is computed once the
@@ -170,15 +151,15 @@ class TopicTruthInput(TruthInput):
             reader = self._reader
             return add_subscription(message_type(msgtype), TRUE_POSES, lambda message: add(reader.rows(message)), qos)
 
-        self._topic = TruthTopic(subscribe_to, self._msgtype)
+        self._subscription = TruthSubscription(subscribe_to, self._msgtype)
 
     def follow_type(self) -> bool:
         """Subscribe with the published type of true poses if it has changed; return whether it has changed."""
         publishers = publishers_of(self._node, self._node.resolve_topic_name(TRUE_POSES))
-        has_changed = self._topic.follow([publisher.msgtype for publisher in publishers])
+        has_changed = self._subscription.follow([publisher.msgtype for publisher in publishers])
         if has_changed:
             self._node.get_logger().info(
-                f"{TRUE_POSES} has the type {self._topic.msgtype}: true poses are read with it"
+                f"{TRUE_POSES} has the type {self._subscription.msgtype}: true poses are read with it"
             )
         return has_changed
 
@@ -195,7 +176,7 @@ class FrameTruthInput(TruthInput):
     def __init__(self, frame: str) -> None:
         """Accept a frame and one of its ancestors as `PARENT:CHILD`; raise a ConfigError for any other text."""
         self._frame = frame
-        self._reader = TruthFrame(frame)
+        self._reader = FramePoses(frame)
 
     def subscribe(self, add_subscription: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
         """Receive the transforms."""

@@ -9,7 +9,6 @@ its work (tracking lost, unusable input, a failed transition). STALE: the node i
 
 from __future__ import annotations
 
-import socket
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +19,7 @@ from types import MappingProxyType
 
 import numpy as np
 import psutil
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -29,10 +28,9 @@ from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.message_types import HealthKey, Level, StatusKind
 from sfr_loc_map.ros.messages import header_msg
+from sfr_loc_map.ros.statuses import Value, status_msg
 from sfr_loc_map.topics import DIAGNOSTICS
 
-Value = str | bool | int | float
-HARDWARE_ID = socket.gethostname()  #: Host of the node, whose processing time and memory are reported.
 QUEUE_DEPTH = 1000  #: Number of statuses kept for a slow subscriber.
 LOG_PERIOD_S = 5.0  #: Minimum interval between identical log lines.
 LATENCY_WINDOW = 200  #: Number of calls over which the 95th percentile of a latency is computed.
@@ -70,24 +68,6 @@ class NodeState(StrEnum):
 
 SEVERITY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)
 """Levels in the order of increasing severity: stale is worse than a warning, and an error is worse than stale."""
-
-
-def status_msg(name: str, level: Level, message: str, values: Mapping[str, Value]) -> DiagnosticStatus:
-    """Return a status; numbers are written in the shortest form that is read back bit-identical."""
-    plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in values.items()}
-    pairs = [KeyValue(key=key, value=value if isinstance(value, str) else repr(value)) for key, value in plain.items()]
-    return DiagnosticStatus(level=bytes([level]), name=name, message=message, hardware_id=HARDWARE_ID, values=pairs)
-
-
-def level_of(status: DiagnosticStatus) -> Level:
-    """Return the level of a status, given as a byte or an integer; values above the range give the highest level."""
-    level = status.level
-    return Level(min(level[0] if isinstance(level, bytes) else int(level), max(Level)))
-
-
-def values_of(status: DiagnosticStatus) -> dict[str, str]:
-    """Return the values of a status by name."""
-    return {pair.key: pair.value for pair in status.values}
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,8 +37,8 @@ from sfr_loc_map.message_types import COMPILING, Level
 from sfr_loc_map.nodes.lifecycle.diagnostics import DROPS, LOG_PERIOD_S, NodeSnapshot, NodeState, StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.lifecycle.parameters import AUTOSTART, BUILT_IN, NodeConfig, as_list, descriptor, is_near_miss
-from sfr_loc_map.nodes.lifecycle.worker import Worker
 from sfr_loc_map.topics import configuration_topic
+from sfr_loc_map.worker import Worker
 
 C = TypeVar("C", bound=NodeConfig)
 IN_PROGRESS = {

@@ -16,8 +16,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 
 from sfr_loc_map.configuration.parameters import ParamInfo, param
 from sfr_loc_map.nodes.lifecycle.diagnostics import HealthConfig
-from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.ros.qos import RELIABILITIES
+from sfr_loc_map.worker import Overload
 
 BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Names and name prefixes of parameters that ROS itself declares on a node."""

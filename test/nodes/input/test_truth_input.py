@@ -15,7 +15,7 @@ from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.truth.config import TruthConfig
-from sfr_loc_map.nodes.input.truth_input import TruthFrame
+from sfr_loc_map.nodes.input.truth_input import FramePoses
 from sfr_loc_map.run_order import RunOrder
 
 T = TYPESTORE.types
@@ -24,7 +24,7 @@ Entry = tuple[str, int, Any]
 
 
 def test_dropped_transforms_are_counted_while_another_thread_adds_a_transform() -> None:
-    frame = TruthFrame("map:base_link")
+    frame = FramePoses("map:base_link")
 
     class Growing(RunOrder[Any]):
         @property
@@ -63,7 +63,7 @@ def entries(slow_ms: int) -> list[Entry]:
 
 @pytest.mark.parametrize("slow_ms", [0, 50, 200, 500])
 def test_poses_are_those_of_a_bag(tmp_path: Path, slow_ms: int) -> None:
-    reader, rows = TruthFrame("map:marker"), []
+    reader, rows = FramePoses("map:marker"), []
     for topic, _, message in entries(slow_ms):
         rows += reader.rows(message, is_static=topic == "/tf_static")
     bag = read_truth(
@@ -77,7 +77,7 @@ def test_poses_are_those_of_a_bag(tmp_path: Path, slow_ms: int) -> None:
 
 
 def test_strays_are_dropped_and_a_new_run_begins_with_transforms_that_agree() -> None:
-    reader, found = TruthFrame("odom:base_link"), []
+    reader, found = FramePoses("odom:base_link"), []
     messages = [message for topic, _, message in entries(0) if topic == "/tf"]
     stray = T["tf2_msgs/msg/TFMessage"]([transform(BEGIN_NS - 10**10, "odom", "base_link", (99.0, 0.0, 0.0), 0.0)])
     unstamped = T["tf2_msgs/msg/TFMessage"]([transform(0, "odom", "base_link", (99.0, 0.0, 0.0), 0.0)])
@@ -93,4 +93,4 @@ def test_strays_are_dropped_and_a_new_run_begins_with_transforms_that_agree() ->
 
 def test_one_frame_alone_is_refused() -> None:
     with pytest.raises(ConfigError, match="both frames, as PARENT:CHILD"):
-        TruthFrame("base_link")
+        FramePoses("base_link")

@@ -9,14 +9,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from helpers.node_scenes import sent
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.metrics.calls.call_meter import METHOD
-from sfr_loc_map.nodes.lifecycle.diagnostics import (
-    HealthConfig,
-    Level,
-    NodeSnapshot,
-    StatusReporter,
-    level_of,
-    values_of,
-)
+from sfr_loc_map.nodes.lifecycle.diagnostics import HealthConfig, Level, NodeSnapshot, StatusReporter
+from sfr_loc_map.ros.statuses import level_of, values_of
 
 
 def test_a_call_is_reported_in_readable_values(ros: None) -> None:

@@ -22,10 +22,10 @@ from helpers.node_scenes import MOUNT, RELIABLE, calls, params, send_infos, send
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
-from sfr_loc_map.nodes.lifecycle.diagnostics import values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode, LocalisationNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.ros.messages import covariance_of, header_msg
+from sfr_loc_map.ros.statuses import values_of
 
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfr_loc_map.nodes.lifecycle.worker import MAX_WAITING_BYTES, Overload, Worker
+from sfr_loc_map.worker import MAX_WAITING_BYTES, Overload, Worker
 
 
 class Held:
