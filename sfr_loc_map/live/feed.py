@@ -249,7 +249,7 @@ class RosFeed(Peer):
 
     def _on_call(self, task: Task, message: String, _: dict[str, Any]) -> None:
         call = decode_call(message.data, task)
-        self._state.put(updates.Call(task.node, call, time.time()))
+        self._state.put(updates.NodeCall(task.node, call, time.time()))
         if call.pair_stamps_ns:
             self._map_worker.enqueue(partial(self._maps.add_call, call))
 

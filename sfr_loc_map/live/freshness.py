@@ -26,6 +26,14 @@ SLOWEST_PERIOD_S = 5.0
 """Assumed period of a topic with a single message, s, because a longer period of poses or figures is unusual."""
 
 
+NEWEST_WEIGHT = 0.2  #: Weight of the newest interval in a smoothed period, which averages over about five intervals.
+
+
+def smoothed(period: float, interval: float) -> float:
+    """Return a smoothed period after another interval; a period of 0 is unknown."""
+    return interval if period <= 0.0 else (1.0 - NEWEST_WEIGHT) * period + NEWEST_WEIGHT * interval
+
+
 @dataclass(frozen=True, slots=True)
 class ReceivedTopic:
     """Reception time and stamp of the last message of a topic, and the smoothed message period (0: unknown)."""
@@ -37,9 +45,10 @@ class ReceivedTopic:
     @classmethod
     def after(cls, before: ReceivedTopic | None, stamp_ns: int | None, received_s: float) -> ReceivedTopic:
         """Return the topic after a message; `before` is the previous value, None before the first message."""
-        passed_s = 0.0 if before is None else max(received_s - before.received_s, 0.0)
-        known = before is not None and before.period_s
-        return cls(stamp_ns, received_s, 0.8 * known + 0.2 * passed_s if known else passed_s)
+        if before is None:
+            return cls(stamp_ns, received_s)
+        passed_s = max(received_s - before.received_s, 0.0)
+        return cls(stamp_ns, received_s, smoothed(before.period_s, passed_s))
 
     def is_stale(self, now_s: float) -> bool:
         """Return whether the topic has been silent for longer than `TOPIC_FRESHNESS` permits."""

@@ -34,10 +34,10 @@ class NodeReports:
     heard_s: float = 0.0
     in_graph: bool | None = None
 
-    def add(self, update: updates.Call | updates.Status) -> None:
+    def add(self, update: updates.NodeCall | updates.Status) -> None:
         """Add a call or a status."""
         self.heard_s = max(self.heard_s, update.received_s)
-        if isinstance(update, updates.Call):
+        if isinstance(update, updates.NodeCall):
             self.call = update.record
         else:
             self._add_status(update)
@@ -121,7 +121,7 @@ class NumberedCall:
     """A call with its number in the run."""
 
     n: int
-    call: updates.Call
+    call: updates.NodeCall
 
     def to_plain(self) -> dict[str, Any]:
         """Return the call as JSON values."""

@@ -29,6 +29,7 @@ MAX_PENDING = 400  #: Maximum number of estimates that wait for a true pose.
 MAX_GAP_NS = round(LONGEST_GAP_S * NS_PER_S)
 """Longest gap of the truth in which true poses are interpolated, ns, as in a score."""
 Point = tuple[float, float, float]
+CovarianceXY = tuple[float, float, float]  #: Variances of x and y, and their covariance.
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,7 @@ class PathRow:
     received_s: float
     published_s: float | None
     position_m: Point
-    covariance_xy_m2: Point | None  # variances of x and y, their covariance; None if lost or unknown
+    covariance_xy_m2: CovarianceXY | None  # None if lost or unknown
     lost: bool
     truth_m: Point | None
     error_m: Point | None
@@ -187,7 +188,7 @@ class LivePath:
         return distance_m
 
 
-def _covariance_xy(sample: PoseSample, rotation: FloatArray) -> Point | None:
+def _covariance_xy(sample: PoseSample, rotation: FloatArray) -> CovarianceXY | None:
     """Return the variances of x and y and their covariance after a rotation, m^2; None if lost or unknown."""
     covariance = sample.covariance
     if covariance is None or sample.is_lost or not np.isfinite(covariance).all():

@@ -102,10 +102,8 @@ class LiveState:
         """Add a record; an invalid record is reported as a problem."""
         with self.lock:
             try:
-                if not math.isfinite(updates.time_of(update)):
-                    raise ValueError(
-                        f"{updates.subject_of(update)} is ignored, because its time is not a finite number"
-                    )
+                if not math.isfinite(update.time_s):
+                    raise ValueError(f"{update.subject} is ignored, because its time is not a finite number")
                 self._take_in(update)
             except (SfrError, ValueError, OverflowError) as error:
                 self.problems.append(one_line(str(error)))
@@ -255,7 +253,7 @@ class LiveState:
                 self._take_score(update)
             case updates.PoseSample():
                 self._take_pose(update)
-            case updates.Call():
+            case updates.NodeCall():
                 self._take_call(update)
             case updates.Status():
                 self._take_status(update)
@@ -315,7 +313,7 @@ class LiveState:
         if (node := self._node(update.node)) is not None:
             node.add(update)
 
-    def _take_call(self, update: updates.Call) -> None:
+    def _take_call(self, update: updates.NodeCall) -> None:
         """Add a call of a node."""
         if not self.ended:
             self.timeline.take_call(update)

@@ -9,7 +9,7 @@ from typing import Any
 
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.live import updates
-from sfr_loc_map.live.freshness import ReceivedTopic
+from sfr_loc_map.live.freshness import ReceivedTopic, smoothed
 from sfr_loc_map.live.limit_bars import LimitBar
 from sfr_loc_map.live.node_reports import LOCALISATION_NODE, state_of_pose
 from sfr_loc_map.localisation.estimate import TrackingState
@@ -68,7 +68,7 @@ class Timeline:
         self._is_pose_lost = False  # whether the covariance of the last pose reports a loss
         self._step_s = 0.0  # smoothed step of the stamps of poses
 
-    def take_call(self, call: updates.Call) -> None:
+    def take_call(self, call: updates.NodeCall) -> None:
         """Process a call: its node is no longer silent, and the state of the last pose may change."""
         node = self._open.get(call.node)
         if node is not None and node.kind is EventKind.SILENT:
@@ -100,7 +100,7 @@ class Timeline:
             if step_s > max(GAP_S, GAP_PERIODS * self._step_s) and self._step_s > 0.0:
                 self.mark(at_s, EventKind.CLOCK, f"stamps jump forward by {step_s:.1f} s")
             else:
-                self._step_s = step_s if self._step_s <= 0.0 else 0.8 * self._step_s + 0.2 * step_s
+                self._step_s = smoothed(self._step_s, step_s)
         self._pose = ReceivedTopic.after(self._pose, pose.stamp_ns, at_s)
         self._is_pose_lost = pose.is_lost
         self._note_state_of_pose(at_s)

@@ -1,10 +1,12 @@
 """Records that a feed (the ROS node) passes to the live state.
 
-Times are those of the host's system clock, s. Stamps are those of the messages.
+Times are those of the host's system clock, s. Stamps are those of the messages. A new record extends `Record`, is a
+member of `Update`, and has a case in `LiveState._take_in`.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -32,16 +34,42 @@ class MediaKind(StrEnum):
     MAPS = "maps"
 
 
+class Record(ABC):
+    """A record of a feed."""
+
+    __slots__ = ()
+
+    @property
+    @abstractmethod
+    def subject(self) -> str:
+        """What the record is about, in words of a user."""
+
+    @property
+    @abstractmethod
+    def time_s(self) -> float:
+        """When the record was received or its message was published."""
+
+
 @dataclass(frozen=True, slots=True)
-class PublishedScore:
+class PublishedScore(Record):
     """The score of the monitor, as JSON."""
 
     text: str
     received_s: float
 
+    @property
+    def subject(self) -> str:
+        """What the record is about, in words of a user."""
+        return "a score"
+
+    @property
+    def time_s(self) -> float:
+        """When the record was received."""
+        return self.received_s
+
 
 @dataclass(frozen=True, slots=True)
-class PoseSample:
+class PoseSample(Record):
     """A pose of RB in DS: position, m, quaternion, and for estimates the covariance `(6, 6)` in ROS order.
 
     The quaternion has unit length, or is 0 0 0 0 if the attitude is unknown, which is possible only for the truth.
@@ -55,6 +83,16 @@ class PoseSample:
     covariance: FloatArray | None = None
 
     @property
+    def subject(self) -> str:
+        """What the record is about, in words of a user."""
+        return f"a pose of the {self.track}"
+
+    @property
+    def time_s(self) -> float:
+        """When the record was received."""
+        return self.received_s
+
+    @property
     def has_attitude(self) -> bool:
         """Whether the attitude is known."""
         return any(self.quat_xyzw)
@@ -66,16 +104,26 @@ class PoseSample:
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
+class NodeCall(Record):
     """A call of a node."""
 
     node: str
     record: CallRecord
     received_s: float
 
+    @property
+    def subject(self) -> str:
+        """What the record is about, in words of a user."""
+        return f"a call of {self.node}"
+
+    @property
+    def time_s(self) -> float:
+        """When the record was received."""
+        return self.received_s
+
 
 @dataclass(frozen=True, slots=True)
-class Status:
+class Status(Record):
     """A status of a node on /diagnostics: health, unusable input or internal fault."""
 
     node: str
@@ -85,18 +133,38 @@ class Status:
     values: Mapping[str, str]
     received_s: float
 
+    @property
+    def subject(self) -> str:
+        """What the record is about, in words of a user."""
+        return f"a status of {self.node}"
+
+    @property
+    def time_s(self) -> float:
+        """When the record was received."""
+        return self.received_s
+
 
 @dataclass(frozen=True, slots=True)
-class ImageStamp:
+class ImageStamp(Record):
     """Stamp and publication time of an image. Images are received only while a viewer displays images."""
 
     topic: str
     stamp_ns: int
     published_s: float
 
+    @property
+    def subject(self) -> str:
+        """What the record is about, in words of a user."""
+        return f"a message on {self.topic}"
+
+    @property
+    def time_s(self) -> float:
+        """When the message was published."""
+        return self.published_s
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImageSample:
+class ImageSample(Record):
     """An image reduced for the screen: JPEG data, width and height, and the original width and height."""
 
     kind: ClassVar[MediaKind] = MediaKind.IMAGES
@@ -108,17 +176,37 @@ class ImageSample:
     published_s: float
     track_count: int = 0  # number of drawn feature tracks
 
+    @property
+    def subject(self) -> str:
+        """What the record is about, in words of a user."""
+        return f"a message on {self.topic}"
+
+    @property
+    def time_s(self) -> float:
+        """When the message was published."""
+        return self.published_s
+
 
 @dataclass(frozen=True, slots=True)
-class ImageProblem:
+class ImageProblem(Record):
     """Why the images of a topic cannot be displayed; empty if they can."""
 
     topic: str
     text: str
 
+    @property
+    def subject(self) -> str:
+        """What the record is about, in words of a user."""
+        return f"a message on {self.topic}"
+
+    @property
+    def time_s(self) -> float:
+        """A problem has no time."""
+        return 0.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ElevationSample:
+class ElevationSample(Record):
     """A top-view map, thinned for the screen; its layers are named height, sigma, error, hazard, ..."""
 
     kind: ClassVar[MediaKind] = MediaKind.MAPS
@@ -131,43 +219,35 @@ class ElevationSample:
     published_s: float
     every: int = 1  # grid cells per displayed cell along each axis
 
+    @property
+    def subject(self) -> str:
+        """What the record is about, in words of a user."""
+        return f"a message on {self.topic}"
+
+    @property
+    def time_s(self) -> float:
+        """When the message was published."""
+        return self.published_s
+
 
 @dataclass(frozen=True, slots=True)
-class GraphNodes:
+class GraphNodes(Record):
     """Nodes of the suite that are in the graph, and the number of lost messages of each topic."""
 
     nodes: frozenset[str]
     received_s: float
     lost: Mapping[str, int] = field(default_factory=dict)
 
+    @property
+    def subject(self) -> str:
+        """What the record is about, in words of a user."""
+        return "a list of the nodes"
+
+    @property
+    def time_s(self) -> float:
+        """When the record was received."""
+        return self.received_s
+
 
 Media = ImageSample | ElevationSample  #: Large records, of which only the newest of each topic is kept.
-Update = PublishedScore | PoseSample | Call | Status | ImageStamp | Media | ImageProblem | GraphNodes
-
-
-def subject_of(update: Update) -> str:
-    """Return what a record is about, in words of a user."""
-    match update:
-        case PoseSample():
-            return f"a pose of the {update.track}"
-        case Call():
-            return f"a call of {update.node}"
-        case Status():
-            return f"a status of {update.node}"
-        case ImageStamp() | ImageSample() | ImageProblem() | ElevationSample():
-            return f"a message on {update.topic}"
-        case PublishedScore():
-            return "a score"
-        case GraphNodes():
-            return "a list of the nodes"
-
-
-def time_of(update: Update) -> float:
-    """Return when a record was received or its message was published, s; 0 for a record without a time."""
-    match update:
-        case ImageProblem():
-            return 0.0
-        case ImageStamp() | ImageSample() | ElevationSample():
-            return update.published_s
-        case _:
-            return update.received_s
+Update = PublishedScore | PoseSample | NodeCall | Status | ImageStamp | Media | ImageProblem | GraphNodes

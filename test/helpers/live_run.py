@@ -15,11 +15,11 @@ from sfr_loc_map.live.media import grid_of_cloud, with_layer
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
 from sfr_loc_map.live.updates import (
-    Call,
     ElevationSample,
     GraphNodes,
     ImageSample,
     ImageStamp,
+    NodeCall,
     PoseSample,
     PublishedScore,
     Status,
@@ -102,10 +102,10 @@ def report(count: int, received_s: float) -> PublishedScore:
     return PublishedScore(to_json(scored(count)), received_s)
 
 
-def call(number: int, received_s: float, state: str = "tracking", reason: str = "") -> Call:
+def call(number: int, received_s: float, state: str = "tracking", reason: str = "") -> NodeCall:
     times = {"latency_transport_s": 0.004, "latency_receive_to_publish_s": 0.041}
     record = CallRecord((number + 1) * STEP_NS, 0.0351, state, peak_rss_bytes=412_000_000, reason=reason, times=times)
-    return Call("localisation_node", record, received_s)
+    return NodeCall("localisation_node", record, received_s)
 
 
 def health(node: str, received_s: float, level: Level = Level.OK, message: str = "tracking") -> Status:
