@@ -8,12 +8,11 @@ ignored, because commands have none. `sections_of_nodes` returns the parameters 
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sfr_loc_map.configuration.parameters import MAPPING, is_empty, suggestion
+from sfr_loc_map.configuration.parameters import MAPPING, is_empty, is_misspelt, suggestion
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.suite_names import MONITOR_NODE, SUITE_NODES, Task
@@ -36,11 +35,6 @@ NODE_SECTIONS = {
     "sync": NodeSection("input", (_LOCALISER, _MAPPER)),
 }
 """Sections that contain node parameters."""
-SIMILAR = 0.8
-"""Minimum similarity (`difflib`) of an unknown prefix to the prefix that it misspells. No parameter of another node is
-as similar to a prefix."""
-SIMILAR_NODES = 0.9
-"""Minimum similarity (`difflib`) of an unknown node to the node of the suite that it misspells: one or two letters."""
 STAMP_TOLERANCE = "stamp_tolerance_s"  #: Parameter of a node's input that the section `sync` has, too.
 ROS_PARAMETERS = "ros__parameters"  #: Name of the parameters of a node in a ROS parameter file.
 ALL_NODES = "**"  #: Name of all nodes in a ROS parameter file.
@@ -171,18 +165,13 @@ def _add_to_all(found: dict[str, Any], values: Mapping[str, Any], node: str, pat
 def _check_spelling(node: str, name: str, values: Mapping[str, Any], path: Path) -> None:
     """Raise ConfigError if the prefix of a parameter of the suite, or the name of its node, is misspelt."""
     is_of_suite = name in (*WILDCARDS, *SUITE_NODES)
-    is_similar = not is_of_suite and _is_misspelt(name, SUITE_NODES, SIMILAR_NODES)
+    is_wrong_node = not is_of_suite and is_misspelt(name, SUITE_NODES)
     for parameter in values:
         prefix = parameter.partition(".")[0]
         is_known = prefix in _SECTION_OF_PREFIX
-        is_misspelt = not is_known and _is_misspelt(prefix, _SECTION_OF_PREFIX, SIMILAR)
-        if is_similar and (is_known or is_misspelt):
+        is_wrong_prefix = not is_known and is_misspelt(prefix, _SECTION_OF_PREFIX)
+        if is_wrong_node and (is_known or is_wrong_prefix):
             raise ConfigError(f"{path}: unknown node '{node}' with '{parameter}'{suggestion(name, SUITE_NODES)}")
-        if is_of_suite and is_misspelt:
+        if is_of_suite and is_wrong_prefix:
             hint = suggestion(prefix, _SECTION_OF_PREFIX)
             raise ConfigError(f"{path}: unknown parameter '{parameter}' of '{node}'{hint}")
-
-
-def _is_misspelt(name: str, known: Collection[str], similar: float) -> bool:
-    """Return whether an unknown name has at least this similarity to a known name."""
-    return bool(difflib.get_close_matches(name, known, n=1, cutoff=similar))

@@ -242,6 +242,14 @@ def _has_numbers(default: object) -> bool:
 
 
 MOST_NAMES = 12  #: Largest number of known names in a message.
+MISSPELT = 0.85
+"""Minimum similarity (ratio of difflib) of an unknown name to the known name that it misspells: about one letter in
+seven differs. No name of a parameter or node of another node of the suite is as similar."""
+
+
+def is_misspelt(name: str, known: Collection[str]) -> bool:
+    """Return whether an unknown name probably misspells a known name, and is not a name of another program."""
+    return bool(difflib.get_close_matches(name, known, n=1, cutoff=MISSPELT))
 
 
 def suggestion(name: str, known: Collection[str]) -> str:

@@ -15,7 +15,7 @@ from helpers.made_scores import HOSTILE, dig, half, json_of, whole_score
 from sfr_loc_map.calls.call_record import STATES_OF, CallRecord
 from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
-from sfr_loc_map.live.updates import GraphNodes, ImageStamp, PoseSample, PublishedScore, Status, Track, Update
+from sfr_loc_map.live.updates import GraphNodes, ImageStamp, NodeCall, PoseSample, PublishedScore, Status, Track, Update
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig

@@ -6,7 +6,6 @@ range. All parameters except `autostart` may be set while the node is unconfigur
 
 from __future__ import annotations
 
-import difflib
 from abc import ABC, abstractmethod
 from collections.abc import Collection
 from dataclasses import dataclass, field
@@ -14,14 +13,13 @@ from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
-from sfr_loc_map.configuration.parameters import ParamInfo, param
+from sfr_loc_map.configuration.parameters import ParamInfo, is_misspelt, param
 from sfr_loc_map.nodes.lifecycle.diagnostics import HealthConfig
 from sfr_loc_map.ros.qos import RELIABILITIES
 from sfr_loc_map.worker import Overload
 
 BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Names and name prefixes of parameters that ROS itself declares on a node."""
-ALIKE = 0.85  #: Minimum similarity (ratio of difflib) at which an unknown name counts as misspelt.
 AUTOSTART = "autostart"  #: Parameter that is read once, when the node starts.
 
 
@@ -60,7 +58,7 @@ def is_near_miss(name: str, known: Collection[str]) -> bool:
     section, dot, _ = name.rpartition(".")
     if dot and any(other.startswith(f"{section}.") for other in known):
         return True
-    return bool(difflib.get_close_matches(name, known, n=1, cutoff=ALIKE))
+    return is_misspelt(name, known)
 
 
 def as_list(value: Any) -> Any:  # noqa: ANN401 - any parameter type
