@@ -333,7 +333,7 @@ def require_ros(command: str) -> None:
     """Raise MissingExtraError if ROS, which a subcommand requires, cannot be imported."""
     try:
         from sfr_loc_map.nodes.lifecycle import endpoints  # noqa: F401 - does it import?
-        from sfr_loc_map.ros import messages  # noqa: F401
+        from sfr_loc_map.ros import grid_messages, image_messages, point_messages, pose_messages  # noqa: F401
     except ImportError as error:
         raise MissingExtraError(
             f"sfr {command} requires ROS 2 ({error}): source a ROS 2 installation, or pip install 'sfr_loc_map[ros]'"

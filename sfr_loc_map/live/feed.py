@@ -35,8 +35,10 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages, are_of_pair
 from sfr_loc_map.message_stamps import NS_PER_S, serialised_stamp
 from sfr_loc_map.message_types import StatusKind
-from sfr_loc_map.ros import messages
+from sfr_loc_map.ros.messages import message_type
 from sfr_loc_map.ros.peer import Peer
+from sfr_loc_map.ros.point_messages import tracks_from_msg
+from sfr_loc_map.ros.pose_messages import covariance_of, odometry_row
 from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.ros.statuses import level_of, values_of
 from sfr_loc_map.ros.truth_subscription import TruthSubscription
@@ -136,7 +138,7 @@ class RosFeed(Peer):
 
     def _receive_truth(self, msgtype: str) -> Callable[[], object]:
         """Subscribe to true poses of a type; return the function that unsubscribes."""
-        kind = messages.message_type(msgtype)
+        kind = message_type(msgtype)
         subscription = self._receive(kind, TRUE_POSES, partial(self._on_truth, TruthReader(msgtype), kind), BEST_EFFORT)
         return partial(self.ros_node.destroy_subscription, subscription)
 
@@ -177,7 +179,7 @@ class RosFeed(Peer):
         for ending, msgtype in IMAGES.items():
             topic = f"{name}/{ending}"
             if self._has_publisher(topic):
-                kind = messages.message_type(msgtype)
+                kind = message_type(msgtype)
                 received = partial(self._on_image, name, kind)
                 if former is not None:
                     self.ros_node.destroy_subscription(former)
@@ -223,8 +225,8 @@ class RosFeed(Peer):
 
     def _on_odometry(self, raw: bytes, _: float) -> None:
         message = deserialize_message(raw, Odometry)
-        stamp_ns, position, quat = messages.odometry_row(message)
-        covariance = messages.covariance_of(message)
+        stamp_ns, position, quat = odometry_row(message)
+        covariance = covariance_of(message)
         self._state.put(updates.PoseSample(updates.Track.ESTIMATE, stamp_ns, position, quat, time.time(), covariance))
 
     def _on_truth(self, reader: TruthReader, kind: type[Any], raw: bytes, _: float) -> None:
@@ -284,7 +286,7 @@ class RosFeed(Peer):
     def _on_tracks(self, raw: bytes, _: float) -> None:
         stamp_ns = serialised_stamp(raw)
         if self._images.is_waiting(stamp_ns):
-            tracks = messages.tracks_from_msg(deserialize_message(raw, PointCloud2))
+            tracks = tracks_from_msg(deserialize_message(raw, PointCloud2))
             self._images.add_tracks(stamp_ns, tracks)
 
     # ---- the graph

@@ -20,10 +20,11 @@ from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.ros import messages
+from sfr_loc_map.ros.grid_messages import ELEVATION_FIELDS, elevation_from_msg, hazard_from_msg
+from sfr_loc_map.ros.point_messages import cloud_from_msg
 from sfr_loc_map.topics import ELEVATION, TRUE_POINTS
 
-LAYERS = ("height", *messages.ELEVATION_FIELDS[3:])  #: Layers of an elevation message, after x and y.
+LAYERS = ("height", *ELEVATION_FIELDS[3:])  #: Layers of an elevation message, after x and y.
 MAX_FUSIONS = 8  #: Number of fusions whose pair stamps are kept for clouds that are received later.
 
 
@@ -63,7 +64,7 @@ class MapFeed:
 
     def add_cloud(self, message: PointCloud2, published_s: float) -> None:
         """Add a cloud."""
-        self._cloud = stamp_of(message), messages.cloud_from_msg(message), published_s
+        self._cloud = stamp_of(message), cloud_from_msg(message), published_s
         self._take_cloud()
 
     def _take_cloud(self) -> None:
@@ -84,7 +85,7 @@ class MapFeed:
 
     def add_elevation(self, message: PointCloud2, published_s: float) -> None:
         """Add an elevation grid."""
-        cells, stamp_ns = messages.elevation_from_msg(message), stamp_of(message)
+        cells, stamp_ns = elevation_from_msg(message), stamp_of(message)
         rows, columns = cells.shape[:2]
         axis, steps = (0, columns - 1) if columns > 1 else (1, rows - 1)
         with np.errstate(over="ignore", invalid="ignore"):  # infinite coordinates are refused below
@@ -102,7 +103,7 @@ class MapFeed:
 
     def add_hazard(self, message: OccupancyGrid, published_s: float) -> None:
         """Add a hazard grid, which is displayed with the elevation grid of the same stamp."""
-        self._hazard = stamp_of(message), messages.hazard_from_msg(message)
+        self._hazard = stamp_of(message), hazard_from_msg(message)
         self._put()
 
     def _put(self) -> None:

@@ -39,7 +39,10 @@ from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.localisation_session import LocalisationSession
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, decoded
 from sfr_loc_map.nodes.pose_file import PoseFile
-from sfr_loc_map.ros import messages
+from sfr_loc_map.ros.image_messages import image_msg
+from sfr_loc_map.ros.messages import header_msg, tf_message_type
+from sfr_loc_map.ros.point_messages import TRACK_FIELDS, float_points_msg
+from sfr_loc_map.ros.pose_messages import odometry_msg, start_pose_of, transform_from_pose, transform_msg
 from sfr_loc_map.ros.qos import profile
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import (
@@ -133,7 +136,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self._pose_set = add_publisher(PoseWithCovarianceStamped, INITIAL_POSE_SET, 1, latched=True)
         self._tracks = add_publisher(PointCloud2, TRACKS, 2)
         self._image = add_publisher(Image, DEBUG_IMAGE, 2)
-        tf_type = messages.tf_message_type() if config.publish_tf else None
+        tf_type = tf_message_type() if config.publish_tf else None
         self._tf = add_publisher(tf_type, TF, 100) if tf_type else None
 
     def subscribe(self) -> None:
@@ -192,7 +195,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         with self.ignoring_broken():
             self.config.check_message_frame(INITIAL_POSE, message.header.frame_id, "ds_frame")
-            pose, last_ns = messages.start_pose_of(message), self._stereo.last_ns
+            pose, last_ns = start_pose_of(message), self._stereo.last_ns
             if pose.stamp_ns is not None and last_ns is not None and last_ns - pose.stamp_ns > MAX_POSE_AGE_NS:
                 self.worker.enqueue(partial(self._session.set_first, pose))  # a restarted run may begin near that time
                 self.status.warn(
@@ -206,7 +209,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     def _on_motion_prior(self, message: Odometry) -> None:
         with self.ignoring_broken():
             self.config.check_message_frame(MOTION_PRIOR, message.child_frame_id, "rb_frame")
-            self._motion_prior.add(stamp_of(message), messages.transform_from_pose(message.pose.pose, MOTION_PRIOR))
+            self._motion_prior.add(stamp_of(message), transform_from_pose(message.pose.pose, MOTION_PRIOR))
 
     # ---- in the worker's thread
 
@@ -226,7 +229,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         estimate, call = self._estimate(pair, received.rig)
         self.publish_estimate(estimate)
         times = self.times(received, conversion_s)
-        self._publish_tracks(pair, estimate, messages.header_msg(pair.stamp_ns, received.frame_id))
+        self._publish_tracks(pair, estimate, header_msg(pair.stamp_ns, received.frame_id))
         self.publish_call(replace(call, times=times), LEVELS[estimate.state])
 
     def _estimate(self, pair: StereoPair, rig: StereoRig) -> tuple[PoseEstimate, CallRecord]:
@@ -243,13 +246,13 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
         """Publish odometry and, unless tracking is lost, tf and the path; estimates are in the order of the pairs."""
-        message = messages.odometry_msg(estimate, self.config.frame(self.config.ds_frame), self._rb_frame)
+        message = odometry_msg(estimate, self.config.frame(self.config.ds_frame), self._rb_frame)
         self._odometry.publish(message)
         if estimate.state is TrackingState.LOST:
             return
         header, pose = message.header, message.pose.pose
         if self._tf is not None:
-            self._tf.publish(self._tf.msg_type(transforms=[messages.transform_msg(header, self._rb_frame, pose)]))
+            self._tf.publish(self._tf.msg_type(transforms=[transform_msg(header, self._rb_frame, pose)]))
         stamp_ns, before_ns = estimate.stamp_ns, self._path_ns
         self._path.add(stamp_ns, estimate.T_ds_rb, PoseStamped(header=header, pose=pose))
         # A path may have 2000 poses, so it is published once a second.
@@ -260,12 +263,12 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     def _publish_tracks(self, pair: StereoPair, estimate: PoseEstimate, header: Header) -> None:
         """Publish the tracks and the image with drawn tracks, each only while there are subscribers."""
         if self._tracks.get_subscription_count():
-            rows = np.empty((0, len(messages.TRACK_FIELDS)), np.float32)
+            rows = np.empty((0, len(TRACK_FIELDS)), np.float32)
             if (tracks := estimate.tracks) is not None:
                 rows = np.column_stack((tracks.uv, tracks.keyframe_uv, tracks.residual))
-            self._tracks.publish(messages.float_points_msg(rows, messages.TRACK_FIELDS, header))
+            self._tracks.publish(float_points_msg(rows, TRACK_FIELDS, header))
         if self._image.get_subscription_count():
-            self._image.publish(messages.image_msg(draw_tracks(pair.left, estimate), "bgr8", header))
+            self._image.publish(image_msg(draw_tracks(pair.left, estimate), "bgr8", header))
 
 
 main = partial(run, LocalisationNode)

@@ -34,7 +34,11 @@ from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.input.waiting import Input
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, decoded
-from sfr_loc_map.ros import messages
+from sfr_loc_map.ros.grid_messages import elevation_msg, hazard_msg
+from sfr_loc_map.ros.image_messages import disparity_msg
+from sfr_loc_map.ros.messages import header_msg
+from sfr_loc_map.ros.point_messages import cloud_msg
+from sfr_loc_map.ros.pose_messages import transform_from_pose
 from sfr_loc_map.ros.qos import profile
 from sfr_loc_map.run_order import AGREEING
 from sfr_loc_map.suite_names import Task
@@ -162,7 +166,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._poses_received += 1
         with self.ignoring_broken():
             self.config.check_message_frame(NAV_POSE, message.header.frame_id, "lm_frame")
-            pose = messages.transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")
+            pose = transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")
             self._enqueue(self._matching.add_pose(stamp_ns, pose))
 
     def _enqueue(self, matched: list[tuple[ReceivedPair, Transform]]) -> None:
@@ -209,8 +213,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
         with self.meter.measure() as usage:
             result = mapper.process(pair, pose, len(self._pairs))
         self._pairs.append(CountedPair(result, usage))
-        header = messages.header_msg(pair.stamp_ns, received.frame_id)
-        disparity = messages.disparity_msg(result.disparity_px, received.rig, mapper.search, header)
+        header = header_msg(pair.stamp_ns, received.frame_id)
+        disparity = disparity_msg(result.disparity_px, received.rig, mapper.search, header)
         self._disparity.publish(disparity)
         call = mapping_call(pair.stamp_ns, usage, MappingState.MAPPED, result.statistics)
         call = replace(call, times=self.times(received, conversion_s))
@@ -226,7 +230,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
             fused = mapper.fuse([pair.result for pair in pairs])
         stamps_ns = [pair.result.stamp_ns for pair in pairs]
         stamp_ns = stamps_ns[-1]
-        self._cloud.publish(messages.cloud_msg(fused.cloud, stamp_ns, self._lm_frame))
+        self._cloud.publish(cloud_msg(fused.cloud, stamp_ns, self._lm_frame))
         whole = usage_of_stages([*(pair.usage for pair in pairs), usage])
         level = self._reported(fused.warnings)
         for took, state in ((usage, MappingState.FUSED), (whole, MappingState.MAPPED_SET)):
@@ -241,8 +245,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
         except SfrError as error:
             self.status.warn(f"this map has no elevation grid and no hazard grid: {error}")
             return
-        self._elevation.publish(messages.elevation_msg(grid, stamp_ns, self._lm_frame))
-        self._hazard.publish(messages.hazard_msg(grid, stamp_ns, self._lm_frame))
+        self._elevation.publish(elevation_msg(grid, stamp_ns, self._lm_frame))
+        self._hazard.publish(hazard_msg(grid, stamp_ns, self._lm_frame))
 
     def _finish(self) -> str:
         pairs = len(self._pairs)

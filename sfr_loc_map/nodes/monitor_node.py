@@ -47,7 +47,8 @@ from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.score_file import ScoreFile
 from sfr_loc_map.nodes.score_publisher import ScorePacing, ScorePublisher
-from sfr_loc_map.ros.messages import cloud_from_msg, covariance_of, odometry_row, transform_from_pose
+from sfr_loc_map.ros.point_messages import cloud_from_msg
+from sfr_loc_map.ros.pose_messages import covariance_of, odometry_row, transform_from_pose
 from sfr_loc_map.ros.qos import LATCHED, RELIABILITIES, profile
 from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.run_order import AnyOrder, CommonRuns

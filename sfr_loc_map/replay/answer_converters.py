@@ -37,7 +37,9 @@ from sfr_loc_map.metrics.table.records import FindingKind
 from sfr_loc_map.replay.message_store import Received, ReceivedCloud, ReceivedDrive, ReceivedMaps
 from sfr_loc_map.replay.options import ExternalOptions
 from sfr_loc_map.replay.replay_peer import ReplayPeer
-from sfr_loc_map.ros import messages
+from sfr_loc_map.ros.messages import header_msg
+from sfr_loc_map.ros.point_messages import cloud_from_msg, cloud_msg, xyz_from_msg
+from sfr_loc_map.ros.pose_messages import OdometryRow, covariance_of, odometry_row, pose_msg
 from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.suite_names import Task
 
@@ -73,7 +75,7 @@ class PoseConverter:
         self._in_own_world = replace(options.convention, world="ds")
         self._T_rb_child = options.convention.T_rb_child(loc.rig)
         # pose with the earliest stamp; a convention may state motions since this pose
-        self._first: messages.OdometryRow | None = None
+        self._first: OdometryRow | None = None
         self._T_ds_world: Transform | None = None  # of the first pose, if the convention aligns the world with it
         self._publisher = peer.ros_node.create_publisher(Odometry, options.converted_topic, QoSProfile(depth=DEPTH))
 
@@ -81,32 +83,32 @@ class PoseConverter:
         """Return the frames of a pose."""
         return f"{message.header.frame_id} -> {message.child_frame_id}"
 
-    def read(self, message: Odometry) -> messages.OdometryRow:
+    def read(self, message: Odometry) -> OdometryRow:
         """Return stamp, position and quaternion; raise a MethodFailureError if the pose is invalid."""
         try:
-            return messages.odometry_row(message)
+            return odometry_row(message)
         except InputError as error:
             p, q = message.pose.pose.position, message.pose.pose.orientation
             is_finite = bool(np.isfinite((p.x, p.y, p.z, q.x, q.y, q.z, q.w)).all())
             kind = FindingKind.INVALID_RESULT if is_finite else FindingKind.NOT_FINITE
             raise MethodFailureError(kind, str(error)) from error
 
-    def accept(self, message: Odometry, row: messages.OdometryRow) -> None:
+    def accept(self, message: Odometry, row: OdometryRow) -> None:
         """Add a pose as published, and publish the converted pose."""
-        covariance = messages.covariance_of(message)
+        covariance = covariance_of(message)
         self._received.add_pose(row, covariance)
         try:
             estimates = self._converted(row, covariance)
         except (GeometryError, MetricsError):
             return  # the pose cannot be converted; the score reports the reason
         poses = estimates.trajectory
-        out = Odometry(header=messages.header_msg(max(int(poses.stamps_ns[0]), 0), WORLD), child_frame_id=BODY)
-        out.pose.pose = messages.pose_msg(poses.pose(0), poses.quats_xyzw[0])
+        out = Odometry(header=header_msg(max(int(poses.stamps_ns[0]), 0), WORLD), child_frame_id=BODY)
+        out.pose.pose = pose_msg(poses.pose(0), poses.quats_xyzw[0])
         if estimates.covariance is not None:
             out.pose.covariance = symmetric(estimates.covariance[0]).reshape(36)
         self._publisher.publish(out)
 
-    def _converted(self, row: messages.OdometryRow, covariance: FloatArray) -> Estimates:
+    def _converted(self, row: OdometryRow, covariance: FloatArray) -> Estimates:
         """Return a pose with its covariance `(6, 6)` as a pose of RB in DS.
 
         The pose is converted together with the first pose, because a convention may state motions since this pose.
@@ -163,11 +165,11 @@ class CloudConverter:
         The pixels of points that are not finite are not checked, because such points are not scored.
         """
         try:
-            points = messages.xyz_from_msg(message) * self._unit
+            points = xyz_from_msg(message) * self._unit
         except InputError as error:
             raise MethodFailureError(FindingKind.INVALID_RESULT, str(error)) from error
         try:
-            cloud = messages.cloud_from_msg(message)
+            cloud = cloud_from_msg(message)
         except InputError:  # points without pixels are scored against the nearest true point
             return CloudContent(points, None)
         finite = np.asarray(np.isfinite(points).all(axis=1))
@@ -195,7 +197,7 @@ class CloudConverter:
         sigma = (cloud.sigma * self._unit).astype(np.float32)
         cloud = replace(cloud, xyz=points.astype(np.float32), sigma=sigma)
         self._received.add_cloud(ReceivedCloud(stamp_ns, points[kept], cloud.select(kept)))
-        self._publisher.publish(messages.cloud_msg(cloud.select(finite), stamp_ns, MAP))
+        self._publisher.publish(cloud_msg(cloud.select(finite), stamp_ns, MAP))
 
 
 def answer_converter(peer: ReplayPeer, source: Source, options: ExternalOptions, received: Received) -> AnswerConverter:

@@ -18,8 +18,9 @@ from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.replay.message_store import Received, ReceivedCloud
 from sfr_loc_map.replay.replay_peer import ReplayPeer
-from sfr_loc_map.ros.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.ros.peer import Unchanged
+from sfr_loc_map.ros.point_messages import cloud_from_msg
+from sfr_loc_map.ros.pose_messages import covariance_of, odometry_row
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import CLOUD, DIAGNOSTICS, ESTIMATE, call_topic
 

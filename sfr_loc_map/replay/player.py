@@ -16,8 +16,9 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.io.message_stream import Message
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.replay.replay_peer import ANSWER_TIMEOUT_S, START_TIMEOUT_S, ReplayPeer
-from sfr_loc_map.ros.messages import header_msg, message_type, pose_msg
+from sfr_loc_map.ros.messages import header_msg, message_type
 from sfr_loc_map.ros.peer import POLL_S
+from sfr_loc_map.ros.pose_messages import pose_msg
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import INITIAL_POSE, INITIAL_POSE_SET
 

@@ -13,5 +13,6 @@
 
 `environment` prepares a process for ROS and chooses its domain. `processes` starts, watches and ends child processes:
 programs of this package, and commands of the user. `profiles` has the shared-memory settings of Fast DDS. `messages`
-converts values of the layers below to messages, and messages to such values.
+has the parts of all messages; `pose_messages`, `image_messages`, `point_messages` and `grid_messages` convert values of
+the layers below to messages, and messages to such values.
 """

@@ -12,7 +12,8 @@ from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.frames import add_transform
-from sfr_loc_map.ros.messages import header_msg, pose_msg, tf_message_type, transform_msg
+from sfr_loc_map.ros.messages import header_msg, tf_message_type
+from sfr_loc_map.ros.pose_messages import pose_msg, transform_msg
 from sfr_loc_map.ros.qos import TF_STATIC_QOS
 from sfr_loc_map.topics import TF_STATIC
 

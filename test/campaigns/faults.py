@@ -15,7 +15,7 @@ from campaigns import malformed_messages as malformed
 from campaigns.node_harness import LOCALISATION, MAPPING, MONITOR, NODES, Harness
 from campaigns.own_domain import in_own_domain
 from sfr_loc_map.errors import NodeError, SfrError
-from sfr_loc_map.ros.messages import covariance_of, odometry_row
+from sfr_loc_map.ros.pose_messages import covariance_of, odometry_row
 
 RATE_HZ = 10.0
 RESTART_LIMIT_S = 3.0

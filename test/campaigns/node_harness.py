@@ -36,7 +36,7 @@ from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.ros.environment import start_ros
-from sfr_loc_map.ros.messages import pose_msg
+from sfr_loc_map.ros.pose_messages import pose_msg
 from sfr_loc_map.ros.processes import ChildProcess, end_processes, node_process
 from sfr_loc_map.ros.statuses import level_of, values_of
 from sfr_loc_map.suite_names import SIDES

@@ -34,7 +34,8 @@ from helpers.processes import Process, abandoned, has_started_ros, nodes_of, seg
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
-from sfr_loc_map.ros.messages import message_type, odometry_row
+from sfr_loc_map.ros.messages import message_type
+from sfr_loc_map.ros.pose_messages import odometry_row
 
 COMMAND = ("-m", "sfr_loc_map")
 

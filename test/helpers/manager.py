@@ -22,7 +22,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
-from sfr_loc_map.ros.messages import odometry_row
+from sfr_loc_map.ros.pose_messages import odometry_row
 from sfr_loc_map.ros.statuses import level_of, values_of
 
 Capture = pytest.CaptureFixture[str]

@@ -23,7 +23,8 @@ from sfr_loc_map.live.tracked_images import TrackedImages
 from sfr_loc_map.live.updates import ImageSample, MediaKind
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.ros.messages import header_msg, image_msg, message_type
+from sfr_loc_map.ros.image_messages import image_msg
+from sfr_loc_map.ros.messages import header_msg, message_type
 from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.ros.statuses import status_msg
 from sfr_loc_map.topics import DIAGNOSTICS, IMAGES

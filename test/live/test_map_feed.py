@@ -16,7 +16,9 @@ from sfr_loc_map.live.updates import ElevationSample
 from sfr_loc_map.mapping.terrain.cells import CellGrid
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
-from sfr_loc_map.ros.messages import byte_array, cloud_msg, elevation_from_msg, elevation_msg, hazard_msg
+from sfr_loc_map.ros.grid_messages import elevation_from_msg, elevation_msg, hazard_msg
+from sfr_loc_map.ros.messages import byte_array
+from sfr_loc_map.ros.point_messages import cloud_msg
 from sfr_loc_map.suite_names import Task
 
 STAMP_NS = 1_700_000_000_000_000_000

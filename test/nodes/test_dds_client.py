@@ -16,7 +16,7 @@ from helpers.made_scene import LOC_RIG, loc_pair
 from helpers.node_scenes import MOUNT, send_infos, send_pair
 from helpers.peer import Peer
 from helpers.processes import Process, node_process, wait_until
-from sfr_loc_map.ros.messages import odometry_row
+from sfr_loc_map.ros.pose_messages import odometry_row
 
 LOOPBACK = (
     '<CycloneDDS><Domain id="any"><General><Interfaces><NetworkInterface name="lo"/></Interfaces>'

@@ -37,14 +37,9 @@ from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.ros.messages import (
-    covariance_of,
-    header_msg,
-    odometry_row,
-    pose_msg,
-    tracks_from_msg,
-    transform_from_pose,
-)
+from sfr_loc_map.ros.messages import header_msg
+from sfr_loc_map.ros.point_messages import tracks_from_msg
+from sfr_loc_map.ros.pose_messages import covariance_of, odometry_row, pose_msg, transform_from_pose
 from sfr_loc_map.ros.statuses import values_of
 from sfr_loc_map.suite_names import SIDES, Task
 

@@ -24,7 +24,8 @@ from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.mapping_node import MappingNode
 from sfr_loc_map.nodes.pair_node import PairNode
-from sfr_loc_map.ros.messages import cloud_from_msg, elevation_msg, hazard_msg
+from sfr_loc_map.ros.grid_messages import elevation_msg, hazard_msg
+from sfr_loc_map.ros.point_messages import cloud_from_msg
 from sfr_loc_map.ros.statuses import level_of, values_of
 
 

@@ -34,7 +34,8 @@ from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.score.score import SCHEMA
 from sfr_loc_map.nodes.monitor_node import MonitorNode
-from sfr_loc_map.ros.messages import header_msg, pose_msg, transform_msg
+from sfr_loc_map.ros.messages import header_msg
+from sfr_loc_map.ros.pose_messages import pose_msg, transform_msg
 from sfr_loc_map.suite_names import Task
 
 NO_TURN = np.array([0.0, 0.0, 0.0, 1.0])

@@ -23,7 +23,9 @@ from sfr_loc_map.replay.answer_converters import CloudConverter, PoseConverter
 from sfr_loc_map.replay.external import ExternalNode
 from sfr_loc_map.replay.message_store import ExternalMaps, ReceivedDrive
 from sfr_loc_map.replay.options import ExternalOptions
-from sfr_loc_map.ros.messages import cloud_from_msg, cloud_msg, header_msg, pose_msg
+from sfr_loc_map.ros.messages import header_msg
+from sfr_loc_map.ros.point_messages import cloud_from_msg, cloud_msg
+from sfr_loc_map.ros.pose_messages import pose_msg
 from sfr_loc_map.suite_names import Task
 
 

@@ -27,24 +27,23 @@ from sfr_loc_map.mapping.terrain.cells import CellGrid
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
 from sfr_loc_map.message_stamps import stamp_of
-from sfr_loc_map.ros.messages import (
+from sfr_loc_map.ros.grid_messages import (
     ELEVATION_FIELDS,
-    check_image,
-    cloud_from_msg,
-    cloud_msg,
-    covariance_of,
-    disparity_msg,
     elevation_from_msg,
     elevation_msg,
     hazard_from_msg,
     hazard_msg,
-    header_msg,
+)
+from sfr_loc_map.ros.image_messages import check_image, disparity_msg
+from sfr_loc_map.ros.messages import header_msg
+from sfr_loc_map.ros.point_messages import cloud_from_msg, cloud_msg, xyz_from_msg
+from sfr_loc_map.ros.pose_messages import (
+    covariance_of,
     odometry_msg,
     odometry_row,
     pose_msg,
     start_pose_of,
     transform_from_pose,
-    xyz_from_msg,
 )
 
 STAMP_NS, SIZE = 1_700_000_000_123_456_789, (6, 4)

@@ -23,7 +23,7 @@ from sfr_loc_map.nodes.lifecycle.diagnostics import StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.parallel import both
 from sfr_loc_map.ros.environment import EXPORT_LINE
-from sfr_loc_map.ros.messages import check_image
+from sfr_loc_map.ros.image_messages import check_image
 from sfr_loc_map.ros.qos import RELIABILITIES, profile
 from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.run_order import RunOrder

@@ -24,7 +24,8 @@ from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.localisation_node import LocalisationNode, LocalisationNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNode
-from sfr_loc_map.ros.messages import covariance_of, header_msg
+from sfr_loc_map.ros.messages import header_msg
+from sfr_loc_map.ros.pose_messages import covariance_of
 from sfr_loc_map.ros.statuses import values_of
 
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
