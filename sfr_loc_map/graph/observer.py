@@ -41,12 +41,12 @@ from sfr_loc_map.ros.static_transforms import add_static_transforms
 from sfr_loc_map.suite_names import PLAYER_NODE, SUITE_NODES, Task
 from sfr_loc_map.topics import CLOCK, IMAGES, TF_STATIC, call_topic, rectified_beside
 
-QUIET_S = 1.5  #: Discovery is complete when images are published and the graph has not changed for this time.
-DISCOVERY_S = 8.0  #: Maximum duration of discovery, s.
+UNCHANGED_S = 1.5  #: Discovery is complete when images are published and the graph has not changed for this time.
+MAX_DISCOVERY_S = 8.0  #: Maximum duration of discovery, s.
 FIRST_MESSAGE_S = 4.0
 """Maximum wait for the first message of each topic that has a publisher, before the observation begins."""
 ANSWER_S = 10.0  #: Timeout of a service call, s. A node answers within 1 s, on a busy host within several seconds.
-DEPTH = 100
+DEPTH = 100  #: Queue depth of an observed topic. The observer only notes the stamps, so queues stay short.
 LEFT_IMAGES = tuple(f"/{task.rig}/left/{image}" for task in Task for image in IMAGES)
 PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "input.rectify", "T_rb_locsb.quat_xyzw")
 
@@ -202,8 +202,8 @@ class GraphObserver(Peer):
 
         def is_discovered() -> bool:
             topics = self.ros_node.get_topic_names_and_types()
-            quiet_s = unchanged.seconds((topics, sorted(self.ros_node.get_node_names())))
+            unchanged_s = unchanged.seconds((topics, sorted(self.ros_node.get_node_names())))
             images = [name for name, _ in topics if self._name_in_suite.get(name, name).endswith(LEFT_IMAGES)]
-            return quiet_s > QUIET_S and any(map(self.ros_node.count_publishers, images))
+            return unchanged_s > UNCHANGED_S and any(map(self.ros_node.count_publishers, images))
 
-        self.spin(DISCOVERY_S, is_discovered)
+        self.spin(MAX_DISCOVERY_S, is_discovered)

@@ -43,7 +43,7 @@ from sfr_loc_map.ros.pose_messages import OdometryRow, covariance_of, odometry_r
 from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.suite_names import Task
 
-DEPTH = 1000
+DEPTH = 1000  #: Queue depth of answers and of converted poses, one per pair: no answer may be lost.
 WORLD, BODY, MAP = "ds", "rb", "lm"  #: Frames of the converted messages, as the nodes of the suite name them.
 
 

@@ -18,7 +18,7 @@ from sfr_loc_map.ros.services import call_service
 from sfr_loc_map.suite_names import MONITOR_NODE, PLAYER_NODE, Task
 from sfr_loc_map.topics import RESULTS, TRUE_POSES, call_topic
 
-ANSWER_TIMEOUT_S = 120.0
+ANSWER_TIMEOUT_S = 120.0  #: Timeout of an answer of a node, s. A fusion takes seconds, on a slow host up to a minute.
 SETTLE_S = 0.3  #: Time for the nodes to discover each other after this node has discovered all nodes.
 START_TIMEOUT_S = 300.0  #: Long, because the first start after an installation compiles the kernels.
 

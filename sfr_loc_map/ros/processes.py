@@ -20,7 +20,8 @@ from sfr_loc_map.signals import END_SIGNALS, hold
 
 ESCALATION = ((signal.SIGINT, 10.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 3.0))
 """Signals that end processes, each with the time until the next signal, s."""
-START = "sfr_loc_map.nodes.start"  #: Module that runs a node and handles signals before the imports.
+START = "sfr_loc_map.nodes.start"
+"""Module that runs the `main` of another module. It delivers signals that are blocked while Python starts."""
 CANNOT_START = 2  #: Exit code of a node with invalid arguments or settings.
 ROUTINE = ("[DEBUG]", "[INFO]")  #: Beginning of the log lines of ROS that report no problem.
 WATCH_S = 0.2  #: Period of the check whether a process still runs, s.
@@ -40,14 +41,16 @@ class ChildProcess:
         variables: Mapping[str, str] | None = None,
         *,
         adopts: bool = False,
+        blocked: Sequence[signal.Signals] = (),
     ) -> None:
         """Start the process. Without a log file, its output goes to standard output and error of this process.
 
-        With `adopts`, its orphaned descendants are adopted and remain in its process tree.
+        With `adopts`, its orphaned descendants are adopted and remain in its process tree. The signals `blocked` are
+        not delivered until the program unblocks them.
         """
         self.name, self._words = name, words
         self._log, self._variables = log, variables
-        self._adopts = adopts
+        self._adopts, self._blocked = adopts, blocked
         self.start()
 
     def start(self) -> None:
@@ -70,7 +73,7 @@ class ChildProcess:
                 stream.close()
 
     def _before_exec(self) -> None:
-        end_with_parent(signal.SIGTERM, END_SIGNALS if START in self._words else ())
+        end_with_parent(signal.SIGTERM, self._blocked)
         if self._adopts:
             adopt_descendants()
 
@@ -109,7 +112,7 @@ def node_process(module: str, arguments: Sequence[str], folder: Path | None = No
     name = module.rpartition(".")[2]
     words = [sys.executable, "-P", "-m", START, module, *arguments]
     log = None if folder is None else folder / f"{name}.log"
-    return ChildProcess(name, words, log, child_environment() | {"PYTHONUNBUFFERED": "1"})
+    return ChildProcess(name, words, log, child_environment() | {"PYTHONUNBUFFERED": "1"}, blocked=END_SIGNALS)
 
 
 @contextmanager
