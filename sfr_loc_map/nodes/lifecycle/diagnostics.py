@@ -54,8 +54,8 @@ OFFSETS = {
     "disparity_offset_px": (0.3, "disparity bias above {:g} px"),
 }
 """Monitored statistics of the localiser, each with its limit and warning; they indicate a pitch, roll or yaw error of
-the right camera. The localiser corrects these errors. A limit of 0.3 px is the standard deviation of the disparity bias
-before its first correction (docs/localisation.md), and a calibrated rig stays below the limits."""
+the right camera, which the localiser corrects. A limit of 0.3 px is the standard deviation of the disparity bias before
+the first correction (docs/localisation.md); the limit of the roll was chosen."""
 
 
 class NodeState(StrEnum):
