@@ -206,7 +206,7 @@ def _cell(value: object) -> object:
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     """Read a file with the needed column and a figure of calls. Without `stamp_ns` the calls are numbered."""
     table = _Table.read(path, needed)
-    methods, findings = table.methods(), table.findings()
+    methods, findings = table.methods(), tuple(table.findings())
     table = table.of_calls()
     has_stamps = "stamp_ns" in table.columns
     stamps_ns = table.stamps_ns() if has_stamps else np.arange(len(table.rows), dtype=np.int64)
