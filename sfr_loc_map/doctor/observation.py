@@ -188,7 +188,7 @@ def observe(source: Path, config: SourceConfig, progress: Callable[[], None] = l
 
     The messages of a bag are observed as they were recorded, unless the configuration changes them.
     """
-    if is_bag(source) and config.uses_messages_as_recorded:
+    if is_bag(source) and not config.changes_messages:
         return observe_bag(source, config)
     return observe_source(source, config, progress)
 

@@ -44,7 +44,7 @@ class Message:
 
 def topics_of(source: Source) -> dict[str, str]:
     """Return the types of the topics that `messages_of` yields, by relative name; camera_info comes first."""
-    rigs = [name for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None]
+    rigs = [rig for rig, sequence in (("loc", source.loc), ("nav", source.nav)) if sequence is not None]
     cameras = [f"{rig}/{side}" for rig in rigs for side in SIDES]
     topics = {f"{camera}/camera_info": CAMERA_INFO for camera in cameras}
     topics |= {f"{camera}/{RECTIFIED}": IMAGE for camera in cameras}
@@ -60,35 +60,37 @@ def topics_of(source: Source) -> dict[str, str]:
     return {topic.name: topic.msgtype for topic in found if topic is not None}
 
 
-def parts_of_pairs(source: Source) -> dict[tuple[str, int], tuple[str, int]]:
+def pair_of_message(source: Source) -> dict[tuple[str, int], tuple[str, int]]:
     """Return the rig (`loc` or `nav`) and the stamp of the pair that contains a message, by its topic and stamp.
 
     The messages are the images and mapping poses, paired as in the source. Topics of compressed images are named
     without `/compressed`.
     """
     found = {}
-    for rig, part in (("loc", source.loc), ("nav", source.nav)):
-        if part is None:
+    for rig, sequence in (("loc", source.loc), ("nav", source.nav)):
+        if sequence is None:
             continue
-        if source.recorded is not None and isinstance(part, BagLocSequence | BagNavSequence):
-            parts = part.parts()
+        pairs: Mapping[int, Mapping[str, int]]
+        if source.recorded is not None and isinstance(sequence, BagLocSequence | BagNavSequence):
+            pairs = sequence.index.pairs
         else:
             topics = [f"{rig}/{side}/{RECTIFIED}" for side in SIDES]
-            topics += [NAV_POSE] if part is source.nav else []
-            parts = {stamp_ns: dict.fromkeys(topics, stamp_ns) for stamp_ns in part.stamps_ns}
-        for pair_ns, stamps_ns in parts.items():
-            for topic, stamp_ns in stamps_ns.items():
-                found[topic.removesuffix(COMPRESSED_END), stamp_ns] = (rig, pair_ns)
+            topics += [NAV_POSE] if sequence is source.nav else []
+            pairs = {stamp_ns: dict.fromkeys(topics, stamp_ns) for stamp_ns in sequence.stamps_ns}
+        for pair_ns, messages in pairs.items():
+            for topic, stamp_ns in messages.items():
+                if topic != TRUE_POINTS:
+                    found[topic.removesuffix(COMPRESSED_END), stamp_ns] = (rig, pair_ns)
     return found
 
 
 class PairTracker:
     """Reports when all messages of a stereo pair, including a required pose, have been published."""
 
-    def __init__(self, parts: Mapping[tuple[str, int], tuple[str, int]]) -> None:
-        """Start before the first message; `parts` is the result of `parts_of_pairs`."""
-        self._pair_of = parts
-        self._missing = Counter(parts.values())  # unpublished messages of each pair
+    def __init__(self, pair_of: Mapping[tuple[str, int], tuple[str, int]]) -> None:
+        """Start before the first message; `pair_of` is the result of `pair_of_message`."""
+        self._pair_of = pair_of
+        self._missing = Counter(pair_of.values())  # unpublished messages of each pair
 
     def add(self, message: Message) -> tuple[str, int] | None:
         """Add a published message; return rig and stamp of the completed pair, or None."""
@@ -164,25 +166,25 @@ def between(messages: Iterator[Message], begin_s: float, end_s: float) -> Iterat
 def pairs_between(source: Source, begin_s: float, end_s: float) -> int:
     """Return the number of pairs of a source between two positions, as in `between`."""
     count = 0
-    for part in (source.loc, source.nav):
-        if part is None or not len(part):
+    for sequence in (source.loc, source.nav):
+        if sequence is None or not len(sequence):
             continue
-        begin_ns = begin_of(source, part)
-        count += sum(begin_s <= (stamp_ns - begin_ns) / NS_PER_S <= end_s for stamp_ns in part.stamps_ns)
+        begin_ns = begin_of(source, sequence)
+        count += sum(begin_s <= (stamp_ns - begin_ns) / NS_PER_S <= end_s for stamp_ns in sequence.stamps_ns)
     return count
 
 
 def end_of(source: Source) -> float:
     """Return the position of the last pair of a source: time after the first message of its rig, s."""
-    parts = [part for part in (source.loc, source.nav) if part is not None and len(part)]
-    return max([0.0, *((part.stamps_ns[-1] - begin_of(source, part)) / NS_PER_S for part in parts)])
+    sequences = [each for each in (source.loc, source.nav) if each is not None and len(each)]
+    return max([0.0, *((each.stamps_ns[-1] - begin_of(source, each)) / NS_PER_S for each in sequences)])
 
 
-def begin_of(source: Source, part: LocSequence | NavSequence) -> int:
+def begin_of(source: Source, sequence: LocSequence | NavSequence) -> int:
     """Return the stamp, ns, of the first pair or true pose of a rig. Positions count from this stamp."""
     if source.recorded is not None:  # the first message of a recording is a camera_info
-        rig = "loc" if part is source.loc else "nav"
+        rig = "loc" if sequence is source.loc else "nav"
         return next(message.stamp_ns for message in messages_of(source) if message.rig == rig)
-    first_ns = int(part.stamps_ns[0])
-    truth = source.truth if part is source.loc else None
+    first_ns = int(sequence.stamps_ns[0])
+    truth = source.truth if sequence is source.loc else None
     return first_ns if truth is None else min(first_ns, int(truth.stamps_ns[0]))

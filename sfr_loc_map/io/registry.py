@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,23 +34,25 @@ def _open_bag(path: Path, config: SourceConfig) -> Source:
     return open_bag(path, config)
 
 
-class Reader(NamedTuple):
+class LayoutReader(NamedTuple):
     """The reader of a layout."""
 
     matches: Callable[[Path], bool]  #: Whether a path has this layout.
     open: Opener
-    ignored: tuple[str, ...] = ()  #: Beginnings of the settings that do not apply.
+    ignored: tuple[str, ...] = ()  #: Beginnings of the settings that the layout ignores.
 
 
-_OF_BAGS = ("topics.", "frames.", "sync.stamps")  #: Only bags have topics, frames and times of recording.
-_STATED = (*_OF_BAGS, "sync.", "calibration.")  #: Files that list the stereo pairs and contain the calibration.
-READERS: dict[SourceFormat, Reader] = {
-    SourceFormat.BAG: Reader(is_bag, _open_bag),
-    SourceFormat.FOLDER: Reader(is_folder, open_folder, _STATED),
-    SourceFormat.KITTI: Reader(is_kitti, open_kitti, _STATED),
-    SourceFormat.EUROC: Reader(is_euroc, open_euroc, (*_OF_BAGS, "calibration.")),
-    SourceFormat.IMAGES: Reader(
-        is_image_folder, open_image_folder, (*_OF_BAGS, "calibration.baseline_m", "calibration.stereo_layout")
+_ONLY_OF_BAGS = ("topics.", "frames.", "sync.stamps")
+"""Beginnings of settings that apply only to bags: topics, frames and times of recording."""
+_PAIRS_AND_CALIBRATION = (*_ONLY_OF_BAGS, "sync.", "calibration.")
+"""Beginnings of settings that a layout ignores if its files list the stereo pairs and contain the calibration."""
+READERS: dict[SourceFormat, LayoutReader] = {
+    SourceFormat.BAG: LayoutReader(is_bag, _open_bag),
+    SourceFormat.FOLDER: LayoutReader(is_folder, open_folder, _PAIRS_AND_CALIBRATION),
+    SourceFormat.KITTI: LayoutReader(is_kitti, open_kitti, _PAIRS_AND_CALIBRATION),
+    SourceFormat.EUROC: LayoutReader(is_euroc, open_euroc, (*_ONLY_OF_BAGS, "calibration.")),
+    SourceFormat.IMAGES: LayoutReader(
+        is_image_folder, open_image_folder, (*_ONLY_OF_BAGS, "calibration.baseline_m", "calibration.stereo_layout")
     ),
 }
 """The readers of all layouts, in the order of detection.
@@ -67,31 +68,33 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
     Each pass over the pairs reopens the files.
     """
     path = Path(path)
-    name = format_of(path)
+    reader = READERS[format_of(path)]
     config = source_config(path) if config is None else config
-    reader = READERS[name]
-    sections = ("frames", "sync", "calibration", "truth")
+    _report_ignored_settings(path, config, reader.ignored)
+    source = reader.open(path, config)
+    _report_long_baselines(source)
+    return source
+
+
+def _report_ignored_settings(path: Path, config: SourceConfig, of_layout: tuple[str, ...]) -> None:
+    """Warn of settings without effect; `of_layout` are the beginnings of those that the layout ignores."""
     settings = [f"topics.{name}" for name in config.remap.values()]
-    settings += [setting for section in sections for setting in changed(getattr(config, section), f"{section}.")]
-    without_effect = (*reader.ignored, *_ignored_of_truth(path, config.truth))
+    for section in ("frames", "sync", "calibration", "truth"):
+        settings += changed(getattr(config, section), f"{section}.")
+    without_effect = (*of_layout, *_ignored_of_truth(path, config.truth))
     if ignored := [setting for setting in settings if setting.startswith(without_effect)]:
         names = ", ".join(ignored)
         _log.warning(f"'{path}': settings that do not apply to the files of this source are ignored: {names}")
-    source = reader.open(path, config)
-    if not config.calibration.file:  # that of a file was checked when it was read
-        _report_long_baselines(source)
-    if config.truth.file is not None:
-        source = replace(source, truth_files=(*source.truth_files, config.truth.file))
-    return replace(source, config=config)
 
 
 def _report_long_baselines(source: Source) -> None:
-    """Warn of a baseline that exceeds those of rovers, because it may be in centimetres or millimetres."""
-    for name, part in (("localisation", source.loc), ("mapping", source.nav)):
-        if part is not None and part.rig.baseline_m > LONG_BASELINE_M:
+    """Warn of a baseline that exceeds those of rovers, because it may be in another unit, or in squares of a board."""
+    for name, sequence in (("localisation", source.loc), ("mapping", source.nav)):
+        if sequence is not None and sequence.rig.baseline_m > LONG_BASELINE_M:
             _log.warning(
-                f"'{source.path}': the baseline of the {name} cameras is {part.rig.baseline_m:g} m, which is unusually "
-                "long: verify that the baseline and P[3] are given in metres"
+                f"'{source.path}': the baseline of the {name} cameras is {sequence.rig.baseline_m:g} m, which is "
+                "unusually long: verify that the baseline, P[3] and the squares of the calibration board are given in "
+                "metres"
             )
 
 

@@ -89,18 +89,16 @@ class Source:
     format: SourceFormat  #: Shown to users. The processing does not depend on it.
     loc: LocSequence | None  #: The drive.
     nav: NavSequence | None  #: The mapping pairs.
-    find_missing_loc: Callable[[], tuple[int, ...]] = (
-        tuple  #: Returns `missing_loc_ns`; that of a bag reads all stamps.
-    )
-    find_missing_nav: Callable[[], tuple[int, ...]] = (
-        tuple  #: Returns `missing_nav_ns`; that of a bag reads all stamps.
-    )
     config: SourceConfig = DEFAULT_SOURCE  #: Configuration that the source is read with.
-    truth_files: tuple[Path, ...] = ()  #: Files and bags with the truth besides `path`, by the layout or configuration.
+    truth_files: tuple[Path, ...] = ()  #: Files with the truth besides `path` and `config.truth.file`, by the layout.
     calibration: str = ""  #: Origin of the calibration of the drive, if it is not part of the layout.
-    #: Returns the pose of the drive's rig on the rover in the source itself, which `config` may replace, or None.
-    find_own_extrinsics: Callable[[], Transform | None] = lambda: None
     recorded: RecordedBag | None = None  #: The bag, if its messages are used as recorded; None for all other sources.
+    find_missing_loc: Callable[[], tuple[int, ...]] = tuple
+    """Returns `missing_loc_ns`. The function of a bag reads all stamps of the drive."""
+    find_missing_nav: Callable[[], tuple[int, ...]] = tuple
+    """Returns `missing_nav_ns`. The function of a bag reads all stamps of the mapping pairs."""
+    find_own_extrinsics: Callable[[], Transform | None] = lambda: None
+    """Returns the pose of the drive's rig on the rover in the source itself, which `config` may replace, or None."""
 
     @property
     def missing_loc_ns(self) -> tuple[int, ...]:
@@ -145,11 +143,13 @@ class Source:
     def truth_paths(self) -> tuple[Path, ...]:
         """Return every path that may hold the truth. A method under test has no access to these paths.
 
-        The paths are the source itself, the targets of its symbolic links except images, and its truth files.
+        The paths are the source itself, the targets of its symbolic links except images, its truth files, and the
+        file or bag that the configuration names.
         """
         inside = self.path.rglob("*") if self.path.is_dir() else ()
         links = [path for path in inside if path.is_symlink() and suffix_of(path) not in IMAGE_ENDINGS]
-        return tuple(path.resolve() for path in (self.path, *links, *self.truth_files))
+        configured = () if self.config.truth.file is None else (self.config.truth.file,)
+        return tuple(path.resolve() for path in (self.path, *links, *self.truth_files, *configured))
 
     @property
     def truth(self) -> Truth | None:

@@ -141,17 +141,13 @@ class SourceConfig:
     configuration: Configuration = field(default_factory=Configuration, compare=False)
 
     @property
-    def uses_messages_as_recorded(self) -> bool:
-        """Whether frames, calibration, stamps and truth are those of the source itself.
+    def changes_messages(self) -> bool:
+        """Whether calibration, pairing or truth are configured, so that those of a bag are not its messages.
 
-        `remap` and `extrinsics` may be configured, because they do not change the content of a message.
+        Names of topics, frames and extrinsics do not change the content of a message.
         """
-        return (self.frames, self.calibration, self.sync, self.truth) == (
-            FramesConfig(),
-            CalibrationConfig(),
-            SyncConfig(),
-            TruthConfig(),
-        )
+        as_recorded = CalibrationConfig(), SyncConfig(), TruthConfig()
+        return (self.calibration, self.sync, self.truth) != as_recorded
 
     @property
     def changed_reading(self) -> dict[str, object]:

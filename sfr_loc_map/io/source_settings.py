@@ -21,7 +21,7 @@ FILE_SETTINGS: Mapping[Key, Callable[[str, Path], str]] = {
     Key("truth", "source"): file_or_topic,
     Key("limits"): file_in,
 }
-"""Settings that name files, each with the function that returns the absolute path for a name in a folder."""
+"""The settings that name files. Each has the function `(name, folder)` that makes the name an absolute path."""
 
 
 def config_beside(source: Path) -> Path | None:

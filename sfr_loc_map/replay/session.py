@@ -106,7 +106,7 @@ def _play_until_signal(
 def play_and_collect(source: Source, options: ReplayOptions, connected: Connected, progress: Progress) -> None:
     """Publish a source until its end or until the player is stopped, then wait for the missing results."""
     player, waits, received = connected.player, connected.waits, connected.collector.received
-    pairs = message_stream.PairTracker(message_stream.parts_of_pairs(source))
+    pairs = message_stream.PairTracker(message_stream.pair_of_message(source))
     if options.start is not None:
         player.set_pose(options.start)
 

@@ -19,7 +19,7 @@ from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.bag.poses import read_frame_tree
 from sfr_loc_map.io.calibration.calibration_file import CalibrationError
-from sfr_loc_map.io.layouts.bag_rig import image_name
+from sfr_loc_map.io.layouts.bag_cameras import image_name
 from sfr_loc_map.io.layouts.bag_source import BagLocSequence
 from sfr_loc_map.io.registry import format_of, open_source, read_truth
 from sfr_loc_map.io.sequence import LocSequence, SourceFormat
@@ -320,11 +320,14 @@ def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: in
 
 
 def _opened_drive(source: Path, config: SourceConfig) -> LocSequence | None:
-    """Open a source and read the stamps of its pairs; return its drive. Raises the error of an unreadable source."""
+    """Open a source and read the stamps and poses of its pairs; return its drive.
+
+    Raises the error of an unreadable source.
+    """
     opened = open_source(source, config)
-    pairs = opened.nav if opened.loc is None else opened.loc
-    if pairs is not None:
-        len(pairs)  # the stamps of a bag are read on first use
+    for pairs in (opened.loc, opened.nav):
+        if pairs is not None:
+            len(pairs)  # those of a bag are read on first use
     return opened.loc
 
 

@@ -27,8 +27,8 @@ from sfr_loc_map.io.message_stream import (
     between,
     end_of,
     messages_of,
+    pair_of_message,
     pairs_between,
-    parts_of_pairs,
     topics_of,
 )
 from sfr_loc_map.io.registry import open_source
@@ -143,7 +143,7 @@ def test_the_pairs_that_a_replay_awaits_are_those_of_the_source(tmp_path: Path, 
         path = write_bag(tmp_path / "b.mcap", 3, 2, jpeg_quality=90 if kind == "compressed bag" else None)
     source = open_source(path)
     assert (source.recorded is None) is (kind == "folder")
-    tracker = PairTracker(parts_of_pairs(source))
+    tracker = PairTracker(pair_of_message(source))
     completed = [pair for pair in map(tracker.add, messages_of(source)) if pair is not None]
     assert source.loc is not None
     assert source.nav is not None
@@ -151,7 +151,7 @@ def test_the_pairs_that_a_replay_awaits_are_those_of_the_source(tmp_path: Path, 
     expected += [("nav", stamp_ns) for stamp_ns in source.nav.stamps_ns]
     assert sorted(completed) == sorted(expected)
     for begin_s, end_s in ((0.0, np.inf), (0.0, 0.1), (0.05, 0.25)):
-        tracker = PairTracker(parts_of_pairs(source))
+        tracker = PairTracker(pair_of_message(source))
         played = [tracker.add(each) for each in between(messages_of(source), begin_s, end_s)]
         assert pairs_between(source, begin_s, end_s) == len(played) - played.count(None)
 
@@ -165,7 +165,7 @@ def test_the_parts_of_a_recorded_pair_have_their_own_stamps_and_one_without_a_po
         return None if topic.endswith("nav/pose") and number == 1 else message
 
     path = rewritten_bag(tmp_path / "changed.mcap", change)
-    parts = parts_of_pairs(open_source(path))
+    parts = pair_of_message(open_source(path))
     stamp_ns = nav_pair(0).pair.stamp_ns
     assert {part: pair for part, pair in parts.items() if pair[0] == "nav"} == {
         ("nav/left/image_rect", stamp_ns): ("nav", stamp_ns),

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from helpers import made_layouts as made
-from helpers.made_worlds import make_world, write_folder
+from helpers.made_worlds import make_world, write_bag, write_folder
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.calibration.rig_file import rig_json
 from sfr_loc_map.io.registry import format_of, open_source
 from sfr_loc_map.io.sequence import SourceFormat
-from sfr_loc_map.io.source_config import CalibrationConfig, FramesConfig, SourceConfig, SyncConfig
+from sfr_loc_map.io.source_config import CalibrationConfig, ExtrinsicsConfig, FramesConfig, SourceConfig, SyncConfig
 from sfr_loc_map.io.truth.config import TruthConfig
+from sfr_loc_map.suite_names import SIDES
 
 LAYOUTS: dict[str, Callable[[Path], Path]] = {
     "folder": lambda path: write_folder(path, make_world()),
@@ -160,12 +167,48 @@ def test_a_calibration_of_kitti_for_images_of_another_size_is_refused(tmp_path: 
         open_source(folder)
 
 
+def write_images(path: Path, rig: StereoRig) -> tuple[Path, SourceConfig]:
+    """Write a folder of images and a separate calibration; return the folder and its configuration."""
+    for side in SIDES:
+        (path / side).mkdir(parents=True)
+        cv2.imwrite(str(path / side / "1700000000000000000.png"), np.zeros((rig.height, rig.width), np.uint8))
+    file = path.with_suffix(".json")
+    file.write_text(rig_json(rig))
+    return path, SourceConfig(calibration=CalibrationConfig(file=str(file)))
+
+
+SOURCES: dict[str, Callable[[Path], tuple[Path, SourceConfig]]] = {
+    **{name: lambda path, write=write: (write(path), SourceConfig()) for name, write in LAYOUTS.items()},  # type: ignore[misc]
+    "images": lambda path: write_images(path, make_world().loc_rig),
+    "bag": lambda path: (write_bag(path.with_suffix(".mcap"), make_world()), SourceConfig()),
+}
+
+
+@pytest.mark.parametrize("layout", SOURCES)
+def test_extrinsics_of_the_source_itself_are_no_changed_reading(tmp_path: Path, layout: str) -> None:
+    path, config = SOURCES[layout](tmp_path / "a")
+    source = open_source(path, config)
+    assert source.config is config
+    assert source.loc is not None
+    own = source.loc.rig.T_rb_sb
+    assert own is not None
+    for turn, is_changed in ((0.0, False), (0.1, True)):
+        pose = own @ Transform(matrix_from_rotvec([0.0, 0.0, turn]), np.zeros(3))
+        extrinsics = ExtrinsicsConfig(tuple(pose.translation.tolist()), tuple(pose.quat_xyzw.tolist()))
+        given = open_source(path, replace(config, extrinsics=extrinsics))
+        assert any(name.startswith("extrinsics.") for name in given.changed_reading) == is_changed
+
+
+@pytest.mark.parametrize("layout", ["folder", "images"])
 @pytest.mark.parametrize(("baseline_m", "is_reported"), [(0.4, False), (1.2, True), (4.0, True)])
 def test_a_baseline_that_may_be_in_another_unit_is_reported(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, baseline_m: float, is_reported: bool
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, layout: str, baseline_m: float, is_reported: bool
 ) -> None:
-    folder = write_folder(tmp_path / "a", make_world(), nav=False)
-    rig = json.loads((folder / "rig.json").read_text())
-    (folder / "rig.json").write_text(json.dumps({**rig, "baseline_m": baseline_m}))
-    open_source(folder)
-    assert ("verify that the baseline and P[3] are given in metres" in caplog.text) == is_reported
+    if layout == "images":
+        open_source(*write_images(tmp_path / "a", StereoRig(64, 48, 60.0, 60.0, 31.5, 23.5, baseline_m)))
+    else:
+        folder = write_folder(tmp_path / "a", make_world(), nav=False)
+        rig = json.loads((folder / "rig.json").read_text())
+        (folder / "rig.json").write_text(json.dumps({**rig, "baseline_m": baseline_m}))
+        open_source(folder)
+    assert (f"baseline of the localisation cameras is {baseline_m:g} m" in caplog.text) == is_reported

@@ -158,7 +158,8 @@ class Bag:
         """
         by_name = {topic.bag_name: topic for topic in topics}
         with self._reading() as readers:
-            expected, count = sum(c.msgcount for reader in readers for c in reader.connections if c.topic in by_name), 0
+            expected = sum(c.msgcount for reader in readers for c in reader.connections if c.topic in by_name)
+            count = 0
             are_compressed = self._files.compression == "message"
             messages = messages_of_readers(readers, by_name.keys(), are_compressed=are_compressed)
             for connection, recorded_ns, raw in messages:

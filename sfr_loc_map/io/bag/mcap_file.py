@@ -43,7 +43,16 @@ from sfr_loc_map.io.bag.unpacking import unpack_lz4, unpack_zstd
 from sfr_loc_map.json_yaml import parse_yaml
 
 LATEST_NS = 2**63 - 1  #: Largest time of recording.
-NO_MESSAGES = ReaderMetadata(0, LATEST_NS, 0, 0, None, None, None, None)
+NO_MESSAGES = ReaderMetadata(
+    duration=0,
+    start_time=LATEST_NS,
+    end_time=0,
+    message_count=0,
+    compression_format=None,
+    compression_mode=None,
+    ros_distro=None,
+    custom=None,
+)
 DEFINITIONS = {
     "ros2msg": MessageDefinitionFormat.MSG,
     "ros2idl": MessageDefinitionFormat.IDL,
@@ -334,21 +343,27 @@ class _Fields:
         return self._place < len(self._content)
 
     def number(self, layout: str) -> int:
-        (value,) = struct.unpack_from(layout, self._content, self._place)
-        self._place += struct.calcsize(layout)
+        """Return a number of a layout of `struct`."""
+        (value,) = self.numbers(struct.Struct(layout))
         return int(value)
 
-    def sized(self) -> bytes:
-        """Return the bytes of a field that begins with its length."""
-        size = self.number("<I")
+    def numbers(self, layout: struct.Struct) -> tuple[Any, ...]:
+        """Return several numbers."""
+        return layout.unpack(self._bytes(layout.size))
+
+    def sized(self, length: str = "<I") -> bytes:
+        """Return the bytes of a field that begins with its length, a number of the layout `length`."""
+        return self._bytes(self.number(length))
+
+    def text(self) -> str:
+        return self.sized().decode()
+
+    def _bytes(self, size: int) -> bytes:
         data = self._content[self._place : self._place + size]
         if len(data) < size:
             raise ReaderError(f"a field of {size} bytes is longer than its record")
         self._place += size
         return data
-
-    def text(self) -> str:
-        return self.sized().decode()
 
 
 def _record_head(file: BinaryIO, end: int) -> tuple[int, int, int] | None:
@@ -393,16 +408,11 @@ def _chunk_content(file: BinaryIO, offset: int) -> bytes:
     size = file.seek(0, 2)
     file.seek(offset)
     head = _record_head(file, size)
-    if head is None or head[0] != CHUNK or head[2] < CHUNK_HEAD.size + 12:
+    if head is None or head[0] != CHUNK:
         raise ReaderError(f"there is no complete chunk at byte {offset}")
-    record = _exactly(file, head[2])
-    _, _, unpacked_size, checksum = CHUNK_HEAD.unpack_from(record)
-    fields = _Fields(record[CHUNK_HEAD.size :])
-    compression, packed_size = fields.text(), fields.number("<Q")
-    begin = CHUNK_HEAD.size + 4 + len(compression.encode()) + 8
-    packed = record[begin : begin + packed_size]
-    if len(packed) != packed_size:
-        raise ReaderError(f"the chunk at byte {offset} is longer than its record")
+    fields = _Fields(_exactly(file, head[2]))
+    _, _, unpacked_size, checksum = fields.numbers(CHUNK_HEAD)
+    compression, packed = fields.text(), fields.sized("<Q")
     if compression == "zstd":
         content = unpack_zstd(packed, unpacked_size)
     elif compression == "lz4":

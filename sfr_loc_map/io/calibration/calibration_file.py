@@ -14,21 +14,16 @@ is accepted.
 
 from __future__ import annotations
 
-import logging
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.inputs import check_exists, refusing
-from sfr_loc_map.io.calibration.camera_info import LONG_BASELINE_M, check_centre, rig_from_projections
+from sfr_loc_map.io.calibration.camera_info import with_baseline
 from sfr_loc_map.io.calibration.opened_file import open_calibration, partner_of
 from sfr_loc_map.io.calibration.programs import READERS
-from sfr_loc_map.io.calibration.rectification import check_one_scale, common_projection
-from sfr_loc_map.io.calibration.stereo_calibration import StereoCalibration
+from sfr_loc_map.io.calibration.stereo_calibration import CameraPair, StereoCalibration, calibrated
 from sfr_loc_map.suffixes import suffix_of
-
-_log = logging.getLogger(__name__)
 
 ENDINGS = (".yaml", ".yml", ".xml", ".json", ".txt")
 
@@ -37,20 +32,26 @@ class CalibrationError(InputError):
     """A calibration file cannot be used."""
 
 
-def read_calibration(path: Path, size: tuple[int, int] | None = None) -> StereoCalibration:
-    """Read a calibration from a file or a folder; `size`: width and height of the images, if known.
+def read_calibration(path: Path, size: tuple[int, int] | None = None, baseline_m: float = 0.0) -> StereoCalibration:
+    """Read a calibration from a file or a folder.
 
-    Raises CalibrationError if the file is not a calibration, is corrupt, does not describe a side-by-side pair, or has
-    another image size.
+    `size`: width and height of the images, if known. `baseline_m`: baseline of the configuration, m; 0: that of the
+    file. CalibrationError if the file is not a calibration, is corrupt, does not describe a side-by-side pair, or has
+    another image size or another baseline.
     """
+    where = f"calibration '{path}'"
     try:
-        return _calibration(path, size)
+        pair = _cameras_in(path, size, where)
+        if baseline_m:
+            p_right = with_baseline(pair.left.p, pair.right.p, baseline_m, pair.text)
+            pair = pair._replace(right=replace(pair.right, p=tuple(p_right.tolist())))
+        return calibrated(pair, where)
     except InputError as error:
         raise CalibrationError(str(error)) from error
 
 
-def _calibration(path: Path, size: tuple[int, int] | None) -> StereoCalibration:
-    where = f"calibration '{path}'"
+def _cameras_in(path: Path, size: tuple[int, int] | None, where: str) -> CameraPair:
+    """Return the cameras in a file or a folder; InputError unless both have the size of the images."""
     check_exists(path, "give a calibration file, or a folder that contains one")
     with naming(path), refusing(where):
         opened = open_calibration(_only_file(path) if path.is_dir() else path, size)
@@ -59,20 +60,11 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> StereoCalibration:
             *known, last = (reader.shown for reader in READERS)
             found = ", ".join(opened.shown_names[:8]) or "no known structure"
             raise InputError(f"{where}: the file has {found}; a file of {', '.join(known)} or {last} is required")
-        left, right, text, T_rb_sb, names = reader.read(opened)
-    if len(sizes := {left.size, right.size, size or left.size}) > 1:
+        pair = reader.read(opened)
+    if len(sizes := {pair.left.size, pair.right.size, size or pair.left.size}) > 1:
         shown = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
         raise InputError(f"{where} and the images differ in size, {shown} px: calibrate both cameras at the image size")
-    check_one_scale(left, right, where)
-    for camera in (left, right):
-        check_centre(camera.k[2], camera.k[5], camera.size, where)
-    rig = rig_from_projections(np.array(left.p), common_projection(left, right), left.size, where)
-    if rig.baseline_m > LONG_BASELINE_M:
-        _log.warning(
-            f"{where}: the baseline is {rig.baseline_m:g} m, which is unusually long: verify that the squares of the "
-            "calibration board were specified in metres"
-        )
-    return StereoCalibration((left, right), left.is_rectified and right.is_rectified, T_rb_sb, text, names)
+    return pair
 
 
 def _only_file(folder: Path) -> Path:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -20,6 +21,7 @@ BASELINES_M = (1e-3, 5.0)
 a baseline was given as Camera.bf, which is the baseline times fx."""
 LONG_BASELINE_M = 1.0
 """Baseline, m, that rovers do not exceed. A larger number may be in another unit, or in squares of a board."""
+BASELINE_TOLERANCE = 0.01  #: Largest difference between two statements of one baseline, as a fraction of the baseline.
 TOLERANCE = 1e-6
 """Largest deviation of a coefficient from that of a rectified camera (P and K in pixels, R and D without unit)."""
 
@@ -69,6 +71,24 @@ def baseline_from_projection(fx: float, shift: float) -> float:
         near |= {step, math.nextafter(step, direction)}
     exact = [b for b in near if -(fx * b) == shift]
     return min(exact, key=lambda b: (len(repr(b)), abs(b - middle))) if exact else middle
+
+
+def with_baseline(p_left: ArrayLike, p_right: ArrayLike, baseline_m: float, text: str) -> FloatArray:
+    """Return the P `(12,)` of a right camera with P[3] from a given baseline; `text` names the calibration.
+
+    P[3] / P[0] is the offset of a camera along x, m. That of the left camera is not 0 if a third camera is the
+    reference. InputError if both P `(12,)` state another baseline.
+    """
+    left, right = np.array(p_left, np.float64), np.array(p_right, np.float64)
+    left_m, right_m = (float(p[3] / p[0]) if p[0] else 0.0 for p in (left, right))
+    stated_m = left_m - right_m
+    if stated_m and abs(stated_m - baseline_m) > BASELINE_TOLERANCE * abs(stated_m):
+        raise InputError(
+            f"calibration.baseline_m is {baseline_m:g} m, but P of {text} states {stated_m:g} m: omit "
+            "calibration.baseline_m, or correct the calibration"
+        )
+    right[3] = right[0] * (left_m - baseline_m)
+    return right
 
 
 def check_centre(cx: float, cy: float, size: tuple[int, int], where: str) -> None:
@@ -135,23 +155,23 @@ def rig_from_projections(
 def rig_of_one_projection(left: RectifiedCamera, right: RectifiedCamera, name: str) -> StereoRig:
     """Return the rig (`loc` or `nav`) of two rectified cameras whose P differ only in P[3]."""
     for side, camera in zip(SIDES, (left, right), strict=True):
-        _check_rectified(f"{name}/{side}", camera)
+        check_projection(camera.p, f"{name}/{side}/camera_info")
     if left.size != right.size:
         sizes = " and ".join(f"{width} x {height}" for width, height in (left.size, right.size))
         raise InputError(f"camera_info of {name}/left and {name}/right are {sizes}: equal sizes are required")
     return rig_from_projections(left.p, right.p, left.size, f"camera_info of {name}")
 
 
-def _check_rectified(name: str, camera: RectifiedCamera) -> None:
-    """Check that P describes a rectified image. If P is zero, the camera is not calibrated for rectification."""
-    found = []
-    p_matrix = camera.p.reshape(3, 4)
+def check_projection(p: FloatArray, where: str) -> None:
+    """Raise InputError unless P `(12,)` is that of a rectified camera. P of an uncalibrated camera is zero."""
+    found = ""
+    p_matrix = p.reshape(3, 4)
     if not np.isfinite(p_matrix).all() or p_matrix[0, 0] <= 0:
-        found.append("projection p is empty")
+        found = "projection p is empty"
     elif np.abs(p_matrix[[0, 1, 2, 2, 2, 1, 2], [1, 0, 0, 1, 3, 3, 2]] - [0, 0, 0, 0, 0, 0, 1]).max() > TOLERANCE:
-        found.append("projection p is not that of a rectified left or right camera")
+        found = "projection p is not that of a rectified left or right camera"
     if found:
         raise InputError(
-            f"{name}/camera_info is non-rectified ({', '.join(found)}): give rectified images and their camera_info, "
-            f"or raw images on image_raw (nodes: parameter input.rectify)"
+            f"{where} is non-rectified ({found}): give rectified images and their camera_info, or raw images on "
+            "image_raw (nodes: parameter input.rectify)"
         )

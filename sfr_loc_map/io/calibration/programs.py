@@ -34,7 +34,7 @@ from sfr_loc_map.io.calibration.opened_file import (
 )
 from sfr_loc_map.io.calibration.rectification import RectifiableCamera, check_camera_matrix
 from sfr_loc_map.io.calibration.rig_file import read_rig
-from sfr_loc_map.io.calibration.stereo_calibration import PosedCamera, check_one_baseline, rectified_cameras
+from sfr_loc_map.io.calibration.stereo_calibration import CameraPair, PosedCamera, check_one_baseline, rectified_cameras
 from sfr_loc_map.json_yaml import converted
 from sfr_loc_map.message_text import alternatives, counted
 from sfr_loc_map.suite_names import SIDES
@@ -55,18 +55,7 @@ TWO_FOCALS = {"PINHOLE": 4, "OPENCV": 8, "FULL_OPENCV": 12, "OPENCV_FISHEYE": 8}
 Principal point and distortion in OpenCV's order follow the focal lengths."""
 
 
-class CameraPair(NamedTuple):
-    """The cameras in a calibration, with R and P."""
-
-    left: RectifiableCamera
-    right: RectifiableCamera
-    text: str  #: Program, file, left and right camera.
-    T_rb_sb: Transform | None = None  #: Pose of the rig in RB, if the file has it.
-    names: tuple[str, str] | None = None
-    """Names of the left and the right camera (`cam1`, `cam0`), if the geometry determines which camera is left."""
-
-
-class Reader(NamedTuple):
+class ProgramReader(NamedTuple):
     """The reader of the files of a program, and how they are recognised."""
 
     shown: str  #: Program, with names in its files or of its files, for messages.
@@ -524,12 +513,12 @@ def _is_colmap(opened: OpenedFile) -> bool:
 
 
 READERS = (
-    Reader("Kalibr (cam0, cam1)", _kalibr, _has("cam0")),
-    Reader("EuRoC", _euroc, _has("T_BS intrinsics")),
-    Reader("ORB-SLAM", _orbslam, _has("LEFT.K", "Camera.fx", "Camera1.fx")),
-    Reader("OpenCV (M1, D1, M2, D2, R, T)", _opencv, _has("M1", "K1", "cameraMatrix1", "R1", "T")),
-    Reader("ROS (camera_matrix, projection_matrix)", _ros, _has("projection_matrix", "k r p")),
-    Reader("COLMAP (cameras.txt and rig_config.json)", _colmap, _is_colmap),
-    Reader("a rig.json", _rig, _has("baseline_m")),
+    ProgramReader("Kalibr (cam0, cam1)", _kalibr, _has("cam0")),
+    ProgramReader("EuRoC", _euroc, _has("T_BS intrinsics")),
+    ProgramReader("ORB-SLAM", _orbslam, _has("LEFT.K", "Camera.fx", "Camera1.fx")),
+    ProgramReader("OpenCV (M1, D1, M2, D2, R, T)", _opencv, _has("M1", "K1", "cameraMatrix1", "R1", "T")),
+    ProgramReader("ROS (camera_matrix, projection_matrix)", _ros, _has("projection_matrix", "k r p")),
+    ProgramReader("COLMAP (cameras.txt and rig_config.json)", _colmap, _is_colmap),
+    ProgramReader("a rig.json", _rig, _has("baseline_m")),
 )
 """The readers of calibrations. The first reader that recognises a file reads it."""

@@ -205,19 +205,14 @@ class StereoRectifier:
         return _remapped(left, self._maps[0]), _remapped(right, self._maps[1])
 
 
-def rectifiable_cameras(infos: Sequence[Any], name: str) -> tuple[RectifiableCamera, RectifiableCamera]:
-    """Return the cameras of raw images of two CameraInfo (`loc` or `nav`)."""
-    left, right = (
-        RectifiableCamera.of(f"{name}/{side}/camera_info", info) for side, info in zip(SIDES, infos, strict=True)
-    )
-    return left, right
-
-
 def rig_of_raw_infos(
     infos: Sequence[Any], name: str, before: StereoRectifier | None = None
 ) -> tuple[StereoRig, StereoRectifier]:
     """Return the rig and the rectifier of raw images, from two CameraInfo; see `rig_of_raw`."""
-    return rig_of_raw(rectifiable_cameras(infos, name), name, before)
+    left, right = (
+        RectifiableCamera.of(f"{name}/{side}/camera_info", info) for side, info in zip(SIDES, infos, strict=True)
+    )
+    return rig_of_raw((left, right), name, before)
 
 
 def rig_of_rectified_infos(
@@ -264,14 +259,23 @@ def rig_of_rectified(
     _check_scale(_intrinsics_of_p(p_left), _intrinsics_of_p(p_right), f"{name}: P of right has", "those of P of left")
     for side, camera in zip(SIDES, cameras, strict=True):
         check_centre(camera.p[2], camera.p[6], camera.size, f"{name}/{side}")
-    if have_one_camera_matrix(p_left, p_right):
-        return rig_of_one_projection(left, right, name), None
-    common = _in_common(p_left, p_right)
-    rig = rig_of_one_projection(left, replace(right, p=common), name)
-    if _largest_shift_px(p_left, p_right, left.size) <= SAME_PX:
-        return rig, None
-    remapped = replace(RectifiableCamera.of_rectified(right.size, p_right), p=tuple(common.tolist()))
-    return rig, _rectifier((RectifiableCamera.of_rectified(left.size, p_left), remapped), name, before)
+    rig = rig_of_one_projection(left, replace(right, p=_in_common(p_left, p_right)), name)
+    return rig, rectifier_of_rectified(left, right, name, before)
+
+
+def rectifier_of_rectified(
+    left: RectifiedCamera, right: RectifiedCamera, name: str, before: StereoRectifier | None = None
+) -> StereoRectifier | None:
+    """Return the rectifier that remaps right images to the camera matrix of the left camera.
+
+    None if this moves no pixel by more than `SAME_PX`.
+    """
+    if have_one_camera_matrix(left.p, right.p) or _largest_shift_px(left.p, right.p, left.size) <= SAME_PX:
+        return None
+    remapped = replace(
+        RectifiableCamera.of_rectified(right.size, right.p), p=tuple(_in_common(left.p, right.p).tolist())
+    )
+    return _rectifier((RectifiableCamera.of_rectified(left.size, left.p), remapped), name, before)
 
 
 def common_projection(left: RectifiableCamera, right: RectifiableCamera) -> FloatArray:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,46 +17,41 @@ from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, ch
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing
+from sfr_loc_map.io.calibration.camera_info import (
+    BASELINE_TOLERANCE,
+    check_centre,
+    check_projection,
+    rig_from_projections,
+)
 from sfr_loc_map.io.calibration.rectification import (
     FISHEYE,
     MIN_VALID,
     RectifiableCamera,
     StereoRectifier,
     check_coefficients,
-    rig_of_raw,
-    rig_of_rectified,
+    check_one_scale,
+    common_projection,
+    rectifier_of_rectified,
     valid_fraction,
 )
+from sfr_loc_map.suite_names import SIDES
 
 FOCAL_RATIO = (0.5, 2.0)
 """Accepted ratios of the rectified to the original focal length. With wide fisheye lenses, OpenCV chooses a focal
 length far below this range."""
 RECTIFIED_TOLERANCE = 1e-9
 """Largest deviation of two cameras from a rectified pair, rad and m, that requires no rectification."""
-BASELINE_TOLERANCE = 0.01  #: Largest difference between two stated baselines, as a fraction of the second.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StereoCalibration:
-    """The calibration of a stereo pair, of any origin: files of other programs or camera_info."""
+class CameraPair(NamedTuple):
+    """The left and the right camera as a calibration file states them, with R and P."""
 
-    cameras: tuple[RectifiableCamera, RectifiableCamera]  #: Left and right.
-    is_rectified: bool  #: Whether the images are rectified; only P of the cameras is then used.
-    T_rb_sb: Transform | None  #: Pose of the rig in RB, if the origin has it.
+    left: RectifiableCamera
+    right: RectifiableCamera
     text: str  #: Program, file, left and right camera: `Kalibr 'camchain.yaml', cam0 and cam1`.
+    T_rb_sb: Transform | None = None  #: Pose of the rig in RB, if the file has it.
     names: tuple[str, str] | None = None
     """Names of the left and the right camera (`cam1`, `cam0`), if the geometry determines which camera is left."""
-
-    def rig(self, name: str) -> tuple[StereoRig, StereoRectifier | None]:
-        """Return the rectified rig (`loc` or `nav`) and its rectifier; None if the images are rectified.
-
-        InputError if the cameras are not a side-by-side pair of one image size with a plausible baseline, or if the
-        images cannot be rectified.
-        """
-        if self.is_rectified:
-            left, right = self.cameras
-            return rig_of_rectified((left.rectified, right.rectified), name)
-        return rig_of_raw(self.cameras, name)
 
     def check_images(self, left: str, right: str, fix: str) -> None:
         """Raise InputError if the names of the left and right images are those of the right and left camera."""
@@ -69,22 +65,35 @@ class StereoCalibration:
                 f"camera of the calibration ({self.text}): are left and right swapped? {fix}"
             )
 
-    def with_baseline(self, baseline_m: float) -> StereoCalibration:
-        """Return the calibration with the right camera's P[3] from a baseline; raise InputError if P contradicts it.
 
-        P[3] / P[0] is the offset of a camera along x, m. That of the left camera is not 0 if a third camera is the
-        reference.
-        """
-        left, right = self.cameras
-        left_m, right_m = (camera.p[3] / camera.p[0] if camera.p[0] else 0.0 for camera in (left, right))
-        stated_m = left_m - right_m
-        if stated_m and abs(stated_m - baseline_m) > BASELINE_TOLERANCE * abs(stated_m):
-            raise InputError(
-                f"calibration.baseline_m is {baseline_m:g} m, but P of {self.text} states {stated_m:g} m: omit "
-                "calibration.baseline_m, or correct the calibration"
-            )
-        p = (*right.p[:3], right.p[0] * (left_m - baseline_m), *right.p[4:])
-        return replace(self, cameras=(left, replace(right, p=p)))
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoCalibration:
+    """The rectified rig of two cameras, and the rectification of their images."""
+
+    pair: CameraPair
+    rig: StereoRig  #: Rig of the rectified images, with its pose in RB if the file has it.
+    rectifier: StereoRectifier | None  #: None if the images need no rectification.
+
+
+def calibrated(pair: CameraPair, where: str) -> StereoCalibration:
+    """Return the rectified rig of two cameras of one image size, and the rectification of their images.
+
+    InputError, which begins with `where`, if the cameras are not a side-by-side pair with a plausible baseline, or if
+    the images cannot be rectified.
+    """
+    left, right = pair.left, pair.right
+    check_one_scale(left, right, where)
+    for camera in (left, right):
+        check_centre(camera.k[2], camera.k[5], camera.size, where)
+    p_right = common_projection(left, right)
+    rig = rig_from_projections(np.array(left.p), p_right, left.size, where)
+    for side, p in zip(SIDES, (np.array(left.p), p_right), strict=True):
+        check_projection(p, f"{where}, {side} camera")
+    if left.is_rectified and right.is_rectified:
+        rectifier = rectifier_of_rectified(left.rectified, right.rectified, where)
+    else:
+        rectifier = StereoRectifier((left, replace(right, p=tuple(p_right.tolist()))), where)
+    return StereoCalibration(pair, replace(rig, T_rb_sb=pair.T_rb_sb), rectifier)
 
 
 def check_one_baseline(baselines_m: Mapping[str, float]) -> None:

@@ -17,14 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sfr_loc_map.errors import naming
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.calibration.opened_file import parse_opencv_yaml
 from sfr_loc_map.io.calibration.programs import SensorPose, read_sensor_yaml
 from sfr_loc_map.io.calibration.rectification import StereoRectifier
-from sfr_loc_map.io.calibration.stereo_calibration import StereoCalibration, pose_of_rig, rectified_cameras
+from sfr_loc_map.io.calibration.stereo_calibration import CameraPair, calibrated, pose_of_rig, rectified_cameras
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.images.files import ImagePair, complete_pairs
 from sfr_loc_map.io.layouts.configured_drive import configured_drive
@@ -65,7 +64,15 @@ def open_euroc(path: Path, config: SourceConfig) -> Source:
     rectify = None if rectifier is None else rectifier.rectify
     loc = configured_drive(path, config, rig, complete, _load_truth(folder), rectify)
     missing_ns = (*missing_ns, *without_partner(list(left), stamps))
-    return Source(path, SourceFormat.EUROC, loc, None, partial(tuple, missing_ns))
+    return Source(
+        path,
+        SourceFormat.EUROC,
+        loc,
+        None,
+        config=config,
+        find_missing_loc=partial(tuple, missing_ns),
+        find_own_extrinsics=lambda: rig.T_rb_sb,
+    )
 
 
 def _rig_of(folder: Path) -> tuple[StereoRig, StereoRectifier | None]:
@@ -73,11 +80,9 @@ def _rig_of(folder: Path) -> tuple[StereoRig, StereoRectifier | None]:
     name = f"'{folder}'"
     left, right = (read_sensor_yaml(folder / camera / "sensor.yaml") for camera in CAMERAS)
     cameras = rectified_cameras(name, left, right)
-    is_rectified = all(camera.is_rectified for camera in cameras)
-    with naming(folder):
-        rig, rectifier = StereoCalibration(cameras, is_rectified, None, "EuRoC").rig("loc")
+    found = calibrated(CameraPair(*cameras, "EuRoC"), name)
     with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
-        return replace(rig, T_rb_sb=pose_of_rig(left, cameras[0], rig)), rectifier
+        return replace(found.rig, T_rb_sb=pose_of_rig(left, cameras[0], found.rig)), found.rectifier
 
 
 def _load_truth(folder: Path) -> RecordedTruth | None:

@@ -99,8 +99,10 @@ def open_folder(path: Path, config: SourceConfig) -> Source:
         SourceFormat.FOLDER,
         loc=drive,
         nav=None if nav is None else FolderNavSequence(nav.rig, nav.pairs),
+        config=config,
         find_missing_loc=partial(tuple, () if loc is None else loc.missing_ns),
         find_missing_nav=partial(tuple, () if nav is None else nav.missing_ns),
+        find_own_extrinsics=lambda: None if loc is None else loc.rig.T_rb_sb,
     )
 
 

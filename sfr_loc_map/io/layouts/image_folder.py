@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -52,12 +51,19 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
     height, width = read_grey(entries[0].left).shape
     found = read_calibration(Path(config.calibration.file), (width, height))
     left_name, right_name = (folder.name for folder in folders)
-    found.check_images(left_name, right_name, f"Rename the folders in '{path}' to right/ and left/")
-    rig, rectifier = found.rig("loc")
-    rig = replace(rig, T_rb_sb=found.T_rb_sb)
-    loc = configured_drive(path, config, rig, entries, None, None if rectifier is None else rectifier.rectify)
-    missing = partial(without_partner, sorted(left), pairs)
-    return Source(path, SourceFormat.IMAGES, loc, None, missing, calibration=found.text)
+    found.pair.check_images(left_name, right_name, f"Rename the folders in '{path}' to right/ and left/")
+    rectify = None if found.rectifier is None else found.rectifier.rectify
+    loc = configured_drive(path, config, found.rig, entries, None, rectify)
+    return Source(
+        path,
+        SourceFormat.IMAGES,
+        loc,
+        None,
+        config=config,
+        find_missing_loc=partial(without_partner, sorted(left), pairs),
+        find_own_extrinsics=lambda: found.rig.T_rb_sb,
+        calibration=found.pair.text,
+    )
 
 
 def images_of_other_formats(path: Path) -> str:

@@ -74,7 +74,16 @@ def open_kitti(path: Path, config: SourceConfig) -> Source:
     truth = _load_poses(path, stamps, rig, -cameras[left][3] / cameras[left][0])
     loc = configured_drive(path, config, rig, pairs, truth)
     beside = tuple(file for file in _pose_files(path) if file.is_file())
-    return Source(path, SourceFormat.KITTI, loc, None, partial(tuple, missing_ns), truth_files=beside)
+    return Source(
+        path,
+        SourceFormat.KITTI,
+        loc,
+        None,
+        config=config,
+        find_missing_loc=partial(tuple, missing_ns),
+        find_own_extrinsics=lambda: rig.T_rb_sb,
+        truth_files=beside,
+    )
 
 
 def _check_names(entries: Sequence[ImagePair]) -> None:

@@ -163,6 +163,22 @@ def test_mapping_pairs_without_a_pose_are_skipped_and_of_two_poses_the_first_is_
     assert "these pairs are skipped" in caplog.text
 
 
+def test_a_drive_is_read_although_the_poses_of_mapping_pairs_are_unknown(tmp_path: Path, world: World) -> None:
+    whole = Bag(write_bag(tmp_path / "whole.mcap", world))
+    topics = [topic for topic in (whole.find(name.strip("/")) for name in whole.topics) if topic is not None]
+    entries: list[Entry] = [
+        (topic.bag_name, stamp_ns, message)
+        for topic, stamp_ns, message in whole.messages(topics)
+        if topic.name != "nav/pose"
+    ]
+    source = open_source(write_messages(tmp_path / "b", entries))
+    assert source.loc is not None
+    assert_same_pairs(source.loc.pairs(), world.pairs)
+    assert source.nav is not None
+    with pytest.raises(InputError, match="no transforms from the rover"):
+        len(source.nav)
+
+
 def test_camera_info_that_differs_by_rounding_is_one_calibration(tmp_path: Path, world: World) -> None:
     one = loc_entries(world)
     p = np.asarray(messages.camera_info(START_NS, world.loc_rig, "loc", "left").p)

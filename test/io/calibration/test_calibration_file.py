@@ -24,8 +24,10 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.calibration.calibration_file import StereoCalibration, read_calibration
+from sfr_loc_map.io.calibration.calibration_file import read_calibration
+from sfr_loc_map.io.calibration.camera_info import with_baseline
 from sfr_loc_map.io.calibration.rectification import RectifiableCamera
+from sfr_loc_map.io.calibration.stereo_calibration import CameraPair, StereoCalibration, calibrated
 
 SIZE = (200, 160)
 D = {
@@ -172,17 +174,17 @@ def test_all_formats_of_one_pair_see_a_point_where_it_is(model: str, tmp_path: P
             continue  # Kalibr has no such lens
         (tmp_path / name).mkdir()
         found = read_calibration(write(tmp_path / name, pair), SIZE)
-        assert not found.is_rectified
-        assert found.T_rb_sb is None
-        rig, rectifier = found.rig("loc")
+        rig, rectifier = found.rig, found.rectifier
+        assert rectifier is not None
+        assert rig.T_rb_sb is None
         assert rig.baseline_m == pytest.approx(np.linalg.norm(pair.T_right_left.translation), abs=1e-6)
-        rigs[name] = np.hstack([value for info in found.cameras for value in (info.k, info.d, info.r, info.p)])
+        rigs[name] = np.hstack([value for info in found.pair[:2] for value in (info.k, info.d, info.r, info.p)])
         assert np.abs(rigs[name] - next(iter(rigs.values()))).max() < 1e-6
         (u, v), (u_right, v_right) = map(centre_of, rectifier.rectify(*raw))
         assert abs(v - v_right) < 0.1
         depth = rig.fx * rig.baseline_m / (u - u_right)
         seen = depth * np.array([(u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy, 1.0])
-        wanted = np.reshape(found.cameras[0].r, (3, 3)) @ point
+        wanted = np.reshape(found.pair.left.r, (3, 3)) @ point
         assert np.abs(seen - wanted).max() < 0.02, name
 
 
@@ -194,9 +196,9 @@ def test_what_the_recordings_have_beside_them_is_their_rig(name: str, tmp_path: 
     assert made.calibration is not None
     found = read_calibration(made.calibration, (64, 48))
     is_exact = name in ("colmap", "rig_json")
-    assert found.is_rectified == is_exact
-    assert (found.T_rb_sb is not None) == (name == "rig_json")
-    read = found.rig("loc")[0]
+    assert (found.rectifier is None) == is_exact
+    read = found.rig
+    assert (read.T_rb_sb is not None) == (name == "rig_json")
     assert read.baseline_m == pytest.approx(0.12, abs=1e-9)
     if name not in ("kalibr_yaml", "opencv_yaml"):  # whose rectified images are cut so that no rim is black
         assert [*read.camera] == pytest.approx([*rig.camera], abs=1e-9)
@@ -401,23 +403,15 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
 def test_a_baseline_is_the_distance_of_the_cameras_also_if_a_third_camera_is_the_reference(
     left: tuple[float, float], right: tuple[float, float]
 ) -> None:
-    cameras = (
-        RectifiableCamera.of_rectified(SIZE, np.array((fx, 0.0, 99.0, shift, 0.0, fx, 79.0, 0.0, 0.0, 0.0, 1.0, 0.0)))
-        for fx, shift in (left, right)
+    p_left, p_right = (
+        np.array((fx, 0.0, 99.0, shift, 0.0, fx, 79.0, 0.0, 0.0, 0.0, 1.0, 0.0)) for fx, shift in (left, right)
     )
-    calibration = StereoCalibration((next(cameras), next(cameras)), True, None, "camera_info")
-    assert calibration.with_baseline(0.12).rig("loc")[0].baseline_m == pytest.approx(0.12, abs=1e-12)
+    cameras = [RectifiableCamera.of_rectified(SIZE, p) for p in (p_left, with_baseline(p_left, p_right, 0.12, "P"))]
+    found = calibrated(CameraPair(*cameras, "P"), "P")
+    assert found.rig.baseline_m == pytest.approx(0.12, abs=1e-12)
     if any((left[1], right[1])):
         with pytest.raises(InputError, match=r"states 0\.12 m"):
-            calibration.with_baseline(0.22)
-
-
-@pytest.mark.parametrize(("baseline_m", "is_reported"), [(0.4, False), (3.34, True)])
-def test_a_baseline_in_squares_of_the_board_is_reported(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, baseline_m: float, is_reported: bool
-) -> None:
-    read_calibration(opencv("yml")(tmp_path, moved(-baseline_m, 0, 0)), SIZE)
-    assert ("baseline is 3.34" in caplog.text) == is_reported
+            with_baseline(p_left, p_right, 0.22, "P")
 
 
 @pytest.mark.parametrize("what", REFUSED)
@@ -465,7 +459,7 @@ def test_what_is_not_used_of_a_calibration_is_reported(
 ) -> None:
     make, words = REPORTED[what]
     path = make(tmp_path)
-    rig = read_calibration(path, SIZE).rig("loc")[0]
+    rig = read_calibration(path, SIZE).rig
     assert rig.baseline_m == pytest.approx(np.linalg.norm(APART.translation), abs=1e-9)
     assert f"calibration '{path}': " in caplog.text
     assert words in caplog.text
@@ -476,7 +470,7 @@ def test_a_rotation_vector_of_opencv_is_a_rotation(tmp_path: Path) -> None:
     by_matrix = read_calibration(storage(tmp_path / "a.yml", values), SIZE)
     values["R"] = cv2.Rodrigues(values["R"])[0]
     by_vector = read_calibration(storage(tmp_path / "b.yml", values), SIZE)
-    assert by_vector.cameras[0].is_same(by_matrix.cameras[0])
+    assert by_vector.pair.left.is_same(by_matrix.pair.left)
 
 
 def test_the_p_of_the_right_camera_may_have_another_principal_point(tmp_path: Path) -> None:
@@ -487,10 +481,10 @@ def test_the_p_of_the_right_camera_may_have_another_principal_point(tmp_path: Pa
     matrices = cv2.stereoRectify(*lens_values, SIZE, turn, move, flags=0, alpha=0)[:4]
     assert abs(matrices[2][0, 2] - matrices[3][0, 2]) > 1.0
     file = storage(tmp_path / "stereo.yml", lenses(pair) | dict(zip(("R1", "R2", "P1", "P2"), matrices, strict=True)))
-    rig, rectifier = read_calibration(file, SIZE).rig("loc")
-    assert rectifier is not None
-    assert rig.cx == matrices[2][0, 2]
-    assert rig.baseline_m == pytest.approx(np.linalg.norm(move))
+    found = read_calibration(file, SIZE)
+    assert found.rectifier is not None
+    assert found.rig.cx == matrices[2][0, 2]
+    assert found.rig.baseline_m == pytest.approx(np.linalg.norm(move))
 
 
 def test_without_a_size_it_must_be_in_the_file(tmp_path: Path) -> None:
@@ -499,7 +493,7 @@ def test_without_a_size_it_must_be_in_the_file(tmp_path: Path) -> None:
         read_calibration(file)
     content = json.loads(file.read_text()) | {"imageSize": [*SIZE]}
     file.write_text(json.dumps(content, indent="\t"))
-    assert read_calibration(file).cameras[0].size[0] == SIZE[0]
+    assert read_calibration(file).pair.left.size[0] == SIZE[0]
 
 
 @pytest.mark.parametrize(
@@ -508,7 +502,7 @@ def test_without_a_size_it_must_be_in_the_file(tmp_path: Path) -> None:
 def test_only_a_flag_or_a_model_states_a_fisheye_lens(name: str, text: str, model: str, tmp_path: Path) -> None:
     values = {key: value for key, value in lenses(Pair(model)).items() if key != "fisheye_model"}
     path = storage(tmp_path / "stereo.yml", values | apart(Pair(model)) | {name: text})
-    assert read_calibration(path, SIZE).cameras[0].model == model
+    assert read_calibration(path, SIZE).pair.left.model == model
 
 
 @pytest.mark.parametrize(("old", "new"), [(f">{SIZE[0]}<", f">{SIZE[0]}.0<"), (" 0. ", " 0.0e0 "), (">0<", ">0.<")])
@@ -521,7 +515,7 @@ def test_equal_numbers_of_two_files_may_be_written_differently(old: str, new: st
     assert old in text
     (tmp_path / "extrinsics.xml").write_text(text.replace(old, new))
     found = read_calibration(tmp_path / "intrinsics.xml", SIZE)
-    np.testing.assert_array_equal(found.cameras[1].p, expected.cameras[1].p)
+    np.testing.assert_array_equal(found.pair.right.p, expected.pair.right.p)
 
 
 @pytest.mark.parametrize("write", [ros, camera_info, opencv_in_two_files, colmap])
@@ -535,7 +529,7 @@ def test_two_files_are_found_by_names_in_any_case(
         item.rename(item.with_name(letters(item.name)))
     named = {str(file).lower(): file for file in (tmp_path, *tmp_path.rglob("*"))}
     found = read_calibration(named[str(path).lower()], SIZE)
-    for camera, of_lower_case in zip(found.cameras, expected.cameras, strict=True):
+    for camera, of_lower_case in zip(found.pair[:2], expected.pair[:2], strict=True):
         np.testing.assert_array_equal(camera.p, of_lower_case.p)
 
 
@@ -552,9 +546,9 @@ def test_files_named_left_and_right_are_not_exchanged(write: Callable[[Path, Pai
 
 
 def test_a_pair_whose_second_camera_is_the_left_one_is_turned_round(tmp_path: Path) -> None:
-    found = read_calibration(kalibr(tmp_path, moved(0.12, 0, 0)))
+    found = read_calibration(kalibr(tmp_path, moved(0.12, 0, 0))).pair
     assert found.text == "Kalibr 'camchain.yaml', cam1 and cam0"
-    assert found.cameras[0].k[0] == KS[1][0, 0]
+    assert found.left.k[0] == KS[1][0, 0]
     found.check_images("/cam1/image_raw", "/cam0/image_raw", "")
     found.check_images("/cam1/left/image_raw", "/cam1/right/image_raw", "")
     with pytest.raises(InputError, match="left and right swapped"):

@@ -35,7 +35,8 @@ from sfr_loc_map.suite_names import SIDES
 def test_a_fisheye_pair_keeps_its_scale_and_its_centre(tmp_path: Path, chain: str, lens: str) -> None:
     (tmp_path / "camchain.yaml").write_text(kalibr(lens, *CHAINS[chain]))
     found = read_calibration(tmp_path / "camchain.yaml")
-    rig, rectifier = found.rig("loc")
+    rig, rectifier = found.rig, found.rectifier
+    assert rectifier is not None
     (fx, _, _, _), coefficients, (width, height) = LENSES[lens]
     assert rig.baseline_m == pytest.approx(np.linalg.norm(T_CAM1_CAM0[:3, 3]), rel=1e-9)
     assert 0.5 < rig.fx / fx < 2.0
@@ -244,7 +245,7 @@ def test_a_calibration_without_a_size_is_refused_for_scaled_images(
 def test_files_of_opencv_and_orb_slam_give_the_baseline(tmp_path: Path, name: str) -> None:
     text = OPENCV if name == "OpenCV" else f"%YAML:1.0\n{SETTINGS[name]}Camera.width: 752\nCamera.height: 480\n"
     (tmp_path / "c.yaml").write_text(text)
-    left, right = read_calibration(tmp_path / "c.yaml").cameras
+    left, right = read_calibration(tmp_path / "c.yaml").pair[:2]
     assert -right.p[3] / right.p[0] == pytest.approx(0.11, abs=1e-9)
     assert 0.5 < left.p[0] / 430.0 < 2.0
 
@@ -256,7 +257,7 @@ def test_the_size_of_settings_without_one_is_that_of_the_images(tmp_path: Path, 
         with pytest.raises(InputError, match=r"it has no Camera\.width"):
             read_calibration(tmp_path / "c.yaml")
     else:
-        assert read_calibration(tmp_path / "c.yaml", size).cameras[0].size[0] == size[0]
+        assert read_calibration(tmp_path / "c.yaml", size).pair.left.size[0] == size[0]
 
 
 @pytest.mark.parametrize("name", MONOCULAR)

@@ -65,7 +65,7 @@ def test_a_wrong_value_of_a_calibration_is_named_in_words(tmp_path: Path, name: 
     content = FILES[name]
     at_origin = {"data": [*POSE[:3], 0.0, *POSE[4:]]}
     write(tmp_path / "cam0/sensor.yaml", {**FILES["cam1/sensor.yaml"], "T_BS": at_origin})
-    assert read_calibration(write(tmp_path / name, content)).cameras
+    assert read_calibration(write(tmp_path / name, content))
     for names in names_in(content):
         for value in WRONG:
             try:
@@ -82,7 +82,7 @@ def test_xml_that_is_not_complete_is_named(tmp_path: Path, old: str, new: str) -
     items = "".join(f"<{name}><data>{' '.join(map(str, value))}</data></{name}>" for name, value in values.items())
     text = f"<opencv_storage>{items}<image_width>640</image_width><image_height>480</image_height></opencv_storage>"
     (tmp_path / "c.xml").write_text(text)
-    assert read_calibration(tmp_path / "c.xml").cameras
+    assert read_calibration(tmp_path / "c.xml")
     (tmp_path / "c.xml").write_text(text.replace(old, new))
     with pytest.raises(InputError, match="it is not complete XML: "):
         read_calibration(tmp_path / "c.xml")
@@ -107,5 +107,5 @@ def test_only_the_names_of_the_cameras_state_which_is_left(
         with pytest.raises(InputError, match="swapped"):
             read_calibration(tmp_path / files[0])
         return
-    names = read_calibration(tmp_path / files[0]).names
+    names = read_calibration(tmp_path / files[0]).pair.names
     assert names == (f"'{files[1]}'", f"'{files[0]}'")
