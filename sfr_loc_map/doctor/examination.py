@@ -73,10 +73,12 @@ def _source(seen: Observation) -> Issues:
         pairs = counted(seen.skipped_pairs, "pair")
         text = f"{pairs} skipped because images, or poses of mapping pairs, are missing"
         fix = "restore the files or messages, or remove the pairs from the list"
-        yield Issue(Cause.MISSING_IMAGES, seen.subject, text, fix, False)
+        yield Issue(Cause.MISSING_IMAGES, seen.subject, text, fix, is_blocking=False)
     if seen.unfinished:
         text = "the bag was not closed: it has no end record"
-        yield Issue(Cause.UNFINISHED, seen.subject, text, "rewrite it for other readers: sfr convert", False)
+        yield Issue(
+            Cause.UNFINISHED, seen.subject, text, "rewrite it for other readers: sfr convert", is_blocking=False
+        )
 
 
 def _found_and_fix(message: str) -> tuple[str, str]:
@@ -122,7 +124,7 @@ def _waiting(seen: Observation) -> Issues:
     for node in seen.waiting:
         text = "the node waits because no topic of its cameras has a publisher"
         fix = "start the cameras, or name their topics (sfr run --config); otherwise omit the node"
-        yield Issue(Cause.NO_PUBLISHER, node.name, text, fix, False)
+        yield Issue(Cause.NO_PUBLISHER, node.name, text, fix, is_blocking=False)
 
 
 def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Issues:
@@ -179,7 +181,7 @@ def _camera_topics(seen: Observation, rig: str) -> Issues:
     node = seen.node(rig)
     if seen.is_idle(rig) and not (node is not None and node.has_worked):
         fix = "if pairs are expected, observe longer (--seconds) or record again"
-        yield Issue(Cause.SILENT, seen.both_images(rig), "no pair was received", fix, False)
+        yield Issue(Cause.SILENT, seen.both_images(rig), "no pair was received", fix, is_blocking=False)
 
 
 # ---- images of both sides
@@ -190,7 +192,7 @@ def _transport(seen: Observation, rig: str) -> Issues:
     if share > FEW_LOST:
         text = f"{share:.0%} of the images are lost between their publisher and this process"
         fix = loss_fix(seen.export_line)
-        yield Issue(Cause.TRANSPORT, seen.both_images(rig), text, fix, share > MUCH_LOST)
+        yield Issue(Cause.TRANSPORT, seen.both_images(rig), text, fix, is_blocking=share > MUCH_LOST)
 
 
 def _pairs(seen: Observation, rig: str) -> Issues:
@@ -202,7 +204,7 @@ def _pairs(seen: Observation, rig: str) -> Issues:
     text = f"{share:.0%} of the left images have a right image {_within(seen, rig)}"
     if PAIRED <= share < COMPLETE:
         fix = "check for lost images: transport, quality of service, load"
-        yield Issue(Cause.UNPAIRED, seen.both_images(rig), text, fix, False)
+        yield Issue(Cause.UNPAIRED, seen.both_images(rig), text, fix, is_blocking=False)
     elif share < PAIRED:
         off_s = f"{typical_ns / NS_PER_S:.3g}"
         fix = "trigger both cameras together and give both images the stamp of the trigger"
@@ -316,6 +318,11 @@ def _poses(seen: Observation) -> Issues:
     if "nav" not in seen.rigs:
         return
     topic, images = seen.topics.get(NAV_POSE), seen.image_stamps("nav")
+    if topic is None and seen.head_problem is not None:
+        if seen.head_problem:
+            text, fix = split_advice(seen.head_problem)
+            yield Issue(Cause.NO_TOPIC, NAV_POSE, _without_subject(text, seen.subject), fix)
+        return
     yield from _topic(seen, NAV_POSE, topic)
     if topic is None or not len(topic.stamps_ns) or not len(images):
         return
@@ -327,25 +334,38 @@ def _poses(seen: Observation) -> Issues:
             f"{typical_ns / NS_PER_S:.3g} s away"
         )
         fix = "publish nav/pose with the stamp of each pair"
-        yield Issue(Cause.POSE_STAMPS, topic.source_name, text, fix, share < PAIRED)
+        yield Issue(Cause.POSE_STAMPS, topic.source_name, text, fix, is_blocking=share < PAIRED)
 
 
 def _truth(seen: Observation) -> Issues:
     for rig, name in (("loc", TRUE_POSES), ("nav", TRUE_POINTS)):
-        if rig not in seen.rigs:
-            continue
-        topic, images = seen.topics.get(name), seen.image_stamps(rig)
-        if topic is not None and (set(topic.types) - set(EXPECTED[name]) or _is_refused(seen, name, topic)):
-            yield from _topic(seen, name, topic)
-        elif topic is None or not topic.is_published or not len(topic.stamps_ns):
-            comes_with_pairs = rig == "nav" and topic is not None and topic.is_published
-            if not (comes_with_pairs and (seen.is_live or seen.is_idle(rig))):
-                fix = "add it" if seen.kind is SourceKind.FILES else "record or publish it"
-                yield Issue(Cause.TRUTH, name, "there is no truth: nothing can be scored", fix, False)
-        elif len(images) and (topic.stamps_ns.min() > images.max() or images.min() > topic.stamps_ns.max()):
-            off_s = (int(np.median(topic.stamps_ns)) - int(np.median(images))) / NS_PER_S
-            text = f"its stamps differ by {off_s:.6g} s from those of the images: nothing can be scored"
-            yield Issue(Cause.TRUTH_CLOCK, topic.source_name, text, "stamp truth and images with one clock", False)
+        if rig in seen.rigs:
+            yield from _truth_of_rig(seen, rig, name)
+
+
+def _truth_of_rig(seen: Observation, rig: str, name: str) -> Issues:
+    topic = seen.topics.get(name)
+    if topic is not None and (set(topic.types) - set(EXPECTED[name]) or _is_refused(seen, name, topic)):
+        yield from _topic(seen, name, topic)
+    elif topic is None or not topic.is_published or not len(topic.stamps_ns):
+        # true points are published with the pairs, and are absent as long as there is no pair
+        comes_with_pairs = rig == "nav" and topic is not None and topic.is_published
+        if not (comes_with_pairs and (seen.is_live or seen.is_idle(rig))):
+            fix = "add it" if seen.kind is SourceKind.FILES else "record or publish it"
+            yield Issue(Cause.TRUTH, name, "there is no truth: nothing can be scored", fix, is_blocking=False)
+    else:
+        yield from _truth_clock(topic, seen.image_stamps(rig))
+
+
+def _truth_clock(topic: ObservedTopic, images_ns: IntArray) -> Issues:
+    """Compare the time of a truth with that of the images, stamps `(N,)`."""
+    if not len(images_ns):
+        return
+    if topic.stamps_ns.min() > images_ns.max() or images_ns.min() > topic.stamps_ns.max():
+        off_s = (int(np.median(topic.stamps_ns)) - int(np.median(images_ns))) / NS_PER_S
+        text = f"its stamps differ by {off_s:.6g} s from those of the images: nothing can be scored"
+        fix = "stamp truth and images with one clock"
+        yield Issue(Cause.TRUTH_CLOCK, topic.source_name, text, fix, is_blocking=False)
 
 
 def _nodes(seen: Observation) -> Issues:
@@ -356,7 +376,9 @@ def _nodes(seen: Observation) -> Issues:
             yield Issue(Cause.CLOCK, node.name, text, fix)
         if not node.state:
             text = "the node does not answer: its parameters are unknown"
-            yield Issue(Cause.SILENT, node.name, text, "run sfr doctor again when the host is less busy", False)
+            yield Issue(
+                Cause.SILENT, node.name, text, "run sfr doctor again when the host is less busy", is_blocking=False
+            )
         elif node.state != "active":
             transition = "activate" if node.state == "inactive" else "configure"
             fix = f"ros2 lifecycle set {node.name} {transition}"
@@ -376,7 +398,7 @@ def _host_clock(seen: Observation) -> Issues:
                 "the stamps"
             )
             fix = "synchronise the clocks (chrony, PTP); play a bag with --clock and set use_sim_time"
-            yield Issue(Cause.CLOCKS_APART, f"{rig}/left/{seen.image_name(rig)}", text, fix, False)
+            yield Issue(Cause.CLOCKS_APART, f"{rig}/left/{seen.image_name(rig)}", text, fix, is_blocking=False)
 
 
 def _within(seen: Observation, rig: str) -> str:

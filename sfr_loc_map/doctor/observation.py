@@ -18,13 +18,14 @@ from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.bag.poses import read_extrinsics
+from sfr_loc_map.io.layouts.head_pose import head_poses
 from sfr_loc_map.io.message_stream import messages_of
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.source_config import SourceConfig, SyncConfig
+from sfr_loc_map.io.source_config import FramesConfig, SourceConfig, SyncConfig
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES
-from sfr_loc_map.message_types import COMPRESSED, FIX, POINT
+from sfr_loc_map.message_types import COMPRESSED, FIX, JOINTS, POINT, TF
 from sfr_loc_map.suite_names import SIDES, Task
-from sfr_loc_map.topics import COMPRESSED_END, RAW, RECTIFIED, TOPICS, TRUE_POSES, Role, names
+from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE, RAW, RECTIFIED, TOPICS, TRUE_POSES, Role, names
 from sfr_loc_map.transport_issues import Publisher, Reliability
 
 RIGS = tuple(task.rig for task in Task)
@@ -78,13 +79,16 @@ class SourceKind(Enum):
     """What is observed."""
 
     BAG = auto()
-    FILES = auto()  #: A source of files; its messages are those that would be played.
+    FILES = auto()  #: A source of files.
     GRAPH = auto()  #: A running graph, over some time.
 
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """The observation of a bag, of a source of files, or of a graph over some time."""
+    """The observation of a bag, of a source of files, or of a graph over some time.
+
+    The messages of files, and of a bag whose messages the configuration changes, are those that would be played.
+    """
 
     subject: str  #: Name of the source in messages.
     kind: SourceKind = SourceKind.BAG
@@ -104,8 +108,11 @@ class Observation:
     broken: str = ""  #: Error that ended the reading; empty if complete.
     truth_has_attitude: bool = False
     base_frame: str = ""  #: Configured frame of the rover of a bag; empty: a frame with a known name.
+    head_problem: str | None = None
+    """Why frames and joints do not give the poses of mapping pairs in a bag without nav/pose; empty if they give them.
+    None if the poses are those of nav/pose."""
     unfinished: bool = False  #: The bag was not closed; its last second may be missing.
-    skipped_pairs: int = 0  #: Files: number of listed pairs without images.
+    skipped_pairs: int = 0  #: Number of listed pairs that are skipped because they have no images, or no pose.
 
     @property
     def is_live(self) -> bool:
@@ -229,11 +236,11 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
     in_tf = False
     for name, topic in read.items():
         topics[name] = replace(topic, source_name=topics[name].source_name, types=topics[name].types)
+    head_problem = None
     try:
         if not broken:
-            infos = read.get("loc/left/camera_info")
-            frame = "" if infos is None else str(infos.messages[0].header.frame_id)
-            in_tf = read_extrinsics(bag, frame, 0.0, config.frames.base) is not None
+            in_tf = read_extrinsics(bag, _camera_frame(read, "loc"), 0.0, config.frames.base) is not None
+            head_problem = _head_problem(bag, read, config.frames)
     except InputError as error:
         broken = str(error)
     return Observation(
@@ -246,17 +253,38 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
         extrinsics_in_tf=in_tf,
         truth_has_attitude=TRUE_POSES in read and not {FIX, POINT} & set(topics[TRUE_POSES].types),
         broken=broken,
+        base_frame=config.frames.base,
+        head_problem=head_problem,
         unfinished=bag.unfinished,
     )
 
 
+def _camera_frame(read: Mapping[str, ObservedTopic], rig: str) -> str:
+    """Return the frame of the left camera of a rig; empty without its camera_info."""
+    infos = read.get(f"{rig}/left/camera_info")
+    return "" if infos is None else str(infos.messages[0].header.frame_id)
+
+
+def _head_problem(bag: Bag, read: Mapping[str, ObservedTopic], frames: FramesConfig) -> str | None:
+    """Return `Observation.head_problem` of a bag, whose messages were read by topic."""
+    images = [topic for name, topic in read.items() if name.startswith("nav/left/image_")]
+    if bag.matches(NAV_POSE) or not images or not {TF, JOINTS} & set(bag.topics.values()):
+        return None
+    try:
+        head_poses(bag, _camera_frame(read, "nav"), 0.0, np.unique(images[0].stamps_ns).tolist(), frames)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
 def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None] = lambda: None) -> Observation:
     """Observe the messages that would be played from a source; every image is read."""
+    kind = SourceKind.BAG if is_bag(path) else SourceKind.FILES
     try:
         source = open_source(path, config)
         truth = None if source.loc is None else source.loc.ground_truth
     except InputError as error:
-        return Observation(f"'{path}'", SourceKind.FILES, broken=str(error))
+        return Observation(f"'{path}'", kind, broken=str(error))
 
     def stream() -> Iterator[tuple[str, int, Callable[[], Any]]]:
         for message in messages_of(source):
@@ -267,12 +295,12 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
     topics, broken = _collected(stream())
     return Observation(
         f"'{path}' ({source.format})",
-        SourceKind.FILES,
+        kind,
         topics=topics,
         stamp_tolerance_ns=config.sync.stamp_tolerance_ns,
         extrinsics_in_tf=source.loc is not None and source.loc.rig.T_rb_sb is not None,
         truth_has_attitude=truth is not None and truth.has_attitude,
         broken=broken,
-        base_frame=config.frames.base if is_bag(path) else "",
+        base_frame=config.frames.base if kind is SourceKind.BAG else "",
         skipped_pairs=source.skipped_pairs,
     )
