@@ -37,7 +37,7 @@ from sfr_loc_map.runs.under_test import Progress, UnderTest
 from sfr_loc_map.signals import stopping
 from sfr_loc_map.suite_names import Task
 
-DEFAULT_STEP_S = 0.1
+DEFAULT_STEP_S = 0.1  #: Time between pairs, s, that a method receives if the stamps of a drive do not define it.
 
 
 class Step(NamedTuple):
@@ -72,7 +72,7 @@ class DriveRun:
 
 def run_localiser(
     sequence: LocSequence,
-    how: LocalisationConfig | UnderTest,
+    localiser: LocalisationConfig | UnderTest,
     start: StartPose,
     watch: FrameObserver | None = None,
     progress: Progress = lambda done: None,
@@ -86,7 +86,7 @@ def run_localiser(
     """
     steps: list[Step] = []
     try:
-        for step in localiser_steps(sequence, how, start, watch):
+        for step in localiser_steps(sequence, localiser, start, watch):
             steps.append(step)
             progress(len(steps))
     except KeyboardInterrupt:
@@ -96,7 +96,10 @@ def run_localiser(
 
 
 def localiser_steps(
-    sequence: LocSequence, how: LocalisationConfig | UnderTest, start: StartPose, watch: FrameObserver | None = None
+    sequence: LocSequence,
+    localiser: LocalisationConfig | UnderTest,
+    start: StartPose,
+    watch: FrameObserver | None = None,
 ) -> Iterator[Step]:
     """Yield the step of each pair of a drive by our localiser or by a method under test.
 
@@ -105,12 +108,12 @@ def localiser_steps(
     if not len(sequence):
         raise InputError("the drive has no complete pair of images: at least one is required; sfr info SRC shows why")
     with checked_clock():
-        if isinstance(how, UnderTest):
-            yield from localise_with(how, sequence, start.T_ds_rb)
+        if isinstance(localiser, UnderTest):
+            yield from localise_with(localiser, sequence, start.T_ds_rb)
             return
-        about = record_of_ours(Task.LOCALISATION, changed(how))
-        for estimate, record in localise(sequence, how, start, watch):
-            yield Step(estimate, record, about)
+        ours = record_of_ours(Task.LOCALISATION, changed(localiser))
+        for estimate, record in localise(sequence, localiser, start, watch):
+            yield Step(estimate, record, ours)
 
 
 def localise(
@@ -134,26 +137,21 @@ def localise(
             raise KeyboardInterrupt
 
 
-def localise_with(how: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> Iterator[Step]:
-    """Yield the step of each pair of a drive by a method under test."""
-    check_configuration(how.method.config, sequence.ground_truth)
+def localise_with(under_test: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> Iterator[Step]:
+    """Yield the step of each pair of a drive by a method under test, which starts at the pose `T_ds_rb`."""
+    check_configuration(under_test.method.config, sequence.ground_truth)
     step_s = _frame_step_s(sequence.stamps_ns)
-    setup = (sequence.rig, T_ds_rb, how.limits)
-    with IsolatedLocaliser(how.method, *setup, rate_hz=1.0 / step_s, hidden=how.hidden) as localiser:
+    setup = (sequence.rig, T_ds_rb, under_test.limits)
+    with IsolatedLocaliser(under_test.method, *setup, rate_hz=1.0 / step_s, hidden=under_test.hidden) as localiser:
         for pair in sequence.pairs():
             estimate, call = localiser.localise(pair)
-            record = CallRecord(
-                pair.stamp_ns,
-                call.usage.processing_time_s,
-                estimate.state.value,
-                peak_rss_bytes=call.usage.peak_rss_bytes,
-                above_idle_bytes=call.usage.above_idle_bytes,
+            record = replace(
+                call_of_estimate(estimate, call.usage, images_sha256=hash_of_pair(pair)),
                 statistics=call.statistics,
                 covariance=call.covariance,
                 reason=call.reason,
                 step=call.step,
                 finding=call.finding,
-                images_sha256=hash_of_pair(pair),
             )
             yield Step(estimate, record, localiser.record)
 

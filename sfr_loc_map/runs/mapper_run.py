@@ -58,7 +58,7 @@ class MapRun:
 
 def run_mapper(
     sequence: NavSequence,
-    how: MappingConfig | UnderTest,
+    mapper: MappingConfig | UnderTest,
     progress: Progress = lambda done: None,
     *,
     keeps_finished: bool = False,
@@ -71,15 +71,15 @@ def run_mapper(
     """
     check_count(sequence)
     with checked_clock():
-        if not isinstance(how, UnderTest):
+        if not isinstance(mapper, UnderTest):
             # The measured calls exclude the reading of the pairs, and their memory excludes the ground truth.
             pairs = [replace(item, truth=None) for item in sequence.pairs()]
-            return _map_and_fuse(_OwnMap(sequence.rig, how), pairs, progress, keeps_finished=keeps_finished)
-        with IsolatedMapper(how.method, sequence.rig, how.limits, hidden=how.hidden) as mapper:
-            if mapper.maps_sets:
-                return _map_set(mapper, list(sequence.pairs()), progress)
-            made = _MapUnderTest(mapper)
-            return _map_and_fuse(made, sequence.pairs(), progress, keeps_finished=keeps_finished)
+            return _map_and_fuse(_OwnMap(sequence.rig, mapper), pairs, progress, keeps_finished=keeps_finished)
+        with IsolatedMapper(mapper.method, sequence.rig, mapper.limits, hidden=mapper.hidden) as isolated:
+            if isolated.maps_sets:
+                return _map_set(isolated, list(sequence.pairs()), progress)
+            under_test = _MapUnderTest(isolated)
+            return _map_and_fuse(under_test, sequence.pairs(), progress, keeps_finished=keeps_finished)
 
 
 def _map_set(mapper: IsolatedMapper, pairs: Sequence[PosedStereoPair], progress: Progress) -> MapRun:
