@@ -4,16 +4,16 @@
 
     SUITE.yaml
       running/specification.py    reads the file: SuiteSpecification (configurations.py, variants.py for budgets)
-        running/source_readers.py reads each entry of `sources` by its kind; source_names.py makes the names unique
-      running/plan.py             hashes each source (digests.py, facts_cache.py), finds copies of drives
-                                  (drive_copies.py) and combines sources, faults and configurations into jobs (job.py)
+        running/source_readers.py reads each entry of `sources`: StatedSource; source_names.py makes the names unique
+      running/plan.py             hashes each source (digests.py, facts_cache.py) and finds copies of drives
+                                  (drive_copies.py): PlannedSource. Combines sources, faults and configurations: Job
       running/data_set.py         compares the sources with the hashes in the limits
       running/store.py            DIR/plan.json lists the jobs; a job with neither result nor failure is waiting
       running/plan_check.py       for `sfr suite report`: compares DIR/plan.json with a plan made again
       running/cluster.py          gives the waiting jobs to Dask workers, with limits of time and memory
         running/job_run.py        on a worker: opens or renders the source, executes and scores the job: Score
       running/store.py            DIR/results/KEY.json or DIR/failures/KEY.json (job_outcome.py)
-      statistics/summary.py       reads and judges the results (scored_job.py): Summary, with
+      statistics/summary.py       makes the Summary of the results, read and judged by scored_job.py, with
         statistics/groups.py      pooled errors (pooling.py) and verdicts (group_verdicts.py) of each group
         statistics/budget.py      error budgets
         statistics/common_deviations.py  deviations of the results
@@ -27,13 +27,14 @@ one night. Jobs are paired by `statistics/pairing.py`. `store.py` states which p
 
 Terms, each with one meaning in this package:
 
-    source      an entry of the suite's file that a job reads: a recording, a remote recording, a simulation, or an
-                estimate with its truth
+    source      the data that a job reads: a recording, a simulation, or an estimate with its truth. An entry of the
+                suite's file states one or more sources (running/sources.py). A source of error is another term
     drive       the path that a source shows. Sources that are copies, and the repeats of a job, have one drive, which
                 counts once in statistics
     task        what a job does with its source, an entry of `tasks`: localise, map, replay or score (`JobTask`).
                 `Task` of the other packages is localisation or mapping
-    job         one source with one fault, one configuration and one repeat, for one task; job.py lists its identities
+    job         one source with one fault, one configuration and one repeat, for one task; running/job.py lists its
+                identities
     result      the score of a job, in one file
     group       the results with the same task, configuration and faults; their errors are pooled
     plan        the list of jobs. (The command `sfr suite plan` computes a number of drives.)

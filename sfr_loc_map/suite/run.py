@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import InterruptedRunError, SfrError
 from sfr_loc_map.message_text import one_line
+from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.stored.score_json import json_line
 from sfr_loc_map.signals import hold
 from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
@@ -20,10 +21,11 @@ from sfr_loc_map.suite.running.facts_cache import FactsCache
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome, JobState
 from sfr_loc_map.suite.running.plan import make_plan
-from sfr_loc_map.suite.running.source_readers import state_of
+from sfr_loc_map.suite.running.source_readers import has_changed
 from sfr_loc_map.suite.running.specification import Refusal, SuiteSettings, SuiteSpecification
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.statistics.groups import SequentialDecision
+from sfr_loc_map.suite.statistics.groups import is_suite_decided
+from sfr_loc_map.suite.statistics.scored_job import ResultReader
 from sfr_loc_map.suite.statistics.summary import Summary, summarise
 
 if TYPE_CHECKING:
@@ -63,33 +65,34 @@ def run_suite(
     with store.locked():
         planned = plan_run(specification, store, retry_failed=retry_failed)
         store.save_plan(planned.all_jobs, planned.refusals, specification.stated_limits, specification.files)
-        store.check_results()
+        planned.check_finished(store)
         for text in planned.texts:
             say(text)
+        is_decided = planned.is_decided if settings.stop_when_decided else None
         try:
             if planned.jobs:
                 slots = min(slots_for(settings, workers), len(planned.jobs))
-                with suite_workers(store, settings, slots, scheduler, say) as (client, at_work):
-                    run_and_keep(planned.jobs, store, settings, client, at_work, say, progress, planned.decision)
+                with suite_workers(store, settings, slots, scheduler, say) as suite_client:
+                    run_and_keep(planned.jobs, store, settings, suite_client, say, progress, is_decided)
         except KeyboardInterrupt as error:
-            counts = _reported(store).counts
+            counts = _reported(store, planned.reader).counts
             raise InterruptedRunError(
                 f"interrupted: {counts.done} of {counts.jobs} jobs are done and reported; repeat the command to run "
                 "the others"
             ) from error
         except Exception:
             with suppress(SfrError):  # the error of the run is raised, and not an error of its report
-                _reported(store)
+                _reported(store, planned.reader)
             raise
-        return _reported(store)
+        return _reported(store, planned.reader)
 
 
-def _reported(store: Store) -> Summary:
+def _reported(store: Store, reader: ResultReader) -> Summary:
     """Write the page of a suite from its finished jobs, and return the summary. Signals are ignored from now on."""
     hold()
     from sfr_loc_map.suite.pages.page import write_summary  # imported late, because the import is slow
 
-    summary = summarise(store)
+    summary = summarise(store, reader=reader)
     write_summary(summary, store)
     return summary
 
@@ -121,10 +124,12 @@ def run_search(
     slots = slots_for(settings, workers)
     with store.locked(), ExitStack() as stack:
         store.check_owner(search=specification.path)
-        connection = cache(lambda: stack.enter_context(suite_workers(store, settings, slots, scheduler, say)))
+        if store.search_file is None:  # a search that is killed before it saves its plan keeps its folder
+            store.save_plan([], search=specification.path)
+        suite_client = cache(lambda: stack.enter_context(suite_workers(store, settings, slots, scheduler, say)))
 
         def run_points(jobs: Sequence[Job]) -> None:
-            run_and_keep(jobs, store, settings, *connection(), say, progress)
+            run_and_keep(jobs, store, settings, suite_client(), say, progress)
 
         result = find_worst_case(specification, store, run_points, at_random=at_random)
         write_text(json_line(result.to_dict()), store.folder / "search.json")
@@ -139,8 +144,9 @@ class PlannedRun:
 
     all_jobs: Sequence[Job]  #: All jobs of the suite.
     refusals: Sequence[Refusal]  #: Sources that are unreadable or lack data for a task.
+    limits: Limits | None  #: Limits of the suite; None if there are none.
+    reader: ResultReader  #: Reader of the results.
     jobs: Sequence[Job]  #: Jobs to execute, in their order.
-    decision: SequentialDecision | None = None  #: Ends the run when the limits are decided; None to execute all jobs.
     not_needed: int = 0  #: Number of waiting jobs that are skipped, because the existing results decide all limits.
 
     @property
@@ -150,6 +156,21 @@ class PlannedRun:
             yield f"skipped: {refusal.reason}"
         if self.not_needed:
             yield f"decided by the existing results: {self.not_needed} waiting jobs are not needed"
+
+    def check_finished(self, store: Store) -> None:
+        """Read all results and failures in the folder; InputError if one of them is damaged or is not that of its job.
+
+        A run calls this before its first job, so that a damaged file is reported before the work and not after it.
+        """
+        self.reader.results_of(self.all_jobs)
+        for job in self.all_jobs:
+            if store.state(job) is JobState.FAILED:
+                store.failure(job)
+        store.left_over()
+
+    def is_decided(self) -> bool:
+        """Return whether the results that exist now decide all limits by sequential tests."""
+        return is_suite_decided(self.all_jobs, self.reader.results_of(self.all_jobs), self.limits)
 
 
 def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: bool) -> PlannedRun:
@@ -164,14 +185,19 @@ def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: b
     wanted = (JobState.WAITING, JobState.FAILED) if retry_failed else (JobState.WAITING,)
     jobs = [job for job in all_jobs if store.state(job) in wanted]
     check_data_sets(jobs, specification.limits)
+    planned = PlannedRun(
+        all_jobs=all_jobs,
+        refusals=refusals,
+        limits=specification.limits,
+        reader=ResultReader(store, specification.limits),
+        jobs=jobs,
+    )
     if not jobs or not specification.settings.stop_when_decided:
-        return PlannedRun(all_jobs=all_jobs, refusals=refusals, jobs=jobs)
-    decision = SequentialDecision(store, all_jobs, specification.limits)
-    if decision.is_made:
+        return planned
+    if planned.is_decided():
         failed = [job for job in jobs if store.state(job) is JobState.FAILED]
-        return PlannedRun(all_jobs=all_jobs, refusals=refusals, jobs=failed, not_needed=len(jobs) - len(failed))
-    jobs.sort(key=lambda job: (job.drive_key, job.key))
-    return PlannedRun(all_jobs=all_jobs, refusals=refusals, jobs=jobs, decision=decision)
+        return replace(planned, jobs=failed, not_needed=len(jobs) - len(failed))
+    return replace(planned, jobs=sorted(jobs, key=lambda job: (job.drive_key, job.key)))
 
 
 def slots_for(settings: SuiteSettings, workers: int | None) -> int:
@@ -180,45 +206,49 @@ def slots_for(settings: SuiteSettings, workers: int | None) -> int:
     return workers or max(1, cores // settings.threads)
 
 
+class SuiteClient(NamedTuple):
+    """A Dask client and the workers of its scheduler."""
+
+    client: Client
+    workers: SuiteWorkers
+
+
 @contextmanager
 def suite_workers(
     store: Store, settings: SuiteSettings, slots: int, scheduler: str | None, say: Say
-) -> Iterator[tuple[Client, SuiteWorkers]]:
-    """Yield a Dask client and its workers. The records of the workers are saved in the folder."""
+) -> Iterator[SuiteClient]:
+    """Yield a Dask client with its workers. The records of the workers are saved in the folder."""
     with connected(settings, workers=slots, scheduler=scheduler) as client:
-        at_work = SuiteWorkers(client, lambda text: say(one_line(text)), settings.wait_s)
+        workers = SuiteWorkers(client, lambda text: say(one_line(text)), settings.wait_s)
         try:
-            yield client, at_work
+            yield SuiteClient(client, workers)
         finally:
-            store.add_workers(list(at_work.records.values()))
+            store.add_workers(list(workers.records.values()))
 
 
 def run_and_keep(
     jobs: Sequence[Job],
     store: Store,
     settings: SuiteSettings,
-    client: Client,
-    at_work: SuiteWorkers,
+    suite_client: SuiteClient,
     say: Say,
     progress: Progress,
-    decision: SequentialDecision | None = None,
+    is_decided: Callable[[], bool] | None = None,
 ) -> None:
     """Run jobs on the workers of a client, and save each outcome when the job has finished.
 
     A job fails if the files of its source have changed since the plan hashed them, because its result is then not that
-    of the planned data. With a `decision`, stop when the sequential tests have decided all limits. `say` receives the
-    line that reports this.
+    of the planned data. With `is_decided`, stop when the saved results decide the limits. `say` receives the line that
+    reports this.
     """
-    with closing(run_jobs(client, jobs, settings.timeout_s, store.cache, at_work)) as outcomes:
+    client, workers = suite_client
+    with closing(run_jobs(client, jobs, settings.timeout_s, store.cache, workers)) as outcomes:
         progress(0, len(jobs), None)
         for done, (job, found) in enumerate(outcomes, 1):
-            outcome = found if state_of(job.source) == job.source.state else source_changed(job)
+            outcome = source_changed(job) if has_changed(job.source) else found
             store.save(job, outcome)
             progress(done, len(jobs), (job, outcome))
-            if decision is None:
-                continue
-            decision.add(job)
-            if decision.is_made:
+            if is_decided is not None and is_decided():
                 say(f"the limits are decided after {done} of {len(jobs)} jobs: the remaining jobs are not needed")
                 break
 

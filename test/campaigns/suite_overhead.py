@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from distributed import WorkerPlugin
 
-from helpers.made_suites import JOB
+from helpers.made_suites import JOB, recording
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.suite.running import job_run
 from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
@@ -54,7 +54,7 @@ def measured(name: str, tasks: int, seconds: float, sources: list[Path], folder:
     jobs = [
         replace(
             JOB,
-            source=replace(JOB.source, path=str(path), sha256=known[path]),
+            source=recording(sha256=known[path], path=str(path)),
             configuration=str(seconds),
             repeat=number,
             code=code,

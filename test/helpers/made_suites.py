@@ -13,7 +13,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.suite.running.job import Job, JobSource, JobTask, SourceKind
+from sfr_loc_map.suite.running.job import Job, JobTask
+from sfr_loc_map.suite.running.sources import Recording
 
 SFR = (sys.executable, "-m", "sfr_loc_map")
 MEASURED = ("timing", "memory")
@@ -23,9 +24,16 @@ SMALL_DRIVE = {
     "loc.width": 160, "loc.height": 160, "loc.focal_px": 130,
 }  # fmt: skip
 """Settings of a simulated drive of 8 pairs that is rendered in less than a second."""
+
+
+def recording(name: str = "a", sha256: str = "0", path: str = "a.mcap", state: str = "") -> Recording:
+    """Return a recording with its own drive."""
+    return Recording(name=name, path=path, sha256=sha256, drive=sha256, state=state)
+
+
 JOB = Job(
     task=JobTask.LOCALISE,
-    source=JobSource(name="a", kind=SourceKind.FILE, path="a.mcap", sha256="0"),
+    source=recording(),
     fault_seed=0,
     configuration="default",
     start="truth",

@@ -11,11 +11,12 @@ from py_compile import PycInvalidationMode
 import pytest
 
 from helpers.made_scene import LOC_RIG, loc_pair, write_folder
+from helpers.made_suites import recording
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.suite.running.job import Job, JobSource, JobTask, SourceKind
+from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.job_run import run_job
 from sfr_loc_map.suite_names import Task
 
@@ -123,14 +124,11 @@ def test_the_simulated_sources_of_a_suite_are_hidden(tmp_path: Path) -> None:
     scratch.mkdir()
     job = Job(
         task=JobTask.LOCALISE,
-        source=JobSource(name="x", kind=SourceKind.FILE, path=str(write_folder(tmp_path / "x", 12, 0)), sha256=""),
+        source=recording(path=str(write_folder(tmp_path / "x", 12, 0))),
         fault_seed=0,
         configuration="reader",
-        parameters={
-            "localisation.method": spec,
-            "localisation.method_sha256": find_method(spec, Task.LOCALISATION).sha256,
-            "localisation.method_config": str(variant),
-        },
+        parameters={"localisation.method": spec, "localisation.method_config": str(variant)},
+        input_files={"localisation.method": find_method(spec, Task.LOCALISATION).sha256 or ""},
         start="truth",
         scoring=TrajectoryScoreConfig(conditions=("frames=3",), spacing=1),
         repeat=0,

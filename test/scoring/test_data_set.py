@@ -92,12 +92,15 @@ def test_a_stored_score_of_other_data_is_refused(sfr: Sfr, folder: Path, tmp_pat
     assert "0" * 64 in refused.err
 
 
-def test_a_suite_refuses_results_of_other_data(sfr: Sfr, folder: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("has_other_truth", [False, True])
+def test_a_suite_refuses_results_of_other_data(sfr: Sfr, folder: Path, tmp_path: Path, has_other_truth: bool) -> None:
+    """The agreed ground truth of a second source with the same estimate does not replace that of the first source."""
     part = cropped(folder, tmp_path / "crop")
     hashes = [*hashes_of(sfr, folder).values()]
-    source = {"estimate": str(estimate_of(part)), "truth": str(part)}
+    truths = [part, folder] if has_other_truth else [part]
+    sources = [{"estimate": str(estimate_of(part)), "truth": str(truth)} for truth in truths]
     limits_of(tmp_path / "limits.yaml", hashes)
-    (tmp_path / "suite.yaml").write_text(yaml.safe_dump({"sources": [source], "limits": "limits.yaml"}))
+    (tmp_path / "suite.yaml").write_text(yaml.safe_dump({"sources": sources, "limits": "limits.yaml"}))
     refused = sfr("suite", "run", tmp_path / "suite.yaml", "--out", tmp_path / "suite")
     assert refused.code == 2, refused.err
     assert hashes[0] in refused.err

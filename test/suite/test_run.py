@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 
 from helpers import ROOT
-from helpers.made_suites import JOB, made_suite
+from helpers.made_suites import JOB, made_suite, recording
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 from sfr_loc_map.suite import Store, load_specification, make_plan, run, run_suite
+from sfr_loc_map.suite.running.digests import files_of_source
 from sfr_loc_map.suite.running.facts_cache import FactsCache
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import JobOutcome, JobState
@@ -55,8 +56,7 @@ def test_a_job_whose_source_changes_during_the_run_fails(
     """The key of its result names the planned data."""
     drive = tmp_path / "drive.mcap"
     drive.write_text("drive")
-    source = replace(JOB.source, path=str(drive))
-    job = replace(JOB, source=replace(source, state=state_of(source)))
+    job = replace(JOB, source=recording(path=str(drive), state=state_of(files_of_source, drive)))
     if change == "before the run":
         drive.write_text("other")
 
@@ -70,7 +70,8 @@ def test_a_job_whose_source_changes_during_the_run_fails(
     monkeypatch.setattr(run, "run_jobs", run_jobs)
     store = Store(tmp_path / "out")
     nothing: Any = None
-    run.run_and_keep([job], store, SuiteSettings(), nothing, nothing, lambda line: None, lambda *step: None)
+    client = run.SuiteClient(nothing, nothing)
+    run.run_and_keep([job], store, SuiteSettings(), client, lambda line: None, lambda *step: None)
     assert store.state(job) is (JobState.DONE if change == "none" else JobState.FAILED)
     if change != "none":
         assert "was changed while the suite was running" in store.failure(job).message

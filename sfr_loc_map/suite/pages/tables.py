@@ -102,9 +102,9 @@ VERDICTS: tuple[RowColumn[VerdictRow], ...] = (
 def verdict_table(summary: Summary) -> Table:
     """Return the verdicts over all drives, worst first."""
     rows = [
-        VerdictRow(group, item, VerdictView.of(item, f"groups.{place}.verdicts.{number_in_group}"))
-        for place, group in enumerate(summary.groups)
-        for number_in_group, item in enumerate(group.verdicts)
+        VerdictRow(group, item, VerdictView.of(item, f"groups.{index}.verdicts.{index_in_group}"))
+        for index, group in enumerate(summary.groups)
+        for index_in_group, item in enumerate(group.verdicts)
     ]
     rows.sort(key=lambda row: row.item.state.severity)
     note = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: for figures that cannot be pooled."
@@ -179,7 +179,7 @@ GROUPS: tuple[RowColumn[GroupRow], ...] = (
 
 def group_table(groups: Sequence[Group]) -> Table:
     """Return the groups of a suite."""
-    rows = [GroupRow(place, group) for place, group in enumerate(groups, 1)]
+    rows = [GroupRow(index, group) for index, group in enumerate(groups, 1)]
     note = "The results of a group have the same task, configuration and faults."
     return table_of("groups", "Groups", GROUPS, rows, note)
 
@@ -272,7 +272,7 @@ BUDGET: tuple[RowColumn[BudgetRow], ...] = (
 def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
     """Return a table for each error budget: sources by decreasing fraction, the rest, and the sum."""
     tables = []
-    for place, budget in enumerate(budgets, 1):
+    for index, budget in enumerate(budgets, 1):
         rows = [
             *sorted(budget.rows, key=lambda row: row.alone.value or 0.0, reverse=True),
             row_with_fraction("not named in the budget", budget.rest),
@@ -284,7 +284,7 @@ def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
         )
         rms = "unknown" if budget.rms_m is None else number(budget.rms_m, unit=MILLIMETRE) + " mm"
         title = f"Error budget, {budget.configuration}: root mean square {rms}"
-        tables.append(table_of(f"budget-{place}", title, BUDGET, rows, note))
+        tables.append(table_of(f"budget-{index}", title, BUDGET, rows, note))
     return tables
 
 
@@ -506,7 +506,7 @@ DRIVE_COUNTS: tuple[RowColumn[DriveCount], ...] = (
     numbers("sequential, expected", lambda row: row.sequential),
     numbers("sequential, no failure", lambda row: row.sequential_at_none),
 )
-OF_SUITE: tuple[RowColumn[DriveCount], ...] = (
+OBSERVED_DRIVES: tuple[RowColumn[DriveCount], ...] = (
     numbers("drives", lambda row: row.drives),
     numbers("failed", lambda row: row.failures),
     numbers("at the observed rate", lambda row: row.at_the_rate_seen, undefined=NO_NUMBER),
@@ -521,7 +521,7 @@ OF_SUITE: tuple[RowColumn[DriveCount], ...] = (
 def drive_count_table(counts: Sequence[DriveCount]) -> Table:
     """Return the required numbers of drives as a table."""
     has_suite = any(count.drives is not None for count in counts)
-    columns = (*DRIVE_COUNTS, *(OF_SUITE if has_suite else ()))
+    columns = (*DRIVE_COUNTS, *(OBSERVED_DRIVES if has_suite else ()))
     note = (
         "Numbers of independent drives. A fixed number of drives is judged at the end and passes with at most the "
         "failures in 'may fail'. The sequential test is judged after each drive and has the same risks."

@@ -27,7 +27,7 @@ from sfr_loc_map.inputs import refusing
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.signals import deferred_signals
 from sfr_loc_map.suite.running.digests import code_facts, code_fingerprint
-from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.job import NATIVE_THREADS, Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome, WorkerRecord
 from sfr_loc_map.suite.running.specification import SuiteSettings
 
@@ -43,7 +43,6 @@ ASK_EVERY_S = 1.0  #: Period, s, at which the scheduler is asked for its workers
 SAY_AFTER_S = 2.0  #: Time, s, without a worker after which a message is printed.
 SHOWN = 10  #: Maximum number of reported workers with different code.
 NETWORK_SCHEMES = ("tcp", "tls")  #: Schemes of the addresses of Dask that have a host and a port.
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @contextlib.contextmanager
@@ -64,7 +63,7 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
         "distributed.deploy.lost-worker-timeout": "1000 days",
         "distributed.worker.profile.enabled": False,
         "distributed.worker.preload": ["sfr_loc_map.suite.running.worker_start"],
-        "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREADS, settings.threads),
+        "distributed.nanny.pre-spawn-environ": dict.fromkeys(NATIVE_THREADS, settings.threads),
         # not pre-spawn, which also sets the variable in this process, where numba refuses a change
         "distributed.nanny.environ": {"NUMBA_NUM_THREADS": settings.threads},
     }
@@ -108,9 +107,9 @@ def _check_address(address: str) -> None:
     """Raise ValueError if an address of a network lacks its port."""
     from distributed.comm.addressing import parse_address, parse_host_port
 
-    scheme, place = parse_address(address)
+    scheme, location = parse_address(address)
     if scheme in NETWORK_SCHEMES:
-        parse_host_port(place)
+        parse_host_port(location)
 
 
 def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
@@ -344,7 +343,7 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
     from sfr_loc_map.suite.running.job_run import run_job
 
     worker = get_worker()
-    place = Path(cache) if Path(cache).is_dir() else Path(worker.local_directory) / "sfr-cache"
+    own_cache = Path(cache) if Path(cache).is_dir() else Path(worker.local_directory) / "sfr-cache"
 
     def end() -> None:
         worker.log_event(OVER_TIME, {"worker": worker.address, "job": job.key, "seconds": timeout_s})
@@ -356,7 +355,7 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
     timer.start()
     try:
         with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch:
-            return JobOutcome(worker=worker.address, result=to_json(run_job(job, Path(scratch), place)))
+            return JobOutcome(worker=worker.address, result=to_json(run_job(job, Path(scratch), own_cache)))
     except SfrError as error:
         return JobOutcome(worker=worker.address, cause=FailureCause.of(error), message=one_line(str(error)))
     finally:

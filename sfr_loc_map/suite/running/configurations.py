@@ -1,13 +1,15 @@
 """The configurations of a suite: parameters of the localiser and the mapper, or methods under test in their place.
 
-A configuration has the hashes of the files that its parameters name, so that they are part of the key of a job. A
-worker compares them with its own files.
+Parameters can name files: masks of the localiser, and the code of a method. The hashes of these files are part of the
+key of a job, and a worker compares them with its own files.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 from sfr_loc_map.configuration.parameters import build, flatten
 from sfr_loc_map.configuration.yaml_file import entries_by_name
@@ -27,119 +29,152 @@ SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = 
     "mapping": (MappingConfig, Task.MAPPING),
 }
 METHOD, METHOD_CONFIG = "method", "method_config"
-METHOD_SHA256, METHOD_FILES_SHA256 = "method_sha256", "method_files_sha256"
-METHOD_KEYS = (METHOD, METHOD_CONFIG, METHOD_SHA256, METHOD_FILES_SHA256)
-"""Keys in addition to the parameters of a section: method and file of its configuration. Added here: the hashes of its
-own code and of the files in SFR_METHOD_FILES; empty if there are none."""
-MASK_HASHES = {"left_mask": "left_mask_sha256", "right_mask": "right_mask_sha256"}
-"""Key of the hash (added here) of each parameter that names a mask of the localiser."""
+"""Keys in addition to the parameters of a section: method, and file of its configuration (in a job: its text)."""
+METHOD_FILES = "method_files"  #: Name, in `Configuration.input_files`, of the files in SFR_METHOD_FILES.
+MASKS = ("left_mask", "right_mask")  #: Parameters of the localiser that name masks.
+T = TypeVar("T")
 
 
-def read_configurations(value: object, path: Path) -> dict[str, dict[str, object]]:
-    """Return, for each configuration in a suite's file, the parameters that differ from their defaults.
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """A configuration of a suite. Names begin with the section, such as `localisation.max_features`."""
+
+    parameters: Mapping[str, object] = field(default_factory=dict)  #: Parameters that differ from their defaults.
+    input_files: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each mask, of the code of a method (`localisation.method`), and of the files in SFR_METHOD_FILES
+    (`localisation.method_files`)."""
+
+
+def read_configurations(value: object, path: Path) -> dict[str, Configuration]:
+    """Return the configurations in a suite's file by their names.
 
     `path` is the file of the suite, to whose folder the files of methods and the masks are relative.
     """
     if value is None:
-        return {"default": {}}
+        return {"default": Configuration()}
     if not isinstance(value, Mapping) or not value:
         raise ConfigError(f"{path}: 'configurations' requires names with parameters, such as {{default: {{}}}}")
-    found: dict[str, dict[str, object]] = {}
+    found: dict[str, Configuration] = {}
     for name, content in entries_by_name(value, f"{path}: 'configurations'").items():
-        parameters = _parameters(content, f"{path}: configuration '{name}'", path.parent)
-        equal = next((other for other, of_other in found.items() if of_other == parameters), None)
+        configuration = _configuration(content, f"{path}: configuration '{name}'", path.parent)
+        equal = next((other for other, of_other in found.items() if of_other == configuration), None)
         if equal is not None:
             raise ConfigError(
                 f"{path}: configurations '{equal}' and '{name}' are equal (a parameter that is given with its default "
                 "value makes no difference): change a parameter, or remove one of the two"
             )
-        found[name] = parameters
+        found[name] = configuration
     return found
 
 
-def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]:
+def _configuration(content: object, origin: str, folder: Path) -> Configuration:
     if not isinstance(content, Mapping):
         raise ConfigError(
             f"{origin} is {content!r:.40}: parameters in the sections {' and '.join(SECTIONS)} are required"
         )
-    changed: dict[str, object] = {}
+    parameters: dict[str, object] = {}
+    input_files: dict[str, str] = {}
     for section, values in content.items():
         if section not in SECTIONS:
             raise ConfigError(f"{origin}: '{section}' is not a section: {alternatives(SECTIONS)} is required")
         if not isinstance(values, Mapping):
             raise ConfigError(f"{origin}: '{section}' is {values!r:.40}: parameters as NAME: VALUE are required")
-        kind, task = SECTIONS[section]
-        default = flatten(kind())
-        own = {name: value for name, value in values.items() if name not in (METHOD, METHOD_CONFIG)}
-        given = flatten(build(kind, own, origin=origin))
-        new = {name: value for name, value in given.items() if value != default[name]}
-        for name in MASK_HASHES.keys() & new.keys():
-            new |= _mask(name, folder / str(new[name]), origin)
-        if METHOD in values:
-            new |= _method(values, task, folder)
-        is_ours = str(values.get(METHOD, OURS)) == OURS
-        if is_ours:
-            unread, whose = [name for name in values if name == METHOD_CONFIG], "a method under test"
-        else:
-            unread, whose = list(own), "the method of sfr_loc_map"
-        if unread:
-            raise ConfigError(f"{origin}: '{unread[0]}' is a parameter of {whose} and would be ignored: omit it")
-        changed |= {f"{section}.{name}": value for name, value in new.items()}
-    return changed
+        found = _section(values, section, origin, folder)
+        parameters |= {f"{section}.{name}": value for name, value in found.parameters.items()}
+        input_files |= {f"{section}.{name}": sha256 for name, sha256 in found.input_files.items()}
+    return Configuration(parameters, input_files)
 
 
-def _mask(name: str, path: Path, origin: str) -> dict[str, object]:
-    """Return the absolute path of a mask, and the hash of its file."""
-    place = path.resolve()
-    if not place.is_file():
-        raise ConfigError(f"{origin}: {name} is '{place}', which is not a file: give a PNG mask")
-    return {name: str(place), MASK_HASHES[name]: cached(place, hash_path)}
+def _section(values: Mapping[str, object], section: str, origin: str, folder: Path) -> Configuration:
+    """Return the configuration of a section, with names that do not begin with the section."""
+    kind, task = SECTIONS[section]
+    default = flatten(kind())
+    own = {name: value for name, value in values.items() if name not in (METHOD, METHOD_CONFIG)}
+    given = flatten(build(kind, own, origin=origin))
+    changed = {name: value for name, value in given.items() if value != default[name]}
+    if str(values.get(METHOD, OURS)) == OURS:
+        unread, whose = [name for name in values if name == METHOD_CONFIG], "a method under test"
+        found = _with_masks(changed, origin, folder)
+    else:
+        unread, whose = list(own), "the method of sfr_loc_map"
+        found = _method(values, task, folder)
+    if unread:
+        raise ConfigError(f"{origin}: '{unread[0]}' is a parameter of {whose} and would be ignored: omit it")
+    return found
 
 
-def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str, object]:
-    """Return the fields of a method for a job: absolute path, text of the configuration, and hash of the own code."""
+def _with_masks(parameters: Mapping[str, object], origin: str, folder: Path) -> Configuration:
+    """Return parameters of ours with the absolute paths of their masks."""
+    masks: dict[str, Path] = {}
+    for name in MASKS:
+        if name in parameters:
+            masks[name] = (folder / str(parameters[name])).resolve()
+    for name, path in masks.items():
+        if not path.is_file():
+            raise ConfigError(f"{origin}: {name} is '{path}', which is not a file: give a PNG mask")
+    paths = {name: str(path) for name, path in masks.items()}
+    return Configuration({**parameters, **paths}, {name: cached(path, hash_path) for name, path in masks.items()})
+
+
+def _method(values: Mapping[str, object], task: Task, folder: Path) -> Configuration:
+    """Return the absolute path of a method and the text of its configuration, with the hashes of its files."""
     spec, text = str(values[METHOD]), ""
-    place, _, name = spec.rpartition(":")
+    module, _, name = spec.rpartition(":")
     if spec.startswith(LIBRARY_PREFIX):
         spec = f"{LIBRARY_PREFIX}{(folder / spec.removeprefix(LIBRARY_PREFIX)).resolve()}"
-    elif place.endswith(".py"):
-        spec = f"{(folder / place).resolve()}:{name}"
+    elif module.endswith(".py"):
+        spec = f"{(folder / module).resolve()}:{name}"
     if METHOD_CONFIG in values:
         path = folder / str(values[METHOD_CONFIG])
         with refusing(f"cannot read '{path}'", "give the text file with the configuration of the method"):
             text = read_text(path)
-    if spec == OURS:
-        return {}
-    method = find_method(spec, task, text)
-    return dict(zip(METHOD_KEYS, (spec, text, *_hashes_of(method)), strict=True))
+    return Configuration({METHOD: spec, METHOD_CONFIG: text}, _files_of_method(find_method(spec, task, text)))
 
 
-def _hashes_of(method: Method) -> tuple[str, str]:
+def _files_of_method(method: Method) -> dict[str, str]:
     """Return the hashes of a method's own code and of the files in SFR_METHOD_FILES; empty for a built-in method."""
     files = own_files_sha256() if method.reads_own_files else None
-    return method.sha256 or "", files or ""
+    found = {METHOD: method.sha256, METHOD_FILES: files}
+    return {name: sha256 for name, sha256 in found.items() if sha256}
 
 
-def chosen_method(section: Mapping[str, object], task: Task) -> Method | None:
-    """Return the method in a section of a configuration, None for ours; MethodError if the method is missing.
-
-    InputError if its code or its files are not those for which the job was planned.
-    """
-    if METHOD not in section:
+def chosen_method(parameters: Mapping[str, object], task: Task) -> Method | None:
+    """Return the method in the parameters of a section, None for ours; MethodError if the method is missing."""
+    if METHOD not in parameters:
         return None
-    method = find_method(str(section[METHOD]), task, str(section.get(METHOD_CONFIG, "")))
-    planned = (section.get(METHOD_SHA256, ""), section.get(METHOD_FILES_SHA256, ""))
-    for planned_sha256, sha256, what in zip(planned, _hashes_of(method), ("code", f"files ({OWN_FILES})"), strict=True):
-        if sha256 != planned_sha256:
-            raise _changed(f"the {what} of the method '{method.name}'")
-    return method
+    return find_method(str(parameters[METHOD]), task, str(parameters.get(METHOD_CONFIG, "")))
 
 
-def check_masks(section: Mapping[str, object]) -> None:
-    """Raise InputError if a mask in a section is not the file for which the job was planned."""
-    for name, hash_name in MASK_HASHES.items():
-        if name in section and cached(Path(str(section[name])), hash_path) != section.get(hash_name):
-            raise _changed(f"the {name} '{section[name]}'")
+def check_input_files(configuration: Configuration) -> None:
+    """Raise InputError if a file of a configuration is not that for which the job was planned.
+
+    MethodError if a method is missing.
+    """
+    for section, (_, task) in SECTIONS.items():
+        found = in_section(configuration, section)
+        for name in MASKS:
+            path = found.parameters.get(name)
+            if path is not None and cached(Path(str(path)), hash_path) != found.input_files.get(name):
+                raise _changed(f"the {name} '{path}'")
+        method = chosen_method(found.parameters, task)
+        if method is None:
+            continue
+        files = _files_of_method(method)
+        for name, what in ((METHOD, "code"), (METHOD_FILES, f"files ({OWN_FILES})")):
+            if files.get(name) != found.input_files.get(name):
+                raise _changed(f"the {what} of the method '{method.name}'")
+
+
+def in_section(configuration: Configuration, section: str) -> Configuration:
+    """Return the part of a configuration that is in a section, with names that do not begin with the section."""
+    return Configuration(
+        _in_section(configuration.parameters, section), _in_section(configuration.input_files, section)
+    )
+
+
+def _in_section(values: Mapping[str, T], section: str) -> dict[str, T]:
+    prefix = f"{section}."
+    return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
 
 
 def _changed(what: str) -> InputError:

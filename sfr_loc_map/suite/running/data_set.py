@@ -12,7 +12,8 @@ from sfr_loc_map.metrics.table.records import InputFile
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.provenance import data_set_of, provenance_of
-from sfr_loc_map.suite.running.job import Job, JobSource, JobTask, SourceKind
+from sfr_loc_map.suite.running.job import Job, JobTask
+from sfr_loc_map.suite.running.sources import Estimate, Recording, Simulation
 
 ROLES_OF_TASK = {JobTask.LOCALISE: ("truth", "truth_file", "images"), JobTask.MAP: ("map_truth",)}
 """Inputs of a data set that the score of a task states, if the source has them. Other tasks state all inputs."""
@@ -25,28 +26,27 @@ def check_data_sets(jobs: Collection[Job], limits: Limits | None) -> None:
     """
     if limits is None or not limits.data_set_sha256:
         return
-    jobs_of_source: dict[str, dict[JobTask, JobSource]] = {}
-    for job in jobs:
-        jobs_of_source.setdefault(job.source.path, {})[job.task] = job.source
-    for tasks in jobs_of_source.values():
-        source = next(iter(tasks.values()))
-        if source.kind is SourceKind.SIMULATED:
+    inputs_of_data: dict[str, Mapping[str, InputFile]] = {}  # by hash of the data
+    for job in {(job.source.sha256, job.task): job for job in jobs}.values():
+        source = job.source
+        if isinstance(source, Simulation):
             raise ConfigError(
                 f"'{source.name}' is simulated, so its data have no hash that the limits could name: omit "
                 "data_set_sha256, or give the output of sfr simulate as the source"
             )
-        inputs = _inputs_of(source)
-        for task in tasks:
-            roles = ROLES_OF_TASK.get(task, tuple(inputs))
-            fault = fault_of_inputs(limits.data_set_sha256, {role: inputs[role] for role in roles if role in inputs})
-            if fault is not None:
-                raise InputError(f"'{source.name}': {fault}")
+        if source.sha256 not in inputs_of_data:
+            inputs_of_data[source.sha256] = _inputs_of(source)
+        inputs = inputs_of_data[source.sha256]
+        roles = ROLES_OF_TASK.get(job.task, tuple(inputs))
+        fault = fault_of_inputs(limits.data_set_sha256, {role: inputs[role] for role in roles if role in inputs})
+        if fault is not None:
+            raise InputError(f"'{source.name}': {fault}")
 
 
-def _inputs_of(source: JobSource) -> Mapping[str, InputFile]:
+def _inputs_of(source: Recording | Estimate) -> Mapping[str, InputFile]:
     """Return the inputs that the scores of a source state, by role."""
     path = Path(source.path)
-    if source.kind is SourceKind.ESTIMATE:
+    if isinstance(source, Estimate):
         return provenance_of(load_run(ScoreInputs.of(path, Path(source.truth)))).inputs
     from sfr_loc_map.io.registry import open_source  # slow import
 

@@ -26,7 +26,7 @@ T = TypeVar("T")
 PACKAGE = Path(__file__).parents[2]
 LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg", "embreex")
 """Libraries that can change a figure."""
-WITHOUT_EFFECT = ("report/", "suite/pages/", "suite/statistics/", "live/", "bench/")
+EVALUATION_ONLY = ("report/", "suite/pages/", "suite/statistics/", "live/", "bench/")
 """Folders of the package that cannot change a result, because they only show or evaluate results. All other code
 is hashed, because a replay runs the command line and the nodes."""
 HASHED = (".py", ".json", ".xml")  #: Suffixes of code and its data files. XML files are DDS profiles.
@@ -71,9 +71,9 @@ def hash_package(root: Path) -> str:
     """Return the hash of the files of a package that can change a result."""
     found = hashlib.sha256()
     for path in visible_files(root):
-        place = path.relative_to(root).as_posix()
-        if path.suffix in HASHED and not place.startswith(WITHOUT_EFFECT):
-            found.update(f"{place}\0".encode() + path.read_bytes() + b"\0")
+        name = path.relative_to(root).as_posix()
+        if path.suffix in HASHED and not name.startswith(EVALUATION_ONLY):
+            found.update(f"{name}\0".encode() + path.read_bytes() + b"\0")
     return found.hexdigest()[:16]
 
 
@@ -95,9 +95,9 @@ def input_hashes(estimate: Path, truth: Path) -> dict[str, str]:
     return {role: cached(file.path, hash_path) for role, file in read_files({**named, **stats}).items()}
 
 
-def files_hash(place: Path) -> str:
+def files_hash(path: Path) -> str:
     """Return the hash of a file or folder, of its configuration, and of the files that the configuration names."""
-    return hash_of(files_of_source(place))
+    return hash_of(files_of_source(path))
 
 
 def hash_of(paths: Sequence[Path]) -> str:
@@ -108,19 +108,19 @@ def hash_of(paths: Sequence[Path]) -> str:
 
 def files_of_estimate(estimate: Path, truth: Path) -> tuple[Path, ...]:
     """Return an estimate, its truth and its calls, each with the files of `files_of_source`."""
-    places = (estimate, truth, *ScoreInputs.of(estimate, truth).stats)
-    return tuple(file for place in places for file in files_of_source(place))
+    paths = (estimate, truth, *ScoreInputs.of(estimate, truth).stats)
+    return tuple(file for path in paths for file in files_of_source(path))
 
 
-def files_of_source(place: Path) -> tuple[Path, ...]:
+def files_of_source(path: Path) -> tuple[Path, ...]:
     """Return a file or folder, its configuration, and the truth and the calibration that the configuration names."""
-    beside = config_beside(place)
+    beside = config_beside(path)
     if beside is None:
-        return (place,)
+        return (path,)
     config = SourceConfig.of(Configuration.read(beside))
     calibration = Path(config.calibration.file) if config.calibration.file else None
     named = [file for file in (config.truth.file, calibration) if file is not None]
-    return (place, beside, *(file for file in named if file.exists()))
+    return (path, beside, *(file for file in named if file.exists()))
 
 
 def about_here(expected: Mapping[str, str]) -> dict[str, str]:

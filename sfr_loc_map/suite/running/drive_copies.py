@@ -1,14 +1,16 @@
-"""Detection of sources that are copies of one drive although their files differ. Their errors are correlated.
+"""Detection of sources that are copies or parts of one drive although their files differ.
 
-Two sources are candidates if their paths agree, or if a large fraction of the steps is common. Steps depend neither on
-the frame nor on the first pose nor on the stamps. The paths are also compared because rounding changes the steps, but
-hardly the path, and because a short drive has too few steps. If the paths of two candidates agree, or if their first
-windows of steps agree, their first left images must agree as well. Steps at constant speed and curvature are equal in
-different drives and are therefore no evidence of a copy. The same applies to the paths of two stationary rovers, which
-are copies only if their images or their simulated terrains agree.
+The errors of such sources are correlated. If they counted as independent drives, a proof over many drives could pass
+because of one drive.
 
-Parts of one recording also count as one drive: the ground truth of the later part begins when and where that of the
-earlier part ends.
+Copies: Two sources are candidates if their paths agree, or if a large fraction of the steps is common. Steps depend
+neither on the frame nor on the first pose nor on the stamps. The paths are also compared because rounding changes the
+steps, but hardly the path, and because a short drive has too few steps. If the paths of two candidates agree, or if
+their first windows of steps agree, their first left images must agree as well. Steps at constant speed and curvature
+are equal in different drives and are therefore no evidence of a copy. The same applies to the paths of two stationary
+rovers, which are copies only if their images or their simulated terrains agree.
+
+Parts of one recording: the ground truth of the later part begins when and where that of the earlier part ends.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace as struct_replace
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
@@ -36,7 +39,7 @@ from sfr_loc_map.metrics.frames.motion import MOVING_SHARE
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.suite.running.job import JobSource, SourceKind
+from sfr_loc_map.suite.running.sources import PlannedSource, Simulation
 
 PLACES = 100  #: Largest number of compared poses, and of compared windows of steps, evenly distributed over a drive.
 PIXELS = 8  #: Number of compared rows and columns of the first left image.
@@ -213,10 +216,10 @@ def _pairs_with_same_path(traces: Sequence[DriveTrace]) -> Iterator[tuple[int, i
             by_count.setdefault(trace.poses, []).append(number)
     for numbers in by_count.values():
         paths = np.array([traces[number].path_m for number in numbers]).reshape(len(numbers), PLACES, 3)
-        for place, first in enumerate(numbers):
-            apart_m = np.linalg.norm(paths[place + 1 :] - paths[place], axis=2).max(axis=1)
+        for row, first in enumerate(numbers):
+            apart_m = np.linalg.norm(paths[row + 1 :] - paths[row], axis=2).max(axis=1)
             for later in np.flatnonzero(apart_m <= SAME_M).tolist():
-                yield first, numbers[place + 1 + later]
+                yield first, numbers[row + 1 + later]
 
 
 def _pairs_with_common_steps(windows: Sequence[StepWindows]) -> Iterator[tuple[int, int]]:
@@ -251,7 +254,7 @@ def trace_of_source(source: Source) -> DriveTrace:
         rows, columns = (np.linspace(0, size - 1, PIXELS, dtype=int) for size in pair.left.shape)
         grey = tuple(pair.left[np.ix_(rows, columns)].ravel().tolist())
         break
-    return _trace(source.loc.ground_truth, grey)
+    return trace_of_truth(source.loc.ground_truth, grey)
 
 
 def trace_of_estimate(estimate: Path, truth: Path) -> DriveTrace:
@@ -259,11 +262,11 @@ def trace_of_estimate(estimate: Path, truth: Path) -> DriveTrace:
     with suppress(SfrError):
         drive = load_run(ScoreInputs.of(estimate, truth)).drive
         if drive is not None:
-            return _trace(drive.truth)
+            return trace_of_truth(drive.truth)
     return DriveTrace()
 
 
-def trace_of_simulation(source: JobSource) -> DriveTrace:
+def trace_of_simulation(source: Simulation) -> DriveTrace:
     """Return the trace of the ground truth of a simulated drive; empty if there is no drive or its path is invalid."""
     from sfr_loc_map.simulation.plan import Plan  # slow import
 
@@ -271,11 +274,12 @@ def trace_of_simulation(source: JobSource) -> DriveTrace:
     if not config.drive.enabled:
         return DriveTrace()
     with suppress(SfrError):
-        return replace(_trace(Plan.make(config).trajectory()), terrain=config.seed)
+        return replace(trace_of_truth(Plan.make(config).trajectory()), terrain=config.seed)
     return DriveTrace()
 
 
-def _trace(truth: Trajectory, grey: tuple[int, ...] = ()) -> DriveTrace:
+def trace_of_truth(truth: Trajectory, grey: tuple[int, ...] = ()) -> DriveTrace:
+    """Return the trace of a ground truth; `grey` are the pixels of the first left image."""
     if not len(truth):
         return DriveTrace()
     chosen = np.linspace(0, len(truth) - 1, PLACES, dtype=int)
@@ -293,24 +297,22 @@ def _rounded(values: FloatArray, digits: int) -> tuple[float, ...]:
     return tuple(np.round(values, digits).ravel().tolist())
 
 
-def with_drives(sources: Sequence[JobSource], traces: Sequence[DriveTrace]) -> list[JobSource]:
-    """Return the sources with the hashes of their drives. Copies have the hash of the source with the smallest hash.
+def with_drives(sources: Sequence[PlannedSource], traces: Sequence[DriveTrace]) -> list[PlannedSource]:
+    """Return the sources with the drives of their copies.
 
-    The hash of an estimate's drive is that of its ground truth. Copies of copies are copies, and parts of one recording
-    are treated like copies. Simulated drives of a seed
-    that occurs once are identified by their settings, so that their ground truth is not computed.
+    Copies, copies of copies, and parts of one recording have the drive of the source among them with the smallest hash.
+    Simulated drives of a seed that occurs once are no copies, so that their ground truth is not computed.
     """
-    seeds = Counter(source.seed for source in sources if source.kind is SourceKind.SIMULATED)
+    seeds = Counter(source.seed for source in sources if isinstance(source, Simulation))
     traces = [
-        trace_of_simulation(source) if source.kind is SourceKind.SIMULATED and seeds[source.seed] > 1 else trace
+        trace_of_simulation(source) if isinstance(source, Simulation) and seeds[source.seed] > 1 else trace
         for source, trace in zip(sources, traces, strict=True)
     ]
-    smallest: dict[int, JobSource] = {}  # by drive: the source with the smallest hash
-    drives = drives_of(traces).tolist()
-    for drive, source in zip(drives, sources, strict=True):
-        if drive not in smallest or source.sha256 < smallest[drive].sha256:
-            smallest[drive] = source
-    firsts = [smallest[drive] for drive in drives]
+    smallest: dict[int, PlannedSource] = {}  # by number of the drive: the source with the smallest hash
+    numbers = drives_of(traces).tolist()
+    for number, source in zip(numbers, sources, strict=True):
+        if number not in smallest or source.sha256 < smallest[number].sha256:
+            smallest[number] = source
     return [
-        replace(source, drive=first.truth_sha256 or first.sha256) for source, first in zip(sources, firsts, strict=True)
+        struct_replace(source, drive=smallest[number].drive) for number, source in zip(numbers, sources, strict=True)
     ]

@@ -1,24 +1,15 @@
 """A job of a suite: its inputs, and its identities.
 
-A source has these identities:
-
-    sha256             hash of the content, or of the settings of a simulation: part of the key of a job
-    input_identity     data that a method receives; of an estimate, name and truth: part of the pairing
-    drive_identity     drive, which copies of the source share: part of the drive key
-    source_identities  (of a description) name with path, and data: a later plan has the same source if either is equal
-
-A job has these identities:
-
     key           hash of all inputs of the result except names and paths of sources; names the files of the job
-    description   names and inputs that the files of the job state, so that a later plan recognises the work
-    work          (of a description) task, faults, their seed and repeat: with the source, what must stay planned
-    pairing       data, task, faults, repeat and scoring: pairs jobs of two suites, even with other code or parameters
+    pairing       hash of data, task, faults, repeat and scoring: pairs jobs of two suites, even with other code or
+                  parameters
+    drive_key     hash of drive, task and faults: repeats and copies of a drive share this hash, because their errors
+                  depend on each other. Sequential tests take the drives in the order of this hash
     group         task, configuration and faults: the errors of a group are pooled
-    drive_key     drive, task and faults: repeats and copies of a drive share this hash, because their errors depend on
-                  each other. Sequential tests take the drives in the order of this hash
     label         the displayed name
+    description   names and inputs that the files of the job state, so that a later plan recognises its work
 
-`plan_check` compares the jobs of two plans by a hash of their content without paths and code.
+`sources.py` lists the identities of sources. `plan_check.py` compares the content of the jobs of two plans.
 """
 
 from __future__ import annotations
@@ -28,15 +19,17 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.stored.score_json import from_plain, to_plain
+from sfr_loc_map.suite.running.sources import PlannedSource, Simulation
 
 KEY_LENGTH = 32  #: Hexadecimal digits of a key. The probability of a collision among 10^9 results is 10^-21.
 SHORT_KEY = 12  #: Displayed digits of a key.
-OF_SUITE = "suite."  #: Prefix of the description of a job in the provenance of its score.
+PROVENANCE_PREFIX = "suite."  #: Prefix of the description of a job in the provenance of its score.
+NATIVE_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment variables with the number of threads of compiled libraries, which a process reads when it starts."""
 NO_CONFIGURATION = "-"  #: Name of the configuration of jobs without parameters.
 
 
@@ -61,46 +54,6 @@ def tasks_for(*, has_drive: bool, has_panorama: bool) -> tuple[JobTask, ...]:
     """Return the tasks for which a source with localisation pairs or mapping pairs has data."""
     has_data = {JobTask.LOCALISE: has_drive, JobTask.MAP: has_panorama, JobTask.REPLAY: has_drive or has_panorama}
     return tuple(task for task, has in has_data.items() if has)
-
-
-class SourceKind(StrEnum):
-    """Origin of the data of a source. To add a kind, add a member here and a class in `source_readers.py`."""
-
-    FILE = "file"
-    REMOTE = "remote"  #: Only before the plan, which fetches the source and makes it a `FILE`.
-    SIMULATED = "simulated"
-    ESTIMATE = "estimate"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JobSource:
-    """The data that a job reads."""
-
-    name: str  #: Short name, unique in the suite; the variants of an error budget share the name of their simulation.
-    kind: SourceKind  #: Origin of the data.
-    path: str  #: Path of the source (before the plan, its URL), of the scenario, or of the estimate.
-    truth: str = ""  #: Truth of an estimate; otherwise empty.
-    settings: Mapping[str, object] = field(default_factory=dict)  #: All settings of a simulation; otherwise empty.
-    sha256: str  #: Hash of the content, or of the settings; empty before the plan.
-    truth_sha256: str = ""  #: Hash of the truth of an estimate; otherwise empty.
-    #: Hashes of estimate, truth and calls by their role in the provenance of the score; empty for other kinds.
-    input_sha256: Mapping[str, str] = field(default_factory=dict)
-    state: str = ""  #: State of the files before they were hashed (`state_of`); empty without files.
-    drive: str = ""  #: Hash of the drive of the source, which copies share; empty before the plan.
-    variant: str = ""  #: Variant of an error budget (`variants.py`); otherwise empty.
-    faults: str = ""  #: Faults that belong to the variant, joined by `+`.
-    seed: int = 0  #: Seed of a simulation; otherwise 0.
-    identical: tuple[str, ...] = ()  #: Names of further sources with the same data, which have the same jobs.
-
-    @property
-    def input_identity(self) -> tuple[str, ...]:
-        """Identity of the data that a method under test receives; of an estimate, its name and its truth."""
-        return (self.name, self.truth_sha256) if self.kind is SourceKind.ESTIMATE else (self.sha256,)
-
-    @property
-    def drive_identity(self) -> tuple[SourceKind, str]:
-        """Identity of the drive, which copies of the source share."""
-        return self.kind, self.drive or self.truth_sha256 or self.sha256
 
 
 class GroupKey(NamedTuple):
@@ -128,7 +81,7 @@ class JobDescription:
     task: str = ""
     source: str = ""  #: Name of the source.
     source_sha256: str = ""
-    path: str = ""  #: Path of the source.
+    path: str = ""  #: Location of the source.
     key: str = ""  #: Key of the job; empty if the file does not name its job.
     faults: str = ""
     fault_seed: int = 0
@@ -142,24 +95,25 @@ class JobDescription:
         """What the job does with its source, independently of the code and of the configuration."""
         return (self.task, self.faults, effective_seed(self.faults, self.fault_seed), self.repeat)
 
-    def source_identities(self, cache: Path) -> tuple[object, object]:
-        """Return name with path, and data of the source. Two sources are the same if either identity is equal.
+    @property
+    def source_identities(self) -> tuple[object, object]:
+        """Name with location, and data of the source. Two sources are the same if either identity is equal.
 
-        A name alone is no identity: names may be equal, and the name of a simulation depends on the others. A source
-        that was fetched to the cache has a folder for each version, so that only the name of its file counts.
+        A name alone is no identity: names may be equal, and the name of a simulation depends on the others.
         """
-        is_fetched = cache.absolute() in Path(self.path).parents
-        return (self.source, Path(self.path).name if is_fetched else self.path), self.source_sha256
+        return (self.source, self.path), self.source_sha256
 
     def to_provenance(self) -> dict[str, object]:
         """Return the description as entries of the configuration in a provenance."""
-        return {f"{OF_SUITE}{name}": value for name, value in to_plain(self).items()}
+        return {f"{PROVENANCE_PREFIX}{name}": value for name, value in to_plain(self).items()}
 
     @staticmethod
     def from_provenance(configuration: Mapping[str, object]) -> JobDescription:
         """Return the description in the configuration of a provenance; RecordError if an entry has another type."""
         entries = {
-            name.removeprefix(OF_SUITE): value for name, value in configuration.items() if name.startswith(OF_SUITE)
+            name.removeprefix(PROVENANCE_PREFIX): value
+            for name, value in configuration.items()
+            if name.startswith(PROVENANCE_PREFIX)
         }
         return from_plain(JobDescription, entries)
 
@@ -169,12 +123,14 @@ class Job:
     """One unit of work of a suite: a pure function of its fields."""
 
     task: JobTask
-    source: JobSource  #: The data.
+    source: PlannedSource  #: The data.
     faults: str = ""  #: Injected faults, joined by `+`; empty if there are none.
     fault_seed: int  #: Seed that selects the affected pairs.
     configuration: str  #: Name of the configuration.
     #: Parameters that differ from the defaults, by dotted name (`localisation.max_features`).
     parameters: Mapping[str, object] = field(default_factory=dict)
+    #: SHA-256 of the files that the parameters name, by dotted name (`Configuration.input_files`).
+    input_files: Mapping[str, str] = field(default_factory=dict)
     start: str  #: First pose: `identity` or `truth`.
     scoring: TrajectoryScoreConfig  #: Settings of the score.
     repeat: int  #: Number of the repetition, from 0.
@@ -190,9 +146,10 @@ class Job:
 
         The path of a method from a file is a parameter and therefore part of the key.
         """
+        data = [self.source.kind, self.source.sha256]
         faults = [self.faults, effective_seed(self.faults, self.fault_seed)]
-        how = [self.parameters, self.start, self.scoring, self.kept_errors, self.repeat, self.threads]
-        return digest([self.task, [self.source.kind, self.source.sha256], *faults, *how, self.code])
+        settings = [self.parameters, self.input_files, self.start, self.scoring, self.kept_errors]
+        return digest([self.task, data, *faults, *settings, self.repeat, self.threads, self.code])
 
     @property
     def description(self) -> JobDescription:
@@ -201,7 +158,7 @@ class Job:
             task=self.task.value,
             source=self.source.name,
             source_sha256=self.source.sha256,
-            path=self.source.path,
+            path=self.source.location,
             key=self.key,
             faults=self.faults,
             fault_seed=self.fault_seed,
@@ -213,13 +170,10 @@ class Job:
 
     @property
     def pairing(self) -> str:
-        """Hash of work and data, by which jobs of two suites are paired in a comparison.
-
-        Estimates of one name and one ground truth are paired, because they are the results of two methods.
-        """
+        """Hash of work and data, by which jobs of two suites are paired in a comparison."""
+        data = [self.source.kind, *self.source.data_identity]
         faults = [self.faults, effective_seed(self.faults, self.fault_seed)]
-        data = [self.task, self.source.kind, *self.source.input_identity, *faults, self.repeat]
-        return digest([*data, self.start, self.scoring])
+        return digest([self.task, *data, *faults, self.repeat, self.start, self.scoring])
 
     @property
     def group(self) -> GroupKey:
@@ -238,7 +192,17 @@ class Job:
     @property
     def alteration(self) -> str:
         """Variant of a budget or faults by which the source was changed; empty if there are none."""
-        return self.source.variant or self.faults
+        return self.variant or self.faults
+
+    @property
+    def variant(self) -> str:
+        """Variant of an error budget; empty without a budget."""
+        return self.source.variant if isinstance(self.source, Simulation) else ""
+
+    @property
+    def seed(self) -> int:
+        """Seed of a simulation; 0 for other sources."""
+        return self.source.seed if isinstance(self.source, Simulation) else 0
 
     @property
     def label(self) -> str:

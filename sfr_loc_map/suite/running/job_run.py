@@ -28,6 +28,7 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.methods.registry import Method
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.errors.pair_truth import truths_of
 from sfr_loc_map.metrics.score.limits import BOUND, Population
@@ -44,31 +45,35 @@ from sfr_loc_map.scoring.inputs import CloudToScore, ExpectedPairs, Origin, Run,
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.load_map import pairs_of_cloud
 from sfr_loc_map.scoring.score_run import score_run
-from sfr_loc_map.suite.running.configurations import MASK_HASHES, METHOD_KEYS, check_masks, chosen_method
-from sfr_loc_map.suite.running.job import Job, JobTask
-from sfr_loc_map.suite.running.source_readers import SOURCE_READERS
+from sfr_loc_map.suite.running.configurations import (
+    METHOD,
+    SECTIONS,
+    Configuration,
+    check_input_files,
+    chosen_method,
+    in_section,
+)
+from sfr_loc_map.suite.running.job import NATIVE_THREADS, Job, JobTask
+from sfr_loc_map.suite.running.source_readers import local_path
+from sfr_loc_map.suite.running.sources import Estimate
 from sfr_loc_map.suite_names import Task
 
 REPLAY_FOLDER = "replay"  #: Folder of the output of a replay.
 SCORED = (ExitCode.OK, ExitCode.FAILED, ExitCode.NOT_JUDGED)
 """Exit codes of a replay whose score covers the complete source. After an interrupt, only the played part is scored."""
-THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-    "OPENCV_FOR_THREADS_NUM",
-)
+THREAD_VARIABLES = (*NATIVE_THREADS, "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 """Environment variables that set the number of threads of a replay and of its nodes."""
 
 
 def run_job(job: Job, scratch: Path, cache: Path) -> Score:
     """Return the score of a job. The score has no verdicts on limits, because the summary judges the score again.
 
-    Paths in the score are relative to `scratch`, an empty folder. Sources are stored in `cache`.
+    Paths in the score are relative to `scratch`, an empty folder. Simulated sources are rendered to `cache`. InputError
+    if a file that the parameters name is not that of the plan.
     """
     use_threads(job.threads)
-    path = SOURCE_READERS[job.source.kind].local_path(job.source, cache)
+    check_input_files(Configuration(job.parameters, job.input_files))
+    path = local_path(job.source, cache)
     score = RUN_OF_TASK[job.task](job, path, scratch, cache)
     return struct_replace(score, provenance=_provenance(job, score.provenance, scratch))
 
@@ -87,13 +92,14 @@ def _localise(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     source = _source_with_faults(job, path)
     if source.loc is None:
         raise InputError(f"'{job.source.path}' has no drive (localisation pairs): give a source that has one")
-    section, start = _section(job, "localisation"), start_pose(source.loc, job.start)
-    method = chosen_method(section, Task.LOCALISATION)
-    how = build(LocalisationConfig, section) if method is None else UnderTest(method, hidden=_hidden(source, cache))
-    done = run_localiser(source.loc, how, start)
+    parameters = _parameters_of(job, "localisation")
+    method = chosen_method(parameters, Task.LOCALISATION)
+    localiser = build(LocalisationConfig, parameters) if method is None else _under_test(method, source, cache)
+    drive = run_localiser(source.loc, localiser, start_pose(source.loc, job.start))
+    # scored from its files, as by `sfr score`, so that the provenance states their hashes
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
-    save_trajectory(estimate, done.trajectory)
-    save_stats(stats, done.records, {Task.LOCALISATION: done.method}, done.trajectory)
+    save_trajectory(estimate, drive.trajectory)
+    save_stats(stats, drive.records, {Task.LOCALISATION: drive.method}, drive.trajectory)
     has_images = not job.faults  # of the run, in the source at `path`
     run = load_run(ScoreInputs(estimate=estimate, truth=path, stats=(stats,), has_images_of_run=has_images))
     assert run.drive is not None  # estimate and truth are given
@@ -105,10 +111,10 @@ def _map(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     source = _source_with_faults(job, path)
     if source.nav is None:
         raise InputError(f"'{job.source.path}' has no mapping pairs: give a source that has them")
-    section = _section(job, "mapping")
-    method = chosen_method(section, Task.MAPPING)
-    how = build(MappingConfig, section) if method is None else UnderTest(method, hidden=_hidden(source, cache))
-    run = run_mapper(source.nav, how)
+    parameters = _parameters_of(job, "mapping")
+    method = chosen_method(parameters, Task.MAPPING)
+    mapper = build(MappingConfig, parameters) if method is None else _under_test(method, source, cache)
+    run = run_mapper(source.nav, mapper)
     cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
     save_cloud(cloud, run.fused.cloud)
     save_stats(stats, run.records, {Task.MAPPING: run.method}, cloud=run.fused.cloud)
@@ -122,11 +128,12 @@ def _map(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
 
 
 def _score(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
+    assert isinstance(job.source, Estimate)
     return _scored(job, load_run(ScoreInputs.of(path, Path(job.source.truth))))
 
 
 def _replay(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
-    if any(name.rpartition(".")[2] in METHOD_KEYS for name in job.parameters):
+    if any(METHOD in _parameters_of(job, section) for section in SECTIONS):
         raise ConfigError(
             "the task replay always runs the nodes of sfr_loc_map, not another method: omit 'method' in the "
             "configuration, or omit replay in 'tasks'"
@@ -165,7 +172,8 @@ def replay_options(job: Job, scratch: Path) -> list[str]:
     """
     options = ["--out", str(scratch / REPLAY_FOLDER), "--start", job.start]
     if job.parameters:
-        nested = {part: to_plain(values) for part in ("localisation", "mapping") if (values := _section(job, part))}
+        parameters = {section: to_plain(_parameters_of(job, section)) for section in SECTIONS}
+        nested = {section: values for section, values in parameters.items() if values}
         config = scratch / "config.yaml"
         config.write_text(yaml.safe_dump(nested), encoding="utf-8")
         options += ["--config", str(config)]
@@ -200,24 +208,21 @@ def _source_with_faults(job: Job, path: Path) -> Source:
     return faulty(open_source(path), faults, job.fault_seed)
 
 
-def _hidden(source: Source, cache: Path) -> tuple[Path, ...]:
-    """Return the paths that a method must not read: the ground truth, and the cache.
+def _under_test(method: Method, source: Source, cache: Path) -> UnderTest:
+    """Return a method that cannot read the ground truth of a source.
 
-    The cache may contain other variants of an error budget, which have the same true path.
+    The cache is hidden, too, because it may contain other variants of an error budget, which have the same true path.
     """
-    return (*source.truth_paths(), cache)
+    return UnderTest(method, hidden=(*source.truth_paths(), cache))
 
 
 def _scored(job: Job, run: Run) -> Score:
     return score_run(run, ScoreConfig(trajectory=job.scoring), kept_errors=job.kept_errors)
 
 
-def _section(job: Job, section: str) -> dict[str, object]:
-    """Return the parameters of a section, without the hashes of masks; InputError if a mask has changed."""
-    prefix = f"{section}."
-    named = {name.removeprefix(prefix): value for name, value in job.parameters.items() if name.startswith(prefix)}
-    check_masks(named)
-    return {name: value for name, value in named.items() if name not in MASK_HASHES.values()}
+def _parameters_of(job: Job, section: str) -> Mapping[str, object]:
+    """Return the parameters of a section by their names within the section."""
+    return in_section(Configuration(job.parameters), section).parameters
 
 
 def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Provenance:
@@ -227,5 +232,6 @@ def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Prove
     inputs = {
         role: struct_replace(item, path=item.path.removeprefix(f"{scratch}/")) for role, item in known.inputs.items()
     }
-    configuration = {**known.configuration, **job.parameters, **job.description.to_provenance()}
+    hashes = {f"{name}_sha256": sha256 for name, sha256 in job.input_files.items()}
+    configuration = {**known.configuration, **job.parameters, **hashes, **job.description.to_provenance()}
     return struct_replace(known, inputs=inputs, configuration=configuration, host=host)

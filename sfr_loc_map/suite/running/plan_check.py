@@ -5,19 +5,20 @@ Without this comparison, a suite would pass if a job and its result were deleted
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from fnmatch import fnmatch
 from pathlib import Path
 
+from msgspec.structs import replace as struct_replace
+
 from sfr_loc_map.errors import InputError, SfrError
-from sfr_loc_map.suite.running.configurations import METHOD_FILES_SHA256
+from sfr_loc_map.suite.running.configurations import METHOD_FILES
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.facts_cache import FactsCache
 from sfr_loc_map.suite.running.job import Job, digest
 from sfr_loc_map.suite.running.plan import make_plan
-from sfr_loc_map.suite.running.source_names import last_part, pattern_in
-from sfr_loc_map.suite.running.specification import load_specification
+from sfr_loc_map.suite.running.sources import Estimate, PlannedSource, Simulation
+from sfr_loc_map.suite.running.specification import Refusal, load_specification
 from sfr_loc_map.suite.running.store import Store
 
 
@@ -40,60 +41,66 @@ def check_plan(store: Store) -> list[str]:
     except SfrError as error:  # the sources, or the files of a method, are missing; the suite's file is unchanged
         return [f"The plan was not compared with the sources of the suite, which cannot be read now: {error}."]
     jobs, refusals = make_plan(specification, FactsCache(store.cache).facts_of, store.cache)
-    planned = {refusal.path for refusal in store.planned_refusals}
-    unread = [refusal.path for refusal in refusals if refusal.path not in planned]
-    folder = store.suite_file.parent
-    for entry in unread:
-        if not any(_is_of_entry(job, entry, store.cache, folder) for job in store.jobs):
-            raise _differs(store, f"the source '{entry}' is missing in the plan")
-    gone = _check_jobs(store, jobs, unread, folder)
-    return [f"The plan was not compared with '{entry}', which cannot be read now." for entry in gone]
+    planned = {refusal.subject for refusal in store.planned_refusals}
+    unreadable_now = [refusal for refusal in refusals if refusal.subject not in planned]
+    for refusal in unreadable_now:
+        if refusal.task or not any(_is_refused(job.source, refusal) for job in store.jobs):
+            raise _differs(store, f"the source '{refusal.path}' is missing in the plan")
+    gone = _check_jobs(store, jobs, unreadable_now)
+    return [f"The plan was not compared with '{path}', which cannot be read now." for path in gone]
 
 
-def _is_of_entry(job: Job, entry: str, cache: Path, folder: Path) -> bool:
-    """Return whether a job is of an entry of `sources`: the name, path in the folder, glob or URL of a source."""
-    path = Path(job.source.path)
-    if "://" in entry:  # a remote source was copied to the cache, with the name of its file
-        return cache.absolute() in path.parents and fnmatch(path.name, last_part(entry))
-    names = (job.source.name, *job.source.identical, job.source.path)
-    return entry in names or fnmatch(job.source.path, pattern_in(folder, entry))
+def _is_refused(source: PlannedSource, refusal: Refusal) -> bool:
+    """Return whether a refusal is about a source, or about the complete entry of the source."""
+    return source.entry == refusal.entry and refusal.source in ("", source.location)
 
 
-def _check_jobs(store: Store, jobs: Collection[Job], unread: Collection[str], folder: Path) -> list[str]:
-    """Return the sources of stored jobs that cannot be read now; their jobs are not compared.
+def _check_jobs(store: Store, jobs: Sequence[Job], unreadable_now: Collection[Refusal]) -> list[str]:
+    """Return the paths of the sources of stored jobs that cannot be read now; their jobs are not compared.
 
     Raise InputError if the other stored jobs differ from the jobs of the suite's file.
     """
     has_same_code = {job.code for job in store.jobs} <= {code_fingerprint()}
-    stored = dict(_by_identity(store.jobs, has_same_code=has_same_code))
-    made = dict(_by_identity(jobs, has_same_code=has_same_code))
-    for identity, job in made.items():
-        if identity not in stored:
+    stored = _by_content(store.jobs, has_same_code=has_same_code)
+    planned_now = _by_content(jobs, has_same_code=has_same_code)
+    for content, job in planned_now.items():
+        if content not in stored:
             raise _differs(store, f"the job '{job.label}' of the suite is missing in the plan, or has other inputs")
     gone: dict[str, None] = {}
-    for identity, job in stored.items():
-        if identity in made:
+    for content, job in stored.items():
+        if content in planned_now:
             continue
-        is_unread = any(_is_of_entry(job, entry, store.cache, folder) for entry in unread)
-        if Path(job.source.path).exists() and not is_unread:
+        is_refused = any(_is_refused(job.source, refusal) for refusal in unreadable_now)
+        if Path(job.source.path).exists() and not is_refused:
             raise _differs(store, f"the job '{job.label}' is not a job of the suite")
         gone[job.source.path] = None
     return list(gone)
 
 
-def _by_identity(jobs: Collection[Job], *, has_same_code: bool) -> Iterator[tuple[str, Job]]:
-    """Yield each job by the hash of its content.
+def _by_content(jobs: Sequence[Job], *, has_same_code: bool) -> Mapping[str, Job]:
+    """Return each job by the hash of what two plans of one suite have in common.
 
-    The hash excludes paths, states of files, the code, and the files in SFR_METHOD_FILES.
-
-    Another version of the code may detect other copies of drives, so that the drive is only compared for the same code.
-    The variable SFR_METHOD_FILES may be unset, because a report runs no method.
+    This is the content of the job except the code, paths, the states of files, and the hash of the files in
+    SFR_METHOD_FILES. This variable may be unset, because a report runs no method. Another version of the code may
+    detect other copies of drives, so that the drive is only compared for the same code.
     """
+    found: dict[str, Job] = {}
     for job in jobs:
         drive = job.source.drive if has_same_code else ""
-        source = replace(job.source, path="", truth="", state="", drive=drive)
-        parameters = {name: value for name, value in job.parameters.items() if not name.endswith(METHOD_FILES_SHA256)}
-        yield digest(replace(job, source=source, parameters=parameters, code="")), job
+        input_files = {name: sha256 for name, sha256 in job.input_files.items() if not name.endswith(METHOD_FILES)}
+        compared = replace(job, source=_without_paths(job.source, drive), input_files=input_files, code="")
+        found[digest(compared)] = job
+    return found
+
+
+def _without_paths(source: PlannedSource, drive: str) -> PlannedSource:
+    """Return a source without paths and states of files, and with the given drive."""
+    known = struct_replace(source, path="", entry="", drive=drive)
+    if isinstance(known, Simulation):
+        return known
+    if isinstance(known, Estimate):
+        return struct_replace(known, truth="", state="")
+    return struct_replace(known, url="", state="")
 
 
 def _differs(store: Store, difference: str) -> InputError:

@@ -1,4 +1,4 @@
-"""Sources that are made in the cache of a suite: rendered simulations, and remote sources that fsspec can read."""
+"""Sources that are created in the cache of a suite: rendered simulations, and remote sources that fsspec can read."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ from sfr_loc_map.errors import InputError, MissingExtraError
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
-from sfr_loc_map.suite.running.job import JobSource, digest
+from sfr_loc_map.suite.running.job import digest
 from sfr_loc_map.suite.running.source_names import last_part
+from sfr_loc_map.suite.running.sources import Simulation
 
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
 
-def rendered(source: JobSource, cache: Path) -> Path:
+def rendered(source: Simulation, cache: Path) -> Path:
     """Return the path of a simulated source, which is rendered once for all jobs of the same code.
 
     The renderings of the source by other code are removed.
@@ -38,7 +39,7 @@ def rendered(source: JobSource, cache: Path) -> Path:
                 shutil.rmtree(other, ignore_errors=True)
         simulate(config, out, workers=1)
 
-    return _made_once(target, render)
+    return _created_once(target, render)
 
 
 def fetch(url: str, cache: Path) -> Path:
@@ -61,18 +62,18 @@ def fetch(url: str, cache: Path) -> Path:
             else:
                 system.get(path.rstrip("/") + "/", f"{folder / name}/", recursive=True)
 
-        version = digest([url, [[place, str(facts)] for place, facts in sorted(files.items())]])
-        return _made_once(cache / "fetched" / version, get) / name
+        version = digest([url, [[file, str(facts)] for file, facts in sorted(files.items())]])
+        return _created_once(cache / "fetched" / version, get) / name
 
 
-def _made_once(target: Path, make: Callable[[Path], object]) -> Path:
-    """Return a folder that the first caller makes while other callers wait."""
+def _created_once(target: Path, create: Callable[[Path], object]) -> Path:
+    """Return a folder that the first caller creates while other callers wait."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with target.with_name(f"{target.name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not target.is_dir():
             with atomic_path(target) as part:
-                make(part)
+                create(part)
     return target
 
 

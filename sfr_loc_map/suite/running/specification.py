@@ -16,10 +16,11 @@ from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
-from sfr_loc_map.suite.running.configurations import read_configurations
-from sfr_loc_map.suite.running.job import JobSource, JobTask
+from sfr_loc_map.suite.running.configurations import Configuration, read_configurations
+from sfr_loc_map.suite.running.job import JobTask
 from sfr_loc_map.suite.running.source_names import with_unique_names
-from sfr_loc_map.suite.running.source_readers import read_sources, simulated_source
+from sfr_loc_map.suite.running.source_readers import read_entry, stated_simulation
+from sfr_loc_map.suite.running.sources import StatedSimulation, StatedSource
 from sfr_loc_map.suite.running.variants import ErrorSource, parse_budget, variants_of
 
 LISTS = ("sources", "perturb", "tasks", "conditions")
@@ -65,8 +66,16 @@ class SuiteSettings:
 class Refusal:
     """A source that cannot be read, lacks data for a task, or has a result but no job any more, and the reason."""
 
-    path: str  #: Path or URL of an unreadable source; otherwise the name of the source, with the task if it lacks data.
+    path: str  #: Displayed name of what is refused: an entry, path or URL; or the name of a source, or with its task.
     reason: str
+    entry: str = ""  #: Entry of `sources` in the suite's file; empty for a source that is no longer part of the suite.
+    source: str = ""  #: Location of the source (`StatedSource.location`); empty for the complete entry.
+    task: str = ""  #: Task for which the source has no data; empty for all tasks.
+
+    @property
+    def subject(self) -> tuple[str, str, str]:
+        """What is refused, by which the refusals of two plans are compared."""
+        return self.entry, self.source, self.task
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +83,10 @@ class SuiteSpecification:
     """Content of the file of a suite."""
 
     path: Path  #: File of the suite.
-    sources: tuple[JobSource, ...]  #: One for each match and each seed, with unique names; files have no hashes yet.
+    sources: tuple[StatedSource, ...]  #: One for each match and each seed, with unique names.
     refusals: tuple[Refusal, ...]  #: Entries without a match, or with a server that does not answer.
     faults: tuple[str, ...]  #: Injected faults; first an empty text, if the source is also run without faults.
-    configurations: Mapping[str, Mapping[str, object]]  #: Parameters of each configuration, by dotted name.
+    configurations: Mapping[str, Configuration]
     tasks: tuple[JobTask, ...] | None  #: Requested tasks; None: those of `DEFAULT_TASKS` for which a source has data.
     budget: tuple[str, ...]  #: Names of the sources of error of a budget; empty if there is none.
     scoring: TrajectoryScoreConfig  #: Settings of the scores, including conditions that only the limits name.
@@ -122,7 +131,7 @@ def load_specification(path: Path | str) -> SuiteSpecification:
                 parse_fault(fault)
     sources, refusals = _sources(lists["sources"], path)
     if budget:
-        sources = list(_budget_sources(sources, budget, path))
+        sources = [*_budget_sources(sources, budget, path)]
     if budget and (has_limits or lists["perturb"] or lists["tasks"] not in ([], ["localise"])):
         raise ConfigError(
             f"{path}: 'budget' cannot be combined with 'limits' or 'perturb', and requires 'tasks: [localise]'"
@@ -189,15 +198,15 @@ def _tasks(names: Sequence[object], path: Path) -> tuple[JobTask, ...] | None:
     return tuple(JobTask(str(name)) for name in names) or None
 
 
-def _sources(entries: Sequence[object], path: Path) -> tuple[list[JobSource], list[Refusal]]:
+def _sources(entries: Sequence[object], path: Path) -> tuple[list[StatedSource], list[Refusal]]:
     """Return the sources of the entries, and the entries that cannot be read; InputError if no entry can be read."""
-    sources: list[JobSource] = []
+    sources: list[StatedSource] = []
     refusals: list[Refusal] = []
     for number, entry in enumerate(entries, 1):
         try:
-            sources += list(read_sources(entry, path.absolute().parent, f"{path}: source {number}"))
+            sources += read_entry(entry, path.absolute().parent, f"{path}: source {number}")
         except InputError as error:
-            refusals.append(Refusal(str(entry), str(error)))
+            refusals.append(Refusal(str(entry), str(error), entry=str(entry)))
     if not sources:
         raise InputError(refusals[0].reason)
     return with_unique_names(sources), refusals
@@ -209,25 +218,27 @@ def _kept_errors(limits: Limits) -> tuple[tuple[str, str], ...]:
     return tuple(sorted({(figure, condition) for figure, condition in pairs if condition is not None}))
 
 
-def _budget_sources(sources: Sequence[JobSource], budget: Sequence[ErrorSource], path: Path) -> Iterator[JobSource]:
+def _budget_sources(
+    sources: Sequence[StatedSource], budget: Sequence[ErrorSource], path: Path
+) -> Iterator[StatedSimulation]:
     """Yield each simulation with each combination of the sources of error that the budget requires."""
     for source in sources:
-        if not source.settings:
+        if not isinstance(source, StatedSimulation):
             raise ConfigError(
                 f"{path}: 'budget' requires sources 'simulate: SCENARIO', but '{source.name}' is not simulated"
             )
         names: dict[tuple[str, str], str] = {}
         for variant in variants_of(budget):
             settings = variant.settings(source.settings)
-            made = simulated_source(Path(source.path), settings, source.seed, f"{path}: 'budget'")
+            simulation = stated_simulation(Path(source.location), settings, source.seed, f"{path}: 'budget'")
             faults = variant.faults(source.seed)
-            equal = names.setdefault((made.sha256, faults), variant.name)
+            equal = names.setdefault((simulation.sha256, faults), variant.name)
             if equal != variant.name:
                 raise ConfigError(
                     f"{path}: 'budget': the variants '{equal}' and '{variant.name}' of '{source.name}' are equal; each "
                     "source of error must change the scenario"
                 )
-            yield replace(made, name=source.name, variant=variant.name, faults=faults)
+            yield replace(simulation, name=source.name, entry=source.entry, variant=variant.name, faults=faults)
 
 
 def _stated_limits(value: object, path: Path) -> Mapping[str, Any]:

@@ -39,8 +39,9 @@ from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.package_commit import package_commit
-from sfr_loc_map.suite.running.job import OF_SUITE, Job, JobDescription
+from sfr_loc_map.suite.running.job import PROVENANCE_PREFIX, Job, JobDescription
 from sfr_loc_map.suite.running.job_outcome import JobFailure, JobOutcome, JobState, WorkerRecord
+from sfr_loc_map.suite.running.sources import Estimate
 from sfr_loc_map.suite.running.specification import Refusal, limits_in
 
 PLAN, WORKERS = "plan.json", "workers.json"
@@ -168,26 +169,13 @@ class Store:
 
         The file of the folder may have been moved: a missing file does not protect the folder from a file of its kind.
         """
-        owners = {"suite": self.suite_file, "search": Path(self._plan.search) if self._plan.search else None}
+        owners = {"suite": self.suite_file, "search": self.search_file}
         given = {"suite": suite, "search": search}
         for kind, owner in owners.items():
             file = given[kind]
             is_other = file is None or (owner is not None and owner.exists() and owner.resolve() != file.resolve())
             if owner is not None and is_other:
                 raise OutputError(f"'{self.folder}' is the folder of the {kind} '{owner}': choose another folder")
-
-    def check_results(self) -> None:
-        """Read all results and failures in the folder; InputError if one of them is damaged or is not that of its job.
-
-        A run calls this before its first job, so that a damaged file is reported before the work and not after it.
-        """
-        for job in self.jobs:
-            state = self.state(job)
-            if state is JobState.DONE:
-                self.score(job)
-            elif state is JobState.FAILED:
-                self.failure(job)
-        self.left_over()
 
     def check_files(self) -> tuple[str, ...]:
         """Compare the plan with the suite's file and the limits file; return those of them that are missing.
@@ -208,6 +196,11 @@ class Store:
                     f"'{self.plan_file}' has limits that differ from those of '{suite}': run the suite again"
                 )
         return tuple(absent)
+
+    @property
+    def search_file(self) -> Path | None:
+        """The file of the search to which the folder belongs; None if there is none."""
+        return Path(self._plan.search) if self._plan.search else None
 
     @property
     def suite_file(self) -> Path | None:
@@ -248,13 +241,13 @@ class Store:
         keys = {job.key for job in self.jobs}
         planned: dict[object, set[object]] = {}
         for description in (job.description for job in self.jobs):
-            planned.setdefault(description.work, set()).update(description.source_identities(self.cache))
+            planned.setdefault(description.work, set()).update(description.source_identities)
         found = []
         for path in (*sorted(self.results.glob("*.json")), *sorted(self.failures.glob("*.json"))):
             if path.stem in keys:
                 continue
             left = self._description_in(path)
-            if planned.get(left.work, set()).isdisjoint(left.source_identities(self.cache)):
+            if planned.get(left.work, set()).isdisjoint(left.source_identities):
                 found.append(_left_over(left.source, path))
         return tuple(found)
 
@@ -294,7 +287,8 @@ class Store:
         if description.key != job.key:
             raise InputError(f"'{path}' is the result of '{description.source}', not of '{job.label}': {ADVICE}")
         inputs = {} if score.provenance is None else score.provenance.inputs
-        for role, sha256 in job.source.input_sha256.items():
+        planned = job.source.input_sha256 if isinstance(job.source, Estimate) else {}
+        for role, sha256 in planned.items():
             if role not in inputs or inputs[role].sha256 != sha256:
                 raise InputError(f"'{path}': the {role} of '{job.label}' is not the file of the plan: {ADVICE}")
         return score
@@ -326,7 +320,7 @@ def _description(configuration: Mapping[str, object], path: Path) -> JobDescript
     with refusing(f"cannot read '{path}'", ADVICE):
         description = JobDescription.from_provenance(configuration)
     if not description.key:
-        raise InputError(f"'{path}' does not name its job ({OF_SUITE}key in its provenance): {ADVICE}")
+        raise InputError(f"'{path}' does not name its job ({PROVENANCE_PREFIX}key in its provenance): {ADVICE}")
     return description
 
 

@@ -62,13 +62,13 @@ def variants_of(sources: Sequence[ErrorSource]) -> list[Variant]:
     names = [source.name for source in sources]
     alone = [{name} for name in names]
     all_but_one = [set(names) - {name} for name in names]
-    made: dict[str, Variant] = {}
+    variants: dict[str, Variant] = {}
     for active in [set(names), set(), *alone, *all_but_one]:
         name = variant_name(active, names)
         on = tuple(source for source in sources if source.name in active)
         off = tuple(source for source in sources if source.name not in active)
-        made[name] = Variant(name, on, off)
-    return list(made.values())
+        variants[name] = Variant(name, on, off)
+    return list(variants.values())
 
 
 def variant_name(active: Collection[str], names: Sequence[str]) -> str:

@@ -24,7 +24,8 @@ from sfr_loc_map.metrics.table.row_part import DIRECTIONS, MOVING, OTHER_FRAMES,
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import Job, JobTask
-from sfr_loc_map.suite.running.source_readers import changed_scenario, scenario_settings, simulated_source
+from sfr_loc_map.suite.running.source_readers import changed_scenario, scenario_settings, stated_simulation
+from sfr_loc_map.suite.running.sources import Simulation
 from sfr_loc_map.suite.running.specification import SuiteSettings, check_keys
 
 Point = tuple[float, ...]
@@ -151,7 +152,7 @@ class SearchSpecification:
         settings = {**self.base, **self.settings_at(point)}
         return Job(
             task=JobTask.LOCALISE,
-            source=simulated_source(self.scenario, settings, seed, str(self.path)),
+            source=Simulation.of(stated_simulation(self.scenario, settings, seed, str(self.path))),
             faults=self.faults_at(point),
             fault_seed=self.running.seed,
             configuration="default",
@@ -202,7 +203,7 @@ def load_search(path: Path | str) -> SearchSpecification:
     given = scenario_settings(scenario)
     base = changed_scenario(scenario, changes, f"{path}: 'set'")
     for seed in seeds:
-        simulated_source(scenario, base, seed, f"{path}: 'seeds'")
+        stated_simulation(scenario, base, seed, f"{path}: 'seeds'")
     with naming_key(f"{path}: 'condition'"):
         condition = Condition.parse(settings.condition).setting
     parameters = tuple(_parameter(name, value, base, f"{path}: '{name}'") for name, value in ranges.items())

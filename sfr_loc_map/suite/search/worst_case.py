@@ -107,8 +107,8 @@ class TreeChooser:
         known = [ratio for ratio in ratios if ratio is not None and ratio != WITHOUT_FIGURE]
         self._lost_ratio = max([self._lost_ratio, *known])
         for trial, ratio in zip(self._asked, ratios, strict=True):
-            told = None if ratio is None else min(ratio, self._lost_ratio)
-            self._study.tell(trial, told, state=self._failed if ratio is None else None)
+            finite = None if ratio is None else min(ratio, self._lost_ratio)
+            self._study.tell(trial, finite, state=self._failed if ratio is None else None)
 
     def _named(self, point: Point) -> dict[str, float]:
         return {parameter.name: value for parameter, value in zip(self._parameters, point, strict=True)}
@@ -187,14 +187,14 @@ def slices_of(
     parameters: Sequence[Parameter], case: TriedPoint, tried: Sequence[TriedPoint], count: int, evaluate: Evaluate
 ) -> list[SliceRecord]:
     """Return slices through a case for each pair of the most important parameters."""
-    made = []
+    slices = []
     for first, second in combinations(most_important(parameters, case, tried), 2):
         x, y = (_grid(parameters[index], count) for index in (first, second))
         points = [_with(_with(case.point, first, at_x), second, at_y) for at_y, at_x in product(y, x)]
         ratios = evaluate(points)
         rows = [list(ratios[begin : begin + len(x)]) for begin in range(0, len(ratios), len(x))]
-        made.append(SliceRecord(first, second, list(x), list(y), rows))
-    return made
+        slices.append(SliceRecord(first, second, list(x), list(y), rows))
+    return slices
 
 
 def _grid(parameter: Parameter, count: int) -> tuple[float, ...]:

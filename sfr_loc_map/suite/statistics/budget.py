@@ -58,7 +58,7 @@ class BudgetFigure:
 class BudgetRow:
     """Contribution of an error source."""
 
-    source: str
+    source: str  #: Name of the source of error.
     alone: BudgetFigure  #: First-order fraction of the mean square.
     removed: BudgetFigure  #: Fraction of the mean square that vanishes without the source.
     interaction: BudgetFigure  #: `removed` less `alone`.
@@ -81,20 +81,23 @@ class Budget:
 
 
 def budget_of(
-    sources: Sequence[str],
+    error_sources: Sequence[str],
     condition: str,
     errors: Mapping[str, Mapping[str, DriveErrors]],
     *,
     configuration: str = "default",
 ) -> Budget:
-    """Return the budget of errors by variant and drive; drives that lack a variant are omitted."""
-    alone_in = {name: variant_name({name}, sources) for name in sources}
-    missing_in = {name: variant_name(set(sources) - {name}, sources) for name in sources}
+    """Return the budget of errors by variant and drive; drives that lack a variant are omitted.
+
+    `error_sources` are the names of the sources of error, in the order of the suite's file.
+    """
+    alone_in = {name: variant_name({name}, error_sources) for name in error_sources}
+    missing_in = {name: variant_name(set(error_sources) - {name}, error_sources) for name in error_sources}
     needed = list(dict.fromkeys([ALL, NONE, *alone_in.values(), *missing_in.values()]))
     begun = sorted({drive for name in needed for drive in errors.get(name, {})})
     drives = [drive for drive in begun if all(drive in errors.get(name, {}) for name in needed)]
     if not drives:
-        rows = [row_with_fraction(name, BudgetFigure()) for name in sources]
+        rows = [row_with_fraction(name, BudgetFigure()) for name in error_sources]
         return Budget(
             configuration=configuration,
             condition=condition,
@@ -111,7 +114,7 @@ def budget_of(
     rest = none.mean_square / whole.mean_square
     total = rest.copy()
     rows = []
-    for name in sources:
+    for name in error_sources:
         only, without = moments[alone_in[name]], moments[missing_in[name]]
         alone = (only.mean_square - none.mean_square) / whole.mean_square
         removed = (whole.mean_square - without.mean_square) / whole.mean_square
@@ -170,16 +173,16 @@ def _figure(values: FloatArray, drives: int) -> BudgetFigure:
     return BudgetFigure(value, (value - half, value + half))
 
 
-def row_with_fraction(source: str, alone: BudgetFigure) -> BudgetRow:
+def row_with_fraction(error_source: str, alone: BudgetFigure) -> BudgetRow:
     """Return a row whose other figures are unknown."""
     unknown = BudgetFigure()
-    return BudgetRow(source=source, alone=alone, removed=unknown, interaction=unknown, mean_m=None, sigma_m=None)
+    return BudgetRow(source=error_source, alone=alone, removed=unknown, interaction=unknown, mean_m=None, sigma_m=None)
 
 
 def budgets_of(results: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator[Budget]:
     """Yield the error budget of each configuration and condition; nothing if the suite is not a budget."""
-    sources = error_sources_of([job.source.variant for job in planned])
-    if not sources:
+    error_sources = error_sources_of([job.variant for job in planned])
+    if not error_sources:
         return
     for configuration in dict.fromkeys(result.job.configuration for result in results):
         used = [result for result in results if result.job.configuration == configuration and result.job.repeat == 0]
@@ -188,8 +191,8 @@ def budgets_of(results: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator
             for result in used:
                 found = _drive_errors(result.score, condition)
                 if found is not None:
-                    errors.setdefault(result.job.source.variant, {})[result.job.source.name] = found
-            yield budget_of(sources, condition, errors, configuration=configuration)
+                    errors.setdefault(result.job.variant, {})[result.job.source.name] = found
+            yield budget_of(error_sources, condition, errors, configuration=configuration)
 
 
 def _drive_errors(score: Score, condition: str) -> DriveErrors | None:

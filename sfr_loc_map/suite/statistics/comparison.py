@@ -27,18 +27,20 @@ from sfr_loc_map.metrics.statistics.intervals import Interval, holm
 from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation
-from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName, figures_of
+from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind, figures_of
 from sfr_loc_map.suite.statistics.pairing import PairKey, have_one_configuration, without_configuration
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 from sfr_loc_map.suite.statistics.summary import Summary
 
-SIGNIFICANCE = 0.05
+SIGNIFICANCE = 0.05  #: Level of the corrected p-values below which a difference is reported.
 COMPARED = (ComparedKind.ACCURACY, ComparedKind.MEMORY)  #: Times are excluded because they depend on the host's load.
 COUNTED = (ComparedKind.LOST, ComparedKind.DEGRADED, ComparedKind.MISSING)
 """Counts of frames, which are added over the drives. Their ratios are undefined, because most drives have a count of 0.
 """
-DRAWS, SEED = 20_000, 20260202
+DRAWS = 20_000
+"""Number of random sign choices. The standard error of a p-value of 0.05 is sqrt(0.05 * 0.95 / DRAWS), here 0.0015."""
+SEED = 20260202  #: Seed of the random sign choices; an arbitrary number. Fixed, so that results are repeatable.
 MIN_TESTED = 6  #: With fewer drives, no p-value can be below 0.03.
 
 
@@ -120,21 +122,21 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
             f"'{names[0]}' and '{names[1]}' have no drive in common: run the same sources, faults and conditions"
         )
     # by group and figure, the ratios of the repeats of each drive
-    ratios: dict[tuple[str, FigureName], dict[str, list[JobRatio]]] = {}
-    counts: dict[tuple[str, FigureName], list[tuple[float, float]]] = {}
+    ratios: dict[tuple[str, ComparedFigure], dict[str, list[JobRatio]]] = {}
+    counts: dict[tuple[str, ComparedFigure], list[tuple[float, float]]] = {}
     for first_result, other_result in common:
         group = first_result.job.group.text
         other_figures = figures_of(other_result.score)
         first_figures = figures_of(first_result.score)
-        for name in dict.fromkeys((*first_figures, *other_figures)):
-            in_both = name in first_figures and name in other_figures
-            if name.kind in COMPARED and (in_both or name.kind is ComparedKind.ACCURACY):
+        for figure in dict.fromkeys((*first_figures, *other_figures)):
+            in_both = figure in first_figures and figure in other_figures
+            if figure.kind in COMPARED and (in_both or figure.kind is ComparedKind.ACCURACY):
                 ratio = JobRatio(
-                    label=first_result.job.label, first=first_figures.get(name), other=other_figures.get(name)
+                    label=first_result.job.label, first=first_figures.get(figure), other=other_figures.get(figure)
                 )
-                ratios.setdefault((group, name), {}).setdefault(first_result.job.drive_key, []).append(ratio)
-            if name.kind in COUNTED and in_both:
-                counts.setdefault((group, name), []).append((first_figures[name], other_figures[name]))
+                ratios.setdefault((group, figure), {}).setdefault(first_result.job.drive_key, []).append(ratio)
+            if figure.kind in COUNTED and in_both:
+                counts.setdefault((group, figure), []).append((first_figures[figure], other_figures[figure]))
     left_out = (len(first_results) - len(common), len(other_results) - len(common))
     return SuiteComparison(
         names=names,
@@ -142,7 +144,7 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
         common=len(common),
         left_out=left_out,
         figures=tuple(_compared(ratios, names[0])),
-        counts=tuple(_added(group, name.name, pairs) for (group, name), pairs in counts.items()),
+        counts=tuple(_added(group, figure.name, pairs) for (group, figure), pairs in counts.items()),
     )
 
 
@@ -171,7 +173,7 @@ def _by_pair_key(*suites: Summary) -> list[dict[PairKey, ScoredJob]]:
 
 
 def _compared(
-    ratios: Mapping[tuple[str, FigureName], Mapping[str, Sequence[JobRatio]]], baseline: str
+    ratios: Mapping[tuple[str, ComparedFigure], Mapping[str, Sequence[JobRatio]]], baseline: str
 ) -> Iterator[FigureComparison]:
     """Yield the comparison of each figure of each group; `ratios` has those of the repeats and copies of each drive.
 
@@ -180,7 +182,7 @@ def _compared(
     log_ratios = [_log_ratios(drives.values()) for drives in ratios.values()]
     p_values = [sign_flip_p(logs) for logs in log_ratios]
     rows = zip(ratios.items(), log_ratios, p_values, holm(p_values), strict=True)
-    for ((group, name), drives), logs, p, corrected in rows:
+    for ((group, figure), drives), logs, p, corrected in rows:
         outcome = Outcome.NOT_ENOUGH_DATA if logs.any() else Outcome.EQUAL
         if corrected is not None and logs.any():
             direction = Outcome.WORSE if logs.mean() > 0.0 else Outcome.BETTER
@@ -190,8 +192,8 @@ def _compared(
         yield FigureComparison(
             group=group,
             baseline=baseline,
-            kind=name.kind,
-            figure=name.name,
+            kind=figure.kind,
+            figure=figure.name,
             drives=len(drives),
             without=(
                 sum(any(item.first is None for item in items) for items in drives.values()),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import chain
 
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import CallKind
@@ -30,56 +32,91 @@ class ComparedKind(StrEnum):
     MEMORY = "memory"
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class FigureName:
-    """A compared figure: its kind, and its name with unit, such as `position over 5 m, m`.
+@dataclass(frozen=True, slots=True)
+class ComparedFigure:
+    """A compared figure. Figures with the same keys are equal, even if two versions of the program display other names.
 
     Smaller values are better, except for the normalised errors (NEES), which are best at 1.
     """
 
     kind: ComparedKind
-    name: str
+    name: str = field(compare=False)  #: Displayed name with unit, such as `position over 5 m, m`.
+    figure: str  #: Figure of the catalogue.
+    statistic: str  #: Column of its row.
+    condition: str = ""  #: Condition of its row; empty if it has none.
+    part: str = ""  #: Part of its row if the part is not the judged one.
+
+    @classmethod
+    def known_by_name(cls, kind: ComparedKind, name: str) -> ComparedFigure:
+        """Return a figure of which only the displayed name is known."""
+        return cls(kind, name, figure=name, statistic="")
+
+    @property
+    def is_known_by_name(self) -> bool:
+        """Whether only the displayed name is known."""
+        return not self.statistic
 
 
-def figures_of(score: Score) -> dict[FigureName, float]:
+def figures_of(score: Score) -> dict[ComparedFigure, float]:
     """Return the compared figures that a score has: all counts and errors, and the positive values of other figures.
 
     Other figures must be positive because their logarithms are compared. A time or memory of 0 is unknown.
     """
-    found: dict[FigureName, float | None] = {}
+    found = dict(chain(_trajectory_figures(score), _map_figures(score), _call_figures(score)))
+    known = {figure: value for figure, value in found.items() if value is not None and value >= 0.0}
+    with_minimum = (ComparedKind.ACCURACY, ComparedKind.NEES)
+    raised = {
+        figure: max(value, LEAST_ERROR) if figure.kind in with_minimum else value for figure, value in known.items()
+    }
+    defined = {figure: value for figure, value in raised.items() if value > 0.0}
+    counts = {figure: count for figure, count in _counts(score) if count is not None}
+    return {**defined, **counts}
+
+
+def _trajectory_figures(score: Score) -> Iterator[tuple[ComparedFigure, float | None]]:
+    """Yield the errors of a trajectory for each condition, and the NEES relative to the expected NEES."""
     errors = [kind for kind in KINDS.values() if kind.subject is Subject.TRAJECTORY]
     for condition in score.conditions:
         over = label_of(condition)
         for kind in errors:
             for statistic in kind.compared:
-                title = f"{_compared_title(kind.name, statistic)} over {over}, {kind.unit}"
-                name = FigureName(ComparedKind.ACCURACY, title)
-                found[name] = score.number(kind.name, statistic, condition=condition)
+                name = f"{_compared_title(kind.name, statistic)} over {over}, {kind.unit}"
+                figure = ComparedFigure(ComparedKind.ACCURACY, name, kind.name, statistic, condition)
+                yield figure, score.number(kind.name, statistic, condition=condition)
         nees = score.figure("nees", condition=condition, part="pose")
-        expected = FigureName(ComparedKind.NEES, f"NEES over {over}, relative to the expected NEES")
-        found[expected] = None if nees is None or nees.mean is None or not nees.value else nees.mean / nees.value
+        name = f"NEES over {over}, relative to the expected NEES"
+        relative = None if nees is None or nees.mean is None or not nees.value else nees.mean / nees.value
+        yield ComparedFigure(ComparedKind.NEES, name, "nees", "mean", condition, "pose"), relative
+
+
+def _map_figures(score: Score) -> Iterator[tuple[ComparedFigure, float | None]]:
+    """Yield the errors of a map, and the fraction of the truth that the map does not cover."""
     for kind in MAP_ERRORS:
         for statistic in kind.compared:
-            name = FigureName(ComparedKind.ACCURACY, f"map {_compared_title(kind.title, statistic)}, {kind.unit}")
-            found[name] = score.number(kind.name, statistic, part=None)
+            name = f"map {_compared_title(kind.title, statistic)}, {kind.unit}"
+            figure = ComparedFigure(ComparedKind.ACCURACY, name, kind.name, statistic)
+            yield figure, score.number(kind.name, statistic, part=None)
     coverage = score.number("coverage", part=None)
     uncovered = None if coverage is None else max(1.0 - coverage, LEAST_SHARE)
-    found[FigureName(ComparedKind.ACCURACY, "map not covered, share")] = uncovered
+    yield ComparedFigure(ComparedKind.ACCURACY, "map not covered, share", "coverage", "value"), uncovered
+
+
+def _call_figures(score: Score) -> Iterator[tuple[ComparedFigure, float | None]]:
+    """Yield the mean time and the peak memory of each kind of call."""
     for call in (CallKind.LOCALISATION, CallKind.MAPPING_CALL, CallKind.MAPPING):
-        found[FigureName(ComparedKind.TIME, f"{call} mean, s")] = score.number(call, "mean", part=None)
-        found[FigureName(ComparedKind.MEMORY, f"{call} peak, bytes")] = score.number("peak", part=call)
-    known = {name: value for name, value in found.items() if value is not None and value >= 0.0}
-    with_minimum = (ComparedKind.ACCURACY, ComparedKind.NEES)
-    raised = {name: max(value, LEAST_ERROR) if name.kind in with_minimum else value for name, value in known.items()}
-    defined = {name: value for name, value in raised.items() if value > 0.0}
+        time = ComparedFigure(ComparedKind.TIME, f"{call} mean, s", call.value, "mean")
+        yield time, score.number(call, "mean", part=None)
+        peak = ComparedFigure(ComparedKind.MEMORY, f"{call} peak, bytes", "peak", "value", part=call.value)
+        yield peak, score.number("peak", part=call)
+
+
+def _counts(score: Score) -> Iterator[tuple[ComparedFigure, float | None]]:
+    """Yield the numbers of lost, degraded and missing frames of a trajectory."""
     if (drive := score.association) is not None:
-        counts = {
-            FigureName(ComparedKind.LOST, "lost, frames"): drive.lost,
-            FigureName(ComparedKind.DEGRADED, "degraded, frames"): drive.degraded,
-            FigureName(ComparedKind.MISSING, "missing, frames"): score.number("missing", part="count"),
-        }
-        defined |= {name: count for name, count in counts.items() if count is not None}
-    return defined
+        missing = score.number("missing", part="count")
+        counts = {ComparedKind.LOST: drive.lost, ComparedKind.DEGRADED: drive.degraded, ComparedKind.MISSING: missing}
+        for kind, count in counts.items():
+            yield ComparedFigure(kind, f"{kind}, frames", kind.value, "value", part="count"), count
 
 
 def map_error_of(score: Score) -> float | None:

@@ -1,4 +1,4 @@
-"""The groups of a suite's results, with pooled errors and verdicts, and the decision of sequential tests.
+"""The groups of a suite's results, with pooled errors and verdicts, and whether sequential tests have decided them.
 
 The results with the same task, configuration and faults form a group.
 """
@@ -15,11 +15,9 @@ from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.suite.running.job import NO_CONFIGURATION, GroupKey, Job
-from sfr_loc_map.suite.running.job_outcome import JobState
-from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
 from sfr_loc_map.suite.statistics.pooling import pool
-from sfr_loc_map.suite.statistics.scored_job import ScoredJob, read_scored_job, undeclared_items_in
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob, undeclared_items_in
 
 
 class Group(Struct, frozen=True, kw_only=True):
@@ -100,26 +98,8 @@ def are_decided(groups: Sequence[Group], planned: Collection[GroupKey]) -> bool:
     )
 
 
-class SequentialDecision:
-    """Checks during a suite whether all limits are decided by sequential tests; reads and judges each result once."""
-
-    def __init__(self, store: Store, jobs: Sequence[Job], limits: Limits | None) -> None:
-        """Read the existing results of the jobs of a suite."""
-        self._store, self._jobs, self._limits = store, jobs, limits
-        self._planned = planned_groups_of(jobs)
-        done = [job for job in jobs if store.state(job) is JobState.DONE]
-        self._scored = {job.key: read_scored_job(job, store, limits) for job in done}
-
-    def add(self, job: Job) -> None:
-        """Read the result of a finished job."""
-        if self._store.state(job) is JobState.DONE:
-            self._scored[job.key] = read_scored_job(job, self._store, self._limits)
-        else:
-            self._scored.pop(job.key, None)
-
-    @property
-    def is_made(self) -> bool:
-        """Whether no more drives are required."""
-        results = [self._scored[job.key] for job in self._jobs if job.key in self._scored]
-        unfinished = [job for job in self._jobs if job.key not in self._scored]
-        return are_decided([*groups_of(results, self._limits, unfinished, is_pooled=False)], self._planned)
+def is_suite_decided(jobs: Sequence[Job], results: Sequence[ScoredJob], limits: Limits | None) -> bool:
+    """Return whether sequential tests have decided all limits of a suite, so no more drives are required."""
+    finished = {result.job.key for result in results}
+    unfinished = [job for job in jobs if job.key not in finished]
+    return are_decided([*groups_of(results, limits, unfinished, is_pooled=False)], planned_groups_of(jobs))

@@ -16,7 +16,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 
 import numpy as np
 
@@ -26,8 +26,8 @@ from sfr_loc_map.metrics.statistics.intervals import Interval
 from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.statistics.common_deviations import without_numbers
-from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
-from sfr_loc_map.suite.statistics.night import Night
+from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
+from sfr_loc_map.suite.statistics.night import Night, with_figures_of_other_nights
 from sfr_loc_map.suite.statistics.night_changes import FoundChange, changes_of
 from sfr_loc_map.suite.statistics.night_comparison import (
     MIN_JOBS_OF_SCATTER,
@@ -41,7 +41,7 @@ from sfr_loc_map.suite.statistics.pairing import PairKey, have_one_configuration
 
 FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and jobs.
 SHORT_COMMIT = 9
-WITHOUT_RESULT = FigureName(ComparedKind.FAILED, "jobs without a result, share")
+WITHOUT_RESULT = ComparedFigure(ComparedKind.FAILED, "jobs without a result, share", "jobs_without_result", "value")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,6 +152,7 @@ def find_changes(nights: Sequence[Night]) -> History:
         raise MetricsError(f"a history requires at least two suites, found {len(nights)}: give several folders")
     if have_one_configuration(night.labels for night in nights):
         nights = [night.without_configurations() for night in nights]
+    nights = with_figures_of_other_nights(nights)
     keys = list(dict.fromkeys(key for night in nights for key in night.labels))
     if not keys:
         raise InputError(f"none of the {len(nights)} suites has a result: give folders of finished suites")
@@ -159,18 +160,18 @@ def find_changes(nights: Sequence[Night]) -> History:
     changes: list[tuple[int, Change]] = []  # with the number of the night
     series = {}
     tested = 0
-    for name, table in tables.items():
-        scale = SCALES[name.kind]
+    for figure, table in tables.items():
+        scale = SCALES[figure.kind]
         has_figure = np.asarray(np.isfinite(table).any(axis=1))
         jobs = [key for key, has in zip(keys, has_figure, strict=True) if has]
         values = table[has_figure]
         x = scale.apply(values)
-        series[name.name] = _means_of_nights(values, scale)
-        if name != WITHOUT_RESULT and is_last_night_tested(x, scale):
+        series[figure.name] = _means_of_nights(values, scale)
+        if figure != WITHOUT_RESULT and is_last_night_tested(x, scale):
             tested += 1
         for found in changes_of(x, scale, FALSE_ALARM_RATE / len(tables)):
             changed = [jobs[index] for index in found.jobs]
-            changes.append((found.night, _described_change(found, values, name, nights, changed)))
+            changes.append((found.night, _described_change(found, values, figure, nights, changed)))
     return History(
         nights=tuple(night.name for night in nights),
         commits=tuple(night.commit for night in nights),
@@ -201,12 +202,15 @@ def _means_of_nights(values: FloatArray, scale: Scale) -> tuple[float | None, ..
     return tuple(mean if np.isfinite(mean) else None for mean in means)
 
 
-def _figure_tables(nights: Sequence[Night], keys: Sequence[PairKey]) -> dict[FigureName, FloatArray]:
-    """Return the values `(job, night)` of each figure, NaN if missing; a further figure: a job has no result."""
-    names = sorted({name for night in nights for figures in night.figures.values() for name in figures})
+def _figure_tables(nights: Sequence[Night], keys: Sequence[PairKey]) -> dict[ComparedFigure, FloatArray]:
+    """Return the values `(job, night)` of each figure, NaN if missing; a further figure: a job has no result.
+
+    A figure has the name of the last night with the figure.
+    """
+    latest = {figure: figure for night in nights for figures in night.figures.values() for figure in figures}
     tables = {
-        name: np.array([[night.figures.get(key, {}).get(name, np.nan) for night in nights] for key in keys])
-        for name in names
+        figure: np.array([[night.figures.get(key, {}).get(figure, np.nan) for night in nights] for key in keys])
+        for figure in sorted(latest.values(), key=attrgetter("kind", "name"))
     }
     has_result = np.array([[key in night.figures for night in nights] for key in keys])
     is_planned = np.array([[key in night.labels for night in nights] for key in keys])
@@ -216,7 +220,7 @@ def _figure_tables(nights: Sequence[Night], keys: Sequence[PairKey]) -> dict[Fig
 
 
 def _described_change(
-    found: FoundChange, values: FloatArray, name: FigureName, nights: Sequence[Night], jobs: Sequence[PairKey]
+    found: FoundChange, values: FloatArray, figure: ComparedFigure, nights: Sequence[Night], jobs: Sequence[PairKey]
 ) -> Change:
     """Return a change of a figure `(job, night)` in its unit, with the labels and paths of the changed jobs.
 
@@ -224,8 +228,8 @@ def _described_change(
     """
     labels = {key: label for night in nights for key, label in night.labels.items()}
     paths = {key: path for night in nights for key, path in night.paths.items()}
-    undo = SCALES[name.kind].undo
-    is_nees = name.kind is ComparedKind.NEES
+    undo = SCALES[figure.kind].undo
+    is_nees = figure.kind is ComparedKind.NEES
     is_worse = abs(found.after) > abs(found.before) if is_nees else found.after > found.before
     ci95 = None
     if undo is None:
@@ -240,8 +244,8 @@ def _described_change(
         night=first.name,
         before_night=last.name,
         commits=(last.commit, first.commit),
-        kind=name.kind,
-        figure=name.name,
+        kind=figure.kind,
+        figure=figure.name,
         outcome=Outcome.WORSE if is_worse else Outcome.BETTER,
         jobs=tuple(labels[job] for job in jobs),
         paths=tuple(dict.fromkeys(paths[job] for job in jobs)),

@@ -15,7 +15,7 @@ from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.metrics.stored.score_json import from_plain
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation
-from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
+from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
 from sfr_loc_map.suite.statistics.pairing import PairKey, without_configuration
 from sfr_loc_map.suite.statistics.summary import SCHEMA
 
@@ -48,6 +48,7 @@ class SuiteFile(msgspec.Struct, frozen=True, kw_only=True):
     refusals: list[Refusal] = []
     waiting_jobs: list[str] = []
     deviations: list[CommonDeviation] = []
+    compared_figures: list[ComparedFigure] = []  #: Keys of the figures by their names; empty in earlier versions.
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +59,7 @@ class Night:
     commit: str | None
     labels: Mapping[PairKey, str]
     paths: Mapping[PairKey, str]  #: Paths of the sources.
-    figures: Mapping[PairKey, Mapping[FigureName, float]]
+    figures: Mapping[PairKey, Mapping[ComparedFigure, float]]
     time: str = ""  #: Time of the run, ISO 8601 in UTC; empty if unknown.
     waiting: tuple[str, ...] = ()  #: Labels of the jobs that were not run, and paths of the refused sources.
     deviations: tuple[str, ...] = ()  #: Deviations of the results, as sentences.
@@ -70,9 +71,13 @@ class Night:
         return (*failed, *self.waiting)
 
     def is_copy_of(self, other: Night) -> bool:
-        """Return whether two folders have the same night: the same time, commit and figures."""
-        is_equal = (self.time, self.commit, self.figures) == (other.time, other.commit, other.figures)
-        return bool(self.time) and is_equal
+        """Return whether two folders have the same night: the same time, commit and values of all figures."""
+        is_same_run = bool(self.time) and (self.time, self.commit) == (other.time, other.commit)
+        return is_same_run and self._values == other._values
+
+    @property
+    def _values(self) -> dict[PairKey, list[float]]:
+        return {key: [*of_job.values()] for key, of_job in self.figures.items()}
 
     @classmethod
     def read(cls, folder: Path) -> Night:
@@ -81,12 +86,13 @@ class Night:
         with refusing(f"cannot read the figures of '{path}'", f"make it with sfr suite report '{folder}'"):
             suite = _suite_file(parse_json(path.read_bytes()))
             jobs = {job.key: job for job in (*suite.results, *suite.failures)}
+            by_name = {(item.kind, item.name): item for item in suite.compared_figures}
             return cls(
                 name=str(folder),
                 commit=suite.git["commit"],
                 labels={key: job.label for key, job in jobs.items()},
                 paths={key: job.path or job.source for key, job in jobs.items()},
-                figures={job.key: _figures(job) for job in suite.results},
+                figures={job.key: _figures(job, by_name) for job in suite.results},
                 time=suite.time or "",
                 waiting=(*suite.waiting_jobs, *(source.path for source in suite.refusals)),
                 deviations=tuple(item.text for item in suite.deviations),
@@ -108,12 +114,38 @@ def _suite_file(content: object) -> SuiteFile:
     return from_plain(SuiteFile, content)
 
 
-def _figures(job: JobOfNight) -> dict[FigureName, float]:
-    """Return the figures of a result by their name; ValueError if a figure is negative, too large or NaN."""
-    for _, name, value in job.figures:
+def _figures(
+    job: JobOfNight, by_name: Mapping[tuple[ComparedKind, str], ComparedFigure]
+) -> dict[ComparedFigure, float]:
+    """Return the figures of a result; ValueError if a value is negative, too large or NaN."""
+    found = {}
+    for kind, name, value in job.figures:
         if not 0.0 <= value <= MAX_NUMBER:
             raise ValueError(f"{name} is {value:g}: a number of 0 to {MAX_NUMBER:g} is required")
-    return {FigureName(kind, name): value for kind, name, value in job.figures}
+        found[by_name.get((kind, name), ComparedFigure.known_by_name(kind, name))] = value
+    return found
+
+
+def with_figures_of_other_nights(nights: Sequence[Night]) -> list[Night]:
+    """Return the nights; figures that are known by their names are the figures that have these names in other nights.
+
+    `suite.json` of earlier versions states only the names.
+    """
+    figures = {figure for night in nights for of_job in night.figures.values() for figure in of_job}
+    by_name = {(figure.kind, figure.name): figure for figure in figures if not figure.is_known_by_name}
+
+    def known(figure: ComparedFigure) -> ComparedFigure:
+        return by_name.get((figure.kind, figure.name), figure) if figure.is_known_by_name else figure
+
+    return [
+        replace(
+            night,
+            figures={
+                key: {known(figure): value for figure, value in of_job.items()} for key, of_job in night.figures.items()
+            },
+        )
+        for night in nights
+    ]
 
 
 def check_order(nights: Sequence[Night]) -> None:

@@ -20,6 +20,8 @@ from sfr_loc_map.metrics.table.row_part import POOLED
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
 
+FIGURE_OF_AXES = "position"  #: Figure whose rows are the components of error vectors.
+
 
 class DriveScore(NamedTuple):
     """The score of a result with its drive."""
@@ -70,9 +72,12 @@ def _without_copies(figure: str, condition: str, sources: Iterable[Sequence[Driv
 
 
 def rows_by_axis(score: Score, kind: FigureKind, condition: str) -> list[Figure]:
-    """Return the row of each axis of a vector, or the judged row of a scalar; empty if a row is missing."""
+    """Return the row of each axis of a vector, or the judged row of a scalar; empty if a row is missing.
+
+    The axes of a vector are parts of the figure `position` (`FigureKind.axes`): `horizontal` has those for x and y.
+    """
     if kind.axes:
-        rows = [score.figure("position", condition=condition, part=axis) for axis in kind.axes]
+        rows = [score.figure(FIGURE_OF_AXES, condition=condition, part=axis) for axis in kind.axes]
     else:
         rows = [score.judged_row(kind.name, condition=condition)]
     found = [row for row in rows if row is not None]
@@ -82,7 +87,8 @@ def rows_by_axis(score: Score, kind: FigureKind, condition: str) -> list[Figure]
 def pooled_row(figure: str, condition: str, results: Sequence[DriveRows]) -> Figure:
     """Return mean, sigma and mean + 3 sigma of all values of the results.
 
-    The interval resamples drives, each with all of its results. `independent` is the number of drives.
+    Quantiles are undefined, because those of all values do not follow from those of the drives. The interval resamples
+    drives, each with all of its results. `independent` is the number of drives.
     """
     drive_keys = dict.fromkeys(result.drive_key for result in results)
     numbers = {drive_key: number for number, drive_key in enumerate(drive_keys)}

@@ -12,6 +12,7 @@ from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.running.job import NO_CONFIGURATION, Job
+from sfr_loc_map.suite.running.job_outcome import JobState
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.pooling import DriveScore
@@ -44,8 +45,8 @@ class ScoredJob:
             "source": job.source.name,
             "configuration": job.configuration,
             "faults": job.faults,
-            "variant": job.source.variant,
-            "seed": job.source.seed,
+            "variant": job.variant,
+            "seed": job.seed,
             "repeat": job.repeat,
         }
 
@@ -55,7 +56,7 @@ class ScoredJob:
             "path": self.job.source.path,
             "pairing": self.job.pairing,
             "file": f"results/{self.job.key}.json",
-            "figures": [[*to_plain(name).values(), value] for name, value in figures_of(self.score).items()],
+            "figures": [[item.kind, item.name, value] for item, value in figures_of(self.score).items()],
             "verdicts": to_plain(self.score.verdicts),
         }
         for name in ("incomplete", "contradiction", "findings"):
@@ -64,11 +65,28 @@ class ScoredJob:
         return content
 
 
-def read_scored_job(job: Job, store: Store, limits: Limits | None) -> ScoredJob:
-    """Read the result of a job, and judge the result by the limits that apply to its subjects."""
-    score = store.score(job)
-    of_score = limits_about(limits, tasks_of(score))
-    return ScoredJob(job, judged_by(score, of_score, partial=job.scoring.partial))
+class ResultReader:
+    """Reads the results of a suite, and judges them by limits. Each result is read once."""
+
+    def __init__(self, store: Store, limits: Limits | None) -> None:
+        self._store, self._limits = store, limits
+        self._read: dict[str, ScoredJob] = {}  # by key of the job
+
+    def results_of(self, jobs: Sequence[Job]) -> list[ScoredJob]:
+        """Return the results of those jobs that have one, in the order of the jobs.
+
+        InputError if a result cannot be read, or if a result is not that of its job.
+        """
+        for job in jobs:
+            if job.key not in self._read and self._store.state(job) is JobState.DONE:
+                self._read[job.key] = self._judged(job)
+        return [self._read[job.key] for job in jobs if job.key in self._read]
+
+    def _judged(self, job: Job) -> ScoredJob:
+        """Return the result of a job, judged by the limits that apply to its subjects."""
+        score = self._store.score(job)
+        of_score = limits_about(self._limits, tasks_of(score))
+        return ScoredJob(job, judged_by(score, of_score, partial=job.scoring.partial))
 
 
 def undeclared_items_in(results: Sequence[ScoredJob]) -> tuple[str, ...]:

@@ -20,9 +20,10 @@ from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.budget import Budget, budgets_of
 from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation, common_deviations, deviations_of_all
+from sfr_loc_map.suite.statistics.figures import ComparedFigure, figures_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
 from sfr_loc_map.suite.statistics.groups import Group, are_decided, groups_of, planned_groups_of
-from sfr_loc_map.suite.statistics.scored_job import ScoredJob, read_scored_job
+from sfr_loc_map.suite.statistics.scored_job import ResultReader, ScoredJob
 
 SCHEMA = "sfr-suite/1"
 
@@ -125,6 +126,11 @@ class Summary:
         planned = needed + len(self.refusals)
         return suite_completeness(len(self.results), planned or None)
 
+    @property
+    def compared_figures(self) -> tuple[ComparedFigure, ...]:
+        """Figures of the results that comparisons and histories use."""
+        return tuple(dict.fromkeys(figure for result in self.results for figure in figures_of(result.score)))
+
     def to_dict(self) -> dict[str, object]:
         """Return the summary as JSON values; each result has its names, figures, verdicts and the file of its score."""
         rows = ("deviations", "groups", "failures", "refusals", "workers", "budgets", "copies", "replaced_truths")
@@ -133,20 +139,23 @@ class Summary:
         parts["waiting_jobs"] = [] if self.is_decided else list(self.waiting_jobs)
         head = {"schema": SCHEMA, "version": __version__, "code": self.code, "order_seed": self.order_seed}
         head["counts"] = to_plain(self.counts)
+        parts["compared_figures"] = to_plain(self.compared_figures)
         return {**head, **self.run, **parts, "results": [result.to_dict() for result in self.results]}
 
 
-def summarise(store: Store, unchecked: Sequence[str] = ()) -> Summary:
+def summarise(store: Store, unchecked: Sequence[str] = (), reader: ResultReader | None = None) -> Summary:
     """Read the results in the folder of a suite, judge them by the limits of the plan, and return their summary.
 
-    `unchecked` are sentences about parts of the plan that were not compared with the suite. They are deviations.
-    InputError if a result or a failure cannot be read, or if a result is not that of its job.
+    `unchecked` are sentences about parts of the plan that were not compared with the suite. They are deviations. A
+    `reader` with the limits of the plan may have read some of the results before. InputError if a result or a failure
+    cannot be read, or if a result is not that of its job.
     """
     jobs, limits = store.jobs, store.limits
+    reader = reader or ResultReader(store, limits)
     in_state: dict[JobState, list[Job]] = {state: [] for state in JobState}
     for job in jobs:
         in_state[store.state(job)].append(job)
-    results = [read_scored_job(job, store, limits) for job in in_state[JobState.DONE]]
+    results = reader.results_of(in_state[JobState.DONE])
     unfinished = [*in_state[JobState.FAILED], *in_state[JobState.WAITING]]
     order_seed = jobs[0].order_seed if jobs else 0
     about_all = (*unchecked, *_chosen_order(order_seed))

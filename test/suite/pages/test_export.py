@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from helpers.made_suites import JOB
+from helpers.made_suites import JOB, recording
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.judging.judge import judged_by
@@ -26,10 +26,7 @@ from sfr_loc_map.suite.statistics.verdict_texts import verdict_texts_of
 @pytest.fixture
 def summary(score: Score) -> Summary:
     limits = parse_limits({"trajectory": [{"condition": "distance=1", "position_mean_m": 1e-9}]}, "limits")
-    drives = [
-        ScoredJob(replace(JOB, source=replace(JOB.source, name=name)), judged_by(score, limits))
-        for name in ("first", "other")
-    ]
+    drives = [ScoredJob(replace(JOB, source=recording(name)), judged_by(score, limits)) for name in ("first", "other")]
     failed = JobFailure("k", "localise third", "third.mcap", FailureCause.TIME, "not done after 5 s")
     return Summary(
         jobs=3, waiting=0, groups=tuple(groups_of(drives, limits)), results=tuple(drives), failures=(failed,),

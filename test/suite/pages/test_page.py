@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from helpers.made_suites import JOB
+from helpers.made_suites import JOB, recording
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import Association
 from sfr_loc_map.metrics.table.rows import figure_row
@@ -55,9 +55,7 @@ def summary_of(drive_errors: list[float | None], map_errors: list[float | None])
         if error is not None:
             rows += (figure_row("point_error", n=9, mean_plus_3sigma=error, p50=error, p95=error),)
         found.append((f"map{number}", Score(figures=rows)))
-    results = tuple(
-        ScoredJob(replace(JOB, source=replace(JOB.source, name=name, sha256=name)), score) for name, score in found
-    )
+    results = tuple(ScoredJob(replace(JOB, source=recording(name, sha256=name)), score) for name, score in found)
     return Summary(
         jobs=len(results), waiting=0, groups=(), results=results, failures=(), refusals=(), code="", waiting_jobs=()
     )

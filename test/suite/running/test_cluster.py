@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("distributed", reason="needs the extra [suite]")
-from helpers.made_suites import JOB
+from helpers.made_suites import JOB, recording
 from sfr_loc_map.suite.running import cluster
 from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
 from sfr_loc_map.suite.running.job_outcome import FailureCause
@@ -33,7 +33,7 @@ def test_a_job_that_fails_has_its_cause_and_fails_no_other_job(tmp_path: Path, m
     from helpers.misbehaving_jobs import Misbehaving
 
     monkeypatch.setattr(cluster, "TRIES", TRIES)  # one try fewer than usual: each costs the start of a worker
-    jobs = [replace(JOB, source=replace(JOB.source, name=name, sha256=name)) for name in EXPECTED]
+    jobs = [replace(JOB, source=recording(name, sha256=name)) for name in EXPECTED]
     with connected(SuiteSettings(memory_mb=600), workers=2, scheduler=None) as client:
         client.register_plugin(Misbehaving())
         at_work = SuiteWorkers(client, print, 60.0)

@@ -10,10 +10,8 @@ import yaml
 
 from helpers.made_suites import JOB
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.suite.running.configurations import check_masks, chosen_method
-from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.configurations import Configuration, check_input_files
 from sfr_loc_map.suite.running.specification import load_specification
-from sfr_loc_map.suite_names import Task
 
 FILES = ("mine.py", "beside.py", "weights.bin", "more/net.bin")
 
@@ -33,38 +31,38 @@ def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def job_of(suite: Path) -> Job:
-    return replace(JOB, parameters=load_specification(suite).configurations["mine"])
+def configuration_in(suite: Path) -> Configuration:
+    return load_specification(suite).configurations["mine"]
 
 
-def section_of(job: Job) -> dict[str, object]:
-    return {name.removeprefix("localisation."): value for name, value in job.parameters.items()}
+def key_of(configuration: Configuration) -> str:
+    return replace(JOB, parameters=configuration.parameters, input_files=configuration.input_files).key
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_other_files_of_a_method_are_another_job(suite: Path, name: str) -> None:
-    before = job_of(suite)
-    assert chosen_method(section_of(before), Task.LOCALISATION) is not None
+    before = configuration_in(suite)
+    check_input_files(before)
     (suite.parent / "method" / name).write_text("# other")
-    assert job_of(suite).key != before.key
+    assert key_of(configuration_in(suite)) != key_of(before)
     with pytest.raises(InputError, match="differs from that of the plan"):
-        chosen_method(section_of(before), Task.LOCALISATION)
+        check_input_files(before)
 
 
 def test_a_worker_without_the_files_of_a_method_refuses_the_job(suite: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    job = job_of(suite)
+    configuration = configuration_in(suite)
     monkeypatch.delenv("SFR_METHOD_FILES")
     with pytest.raises(InputError, match="SFR_METHOD_FILES"):
-        chosen_method(section_of(job), Task.LOCALISATION)
+        check_input_files(configuration)
 
 
 def test_the_files_of_methods_do_not_change_a_built_in_method(suite: Path) -> None:
     content = yaml.safe_load(suite.read_text())
     content["configurations"] = {"mine": {"localisation": {"method": "opencv"}}}
     suite.write_text(yaml.safe_dump(content))
-    before = job_of(suite)
+    before = configuration_in(suite)
     (suite.parent / "method/weights.bin").write_text("other")
-    assert job_of(suite).key == before.key
+    assert configuration_in(suite) == before
 
 
 def test_a_worker_with_another_mask_refuses_the_job(tmp_path: Path) -> None:
@@ -74,8 +72,8 @@ def test_a_worker_with_another_mask_refuses_the_job(tmp_path: Path) -> None:
     suite = tmp_path / "suite.yaml"
     configurations = {"mine": {"localisation": {"left_mask": "mask.png"}}}
     suite.write_text(yaml.safe_dump({"sources": ["drive.mcap"], "configurations": configurations}))
-    section = section_of(job_of(suite))
-    check_masks(section)
+    configuration = configuration_in(suite)
+    check_input_files(configuration)
     mask.write_bytes(b"another mask")
     with pytest.raises(InputError, match="left_mask"):
-        check_masks(section)
+        check_input_files(configuration)

@@ -8,15 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from helpers.made_suites import JOB, straight
+from helpers.made_suites import JOB, recording, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.suite.running.drive_copies import DriveTrace, _trace, drives_of, trace_of_simulation, with_drives
-from sfr_loc_map.suite.running.job import JobSource, SourceKind
+from sfr_loc_map.suite.running.drive_copies import (
+    DriveTrace,
+    drives_of,
+    trace_of_simulation,
+    trace_of_truth,
+    with_drives,
+)
+from sfr_loc_map.suite.running.sources import Simulation
 
 RNG = np.random.default_rng(5)
 TRUTH = straight(200, 0.01, 1)
 GREY = tuple(RNG.integers(0, 255, 64).tolist())
-ORIGINAL = _trace(TRUTH, GREY)
+ORIGINAL = trace_of_truth(TRUTH, GREY)
 
 
 def are_copies(first: DriveTrace, second: DriveTrace) -> bool:
@@ -37,24 +43,29 @@ def continued(poses: int) -> Trajectory:
     return Trajectory(stamps_ns, positions, np.vstack((TRUTH.quats_xyzw[:poses], other.quats_xyzw)))
 
 
+def simulation(sha256: str, settings: dict[str, object]) -> Simulation:
+    seed = int(str(settings["seed"]))
+    return Simulation(name="a", path="a.yaml", sha256=sha256, drive=sha256, settings=settings, seed=seed)
+
+
 @pytest.mark.parametrize(
     ("trace", "is_copy"),
     [
-        (_trace(moved(1e-9), GREY), True),
-        (_trace(moved([3.0, -2.0, 1.0]), GREY), True),
-        (_trace(moved(np.linspace(0.0, 0.009, 200)[:, None] * [1.0, 0.0, 0.0]), GREY), True),
-        (_trace(TRUTH, tuple(level + 3 for level in GREY)), True),
-        (_trace(moved(np.linspace(0.0, 0.05, 200)[:, None] * [1.0, 0.0, 0.0]), GREY), False),
-        (_trace(TRUTH, tuple(RNG.integers(0, 255, 64).tolist())), False),
-        (_trace(TRUTH), False),
-        (_trace(straight(200, 0.01, 2), GREY), False),
-        (_trace(straight(199, 0.01, 2), GREY), False),
-        (_trace(TRUTH[1:], GREY), True),
-        (_trace(TRUTH[:110], GREY), True),
-        (_trace(TRUTH[60:140], GREY), True),
-        (_trace(continued(140), GREY), True),
-        (_trace(continued(60), GREY), False),
-        (_trace(TRUTH[:-1], tuple(RNG.integers(0, 255, 64).tolist())), False),
+        (trace_of_truth(moved(1e-9), GREY), True),
+        (trace_of_truth(moved([3.0, -2.0, 1.0]), GREY), True),
+        (trace_of_truth(moved(np.linspace(0.0, 0.009, 200)[:, None] * [1.0, 0.0, 0.0]), GREY), True),
+        (trace_of_truth(TRUTH, tuple(level + 3 for level in GREY)), True),
+        (trace_of_truth(moved(np.linspace(0.0, 0.05, 200)[:, None] * [1.0, 0.0, 0.0]), GREY), False),
+        (trace_of_truth(TRUTH, tuple(RNG.integers(0, 255, 64).tolist())), False),
+        (trace_of_truth(TRUTH), False),
+        (trace_of_truth(straight(200, 0.01, 2), GREY), False),
+        (trace_of_truth(straight(199, 0.01, 2), GREY), False),
+        (trace_of_truth(TRUTH[1:], GREY), True),
+        (trace_of_truth(TRUTH[:110], GREY), True),
+        (trace_of_truth(TRUTH[60:140], GREY), True),
+        (trace_of_truth(continued(140), GREY), True),
+        (trace_of_truth(continued(60), GREY), False),
+        (trace_of_truth(TRUTH[:-1], tuple(RNG.integers(0, 255, 64).tolist())), False),
     ],
 )
 def test_a_copy_is_known_by_its_path_and_its_images(trace: DriveTrace, is_copy: bool) -> None:
@@ -67,7 +78,7 @@ def test_stationary_drives_are_copies_only_by_their_images(grey: tuple[int, ...]
     """Two rovers stand at places 1000 m apart; their relative paths agree."""
     standing = Trajectory(TRUTH.stamps_ns, np.zeros_like(TRUTH.positions), TRUTH.quats_xyzw[:1].repeat(200, axis=0))
     elsewhere = replace(standing, positions=standing.positions + np.array([1000.0, 0.0, 0.0]))
-    assert are_copies(_trace(standing, grey), _trace(elsewhere, grey)) is is_copy
+    assert are_copies(trace_of_truth(standing, grey), trace_of_truth(elsewhere, grey)) is is_copy
 
 
 def test_a_turned_copy_is_a_copy() -> None:
@@ -77,15 +88,17 @@ def test_a_turned_copy_is_a_copy() -> None:
         (int(stamp), replace(pose, rotation=turn @ pose.rotation, translation=turn @ pose.translation))
         for stamp, pose in zip(TRUTH.stamps_ns, poses, strict=True)
     )
-    assert are_copies(_trace(turned, GREY), ORIGINAL)
-    assert are_copies(_trace(turned[:3], GREY), _trace(TRUTH[:3], GREY)), "three poses have too few steps"
+    assert are_copies(trace_of_truth(turned, GREY), ORIGINAL)
+    assert are_copies(trace_of_truth(turned[:3], GREY), trace_of_truth(TRUTH[:3], GREY)), (
+        "three poses have too few steps"
+    )
 
 
 def test_a_copy_with_rounded_positions_and_a_copy_of_a_short_drive_are_copies() -> None:
     """Rounding to 1 mm changes the steps by more than their tolerance, and three poses have too few steps."""
     rounded = Trajectory(TRUTH.stamps_ns, np.round(TRUTH.positions, 3), TRUTH.quats_xyzw)
-    assert are_copies(_trace(rounded, GREY), ORIGINAL)
-    assert are_copies(_trace(moved(1e-9)[:3], GREY), _trace(TRUTH[:3], GREY))
+    assert are_copies(trace_of_truth(rounded, GREY), ORIGINAL)
+    assert are_copies(trace_of_truth(moved(1e-9)[:3], GREY), trace_of_truth(TRUTH[:3], GREY))
 
 
 def test_a_copy_with_another_attitude_of_its_first_pose_is_a_copy() -> None:
@@ -93,19 +106,24 @@ def test_a_copy_with_another_attitude_of_its_first_pose_is_a_copy() -> None:
     quats = TRUTH.quats_xyzw.copy()
     half = 0.5 * np.radians(0.06)
     quats[0] = [0.0, 0.0, np.sin(half), np.cos(half)]
-    assert are_copies(_trace(Trajectory(TRUTH.stamps_ns, TRUTH.positions, quats)), _trace(TRUTH))
+    assert are_copies(trace_of_truth(Trajectory(TRUTH.stamps_ns, TRUTH.positions, quats)), trace_of_truth(TRUTH))
 
 
 def test_copies_that_lack_poses_are_one_drive() -> None:
-    sources = [replace(JOB.source, sha256=sha256) for sha256 in "abcdef"]
-    nested = [_trace(TRUTH[: 200 - lacking]) for lacking in range(6)]
+    sources = [recording(sha256=sha256) for sha256 in "abcdef"]
+    nested = [trace_of_truth(TRUTH[: 200 - lacking]) for lacking in range(6)]
     assert {item.drive for item in with_drives(sources, nested)} == {"a"}
 
 
 def test_copies_of_copies_are_one_drive() -> None:
     """The first and the last part have no step in common, but both are parts of the complete drive."""
-    sources = [replace(JOB.source, sha256=sha256) for sha256 in "abcd"]
-    traces = [_trace(TRUTH[:90]), _trace(TRUTH[110:]), _trace(TRUTH), _trace(straight(200, 0.01, 2))]
+    sources = [recording(sha256=sha256) for sha256 in "abcd"]
+    traces = [
+        trace_of_truth(TRUTH[:90]),
+        trace_of_truth(TRUTH[110:]),
+        trace_of_truth(TRUTH),
+        trace_of_truth(straight(200, 0.01, 2)),
+    ]
     assert [item.drive for item in with_drives(sources, traces)] == ["a", "a", "a", "d"]
 
 
@@ -119,24 +137,24 @@ def test_parts_of_one_recording_are_one_drive(waiting_s: float, aside_m: float, 
     stamps_ns = other.stamps_ns - other.stamps_ns[0] + TRUTH.stamps_ns[-1] + round(waiting_s * 1e9)
     positions = other.positions - other.positions[0] + TRUTH.positions[-1] + [aside_m, 0.0, 0.0]
     later = Trajectory(stamps_ns, positions, other.quats_xyzw)
-    assert are_copies(_trace(later, GREY[::-1]), ORIGINAL) is is_one_recording
+    assert are_copies(trace_of_truth(later, GREY[::-1]), ORIGINAL) is is_one_recording
 
 
 def test_parts_of_one_recording_without_common_poses_are_one_drive() -> None:
-    sources = [replace(JOB.source, sha256=sha256) for sha256 in "abcde"]
-    parts = [_trace(TRUTH[begin : begin + 40]) for begin in (80, 0, 160, 120, 40)]
+    sources = [recording(sha256=sha256) for sha256 in "abcde"]
+    parts = [trace_of_truth(TRUTH[begin : begin + 40]) for begin in (80, 0, 160, 120, 40)]
     assert {item.drive for item in with_drives(sources, parts)} == {"a"}
 
 
 def test_short_drives_that_begin_at_one_time_and_place_are_not_parts_of_one_recording() -> None:
     """Each drive takes 5 s, and its stamps begin at 0."""
-    traces = [_trace(straight(50 + seed, 0.01, seed)) for seed in range(1, 4)]
+    traces = [trace_of_truth(straight(50 + seed, 0.01, seed)) for seed in range(1, 4)]
     assert drives_of(traces).tolist() == [0, 1, 2]
 
 
 def test_honest_drives_at_equal_speed_are_not_copies() -> None:
-    traces = [_trace(straight(200, 0.001, seed)) for seed in range(1, 7)]
-    sources = [replace(JOB.source, sha256=sha256) for sha256 in "abcdef"]
+    traces = [trace_of_truth(straight(200, 0.001, seed)) for seed in range(1, 7)]
+    sources = [recording(sha256=sha256) for sha256 in "abcdef"]
     assert len({item.drive for item in with_drives(sources, traces)}) == 6
 
 
@@ -151,7 +169,7 @@ def drive_at_constant_speed(count: int, waiting: int = 0, step_m: float = 0.02) 
 def test_drives_at_constant_speed_with_other_images_are_not_copies(waiting: int) -> None:
     other = tuple(RNG.integers(0, 255, 64).tolist())
     first, second = drive_at_constant_speed(200), drive_at_constant_speed(200, waiting)
-    assert not are_copies(_trace(first, GREY), _trace(second, other))
+    assert not are_copies(trace_of_truth(first, GREY), trace_of_truth(second, other))
 
 
 def test_a_drive_with_other_images_that_stands_still_at_first_is_not_a_copy() -> None:
@@ -159,12 +177,12 @@ def test_a_drive_with_other_images_that_stands_still_at_first_is_not_a_copy() ->
     later = Trajectory(
         straight(210, 0.0, 0).stamps_ns, np.vstack((standing, TRUTH.positions)), straight(210, 0.0, 0).quats_xyzw
     )
-    assert not are_copies(_trace(later, tuple(RNG.integers(0, 255, 64).tolist())), ORIGINAL)
-    assert are_copies(_trace(later, GREY), ORIGINAL)
+    assert not are_copies(trace_of_truth(later, tuple(RNG.integers(0, 255, 64).tolist())), ORIGINAL)
+    assert are_copies(trace_of_truth(later, GREY), ORIGINAL)
 
 
 def test_drives_at_constant_speed_without_images_are_compared_by_their_path() -> None:
-    traces = [_trace(drive_at_constant_speed(count)) for count in (200, 200, 260, 320)]
+    traces = [trace_of_truth(drive_at_constant_speed(count)) for count in (200, 200, 260, 320)]
     assert drives_of(traces).tolist() == [0, 0, 2, 3]
 
 
@@ -176,7 +194,7 @@ def test_drives_that_share_only_their_acceleration_are_not_copies() -> None:
         steps = np.concatenate((ramp, np.full(count, 0.02), ramp[::-1]))
         drive = straight(len(steps) + 1, 0.0, 0)
         places = np.column_stack((np.cumsum(np.concatenate(([0.0], steps))), np.zeros((len(drive), 2))))
-        return _trace(Trajectory(drive.stamps_ns, places, drive.quats_xyzw))
+        return trace_of_truth(Trajectory(drive.stamps_ns, places, drive.quats_xyzw))
 
     assert not are_copies(accelerated(150), accelerated(250))
 
@@ -205,10 +223,7 @@ def test_a_simulation_with_other_unused_settings_is_the_same_drive() -> None:
         {"seed": 4},
     ]
     settings = [{"seed": 3} | drive | change for change in changes]
-    sources = [
-        replace(JOB.source, kind=SourceKind.SIMULATED, sha256=sha256, settings=item, seed=int(str(item["seed"])))
-        for sha256, item in zip("abcdef", settings, strict=True)
-    ]
+    sources = [simulation(sha256, item) for sha256, item in zip("abcdef", settings, strict=True)]
     assert [item.drive for item in with_drives(sources, [DriveTrace()] * 6)] == ["a", "a", "a", "a", "a", "f"]
 
 
@@ -216,20 +231,14 @@ def test_simulations_with_other_seeds_are_other_drives() -> None:
     """Without disturbances the paths are equal, but the terrain differs."""
     flat = {"terrain.relief_m": 0.0, "drive.slip": 0.0, "drive.sway_m": 0.0, "drive.sway_deg": 0.0}
     flat |= {"drive.vibration_deg": 0.0, "drive.vibration_m": 0.0}
-    sources = [
-        replace(JOB.source, kind=SourceKind.SIMULATED, sha256=str(seed), settings={"seed": seed} | flat, seed=seed)
-        for seed in (1, 2)
-    ]
+    sources = [simulation(str(seed), {"seed": seed} | flat) for seed in (1, 2)]
     traces = [trace_of_simulation(source) for source in sources]
     assert not are_copies(*traces)
 
 
 def test_copies_name_one_drive_whatever_their_order() -> None:
-    def source(kind: SourceKind, sha256: str) -> JobSource:
-        return replace(JOB.source, kind=kind, sha256=sha256)
-
-    traces = [_trace(moved(1e-6), GREY), ORIGINAL, _trace(straight(200, 0.01, 2), GREY)]
-    files = [source(SourceKind.FILE, sha256) for sha256 in "cab"]
+    traces = [trace_of_truth(moved(1e-6), GREY), ORIGINAL, trace_of_truth(straight(200, 0.01, 2), GREY)]
+    files = [recording(sha256=sha256) for sha256 in "cab"]
     drives = [item.drive for item in with_drives(files, traces)]
     assert drives == ["a", "a", "b"]
     assert [item.drive for item in with_drives(files[::-1], traces[::-1])] == drives[::-1]

@@ -11,7 +11,7 @@ import cv2
 import numba
 import pytest
 
-from helpers.made_suites import JOB
+from helpers.made_suites import JOB, recording
 from sfr_loc_map.errors import InputError, NodeError, SfrError
 from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, LimitSection
@@ -64,7 +64,7 @@ def test_a_replay_runs_with_the_threads_of_the_job(
 
     monkeypatch.setattr(job_run.subprocess, "run", no_replay)
     with pytest.raises(InterruptedError):
-        run_job(replace(REPLAY, source=replace(JOB.source, path=str(tmp_path))), tmp_path, tmp_path)
+        run_job(replace(REPLAY, source=recording(path=str(tmp_path))), tmp_path, tmp_path)
     names = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
     assert {name: given[name] for name in names} == dict.fromkeys(names, "3")
 
@@ -92,7 +92,7 @@ def test_a_replay_is_a_failure_by_the_exit_code_of_its_process(
         return subprocess.CompletedProcess(command, code, "", "starting\nsfr: the last words\n")
 
     monkeypatch.setattr(job_run.subprocess, "run", ended)
-    job = replace(REPLAY, source=replace(JOB.source, path=str(tmp_path / "drive")))
+    job = replace(REPLAY, source=recording(path=str(tmp_path / "drive")))
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     if error is None and has_report:

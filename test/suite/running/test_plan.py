@@ -9,10 +9,11 @@ import pytest
 import yaml
 
 from sfr_loc_map.errors import ConfigError, InputError
-from sfr_loc_map.suite.running.job import Job, JobTask, SourceKind
+from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome
 from sfr_loc_map.suite.running.plan import make_plan
 from sfr_loc_map.suite.running.source_readers import SourceFacts
+from sfr_loc_map.suite.running.sources import Simulation
 from sfr_loc_map.suite.running.specification import Refusal, load_specification
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.summary import copies_in
@@ -76,7 +77,7 @@ def test_simulations_by_seed_and_settings(tmp_path: Path) -> None:
     seeds = [{"simulate": "flat.yaml", "seeds": [1, 2], "set": {"drive.pairs": 3}}]
     first, second = plan_of(tmp_path, sources=seeds)[0]
     assert (first.source.name, second.source.name) == ("flat-1", "flat-2")
-    assert first.source.kind is SourceKind.SIMULATED
+    assert isinstance(first.source, Simulation)
     assert (first.source.settings["drive.pairs"], first.source.settings["seed"]) == (3, 1)
     assert first.key != second.key
     other = plan_of(tmp_path, sources=[{"simulate": "flat.yaml", "seeds": [1]}])[0][0]

@@ -13,8 +13,8 @@ from typing import ClassVar
 import pytest
 
 from sfr_loc_map.errors import InputError, MissingExtraError
-from sfr_loc_map.suite.running.job import JobSource, SourceKind
 from sfr_loc_map.suite.running.source_cache import expand, fetch, rendered
+from sfr_loc_map.suite.running.sources import Simulation
 
 fsspec = pytest.importorskip("fsspec", reason="needs the extra [suite]")
 CONTENT = b"a" * 1000
@@ -68,7 +68,7 @@ def test_a_simulation_is_rendered_again_with_other_code(tmp_path: Path, monkeypa
 
     monkeypatch.setattr("sfr_loc_map.simulation.simulate.simulate", simulate)
     monkeypatch.setattr("sfr_loc_map.suite.running.source_cache.code_fingerprint", lambda: codes[-1])
-    sources = [JobSource(name="a", kind=SourceKind.SIMULATED, path="a.yaml", sha256=sha256) for sha256 in ("0", "1")]
+    sources = [Simulation(name="a", path="a.yaml", sha256=sha256, drive=sha256, seed=0) for sha256 in ("0", "1")]
     for code in ("first", "first", "second"):
         codes.append(code)
         assert [(rendered(source, tmp_path) / "images").read_text() for source in sources] == [code, code]

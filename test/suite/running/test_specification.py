@@ -13,6 +13,7 @@ import yaml
 from helpers import ROOT
 from helpers.made_suites import JOB
 from sfr_loc_map.errors import SfrError
+from sfr_loc_map.suite.running.configurations import Configuration
 from sfr_loc_map.suite.running.job import JobTask
 from sfr_loc_map.suite.running.job_run import replay_options
 from sfr_loc_map.suite.running.specification import load_specification
@@ -50,15 +51,15 @@ def test_every_key_means_something(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.delenv("SFR_METHOD_FILES", raising=False)
     made = load_specification(written(tmp_path, GOOD))
     assert [source.name for source in made.sources] == ["a.mcap", "s-1", "s-2", "e.csv"]
-    assert all(Path(source.path).is_absolute() for source in made.sources)
+    assert all(Path(source.location).is_absolute() for source in made.sources)
     assert made.faults == ("", "black:share=0.1", "blurred+noisy")
-    mine = {
-        "localisation.method": f"{tmp_path}/mine.py:Mine",
-        "localisation.method_config": "fast",
-        "localisation.method_sha256": hashlib.sha256(b"class Mine: pass").hexdigest(),
-        "localisation.method_files_sha256": "",
+    mine = {"localisation.method": f"{tmp_path}/mine.py:Mine", "localisation.method_config": "fast"}
+    code = {"localisation.method": hashlib.sha256(b"class Mine: pass").hexdigest()}
+    assert made.configurations == {
+        "default": Configuration(),
+        "few": Configuration({"localisation.max_features": 400}),
+        "mine": Configuration(mine, code),
     }
-    assert made.configurations == {"default": {}, "few": {"localisation.max_features": 400}, "mine": mine}
     assert made.tasks == (JobTask.LOCALISE,)
     assert made.scoring.conditions == ("distance=5", "time=60", "frames=10")
     assert (made.settings.memory_mb, made.settings.repeats) == (500, 1)
@@ -79,7 +80,7 @@ def test_brackets_in_a_path_are_no_pattern(tmp_path: Path, entry: str) -> None:
     folder.mkdir()
     (folder / "drive[1].mcap").touch()
     made = load_specification(written(folder, GOOD | {"sources": [entry]}))
-    assert [source.path for source in made.sources] == [str(folder / "drive[1].mcap")]
+    assert [source.location for source in made.sources] == [str(folder / "drive[1].mcap")]
 
 
 def test_a_source_that_is_named_twice_keeps_its_name(tmp_path: Path) -> None:
@@ -95,13 +96,13 @@ def test_a_mask_is_found_beside_the_suite_and_known_by_its_content(tmp_path: Pat
     for content in (b"mask", b"another mask"):
         (tmp_path / "mask.png").write_bytes(content)
         found.append(load_specification(written(tmp_path, masked)).configurations["masked"])
-    assert {item["localisation.left_mask"] for item in found} == {str(tmp_path.resolve() / "mask.png")}
-    assert found[0] != found[1]
-    job = replace(JOB, parameters=found[0])
-    assert job.key != replace(job, parameters=found[1]).key
-    replay_options(replace(job, parameters=found[1]), tmp_path)
+    mask = str(tmp_path.resolve() / "mask.png")
+    assert [item.parameters for item in found] == [{"localisation.left_mask": mask}] * 2
+    jobs = [replace(JOB, parameters=item.parameters, input_files=item.input_files) for item in found]
+    assert jobs[0].key != jobs[1].key
+    replay_options(jobs[0], tmp_path)
     given = yaml.safe_load((tmp_path / "config.yaml").read_text())
-    assert given["localisation"] == {"left_mask": found[0]["localisation.left_mask"]}
+    assert given["localisation"] == {"left_mask": mask}
 
 
 @pytest.mark.parametrize(
@@ -202,4 +203,4 @@ def test_the_results_of_two_methods_in_two_folders_have_the_same_names(tmp_path:
 def test_the_suites_that_come_along_can_be_read(name: str) -> None:
     folder = ROOT / "config" / "suites"
     made = load_specification(folder / f"{name}.yaml")
-    assert all(Path(source.path).exists() for source in made.sources)
+    assert all(Path(source.location).exists() for source in made.sources)

@@ -8,18 +8,22 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace as struct_replace
 
 from helpers.json_mutations import mutations
-from helpers.made_suites import JOB
+from helpers.made_suites import JOB, recording
 from sfr_loc_map.errors import ConfigError, InputError, OutputError
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import json_line, to_json
 from sfr_loc_map.metrics.table.records import Provenance
+from sfr_loc_map.suite.run import PlannedRun
 from sfr_loc_map.suite.running import store as store_module
-from sfr_loc_map.suite.running.job import Job, SourceKind
+from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome, WorkerRecord
+from sfr_loc_map.suite.running.sources import Recording, Simulation
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.statistics.scored_job import ResultReader
 from sfr_loc_map.suite.statistics.summary import summarise
 
 CRASHED = JobOutcome(cause=FailureCause.DIED, message="its worker process was killed or crashed")
@@ -32,8 +36,8 @@ def result_of(job: Job) -> JobOutcome:
 
 def test_a_source_that_was_run_and_is_in_no_job_is_reported(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    bad = replace(JOB, source=replace(JOB.source, name="b", path="b.mcap", sha256="1"))
-    gone = replace(JOB, source=replace(JOB.source, name="c", path="c.mcap", sha256="2"))
+    bad = replace(JOB, source=recording("b", "1", "b.mcap"))
+    gone = replace(JOB, source=recording("c", "2", "c.mcap"))
     again = replace(JOB, repeat=1)
     for job in (JOB, bad, again):
         store.save(job, result_of(job))
@@ -49,9 +53,12 @@ def test_a_source_that_was_run_and_is_in_no_job_is_reported(tmp_path: Path) -> N
 @pytest.mark.parametrize("removed", ["seed", "fault", "repeat"])
 def test_a_failed_job_cannot_be_removed_from_a_suite(removed: str, tmp_path: Path) -> None:
     """All seeds of a scenario have one path, and a fault or a repeat has the path of the source without it."""
-    first = replace(JOB, source=replace(JOB.source, kind=SourceKind.SIMULATED, name="rocky-1", path="rocky.yaml"))
+    seeds = [
+        Simulation(name=f"rocky-{seed}", path="rocky.yaml", sha256=f"{seed}", drive="", seed=seed) for seed in (1, 2)
+    ]
+    first = replace(JOB, source=seeds[0])
     failed = {
-        "seed": replace(first, source=replace(first.source, name="rocky-2", sha256="2", seed=2)),
+        "seed": replace(first, source=seeds[1]),
         "fault": replace(first, faults="black"),
         "repeat": replace(first, repeat=1),
     }[removed]
@@ -84,25 +91,31 @@ def test_a_failure_without_a_description_is_named_by_its_source(tmp_path: Path) 
     assert [item.path for item in store.read_refusals()] == ["c.mcap"]
 
 
+def fetched(sha256: str) -> Recording:
+    """Return a recording from a server, whose path in the cache depends on the version of its data."""
+    path = f"cache/fetched/{sha256}/a.mcap"
+    return struct_replace(recording(sha256=sha256, path=path), url="https://host/a.mcap")
+
+
 def test_another_source_of_the_same_name_supersedes_nothing(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    bad = replace(JOB, source=replace(JOB.source, path="bad/a.mcap"))
+    bad = replace(JOB, source=recording(path="bad/a.mcap"))
     store.save(bad, result_of(bad))
     others = {
-        "another drive": replace(JOB.source, path="good/a.mcap", sha256="1"),
-        "new data": replace(bad.source, sha256="1"),
-        "the same data elsewhere": replace(bad.source, path="moved/a.mcap"),
-        "another version": replace(JOB.source, path=f"{store.cache.absolute()}/fetched/2/a.mcap", sha256="1"),
+        "another drive": recording(sha256="1", path="good/a.mcap"),
+        "new data": recording(sha256="1", path="bad/a.mcap"),
+        "the same data elsewhere": recording(path="moved/a.mcap"),
+        "from a server": fetched("1"),
     }
     found = {}
     for name, source in others.items():
         store.save_plan([replace(bad, source=source, code="other")])
         found[name] = [item.path for item in store.read_refusals()]
-    assert found == {"another drive": ["a"], "new data": [], "the same data elsewhere": [], "another version": ["a"]}
-    fetched = replace(bad, source=replace(others["another version"], path=f"{store.cache.absolute()}/fetched/1/a.mcap"))
+    assert found == {"another drive": ["a"], "new data": [], "the same data elsewhere": [], "from a server": ["a"]}
+    before = replace(bad, source=fetched("1"))
     (store.results / f"{bad.key}.json").unlink()
-    store.save(fetched, result_of(fetched))
-    store.save_plan([replace(bad, source=replace(others["another version"], sha256="3"), code="other")])
+    store.save(before, result_of(before))
+    store.save_plan([replace(bad, source=fetched("3"), code="other")])
     assert not store.read_refusals(), "a server has a new version of its file"
 
 
@@ -159,7 +172,7 @@ def test_a_plan_is_compared_with_its_files(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("edited", ["plan", "workers", "result", "left-over result", "failure", "left-over failure"])
 def test_an_edited_file_of_a_suite_is_read_or_refused(tmp_path: Path, edited: str) -> None:
-    done, failed, gone, lost = (replace(JOB, source=replace(JOB.source, name=name, sha256=name)) for name in "abcd")
+    done, failed, gone, lost = (replace(JOB, source=recording(name, sha256=name)) for name in "abcd")
     suite = tmp_path / "suite.yaml"
     suite.write_text("sources: [a]\nlimits: {memory: {localisation_peak_bytes: 5}}\n")
     folder = tmp_path / "out"
@@ -229,13 +242,17 @@ def test_a_folder_belongs_to_one_file(tmp_path: Path) -> None:
     of_suite.check_owner(suite=tmp_path / "moved.yaml")
 
 
+def planned_run(store: Store) -> PlannedRun:
+    return PlannedRun(all_jobs=[JOB], refusals=[], limits=None, reader=ResultReader(store, None), jobs=[])
+
+
 def test_a_damaged_result_is_found_before_a_run(tmp_path: Path) -> None:
     store = Store(tmp_path)
     store.save_plan([JOB])
     store.save(JOB, result_of(JOB))
-    store.check_results()
+    planned_run(store).check_finished(store)
     path = store.results / f"{JOB.key}.json"
     path.write_text(path.read_text().replace('"figures":[]', '"figures":[1]'))
     with pytest.raises(InputError, match="delete this file and run the suite again") as refused:
-        store.check_results()
+        planned_run(store).check_finished(store)
     assert "sfr score" not in str(refused.value)

@@ -206,6 +206,21 @@ def test_a_search_refuses_the_folder_of_a_suite(specification: SearchSpecificati
     assert store.plan_file.read_text() == before
 
 
+def test_a_search_that_is_killed_at_its_start_keeps_its_folder(
+    specification: SearchSpecification, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(*_: object, **__: object) -> None:
+        raise SystemExit
+
+    monkeypatch.setattr("sfr_loc_map.suite.search.search.find_worst_case", killed)
+    with pytest.raises(SystemExit):
+        run_search(specification, Store(tmp_path / "out"))
+    other = tmp_path / "other.yaml"
+    other.touch()
+    with pytest.raises(OutputError, match="is the folder of the search"):
+        Store(tmp_path / "out").check_owner(search=other)
+
+
 def test_a_change_of_the_code_during_a_search_changes_no_job(
     specification: SearchSpecification, monkeypatch: pytest.MonkeyPatch
 ) -> None:

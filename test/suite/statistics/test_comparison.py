@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as struct_replace
 
-from helpers.made_suites import JOB
+from helpers.made_suites import JOB, recording
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import holm
@@ -34,7 +34,7 @@ def scaled(score: Score, factor: float) -> Score:
 
 def summary(score: Score, factors: dict[str, float]) -> Summary:
     drives = tuple(
-        ScoredJob(replace(JOB, source=replace(JOB.source, name=name, sha256=name)), scaled(score, factor))
+        ScoredJob(replace(JOB, source=recording(name, sha256=name)), scaled(score, factor))
         for name, factor in factors.items()
     )
     return Summary(jobs=len(drives), waiting=0, groups=(), results=drives, failures=(), refusals=(), code="")

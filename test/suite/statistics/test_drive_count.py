@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from helpers.cli_result import Sfr
-from helpers.made_suites import JOB
+from helpers.made_suites import JOB, recording
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -25,7 +25,7 @@ def test_drives_that_are_missing_follow_from_those_seen() -> None:
     for number in range(12):
         truth, estimate = drive(number, count=60)
         score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
-        drives.append(ScoredJob(replace(JOB, source=replace(JOB.source, name=str(number), sha256=str(number))), score))
+        drives.append(ScoredJob(replace(JOB, source=recording(str(number), sha256=str(number))), score))
     terms = {"prob": 0.95, "confidence": 0.95, "interpretation": "ensemble"}
     (count,) = drive_counts(drives, limits_with(limit=10.0, **terms))
     assert (count.drives, count.failures, count.without_failure, count.at_the_rate_seen) == (12, 0, 59, 59)

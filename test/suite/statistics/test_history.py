@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,9 @@ from helpers.cli_result import Sfr
 from helpers.json_mutations import mutations
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.metrics.stored.comparison import Outcome
-from sfr_loc_map.metrics.stored.score_json import json_line
+from sfr_loc_map.metrics.stored.score_json import json_line, to_plain
 from sfr_loc_map.suite.pages.page import render_history
-from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
+from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
 from sfr_loc_map.suite.statistics.history import FALSE_ALARM_RATE, Change, History, find_changes
 from sfr_loc_map.suite.statistics.night import Night
 from sfr_loc_map.suite.statistics.night_changes import changes_of
@@ -50,7 +51,8 @@ def found(tables: dict[ComparedKind, np.ndarray], gone: tuple[int, int] | None =
         there = DRIVES[gone[0] :] if gone and night >= gone[1] else DRIVES
         figures = {
             PairKey(key, ""): {
-                FigureName(kind, NAMES[kind]): float(x[DRIVES.index(key), night]) for kind, x in tables.items()
+                ComparedFigure.known_by_name(kind, NAMES[kind]): float(x[DRIVES.index(key), night])
+                for kind, x in tables.items()
             }
             for key in there
         }
@@ -273,7 +275,7 @@ def written(folder: Path, commits: list[str], tables: dict[ComparedKind, np.ndar
 @pytest.mark.parametrize("names", [["default", "fast"], ["default"], ["other"]])
 def test_a_night_with_other_configurations_loses_no_drive(names: list[str]) -> None:
     keys = [f"{number:032x}" for number in range(45)]
-    value = {FigureName(ComparedKind.ACCURACY, NAMES[ComparedKind.ACCURACY]): 0.01}
+    value = {ComparedFigure.known_by_name(ComparedKind.ACCURACY, NAMES[ComparedKind.ACCURACY]): 0.01}
     made = []
     for night in range(20):
         labels = {PairKey(key, name): key for key in keys for name in (names if night > 12 else ["default"])}
@@ -374,3 +376,24 @@ def test_the_command_names_commits_and_its_json_the_interval(sfr: Sfr, tmp_path:
     assert change["jobs"] == ["drive 3", "drive 4"]
     assert change["ci95"][0] < change["ratio"] < change["ci95"][1]
     assert change["ratio"] == pytest.approx(6.0, rel=0.1)
+
+
+RENAMED = ComparedFigure(ACCURACY, "the former name, m", "position", "mean_plus_3sigma", "distance=5")
+
+
+@pytest.mark.parametrize(
+    "before", [RENAMED, ComparedFigure.known_by_name(ACCURACY, NAMES[ACCURACY])], ids=["renamed", "without keys"]
+)
+def test_a_figure_of_earlier_versions_is_the_same_figure(tmp_path: Path, before: ComparedFigure) -> None:
+    """The name of a figure may change, and files of earlier versions state only the name."""
+    folders = written(tmp_path, ["a" * 40] * 2, {ACCURACY: np.array([[0.5, 0.25]])})
+    now = replace(RENAMED, name=NAMES[ACCURACY])
+    for folder, figure in zip(folders, (before, now), strict=True):
+        content = json.loads((folder / "suite.json").read_text())
+        content["results"][0]["figures"][0][1] = figure.name
+        if not figure.is_known_by_name:
+            content["compared_figures"] = [to_plain(figure)]
+        (folder / "suite.json").write_text(json.dumps(content))
+    figures = find_changes([Night.read(folder) for folder in folders]).figures
+    assert figures[NAMES[ACCURACY]] == pytest.approx((0.5, 0.25))
+    assert len(figures) == 2, "the other figure is the fraction of jobs without a result"

@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace as struct_replace
 
 from helpers.cli_result import Sfr
-from helpers.made_suites import JOB
+from helpers.made_suites import JOB, recording
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -23,7 +23,8 @@ from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.job_outcome import JobOutcome
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.statistics.groups import SequentialDecision
+from sfr_loc_map.suite.statistics.groups import is_suite_decided
+from sfr_loc_map.suite.statistics.scored_job import ResultReader
 from sfr_loc_map.suite.statistics.summary import summarise
 
 
@@ -37,18 +38,18 @@ def test_a_planned_group_without_a_result_is_undecided(tmp_path: Path) -> None:
     """The sequential test of the group without a fault passes after 6 drives; the group with a fault has no result."""
     terms = {"limit": 10.0, "prob": 0.75, "confidence": 0.75, "power": 0.75, "good": 0.05, "interpretation": "ensemble"}
     limits = {"trajectory": [{"condition": "distance=5", "position_bound_m": terms}]}
-    sources = [dataclasses.replace(JOB.source, sha256=str(number)) for number in range(12)]
+    sources = [recording(sha256=str(number)) for number in range(12)]
     clean = [dataclasses.replace(JOB, source=source) for source in sources]
     faulty = [dataclasses.replace(job, faults="black") for job in clean]
     store = Store(tmp_path)
     store.save_plan([*clean, *faulty], limits=limits)
-    decision = SequentialDecision(store, store.jobs, parse_limits(limits, "limits"))
+    parsed = parse_limits(limits, "limits")
+    reader = ResultReader(store, parsed)
     states = []
     for job in (*clean, *faulty):
         truth, estimate = drive(int(job.source.sha256), count=60)
         save_score(store, job, score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",))))
-        decision.add(job)
-        states.append(decision.is_made)
+        states.append(is_suite_decided(store.jobs, reader.results_of(store.jobs), parsed))
         if job is clean[-1]:
             found = summarise(store)
             assert [item.state for item in found.on_limits] == ["pass"]
@@ -106,7 +107,7 @@ def test_a_ground_truth_in_place_of_that_of_the_recording_is_listed(tmp_path: Pa
     assert [cell.text for cell in table.rows[0]] == ["a", "survey.csv"]
 
 
-def test_a_sequential_decision_reads_each_result_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_reads_each_result_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store, jobs = Store(tmp_path), [dataclasses.replace(JOB, repeat=number) for number in range(3)]
     store.save_plan(jobs)
     read: list[str] = []
@@ -121,11 +122,11 @@ def test_a_sequential_decision_reads_each_result_once(tmp_path: Path, monkeypatc
 
     save(jobs[0])
     monkeypatch.setattr(Store, "score", counted)
-    decision = SequentialDecision(store, jobs, None)
+    reader = ResultReader(store, None)
     for job in jobs[1:]:
         save(job)
-        decision.add(job)
-        assert not decision.is_made, "no limit is decided"
+        assert not is_suite_decided(jobs, reader.results_of(jobs), None), "no limit is decided"
+    summarise(store, reader=reader)
     assert read == [job.key for job in jobs]
 
 
