@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sfr_loc_map.configuration.parameters import build, flatten
 from sfr_loc_map.configuration.yaml_file import load_yaml
@@ -86,7 +86,7 @@ def _stated_recordings(entry: str, folder: Path) -> Iterator[StatedRecording]:
 
 
 def _stated_simulations(
-    entry: str, scenario: Path, stated_scenario: str, others: Mapping[object, object], origin: str
+    entry: str, scenario: Path, stated_scenario: str, others: Mapping[str, Any], origin: str
 ) -> Iterator[StatedSimulation]:
     """Yield a simulation of a scenario for each seed; `others` are the other keys of the entry."""
     seeds, stated = others.get("seeds", [0]), others.get("set", {})
