@@ -86,7 +86,7 @@ def _stated_recordings(entry: str, folder: Path) -> Iterator[StatedRecording]:
 
 
 def _stated_simulations(
-    entry: str, scenario: Path, stated_scenario: str, others: Mapping[str, Any], origin: str
+    entry: str, scenario: Path, stated_scenario: str, others: Mapping[Any, Any], origin: str
 ) -> Iterator[StatedSimulation]:
     """Yield a simulation of a scenario for each seed; `others` are the other keys of the entry."""
     seeds, stated = others.get("seeds", [0]), others.get("set", {})
