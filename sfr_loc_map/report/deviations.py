@@ -74,13 +74,14 @@ class Deviation(NamedTuple):
 
     text: str  #: Sentences.
     verdict: Verdict | None = None  #: The verdict that deviates; None if the deviation concerns the complete score.
+    is_beside_verdict: bool = False  #: Whether a warning, or the line of the verdict of the score, states it, too.
 
 
 def each_deviation(score: Score) -> Iterator[Deviation]:
     """Yield the deviations of a score: those of the complete score, then those of each verdict."""
     for of_score in OF_SCORE:
         for text in of_score(score):
-            yield Deviation(text)
+            yield Deviation(text, is_beside_verdict=of_score in BESIDE_VERDICT)
     for item in score.verdicts:
         for of_verdict in OF_VERDICT:
             for text in of_verdict(item, score):
@@ -96,8 +97,7 @@ def deviations_beside_warnings(score: Score) -> tuple[str, ...]:
     """Return the deviations of a judged score that are neither warnings nor stated beside its verdict."""
     if not score.is_judged:
         return ()
-    stated = {*_caveats(score), *_incomplete(score)}
-    return tuple(text for text in deviations_of(score) if text not in stated)
+    return tuple(item.text for item in each_deviation(score) if not item.is_beside_verdict)
 
 
 # ---- settings and measurements that differ from the requirements of the specification
@@ -484,5 +484,6 @@ OF_SCORE: tuple[Callable[[Score], Iterator[str]], ...] = (
     _converted_poses,
 )
 """Deviations of a complete score, in the order of the test report."""
+BESIDE_VERDICT = frozenset({_caveats, _incomplete})  #: The deviations that warnings or the verdict state, too.
 OF_VERDICT: tuple[Callable[[Verdict, Score], Iterator[str]], ...] = (_calls, _relaxed_limit)
 """Deviations of a verdict."""
