@@ -74,6 +74,13 @@ def test_a_statistic_that_was_made_smaller_contradicts_the_raw_values(
         assert problem.startswith(f"'{statistic}' of '{figure}"), problem
 
 
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_the_slowest_call_contradicts_another_maximum_without_other_rows(factor: float) -> None:
+    """The rows of the parts of the calls, which have the maximum, too, may be absent."""
+    changed = edited(scored(6000, 48), "localisation", "max", factor, None)
+    assert "its calls give" in (fault_of_raw_values(changed) or "")
+
+
 @pytest.mark.parametrize("bounded", [False, True])
 def test_an_interval_that_was_changed_contradicts_the_errors(*, bounded: bool) -> None:
     """The number of independent errors follows from the frames of all sub-trajectories, if the details have them."""
