@@ -16,6 +16,9 @@ from sfr_loc_map.inputs import refusing
 from sfr_loc_map.suite_names import SIDES, Side
 
 CENTRE_RATIOS = (0.3, 0.7)  #: Smallest and largest ratio of principal point to image size without cropping.
+CENTRE_FACTOR = 1.5
+"""Largest factor between the ratios along both axes without cropping: (0.5 + 0.1) / (0.5 - 0.1), for a principal point
+that is 10 % of the image size from the centre."""
 BASELINES_M = (1e-3, 5.0)
 """Smallest and largest accepted baseline, m. Larger numbers are probably in millimetres, smaller ones in kilometres, or
 a baseline was given as Camera.bf, which is the baseline times fx."""
@@ -95,11 +98,14 @@ def check_centre(cx: float, cy: float, size: tuple[int, int], where: str) -> Non
     """Raise InputError if a calibration is probably for another image size than `size`, which it may state wrongly.
 
     Scaling an image multiplies both coordinates of the principal point by one factor, which cropping rarely does. The
-    size is therefore wrong if both ratios to `size` are below, or both are above, those of `CENTRE_RATIOS`.
+    size is therefore wrong if the ratios to `size` are both below or both above `CENTRE_RATIOS`, and differ by at most
+    the factor `CENTRE_FACTOR`. Small ratios of which one is not positive are refused, too.
     """
     ratios = np.array([cx, cy]) / size
     low, high = CENTRE_RATIOS
-    if (ratios < low).all() or (ratios > high).all():
+    is_far = (ratios < low).all() or (ratios > high).all()
+    smallest, largest = ratios.min(), ratios.max()
+    if is_far and (smallest <= 0.0 or largest <= CENTRE_FACTOR * smallest):
         width, height = size
         raise InputError(
             f"{where}: the principal point is ({cx:g}, {cy:g}) px, far from the centre of images of {width} x {height} "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from sfr_loc_map.io.bag.messages import camera_info
 from sfr_loc_map.io.calibration.camera_info import (
     RectifiedCamera,
     baseline_from_projection,
+    check_centre,
     projection,
     rig_of_one_projection,
 )
@@ -56,3 +58,28 @@ def test_camera_info_that_is_not_of_a_rectified_pair(field: str, value: Any, wor
     object.__setattr__(right, field, value)
     with pytest.raises(InputError, match=words):
         rig_of_one_projection(RectifiedCamera.of("left", left), RectifiedCamera.of("right", right), "loc")
+
+
+@pytest.mark.parametrize(
+    ("ratios", "is_refused"),
+    [
+        ((0.5, 0.5), False),
+        ((0.1, 0.5), False),
+        ((0.25, 0.25), True),
+        ((0.28, 0.2), True),
+        ((0.28, 0.1), False),
+        ((0.0, 0.0), True),
+        ((-0.1, 0.2), True),
+        ((0.1, 0.9), False),
+        ((1.0, 1.0), True),
+        ((0.71, 0.98), True),
+    ],
+)
+def test_a_principal_point_of_another_image_size_is_refused_and_that_of_a_crop_is_not(
+    ratios: tuple[float, float], is_refused: bool
+) -> None:
+    """Another size moves the point by one factor along both axes, for a lens whose point is near the centre."""
+    size = (640, 480)
+    cx, cy = (ratio * pixels for ratio, pixels in zip(ratios, size, strict=True))
+    with pytest.raises(InputError, match="principal point") if is_refused else nullcontext():
+        check_centre(cx, cy, size, "camera")
