@@ -16,7 +16,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.encoding import TYPESTORE
-from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.bag.files import bag_files, is_bag
 from sfr_loc_map.io.bag.poses import read_extrinsics
 from sfr_loc_map.io.layouts.head_pose import head_poses
 from sfr_loc_map.io.message_stream import messages_of
@@ -202,7 +202,9 @@ def observe(source: Path, config: SourceConfig, progress: Callable[[], None] = l
 
 def _collected(stream: Iterable[tuple[str, int, Callable[[], Any]]]) -> tuple[dict[str, ObservedTopic], str]:
     """Return the topics in a stream of names, stamps and messages, and the error that ended the stream early."""
-    stamps, kept, broken = defaultdict[str, list[int]](list), defaultdict[str, list[Any]](list), ""
+    stamps = defaultdict[str, list[int]](list)
+    kept = defaultdict[str, list[Any]](list)
+    broken = ""
     try:
         for name, stamp_ns, make in stream:
             stamps[name].append(stamp_ns)
@@ -224,25 +226,16 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
     except InputError as error:
         return Observation(subject, broken=str(error))
     matches = {name: tuple(bag.matches(name)) for name in EXPECTED}
-    only_matches = {name: found[0] for name, found in matches.items() if len(found) == 1}
-    topics = {name: ObservedTopic(found, (bag.topics[found],)) for name, found in only_matches.items()}
-    readable = [
-        Topic(name, topic.source_name, topic.types[0])
-        for name, topic in topics.items()
-        if topic.types[0] in allowed_types(name)
-    ]
-    stream = ((topic.name, stamp, partial(bag.deserialise, topic, raw)) for topic, stamp, raw in bag.stream(readable))
-    read, broken = _collected(stream)
+    topics, broken = _topics_of(bag, {name: found[0] for name, found in matches.items() if len(found) == 1})
     in_tf = False
-    for name, topic in read.items():
-        topics[name] = replace(topic, source_name=topics[name].source_name, types=topics[name].types)
     head_problem = None
     try:
         if not broken:
-            in_tf = read_extrinsics(bag, _camera_frame(read, "loc"), 0.0, config.frames.base) is not None
-            head_problem = _head_problem(bag, read, config.frames)
+            in_tf = read_extrinsics(bag, _camera_frame(topics, "loc"), 0.0, config.frames.base) is not None
+            head_problem = _head_problem(bag, topics, config.frames)
     except InputError as error:
         broken = str(error)
+    truth = topics.get(TRUE_POSES)
     return Observation(
         subject,
         topics=topics,
@@ -251,7 +244,7 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
         stamp_tolerance_ns=config.sync.stamp_tolerance_ns,
         extrinsics_given=config.extrinsics.transform() is not None,
         extrinsics_in_tf=in_tf,
-        truth_has_attitude=TRUE_POSES in read and not {FIX, POINT} & set(topics[TRUE_POSES].types),
+        truth_has_attitude=truth is not None and bool(truth.messages) and not {FIX, POINT} & set(truth.types),
         broken=broken,
         base_frame=config.frames.base,
         head_problem=head_problem,
@@ -259,19 +252,37 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
     )
 
 
-def _camera_frame(read: Mapping[str, ObservedTopic], rig: str) -> str:
-    """Return the frame of the left camera of a rig; empty without its camera_info."""
-    infos = read.get(f"{rig}/left/camera_info")
-    return "" if infos is None else str(infos.messages[0].header.frame_id)
+def _topics_of(bag: Bag, source_names: Mapping[str, str]) -> tuple[dict[str, ObservedTopic], str]:
+    """Return the topics of a bag by suite name, and the error that ended the reading early.
+
+    `source_names` are the names in the bag by suite name. A topic of a type that is not allowed has no messages.
+    """
+    topics = {name: ObservedTopic(found, (bag.topics[found],)) for name, found in source_names.items()}
+    readable = [
+        Topic(name, topic.source_name, topic.types[0])
+        for name, topic in topics.items()
+        if topic.types[0] in allowed_types(name)
+    ]
+    stream = ((topic.name, stamp, partial(bag.deserialise, topic, raw)) for topic, stamp, raw in bag.stream(readable))
+    read, broken = _collected(stream)
+    for name, topic in read.items():
+        topics[name] = replace(topic, source_name=topics[name].source_name, types=topics[name].types)
+    return topics, broken
 
 
-def _head_problem(bag: Bag, read: Mapping[str, ObservedTopic], frames: FramesConfig) -> str | None:
-    """Return `Observation.head_problem` of a bag, whose messages were read by topic."""
-    images = [topic for name, topic in read.items() if name.startswith("nav/left/image_")]
+def _camera_frame(topics: Mapping[str, ObservedTopic], rig: str) -> str:
+    """Return the frame of the left camera of a rig; empty without a camera_info."""
+    infos = topics.get(f"{rig}/left/camera_info")
+    return str(infos.messages[0].header.frame_id) if infos is not None and infos.messages else ""
+
+
+def _head_problem(bag: Bag, topics: Mapping[str, ObservedTopic], frames: FramesConfig) -> str | None:
+    """Return `Observation.head_problem` of a bag with these topics."""
+    images = [topic for name, topic in topics.items() if name.startswith("nav/left/image_") and topic.messages]
     if bag.matches(NAV_POSE) or not images or not {TF, JOINTS} & set(bag.topics.values()):
         return None
     try:
-        head_poses(bag, _camera_frame(read, "nav"), 0.0, np.unique(images[0].stamps_ns).tolist(), frames)
+        head_poses(bag, _camera_frame(topics, "nav"), 0.0, np.unique(images[0].stamps_ns).tolist(), frames)
     except InputError as error:
         return str(error)
     return ""
@@ -302,5 +313,6 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
         truth_has_attitude=truth is not None and truth.has_attitude,
         broken=broken,
         base_frame=config.frames.base if kind is SourceKind.BAG else "",
+        unfinished=kind is SourceKind.BAG and bag_files(path).are_unfinished,
         skipped_pairs=source.skipped_pairs,
     )

@@ -64,6 +64,15 @@ def test_a_bag_is_observed_as_a_bag_with_any_configuration(tmp_path: Path, what:
     assert ("frames.base" in issue.text) == (what == "frames")
 
 
+@pytest.mark.parametrize("what", ["nothing", "sync"])
+def test_a_recording_that_was_not_closed_is_reported_with_any_configuration(tmp_path: Path, what: str) -> None:
+    bag = rewritten_bag(tmp_path / "x.mcap", lambda topic, number, message: message)
+    (storage,) = bag.glob("*.mcap")
+    (bag / "metadata.yaml").unlink()
+    storage.write_bytes(storage.read_bytes()[:-100])
+    assert [issue.cause for issue in examine(observe(bag, CONFIGS[what](tmp_path)))] == [Cause.UNFINISHED]
+
+
 @pytest.mark.parametrize("what", CONFIGS)
 def test_messages_are_played_as_recorded_unless_the_configuration_changes_them(tmp_path: Path, what: str) -> None:
     bag = rewritten_bag(tmp_path / "x.mcap", lambda topic, number, message: message)

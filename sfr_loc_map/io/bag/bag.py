@@ -17,7 +17,7 @@ from rosbags.rosbag2.errors import ReaderError
 
 from sfr_loc_map.errors import ConfigError, InputError, SfrError, naming
 from sfr_loc_map.io.bag.encoding import TYPESTORE, readable
-from sfr_loc_map.io.bag.files import ZSTD_MAGIC, bag_files, is_unfinished
+from sfr_loc_map.io.bag.files import ZSTD_MAGIC, bag_files
 from sfr_loc_map.io.bag.readers import BagReader, message_count, messages_of_readers, opened_readers
 from sfr_loc_map.message_stamps import NS_PER_S, serialised_stamp
 from sfr_loc_map.message_text import alternatives
@@ -68,7 +68,7 @@ class Bag:
         self.path = path
         self._by_record = stamps == "record"
         self._files = bag_files(path)
-        self.unfinished = not self._files.has_metadata and any(is_unfinished(file) for file in self._files.paths)
+        self.unfinished = self._files.are_unfinished
         if self.unfinished:
             _log.warning(f"bag '{path}' was not closed: it is read up to its last complete record")
         if self._files.unnamed:

@@ -74,6 +74,11 @@ class BagFiles(NamedTuple):
     message_count: int = 0  #: Number of messages that metadata.yaml states; 0 without metadata.yaml.
     unnamed: tuple[str, ...] = ()  #: Storage files in the folder that metadata.yaml does not name.
 
+    @property
+    def are_unfinished(self) -> bool:
+        """Whether the recording was not closed: it has no metadata.yaml, and an MCAP file without its end."""
+        return not self.has_metadata and any(is_unfinished(file) for file in self.paths)
+
 
 class _Metadata(msgspec.Struct, frozen=True):
     """The values of metadata.yaml that are used."""
