@@ -108,6 +108,8 @@ IO_FLOORS = (
     {"convert", "message_stream", "registry"},
 )
 """Folders of `io`, and the modules beside them, from the bottom."""
+TABLES_FLOORS = ({"cells"}, {"columns"}, {"checks"}, {""})
+"""Folders of `io/tables` from the bottom; the name of the modules beside them is empty."""
 LOCALISATION_FLOORS = (
     {"config", "motion_size", "small_linalg", "symmetric_matrices"},
     {"estimate"},
@@ -202,7 +204,13 @@ def test_ros_is_imported_by_its_folders_alone_and_no_import_is_relative() -> Non
 
 @pytest.mark.parametrize(
     ("layer", "floors"),
-    [("io", IO_FLOORS), ("localisation", LOCALISATION_FLOORS), ("metrics", METRICS_FLOORS), ("nodes", NODE_FLOORS)],
+    [
+        ("io", IO_FLOORS),
+        ("io/tables", TABLES_FLOORS),
+        ("localisation", LOCALISATION_FLOORS),
+        ("metrics", METRICS_FLOORS),
+        ("nodes", NODE_FLOORS),
+    ],
 )
 def test_folders_of_a_layer_import_lower_folders_alone(layer: str, floors: Sequence[set[str]]) -> None:
     floor = {folder: number for number, folders in enumerate(floors) for folder in folders}
@@ -212,7 +220,7 @@ def test_folders_of_a_layer_import_lower_folders_alone(layer: str, floors: Seque
         own = first if first in floor else ""
         assert own in floor or first == "__init__", f"{path.relative_to(PACKAGE)} is on no floor"
         for name in imported(path):
-            head, _, rest = name.partition(f"{NAME}.{layer}.")
+            head, _, rest = name.partition(f"{NAME}.{layer.replace('/', '.')}.")
             folder = rest.split(".")[0] if rest.split(".")[0] in floor else ""
             if not head and rest and own != folder and floor[own] <= floor[folder]:
                 wrong.append(f"{path.relative_to(PACKAGE)}: {name}")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, refusing
-from sfr_loc_map.io.tables.stamps import STAMP_LIMIT
+from sfr_loc_map.io.tables.cells.stamp_text import STAMP_LIMIT
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import CallUsage

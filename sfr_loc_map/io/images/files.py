@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.images.codec import SampleDepth, read_samples
-from sfr_loc_map.io.tables.stamps import check_order
+from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
 from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
@@ -38,7 +38,7 @@ def complete_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImageP
 
     Warnings report the other pairs, and images in the same folders that the list `name` does not contain.
     """
-    check_order([entry.stamp_ns for entry in entries], name, strict=True)
+    check_stamp_order([entry.stamp_ns for entry in entries], name, strict=True)
     if same := next((entry for entry in entries if entry.left == entry.right), None):
         raise InputError(f"{name} lists '{same.left}' as the left and the right image of one pair: two are required")
     files = [file for entry in entries for file in (entry.left, entry.right)]

@@ -22,8 +22,8 @@ from sfr_loc_map.io.layouts.bag_cameras import BagCameras, CameraTopics, require
 from sfr_loc_map.io.layouts.head_pose import head_poses
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
 from sfr_loc_map.io.source_config import FramesConfig, SyncConfig
-from sfr_loc_map.io.tables.stamps import check_order
-from sfr_loc_map.io.tables.text_table import MAX_BROKEN
+from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
+from sfr_loc_map.io.tables.cells.text_table import MAX_INVALID
 from sfr_loc_map.message_types import POINTS, POSE
 from sfr_loc_map.stamp_pairing import match_stamps
 from sfr_loc_map.topics import NAV_POSE, TRUE_POINTS
@@ -149,8 +149,8 @@ def _increasing(stamps_ns: Sequence[int], where: str) -> list[int]:
     is_later = np.ones(len(stamps), np.bool_)
     is_later[1:] = stamps[1:] > np.maximum.accumulate(stamps)[:-1]
     ignored = int(np.count_nonzero(~is_later))
-    if ignored > MAX_BROKEN * len(stamps):
-        check_order(stamps, where, strict=True)
+    if ignored > MAX_INVALID * len(stamps):
+        check_stamp_order(stamps, where, strict=True)
     if ignored:
         _log.warning(
             f"{where}: {ignored} of {len(stamps)} messages ignored: their stamps are not later than those before"

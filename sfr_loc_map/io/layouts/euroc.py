@@ -31,9 +31,10 @@ from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
-from sfr_loc_map.io.tables.stamps import SHORTEST_IMAGE_STEP_NS, check_order, check_unit, parse_stamp_ns
-from sfr_loc_map.io.tables.text_table import read_lines
+from sfr_loc_map.io.tables.cells.stamp_text import parse_stamp_ns
+from sfr_loc_map.io.tables.cells.text_table import read_lines
+from sfr_loc_map.io.tables.checks.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_stamp_order, check_unit
+from sfr_loc_map.io.tables.columns.pose_columns import TrajectoryFormat
 from sfr_loc_map.io.tables.trajectory_file import TRUTH_OPTION, read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.io.truth.pose_checks import check_clock
@@ -107,7 +108,7 @@ def _load_list(path: Path) -> dict[int, Path]:
         with refusing(f"'{path}' entry {number}"):
             stamps_ns.append(parse_stamp_ns(stamp))
         files.append(path.parent / "data" / name.strip())
-    check_order(stamps_ns, f"'{path}'", strict=True)
+    check_stamp_order(stamps_ns, f"'{path}'", strict=True)
     check_unit(stamps_ns, f"'{path}'", shortest_ns=SHORTEST_IMAGE_STEP_NS)
     return dict(zip(stamps_ns, files, strict=True))
 

@@ -32,9 +32,10 @@ from sfr_loc_map.io.layouts.configured_drive import configured_drive
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.number_text import parse_number
-from sfr_loc_map.io.tables.pose_columns import CSV_HEADER
-from sfr_loc_map.io.tables.stamps import SHORTEST_IMAGE_STEP_NS, check_unit, parse_stamp_ns
+from sfr_loc_map.io.tables.cells.number_text import parse_number
+from sfr_loc_map.io.tables.cells.stamp_text import parse_stamp_ns
+from sfr_loc_map.io.tables.checks.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_unit
+from sfr_loc_map.io.tables.columns.pose_columns import CSV_HEADER
 from sfr_loc_map.io.tables.trajectory_file import is_suite_table, read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.io.truth.pose_checks import check_clock

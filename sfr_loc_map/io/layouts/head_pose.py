@@ -18,7 +18,7 @@ from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.frames import chain_above
 from sfr_loc_map.io.bag.poses import read_frames
 from sfr_loc_map.io.source_config import FramesConfig
-from sfr_loc_map.io.tables.stamps import check_order
+from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import JOINTS
 
@@ -50,7 +50,7 @@ def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, 
     complete_tree, trees = FrameTree(), [FrameTree() for _ in stamps_ns]
     for name in {name for end in ends for name in chain_above(frames, end)}:
         frame, poses = frames[name], frames[name].poses
-        check_order(poses.stamps_ns, f"bag '{bag.path}', '{name}' on /tf", strict=False)
+        check_stamp_order(poses.stamps_ns, f"bag '{bag.path}', '{name}' on /tf", strict=False)
         known = covered(poses.stamps_ns, stamps_ns) | frame.is_static
         for tree, is_known, position, quat in zip(trees, known, *sampled(poses, stamps_ns), strict=True):
             pose = Transform.from_quat(position, quat)
@@ -115,7 +115,7 @@ def _joint_name(names: Collection[str], kind: str, wanted: str, where: str, came
 def _angles_at(stamps_ns: IntArray, recorded: Sequence[tuple[int, float]], where: str) -> FloatArray:
     """Return the interpolated angles of a joint at stamps; InputError if a stamp is not covered."""
     known_ns, angles = (np.array(column) for column in zip(*recorded, strict=True))
-    check_order(known_ns, where, strict=False)
+    check_stamp_order(known_ns, where, strict=False)
     for stamp in stamps_ns[~covered(known_ns, stamps_ns)]:
         raise InputError(f"{where} at stamp {stamp} is unknown: record it {RECORDING}")
     return np.asarray(np.interp(stamps_ns - known_ns[0], known_ns - known_ns[0], np.unwrap(angles)))

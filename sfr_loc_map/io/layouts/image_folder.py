@@ -19,7 +19,9 @@ from sfr_loc_map.io.layouts.configured_drive import configured_drive
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.stamps import EARLIEST_CLOCK_S, TIMES, UNIT_WORDS, check_padded, parse_decimal, time_unit
+from sfr_loc_map.io.tables.cells.stamp_text import TIMES, UNIT_WORDS, parse_decimal
+from sfr_loc_map.io.tables.checks.stamp_checks import check_fractions_are_padded
+from sfr_loc_map.io.tables.columns.time_units import EARLIEST_CLOCK_S, inferred_time_unit
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.suffixes import suffix_of
@@ -105,8 +107,8 @@ def _by_stamp(folder: Path) -> tuple[dict[int, Path], str]:
     files = _images(folder)
     wrong = [file.name for file in files if not (file.stem.isascii() and file.stem.replace(".", "", 1).isdecimal())]
     stems = sorted((file.stem for file in files), key=lambda stem: (len(stem.partition(".")[0]), stem))
-    check_padded(stems, f"images of '{folder}'")
-    unit = "" if wrong else time_unit(stems, is_seconds=False)
+    check_fractions_are_padded(stems, f"images of '{folder}'")
+    unit = "" if wrong else inferred_time_unit(stems, is_seconds=False)
     if not unit:
         shown = wrong[0] if wrong else ", ".join(stems[:3])
         raise InputError(

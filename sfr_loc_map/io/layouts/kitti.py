@@ -32,10 +32,10 @@ from sfr_loc_map.io.layouts.configured_drive import configured_drive
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.number_text import parse_number
+from sfr_loc_map.io.tables.cells.number_text import parse_number
+from sfr_loc_map.io.tables.cells.stamp_text import seconds_text
+from sfr_loc_map.io.tables.cells.text_table import RowForm, parse_table, read_lines
 from sfr_loc_map.io.tables.numbered_stamps import read_times
-from sfr_loc_map.io.tables.stamps import seconds_text
-from sfr_loc_map.io.tables.text_table import parse_table, read_lines
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import IMAGE_ENDINGS, SIDES
@@ -123,7 +123,9 @@ def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) 
     file = next((file for file in _pose_files(path) if file.is_file()), None)
     if file is None:
         return None
-    rows = parse_table(read_table(file), f"'{file}'", "the first three rows of a pose matrix", range(12)).values
+    rows = parse_table(
+        read_table(file), f"'{file}'", RowForm("the first three rows of a pose matrix", range(12))
+    ).values
     if len(rows) != len(stamps):
         raise InputError(f"'{file}' has {len(rows)} poses for {len(stamps)} times: one pose for each time is required")
     T_cam0_left = Transform(np.eye(3), np.array([offset_m, 0.0, 0.0]))

@@ -18,7 +18,7 @@ from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic
 from sfr_loc_map.io.bag.frames import body_of, chain_above, chain_poses, check_one_body, trajectory_of, valid_indices
 from sfr_loc_map.io.bag.poses import read_frames, read_odometry
-from sfr_loc_map.io.tables.stamps import check_order
+from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TrueRow, TruthReader, first_pose_ns, is_placeholder
 from sfr_loc_map.io.truth.names import is_own
@@ -168,7 +168,7 @@ def _tf_poses(bag: Bag, frame: str) -> Trajectory:
             rows = frames[name].rows
             valid = valid_indices(rows, f"{where}, '{name}'")
             frames[name] = replace(frames[name], rows=[rows[k] for k in valid])
-            check_order(frames[name].poses.stamps_ns, f"{where}, '{name}'", strict=False)
+            check_stamp_order(frames[name].poses.stamps_ns, f"{where}, '{name}'", strict=False)
         fastest = max(moving, key=lambda name: len(frames[name].rows))
         poses = chain_poses(frames, chain, fastest)
     count = len(frames[fastest].rows)

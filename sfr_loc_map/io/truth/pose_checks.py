@@ -17,7 +17,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.stamps import check_order
+from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_stamps import NS_PER_S
 
@@ -55,7 +55,7 @@ def check_clock(stamps_ns: IntArray, name: str) -> None:
 
     Stray stamps are ignored, because `check_poses` removes and reports their poses.
     """
-    check_order(stamps_ns[~stray_stamps(stamps_ns)], name, strict=False)
+    check_stamp_order(stamps_ns[~stray_stamps(stamps_ns)], name, strict=False)
 
 
 def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:

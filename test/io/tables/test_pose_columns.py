@@ -6,6 +6,7 @@ import bz2
 import gzip
 import json
 import lzma
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +19,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_quat, matrix_from_rotvec, quat_from_matrix, quat_normalised
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.pose_columns import CSV_HEADER
+from sfr_loc_map.io.tables.columns.pose_columns import CSV_HEADER
+from sfr_loc_map.io.tables.columns.time_units import TimeUnit, UnitOrigin
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory, trajectory_text
 from sfr_loc_map.io.truth.config import TruthConfig
@@ -46,7 +48,7 @@ def with_nan(poses: Trajectory) -> str:
 
 
 def read_as(name: str) -> object:
-    from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
+    from sfr_loc_map.io.tables.columns.pose_columns import TrajectoryFormat
 
     return TrajectoryFormat(name)
 
@@ -331,7 +333,7 @@ REFUSED = {
     "a unit in a comment before TUM": (
         "# t x y z qx qy qz qw, lengths: millimetres\n" + TUM_ROWS,
         "",
-        "line 1 states the unit mm, .*qw=#8'",
+        "line 1 states the unit mm, .*qw'",
     ),
     "a unit in a comment before given columns": (
         "# unit: cm\n" + TUM_ROWS,
@@ -501,11 +503,45 @@ def test_a_table_that_cannot_be_understood_is_refused_by_what_was_found(tmp_path
         read_trajectory_file(tmp_path / "theirs.csv", columns)
 
 
+STILL = np.tile(np.eye(4).reshape(-1), (COUNT, 1))
+UTC = [f"2026-05-04T10:22:{0.1 * number:05.2f}" for number in range(COUNT)]
+ADVISED = {
+    "seconds in two columns": lambda p: (
+        "# wxyz\n"
+        + rows([ns // NS_PER_S for ns in whole(p)], [ns % NS_PER_S for ns in whole(p)], p.positions, p.quats_xyzw)
+    ),
+    "a height downwards": lambda p: rows(range(COUNT), p.positions, header="t,north,east,down"),
+    "a unit of a height downwards": lambda p: "# lengths: mm\n" + rows(seconds(p), p.positions, header="t,n,e,down"),
+    "4 x 4 matrices": lambda p: rows(seconds(p), STILL, separator=" "),
+    "dates and a unit": lambda p: "# lengths: mm\n" + rows(UTC, p.positions, header="t,x,y,z"),
+    "the scalar first beside covariances": lambda p: rows(
+        seconds(p),
+        level_path(30.0).positions,
+        level_path(30.0).quats_xyzw[:, WXYZ],
+        np.full((COUNT, 12), 1e-4),
+        separator=" ",
+        header=f"# timestamp(s) {' '.join(POSE)} {COVARIANCE}",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ADVISED)
+def test_the_columns_that_an_error_recommends_are_accepted(tmp_path: Path, case: str) -> None:
+    (tmp_path / "theirs.csv").write_text(ADVISED[case](drive()))
+    with pytest.raises(InputError) as refused:
+        read_trajectory_file(tmp_path / "theirs.csv")
+    options = re.findall("--columns '([^']*)'", str(refused.value))
+    assert options
+    for columns in options:
+        read = read_trajectory_file(tmp_path / "theirs.csv", columns.replace("UNIT", "s"))
+        assert len(read.trajectory) == COUNT
+
+
 def test_an_inferred_unit_of_stamps_is_reported(tmp_path: Path) -> None:
     (tmp_path / "theirs.csv").write_text("time,x,y,z\n" + "".join(f"{k / 10:.1f},1,2,3\n" for k in range(20)))
     found = read_trajectory_file(tmp_path / "theirs.csv")
     assert found.columns is not None
-    assert found.columns.inferred == "s"
+    assert found.columns.time == TimeUnit("s", UnitOrigin.INFERRED)
     assert found.is_announced
 
 

@@ -39,3 +39,9 @@ def number_or_nan(text: str) -> float:
     """Return a number, with a decimal point or a decimal comma; NaN if the text is not a number."""
     word = text.strip().replace(",", ".")
     return float(word) if is_decimal(word) else math.nan
+
+
+def is_number(text: str) -> bool:
+    """Return whether a cell is a number, NaN or infinite."""
+    is_special = text.strip().lower().lstrip("+-").partition("(")[0] in ("nan", "inf")
+    return is_special or math.isfinite(number_or_nan(text))

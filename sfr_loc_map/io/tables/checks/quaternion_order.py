@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import plausible_attitudes, plausible_positions
-from sfr_loc_map.io.tables.pose_columns import (
+from sfr_loc_map.io.tables.checks.vehicle_motion import contradicts_order, problem_of_order
+from sfr_loc_map.io.tables.columns.pose_columns import (
     NANOSECONDS,
     POSITION,
     QUATERNION,
@@ -18,9 +19,10 @@ from sfr_loc_map.io.tables.pose_columns import (
     SECONDS,
     STAMP,
     PoseColumns,
+    StatedColumns,
 )
-from sfr_loc_map.io.tables.table_head import TableHead
-from sfr_loc_map.io.tables.vehicle_motion import contradicts_order, problem_of_order
+from sfr_loc_map.io.tables.columns.table_head import TableHead
+from sfr_loc_map.io.tables.columns.user_columns import columns_text
 
 _ORDERS: dict[tuple[str, ...], str] = {QUATERNION: "last", SCALAR_FIRST: "first"}
 """Place of the scalar by the order of the columns."""
@@ -31,45 +33,57 @@ _COMMENTS: dict[tuple[str, ...], re.Pattern[str]] = {
 """Patterns of comments that state an order."""
 
 
-def check_order_of_quaternions(head: TableHead, found: PoseColumns) -> None:
+def check_order_of_quaternions(head: TableHead, columns: PoseColumns) -> None:
     """Raise InputError if a comment or the motion contradicts the order of quaternions in columns.
 
     Nothing is checked unless the quaternions are four consecutive columns with the scalar first or last. The numbers in
     the titles of the suite (`att_q_DsToRb_1`) state their order.
     """
-    if not {*POSITION, *QUATERNION} <= found.index_of.keys() or found.is_conjugated:
+    stated = columns.stated
+    if not {*POSITION, *QUATERNION} <= stated.index_of.keys() or stated.is_conjugated:
         return
-    indices = sorted(found.index_of[key] for key in QUATERNION)
-    order = tuple(sorted(QUATERNION, key=found.index_of.__getitem__))
+    indices = sorted(stated.index_of[key] for key in QUATERNION)
+    order = tuple(sorted(QUATERNION, key=stated.index_of.__getitem__))
     if order not in _ORDERS or indices[-1] - indices[0] != len(QUATERNION) - 1:
         return
-    if not found.by_header:
-        _check_comments(head, found, order)
-    _check_motion(head, found, order)
+    options = {each: head.option_with(_columns_text(columns, indices[0], each)) for each in _ORDERS}
+    if not stated.are_named:
+        _check_comments(head, stated, order, options)
+    _check_motion(head, stated, order, options)
 
 
-def _check_comments(head: TableHead, found: PoseColumns, order: tuple[str, ...]) -> None:
+def _columns_text(columns: PoseColumns, first: int, order: tuple[str, ...]) -> str:
+    """Return the columns as the user names them, with another order of the quaternions from the column `first`."""
+    quaternion = {key: first + number for number, key in enumerate(order)}
+    return columns_text({**columns.stated.index_of, **quaternion}, columns.units)
+
+
+def _check_comments(
+    head: TableHead, stated: StatedColumns, order: tuple[str, ...], options: Mapping[tuple[str, ...], str]
+) -> None:
     """Raise InputError if the last comment that states an order of quaternions states another order."""
-    stated = [
+    comments = [
         (number, other)
         for number, line in enumerate(head.before, 1)
         for other, pattern in _COMMENTS.items()
         if pattern.search(line)
     ]
-    number, other = stated[-1] if stated else (0, order)
+    number, other = comments[-1] if comments else (0, order)
     if other != order:
         raise InputError(
-            f"{head.name} line {number} states that quaternions have the scalar {_ORDERS[other]}, unlike {found.name}: "
-            f"{head.named_by(_columns_with(head, found, other))}"
+            f"{head.name} line {number} states that quaternions have the scalar {_ORDERS[other]}, unlike "
+            f"{stated.name}: name the columns: {options[other]}"
         )
 
 
-def _check_motion(head: TableHead, found: PoseColumns, order: tuple[str, ...]) -> None:
+def _check_motion(
+    head: TableHead, stated: StatedColumns, order: tuple[str, ...], options: Mapping[tuple[str, ...], str]
+) -> None:
     """Raise InputError if the attitudes describe a vehicle only in the other order of quaternions."""
-    positions, quats = _poses(head, found)
+    positions, quats = _poses(head, stated)
     to_other = [1, 2, 3, 0] if order == QUATERNION else [3, 0, 1, 2]
     others = quats[:, to_other]
-    if found.by_header:
+    if stated.are_named:
         origin = "a header that names its columns"
         problem = "not along the path" if contradicts_order(positions, quats, others) else ""
     else:
@@ -78,19 +92,17 @@ def _check_motion(head: TableHead, found: PoseColumns, order: tuple[str, ...]) -
     if not problem:
         return
     other = next(place for each, place in _ORDERS.items() if each != order)
-    first, last = (head.option_with(_columns_with(head, found, each)) for each in (SCALAR_FIRST, QUATERNION))
     raise InputError(
-        f"{head.name} has {origin}, and its attitudes are {problem} if read as {found.name}, but level and along the "
-        f"path if the scalar of the quaternions is {other}: name the columns by {first} if it is first, or by {last} "
-        "if it is last"
+        f"{head.name} has {origin}, and its attitudes are {problem} if read as {stated.name}, but level and along the "
+        f"path if the scalar of the quaternions is {other}: name the columns by {options[SCALAR_FIRST]} if it is "
+        f"first, or by {options[QUATERNION]} if it is last"
     )
 
 
-def _poses(head: TableHead, found: PoseColumns) -> tuple[FloatArray, FloatArray]:
+def _poses(head: TableHead, stated: StatedColumns) -> tuple[FloatArray, FloatArray]:
     """Return the valid positions `(N, 3)` and quaternions `(N, 4)` of the first rows, in the order of their stamps."""
-    stamps = [key for key in (STAMP, SECONDS, NANOSECONDS) if key in found.index_of]
-    keys = (*stamps, *POSITION, *QUATERNION)
-    columns = [found.index_of[key] for key in keys]
+    stamps = [key for key in (STAMP, SECONDS, NANOSECONDS) if key in stated]
+    columns = [stated.index_of[key] for key in (*stamps, *POSITION, *QUATERNION)]
     rows = head.numbers(max(columns) + 1)[:, columns]
     rows = rows[np.isfinite(rows).all(axis=1)]
     if stamps:
@@ -98,13 +110,3 @@ def _poses(head: TableHead, found: PoseColumns) -> tuple[FloatArray, FloatArray]
     positions, quats = rows[:, len(stamps) : -4], rows[:, -4:]
     is_valid = plausible_positions(positions) & plausible_attitudes(quats)
     return positions[is_valid], quats[is_valid]
-
-
-def _columns_with(head: TableHead, found: PoseColumns, order: Sequence[str]) -> str:
-    """Return the columns for `--columns` with another order of quaternions, by number if a header has their units."""
-    if not found.by_header:
-        return ",".join((f"t[{head.time_unit}]", *POSITION, *order))
-    first = min(found.index_of[key] for key in QUATERNION)
-    index_of = {**found.index_of, **{key: first + number for number, key in enumerate(order)}}
-    columns = sorted(index_of.items(), key=lambda item: item[1])
-    return ",".join(f"{key}=#{index + 1}" for key, index in columns)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,9 +9,10 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.io.tables.number_text import number_or_nan
-from sfr_loc_map.io.tables.stamps import parse_utc, time_unit
-from sfr_loc_map.io.tables.text_table import COMMENTS, split_cells
+from sfr_loc_map.io.tables.cells.number_text import is_number, number_or_nan
+from sfr_loc_map.io.tables.cells.stamp_text import is_time
+from sfr_loc_map.io.tables.cells.text_table import COMMENTS, split_cells
+from sfr_loc_map.io.tables.columns.time_units import inferred_time_unit
 
 HEAD_LINES = 5000  #: Number of lines from which the columns are detected. Later rows that do not fit are invalid.
 SEPARATORS = (";", "\t", ",")  #: Separators of cells in the order of preference; spaces are tried last.
@@ -58,7 +58,7 @@ class TableHead:
     @property
     def time_unit(self) -> str:
         """Unit of the stamps in the first column, for examples in messages: inferred, or `s`."""
-        return time_unit([cells[0] for cells in self.rows], is_seconds=False) or "s"
+        return inferred_time_unit([cells[0] for cells in self.rows], is_seconds=False) or "s"
 
     def numbers(self, width: int) -> FloatArray:
         """Return the numbers in the first `width` cells of each row that has so many; NaN for other cells."""
@@ -94,21 +94,6 @@ def header_cells(line: str, separator: str | None, width: int = NAMED_COLUMNS) -
 def separator_in(text: str) -> str | None:
     """Return the first of `SEPARATORS` in a text; None (spaces) if it has none."""
     return next((separator for separator in SEPARATORS if separator in text), None)
-
-
-def is_number(text: str) -> bool:
-    """Return whether a cell is a number, NaN or infinite."""
-    is_special = text.strip().lower().lstrip("+-").partition("(")[0] in ("nan", "inf")
-    return is_special or math.isfinite(number_or_nan(text))
-
-
-def is_time(text: str) -> bool:
-    """Return whether a cell is a time such as `2026-05-04 10:22:01.25`."""
-    try:
-        parse_utc(text)
-    except (ValueError, OverflowError):
-        return False
-    return True
 
 
 def _separator_of_row(text: str) -> str | None:

@@ -1,0 +1,80 @@
+"""Checks that the stamped poses of a table are one run of one body."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.io.tables.cells.text_table import MAX_INVALID
+
+MAX_EQUAL = 2  #: Largest mean number of poses with one stamp; some tools write each pose twice.
+SAME_PLACE_M = 0.01  #: Largest distance of positions at equal stamps that may be noise, m.
+APART_STEPS = 5.0  #: Smallest distance of two bodies, as a multiple of the median step between different stamps.
+RUN_ROWS = 10  #: Smallest number of rows of a run; rows in random order have shorter runs.
+
+
+def check_one_run_of_one_body(name: str, lines: IntArray, stamps_ns: IntArray, positions: FloatArray) -> None:
+    """Raise InputError unless the positions `(N, 3)`, m, of a table are those of one run of one body.
+
+    `lines` `(N,)` are the line numbers of the rows, for messages.
+    """
+    _check_stamps_differ(name, stamps_ns)
+    _check_one_run(name, lines, stamps_ns)
+    _check_one_body(name, lines, stamps_ns, positions)
+
+
+def _check_stamps_differ(name: str, stamps_ns: IntArray) -> None:
+    """Raise InputError if a stamp has more than `MAX_EQUAL` poses on average, as when its last digits are missing."""
+    ascending_ns = np.sort(stamps_ns)  # hundred times as fast as `np.unique`, which hashes integers
+    count, different = len(ascending_ns), 1 + np.count_nonzero(np.diff(ascending_ns))
+    if count > MAX_EQUAL * different:
+        raise InputError(
+            f"{name}: the number of different stamps is {different} for {count} poses: one stamp for each pose "
+            "is required; write the stamps with all their digits"
+        )
+
+
+def _check_one_run(name: str, lines: IntArray, stamps_ns: IntArray) -> None:
+    """Raise InputError if a table has several runs over the same time, for example because the clock was restarted.
+
+    A run is a part of the table with increasing stamps. A table may be sorted in descending order, consist of runs
+    whose times do not overlap, in any order, or have stray rows anywhere.
+    """
+    steps = np.diff(stamps_ns)
+    is_downwards = np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0)
+    if is_downwards:
+        lines, stamps_ns = lines[::-1], stamps_ns[::-1]
+    starts = np.append(0, np.flatnonzero(np.diff(stamps_ns) < 0) + 1)
+    counts = np.diff(starts, append=len(stamps_ns))
+    starts, counts = starts[counts >= RUN_ROWS], counts[counts >= RUN_ROWS]
+    margins = np.maximum(counts // 10, 1)  # a stray stamp may begin or end a run
+    first_ns, last_ns = stamps_ns[starts + margins], stamps_ns[starts + counts - 1 - margins]
+    order = np.argsort(first_ns, kind="stable")
+    overlaps = first_ns[order][1:] < np.maximum.accumulate(last_ns[order])[:-1]
+    if overlaps.any():
+        row = int(starts[order][1:][overlaps].max())
+        raise InputError(
+            f"{name} line {lines[row]}: the stamps begin again within the time of other rows: one run is required; "
+            "give each run a file of its own"
+        )
+
+
+def _check_one_body(name: str, lines: IntArray, stamps_ns: IntArray, positions: FloatArray) -> None:
+    """Raise InputError if positions `(N, 3)` with equal stamps are apart, as those of two bodies."""
+    order = np.argsort(stamps_ns, kind="stable")
+    is_equal = np.diff(stamps_ns[order]) == 0
+    if np.count_nonzero(is_equal) <= MAX_INVALID * len(order):
+        return
+    ordered = positions[order]
+    apart_m = np.linalg.norm(np.diff(ordered, axis=0), axis=1)[is_equal]
+    first_of_stamp = ordered[np.append(True, ~is_equal)]
+    steps_m = np.linalg.norm(np.diff(first_of_stamp, axis=0), axis=1)
+    typical_m = float(np.median(apart_m))
+    if typical_m > max(SAME_PLACE_M, APART_STEPS * float(np.median(steps_m)) if len(steps_m) else 0.0):
+        line = lines[order[1:][is_equal][0]]
+        raise InputError(
+            f"{name} line {line} and {len(apart_m) - 1} more have the stamp of another line, but positions that "
+            f"are typically {typical_m:.3g} m apart: the poses of one body are required; give each body a file of its "
+            "own"
+        )

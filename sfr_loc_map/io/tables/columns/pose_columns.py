@@ -1,0 +1,195 @@
+"""The columns of stamps, positions and attitudes in a text table: as stated, and complete with their units."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import partial
+
+from sfr_loc_map.io.tables.cells.stamp_text import (
+    TIMES,
+    UTC_UNIT,
+    parse_decimal,
+    parse_nanoseconds,
+    parse_seconds,
+    parse_utc,
+)
+from sfr_loc_map.io.tables.cells.text_table import RowForm
+from sfr_loc_map.io.tables.columns.length_units import METRES
+from sfr_loc_map.io.tables.columns.time_units import TimeUnit
+from sfr_loc_map.message_stamps import NS_PER_S
+
+STAMP, SECONDS, NANOSECONDS, FRAME = "t", "sec", "nsec", "frame"
+POSITION = ("x", "y", "z")
+QUATERNION = ("qx", "qy", "qz", "qw")
+SCALAR_FIRST = ("qw", "qx", "qy", "qz")
+MATRIX = tuple(f"m{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3, 4))
+LAST_ROW = ("m41", "m42", "m43", "m44")  #: Column names of the last row of a 4 x 4 matrix, whose values are 0, 0, 0, 1.
+DOWN = "down"  #: A height that is positive downwards; z is its negative.
+COVARIANCES = {
+    "Pr": ("attitude", ("11", "12", "13", "22", "23", "33")),
+    "Pt": ("position", ("11", "12", "13", "22", "23", "33")),
+}
+"""Covariance columns of OpenVINS: upper triangles in rad^2 and m^2 (docs.openvins.com, "Filesystem format")."""
+COVARIANCE_KEYS = tuple(f"{prefix}{index}" for prefix, (_, indices) in COVARIANCES.items() for index in indices)
+CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
+    f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
+)
+"""Header of the csv of the suite."""
+KITTI_COLUMNS = 12  #: Number of columns of a pose of KITTI: a 3 x 4 matrix.
+
+
+class TrajectoryFormat(StrEnum):
+    """The formats of trajectory files."""
+
+    CSV = "csv"
+    TUM = "tum"
+    KITTI = "kitti"
+    EUROC = "euroc"
+    COLUMNS = "columns"
+    MATRIX = "matrix"
+
+
+_ORDERS = {
+    TrajectoryFormat.CSV: ((STAMP, *POSITION, *QUATERNION), (",", ";", "\t")),
+    TrajectoryFormat.EUROC: ((STAMP, *POSITION, *SCALAR_FIRST), (",",)),
+    TrajectoryFormat.TUM: ((STAMP, *POSITION, *QUATERNION), (None, "\t")),
+}
+"""First columns and separators of the formats without matrices."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatedColumns:
+    """The columns that the user, a header or a layout states. Columns and units may be missing or contradictory."""
+
+    name: str  #: Name of the columns in messages.
+    separator: str | None  #: Separator of the cells; None: spaces.
+    index_of: Mapping[str, int]  #: Column of each key, from 0.
+    units: Mapping[str, str]  #: Unit of each key whose unit is stated.
+    width: int  #: Number of columns.
+    are_named: bool  #: Whether a header or the user names the columns; otherwise they are those of a layout.
+    ignored: tuple[str, ...] = ()  #: Names of columns that are not read.
+    is_conjugated: bool = False  #: Whether the quaternions are `att_q_DsToRb`, the conjugates of those in ROS messages.
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.index_of
+
+    def has_order_of(self, known: TrajectoryFormat) -> bool:
+        """Return whether separator and first columns are those of a format without matrices, whatever the units."""
+        order, separators = _ORDERS[known]
+        if self.is_conjugated != (known is TrajectoryFormat.CSV) or self.separator not in separators:
+            return False
+        return all(self.index_of.get(key) == index for index, key in enumerate(order))
+
+    @property
+    def is_matrix(self) -> bool:
+        """Whether the poses are 3 x 4 matrices."""
+        return MATRIX[0] in self.index_of
+
+    @property
+    def position_keys(self) -> tuple[str, ...]:
+        """The three columns of the position."""
+        return POSITION if "z" in self.index_of else ("x", "y", DOWN)
+
+    @property
+    def stamp_key(self) -> str | None:
+        """The column of the stamp, or of its whole seconds; None if the rows have no stamps."""
+        return next((key for key in (STAMP, SECONDS) if key in self.index_of), None)
+
+    @property
+    def has_covariance(self) -> bool:
+        """Whether the columns contain a complete covariance."""
+        return all(key in self.index_of for key in COVARIANCE_KEYS)
+
+    @property
+    def value_keys(self) -> tuple[str, ...]:
+        """The columns that are read as numbers: all but the stamp."""
+        frame = (FRAME,) if FRAME in self.index_of and self.stamp_key is None else ()
+        attitude = tuple(key for key in QUATERNION if key in self.index_of)
+        pose = MATRIX if self.is_matrix else (*self.position_keys, *attitude)
+        fraction = (NANOSECONDS,) if NANOSECONDS in self.index_of else ()
+        covariances = COVARIANCE_KEYS if self.has_covariance else ()
+        return (*frame, *pose, *fraction, *covariances)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseColumns:
+    """The columns of a table that are read as poses. All required columns are present, and all units are supported."""
+
+    stated: StatedColumns
+    time: TimeUnit | None  #: Unit of the column `t`; None without this column.
+    skip: int  #: Number of lines before the first row.
+
+    @property
+    def format(self) -> TrajectoryFormat:
+        """The format with these columns, with or without a header; COLUMNS if the format has no name of its own."""
+        stated = self.stated
+        if stated.is_matrix:
+            has_numbers = stated.stamp_key is not None or FRAME in stated
+            return TrajectoryFormat.MATRIX if has_numbers else TrajectoryFormat.KITTI
+        known = next((known for known in _ORDERS if stated.has_order_of(known)), TrajectoryFormat.COLUMNS)
+        is_other_unit = known is TrajectoryFormat.EUROC and self.units[STAMP] != "ns"
+        return TrajectoryFormat.COLUMNS if is_other_unit else known
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """The unit of each key that has one, including that of the stamps."""
+        return self.stated.units if self.time is None else {**self.stated.units, STAMP: self.time.unit}
+
+    @property
+    def row_form(self) -> RowForm:
+        """The cells that are read from each row: the stamp, if there is one, and the numbers of `value_keys`."""
+        stated = self.stated
+        keys = stated.value_keys if stated.stamp_key is None else (stated.stamp_key, *stated.value_keys)
+        columns = [stated.index_of[key] for key in keys]
+        return RowForm(
+            stated.name,
+            columns,
+            None if stated.stamp_key is None else self._stamp_parser(stated.stamp_key),
+            stated.separator,
+            self._allows_more(columns),
+            self._small_unit,
+        )
+
+    def _allows_more(self, columns: list[int]) -> bool:
+        """Return whether rows may have more columns than those that are read.
+
+        This is so for named columns, and for layouts of which some columns are not read. Rows of the csv of the suite
+        without further columns have exactly the columns of its header.
+        """
+        if self.format is TrajectoryFormat.CSV and not self.stated.ignored:
+            return False
+        return self.stated.are_named or columns != list(range(self.stated.width))
+
+    def _stamp_parser(self, key: str) -> Callable[[str], int]:
+        """Return the function that converts the text of a stamp to nanoseconds."""
+        unit = self.units.get(key, "s")
+        if unit == UTC_UNIT:
+            return parse_utc
+        unit_ns = TIMES[unit]
+        if unit_ns == NS_PER_S:
+            return parse_seconds
+        return parse_nanoseconds if unit_ns == 1 else partial(parse_decimal, unit_ns=unit_ns)
+
+    @property
+    def fraction_ns(self) -> int:
+        """Unit of the column `nsec`, ns."""
+        return TIMES[self.units.get(NANOSECONDS, "ns")]
+
+    @property
+    def scales(self) -> list[float]:
+        """Factors that convert the columns of the position to metres."""
+        keys = self.stated.position_keys
+        return [METRES[self.units.get(key, "")] * (-1.0 if key == DOWN else 1.0) for key in keys]
+
+    @property
+    def length_units(self) -> tuple[str, ...]:
+        """The units of the columns of the position, without repetition, if one of them is not the metre."""
+        units = tuple(dict.fromkeys(self.units.get(key) or "m" for key in self.stated.position_keys))
+        return () if units == ("m",) else units
+
+    @property
+    def _small_unit(self) -> str:
+        """A unit below a metre that a column of the position has; empty if there is none."""
+        return next((unit for unit in self.length_units if METRES[unit] < 1.0), "")
