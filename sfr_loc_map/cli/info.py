@@ -106,7 +106,7 @@ def info(
 def _write(source: Path, given: Configuration) -> tuple[Path, SourceConfig]:
     """Write the proposed configuration to the file that was read, or to a new file; return the file and its content."""
     from sfr_loc_map.io.source_settings import NAME
-    from sfr_loc_map.source_setup.proposal import propose_config
+    from sfr_loc_map.source_setup.examination import propose_config
 
     place = given.path or (source if source.is_dir() else source.parent) / NAME
     found = propose_config(source, replace(given, path=place), Configuration.read(given.path))

@@ -89,8 +89,9 @@ def _init_from(
 ) -> None:
     """Write the configuration that is inferred from a source, and limits; report what is missing."""
     from sfr_loc_map.io.source_settings import NAME
+    from sfr_loc_map.source_setup.examination import propose_config
     from sfr_loc_map.source_setup.initial_files import initial_limits, is_kept
-    from sfr_loc_map.source_setup.proposal import Findings, Value, propose_config
+    from sfr_loc_map.source_setup.proposal import Findings, Value
 
     path, limits = folder / NAME, folder / LIMITS
     names_limits = "limits" in given.sections

@@ -11,7 +11,7 @@ from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.observation import observe
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.issues import Issue
-from sfr_loc_map.source_setup.proposal import propose_config
+from sfr_loc_map.source_setup.examination import propose_config
 
 
 def with_fix(source: Path, given: Configuration, issues: list[Issue], words: list[str]) -> list[Issue]:

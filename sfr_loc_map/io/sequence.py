@@ -19,7 +19,8 @@ from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
 from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
-SAME_POSE = 1e-9  #: Largest difference of equal extrinsics, m or without unit: the rounding of a written quaternion.
+EXTRINSICS_ROUNDING = 1e-9
+"""Largest difference between elements of equal extrinsics, m or without unit: the rounding of a written quaternion."""
 
 
 class LocSequence(Protocol):
@@ -136,7 +137,7 @@ class Source:
         if given is None:
             return found
         own = self.find_own_extrinsics() if self.loc is not None else given
-        if own is None or not np.allclose(own.matrix, given.matrix, rtol=0.0, atol=SAME_POSE):
+        if own is None or not np.allclose(own.matrix, given.matrix, rtol=0.0, atol=EXTRINSICS_ROUNDING):
             return found
         return {name: value for name, value in found.items() if not name.startswith("extrinsics.")}
 

@@ -1,8 +1,10 @@
 """What a source contains (`sfr info`), and the files that describe it (`sfr info --write`, `sfr init`).
 
 facts            pairs, rate, image size, extrinsics, truth and topics of a source
-proposal         an `sfr.yaml`, whose values are inferred step by step
-└─► topic_guess      the topics of a bag by their names in the suite
-└─► seen_topics, image_pairs, joint_images, truth_topics      the steps of this inference
+examination      the `Proposal` of an `sfr.yaml`, to which each step adds its `Findings`
+├─► bag_findings      topics (topic_guess), origin and offset of stamps, baseline of a bag
+│   └─► topic_guess       the topics by their names in the suite: seen_topics, image_pairs, joint_images, truth_topics
+├─► drive_findings    extrinsics, lever arm and condition of the drive and its truth
+└─► proposal          the values with their reasons, and their text
 initial_files    initial parameters and limits
 """

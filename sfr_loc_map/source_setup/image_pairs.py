@@ -8,7 +8,7 @@ from enum import IntEnum
 from os.path import commonprefix
 from typing import NamedTuple
 
-from sfr_loc_map.io.truth.names import plain_name, words
+from sfr_loc_map.io.truth.names import snake_case, words
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED
 from sfr_loc_map.source_setup.seen_topics import SeenTopic, image_kind
 
@@ -55,7 +55,7 @@ class ImageOrder(NamedTuple):
 
 def order_of(image: SeenTopic) -> ImageOrder:
     """Return the sort key of an image."""
-    text, (width, height) = plain_name(image.name), image.size
+    text, (width, height) = snake_case(image.name), image.size
     colour = 0 if GREY.search(text) else 2 if COLOUR.search(text) else 1
     return ImageOrder(
         image_kind(image) == "image_raw", image.msgtype == COMPRESSED, -width * height, colour, image.name
@@ -74,7 +74,7 @@ class Rig(NamedTuple):
     def has(self, pattern: re.Pattern[str]) -> bool:
         """Return whether a pattern matches the name or the frame of one of the images."""
         texts = (self.left.name, self.left.frame, self.right.name, self.right.frame)
-        return any(pattern.search(plain_name(text)) for text in texts)
+        return any(pattern.search(snake_case(text)) for text in texts)
 
     def preference(self) -> tuple[bool | int, ...]:
         """Return the sort key of rigs. The smallest is preferred; rigs with equal keys are ambiguous."""
@@ -120,10 +120,10 @@ def _texts(image: SeenTopic) -> list[tuple[Basis, str]]:
 
     The last part of the name is appended to the frame, so that several topics of one camera differ.
     """
-    name = plain_name(image.name)
+    name = snake_case(image.name)
     if SIDE_WORDS.search(name):
         return [(Basis.SIDE_WORD, name)]
-    return [(Basis.FRAME, f"{plain_name(image.frame)}/{name.rpartition('/')[2]}"), (Basis.NUMBER, name)]
+    return [(Basis.FRAME, f"{snake_case(image.frame)}/{name.rpartition('/')[2]}"), (Basis.NUMBER, name)]
 
 
 def _candidates(image: SeenTopic) -> Iterator[_Candidate]:
@@ -175,10 +175,10 @@ def infos_of(rig: Rig, image: SeenTopic, seen: Sequence[SeenTopic]) -> list[Seen
     pattern = NUMBERS if rig.basis is Basis.NUMBER else SIDE_WORDS
 
     def shared(topic: SeenTopic) -> int:
-        return len(commonprefix([re.split("[/_]", plain_name(each.name)) for each in (topic, image)]))  # noqa: RUF071 - words
+        return len(commonprefix([re.split("[/_]", snake_case(each.name)) for each in (topic, image)]))  # noqa: RUF071 - words
 
     def last_word(topic: SeenTopic) -> str:
-        return next((str(match[1]) for match in reversed([*pattern.finditer(plain_name(topic.name))])), "")
+        return next((str(match[1]) for match in reversed([*pattern.finditer(snake_case(topic.name))])), "")
 
     infos = [topic for topic in seen if topic.msgtype == CAMERA_INFO and last_word(topic) != other_word]
     infos = [topic for topic in infos if topic.size in ((0, 0), image.size) or image.size == (0, 0)]

@@ -1,4 +1,4 @@
-"""The topics of a recording, as far as a look at the first message of each shows them."""
+"""The topics of a recording, with the frame and the image size of their first messages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.images.codec import claimed_size
-from sfr_loc_map.io.truth.names import plain_name
+from sfr_loc_map.io.truth.names import snake_case
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 
 
@@ -24,11 +24,11 @@ class SeenTopic:
 
 def seen_topics(bag: Bag) -> list[SeenTopic]:
     """Return the topics of a bag: type, number of messages, and frame and size of the first message."""
-    looked_at = [
+    with_size = [
         Topic(name, name, kind) for name, kind in bag.topics.items() if kind in (IMAGE, COMPRESSED, CAMERA_INFO)
     ]
     frames, sizes = {}, {}
-    for name, message in bag.first(looked_at).items():
+    for name, message in bag.first(with_size).items():
         frames[name] = str(message.header.frame_id)
         if bag.topics[name] != COMPRESSED:
             sizes[name] = (int(message.width), int(message.height))
@@ -41,4 +41,4 @@ def seen_topics(bag: Bag) -> list[SeenTopic]:
 
 def image_kind(topic: SeenTopic) -> str:
     """Return the last part of the suite's name for an image: `image_rect` or `image_raw`."""
-    return "image_rect" if re.search("(?<![a-z0-9])rect", plain_name(topic.name)) else "image_raw"
+    return "image_rect" if re.search("(?<![a-z0-9])rect", snake_case(topic.name)) else "image_raw"

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from sfr_loc_map.io.truth.names import plain_name, words
+from sfr_loc_map.io.truth.names import snake_case, words
 from sfr_loc_map.message_types import COMPRESSED, FIX, IMAGE, JOINTS, POINTS, POSE
 from sfr_loc_map.source_setup.image_pairs import NAV, OF_NAV, RIGHT_OF, Basis, Rig, infos_of, order_of, pairs_of
 from sfr_loc_map.source_setup.joint_images import has_halves, layout_of, may_be_joint
@@ -45,13 +45,13 @@ class Guess:
 class _Choices:
     """The recorded topics chosen so far for topic names of the suite, with the reason for each choice."""
 
-    found: dict[str, tuple[str, str]] = field(default_factory=dict)
+    chosen: dict[str, tuple[str, str]] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
 
     def take(self, name: str, topics: Sequence[SeenTopic], reason: str) -> None:
         """Choose the topic if only one is possible; a remark reports several."""
         if len(topics) == 1:
-            self.found[name] = topics[0].name, reason
+            self.chosen[name] = topics[0].name, reason
         else:
             self.report_ambiguous(name, topics)
 
@@ -68,7 +68,7 @@ class _Choices:
 def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
     """Return the inferred topics; if counts are known, topics without a message are ignored."""
     seen = sorted([topic for topic in seen if topic.count] or seen, key=lambda topic: topic.name)
-    images = [topic for topic in seen if topic.msgtype in IMAGES and not NO_IMAGE.search(plain_name(topic.name))]
+    images = [topic for topic in seen if topic.msgtype in IMAGES and not NO_IMAGE.search(snake_case(topic.name))]
     images.sort(key=order_of)
     pairs = sorted(pairs_of(images), key=lambda rig: (rig.basis, order_of(rig.left)), reverse=True)
     rigs = list({rig.prefix: rig for rig in pairs}.values())  # of several pairs with one prefix, the last is the best
@@ -80,12 +80,12 @@ def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
     layout = "" if rigs else _choose_double_image(choices, images)
     _choose_others(choices, seen)
     truths = truths_of(seen)
-    how = "likely" if truths and truths[0].msgtype == FIX else "sure"
-    choices.take("truth", truths, f"its type and name; {how}")
+    certainty = "likely" if truths and truths[0].msgtype == FIX else "sure"
+    choices.take("truth", truths, f"its type and name; {certainty}")
 
-    truth, truth_reason = choices.found.pop("truth", ("", ""))
-    topics = {name: topic for name, (topic, _) in choices.found.items()}
-    reasons = {name: reason for name, (_, reason) in choices.found.items()}
+    truth, truth_reason = choices.chosen.pop("truth", ("", ""))
+    topics = {name: topic for name, (topic, _) in choices.chosen.items()}
+    reasons = {name: reason for name, (_, reason) in choices.chosen.items()}
     return Guess(topics, reasons, layout, truth, truth_reason, tuple(choices.remarks))
 
 
@@ -112,12 +112,12 @@ def _choose_rig(choices: _Choices, task: str, rigs: Sequence[Rig], seen: Sequenc
         choices.remarks.append(f"{task}: {left.name} is chosen, not {others}")
     if "infra" in left.name.lower():
         choices.remarks.append(EMITTER)
-    how = "sure" if basis is not Basis.NUMBER and len(ranked) == 1 else "likely"
+    certainty = "sure" if basis is not Basis.NUMBER and len(ranked) == 1 else "likely"
     for side, image in (("left", left), ("right", right)):
-        reason = f"{basis.text} {word}/{RIGHT_OF[word]}, frame {image.frame or 'unknown'}; {how}"
+        reason = f"{basis.text} {word}/{RIGHT_OF[word]}, frame {image.frame or 'unknown'}; {certainty}"
         choices.take(f"{task}/{side}/{image_kind(image)}", [image], reason)
         info = infos_of(best[0], image, seen)
-        choices.take(f"{task}/{side}/camera_info", info, f"nearest to {image.name}; {how}")
+        choices.take(f"{task}/{side}/camera_info", info, f"nearest to {image.name}; {certainty}")
 
 
 def _choose_double_image(choices: _Choices, images: Sequence[SeenTopic]) -> str:
@@ -140,9 +140,9 @@ def _choose_double_image(choices: _Choices, images: Sequence[SeenTopic]) -> str:
 
 def _choose_others(choices: _Choices, seen: Sequence[SeenTopic]) -> None:
     """Choose the topics other than images; pose and joints only if mapping images were chosen."""
-    has_nav = any(name.startswith("nav/left/") for name in choices.found)
+    has_nav = any(name.startswith("nav/left/") for name in choices.chosen)
     for name, (msgtype, pattern) in OTHERS.items():
-        named = [topic for topic in seen if topic.msgtype == msgtype and pattern.search(plain_name(topic.name))]
+        named = [topic for topic in seen if topic.msgtype == msgtype and pattern.search(snake_case(topic.name))]
         named = [topic for topic in named if topic.name.count("/") == min(t.name.count("/") for t in named)]
         if msgtype == POINTS or has_nav:
             choices.take(name, named, "its type and name; likely")

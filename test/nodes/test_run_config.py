@@ -16,7 +16,7 @@ from sfr_loc_map.nodes.launch.ros_arguments import arguments_of_config, topic_ru
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig
-from sfr_loc_map.source_setup.proposal import propose_config
+from sfr_loc_map.source_setup.examination import propose_config
 from sfr_loc_map.suite_names import SIDES
 
 pytestmark = pytest.mark.ros

@@ -18,7 +18,8 @@ from sfr_loc_map.configuration.sections import Configuration, Key
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.source_config import SyncConfig
-from sfr_loc_map.source_setup.proposal import Findings, Proposal, Value, propose_config
+from sfr_loc_map.source_setup.examination import propose_config
+from sfr_loc_map.source_setup.proposal import Findings, Proposal, Value
 
 
 def test_a_recording_without_images_has_a_proposal(tmp_path: Path) -> None:

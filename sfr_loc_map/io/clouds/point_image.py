@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
 
+FLOAT32 = 7  #: Code of a 32-bit float in sensor_msgs/PointField.
+
 
 def points_image(message: Any, size: tuple[int, int]) -> NDArray[np.float32]:  # noqa: ANN401 - a PointCloud2 of any library
     """Return an organised sensor_msgs/PointCloud2 of a size (width, height) as `(H, W, 3)` float32, metres."""
-    offsets = {field.name: int(field.offset) for field in message.fields if int(field.datatype) == 7}
+    offsets = {field.name: int(field.offset) for field in message.fields if int(field.datatype) == FLOAT32}
     shape, step, row = (int(message.height), int(message.width)), int(message.point_step), int(message.row_step)
     size_ok = (shape[1], shape[0]) == size and row >= step * shape[1] and len(message.data) >= row * shape[0]
     if not size_ok or any(name not in offsets or offsets[name] + 4 > step for name in "xyz"):

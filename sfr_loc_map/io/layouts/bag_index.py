@@ -22,8 +22,8 @@ from sfr_loc_map.io.layouts.bag_cameras import BagCameras, CameraTopics, require
 from sfr_loc_map.io.layouts.head_pose import head_poses
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
 from sfr_loc_map.io.source_config import FramesConfig, SyncConfig
-from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
 from sfr_loc_map.io.tables.cells.text_table import MAX_INVALID
+from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
 from sfr_loc_map.message_types import POINTS, POSE
 from sfr_loc_map.stamp_pairing import match_stamps
 from sfr_loc_map.topics import NAV_POSE, TRUE_POINTS

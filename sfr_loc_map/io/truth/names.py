@@ -8,12 +8,15 @@ from sfr_loc_map.topics import COMPRESSED_END
 
 
 def words(*alternatives: str) -> re.Pattern[str]:
-    """Return a pattern of whole words of a name in the form of `plain_name`."""
+    """Return a pattern of whole words of a name in `snake_case`."""
     return re.compile(rf"(?<![a-z0-9])(?:{'|'.join(alternatives)})(?![a-z0-9])")
 
 
-def plain_name(name: str) -> str:
-    """Return a name in lower case with underscores between its words, without the ending of compressed images."""
+def snake_case(name: str) -> str:
+    """Return a name in lower case with underscores between its words, without the ending of compressed images.
+
+    `/Vicon/groundTruth` becomes `/vicon/ground_truth`.
+    """
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower().removesuffix(COMPRESSED_END)
 
 
@@ -35,11 +38,11 @@ OWN = words("wheels?", "encoders?", "odom(?:etry)?", "visual", "zed_node", "goal
 
 def is_tracker(name: str) -> bool:
     """Return whether a topic, frame or file is named after a tracking system."""
-    return TRACKERS.search(plain_name(name)) is not None
+    return TRACKERS.search(snake_case(name)) is not None
 
 
 def is_own(name: str) -> bool:
     """Return whether a topic is named after an estimate of the rover itself, such as wheel odometry."""
-    text = plain_name(name)
+    text = snake_case(name)
     is_truth = any(pattern.search(text) for pattern in TRUTH_WORDS)
     return NO_TRUTH.search(text) is not None or (OWN.search(text) is not None and not is_truth)

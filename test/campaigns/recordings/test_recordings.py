@@ -18,7 +18,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.io.truth.messages import enu_m
-from sfr_loc_map.source_setup.proposal import propose_config
+from sfr_loc_map.source_setup.examination import propose_config
 
 SHORT = 12
 

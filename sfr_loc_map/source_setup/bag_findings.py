@@ -1,0 +1,128 @@
+"""What the messages of a bag propose: topics, origin and offset of stamps, and the baseline."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sfr_loc_map.configuration.sections import Key
+from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.io.bag.bag import Bag, Topic
+from sfr_loc_map.io.bag.poses import read_frame_tree
+from sfr_loc_map.io.layouts.bag_cameras import image_name
+from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
+from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
+from sfr_loc_map.source_setup.proposal import Findings, Value
+from sfr_loc_map.source_setup.seen_topics import seen_topics
+from sfr_loc_map.source_setup.topic_guess import guess_topics
+from sfr_loc_map.stamp_pairing import MAX_TOLERANCE_S, below_half_period, nearest_stamps
+from sfr_loc_map.suite_names import SIDES, Task
+from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
+
+FEWEST_STAMPS = 3  #: Minimum number of left, and of right, stamps from which an offset is inferred.
+RIGS = tuple(task.rig for task in Task)
+STEADY = 0.1  #: Largest variation of a constant offset of the right stamps, as a fraction of the period.
+
+
+def propose_topics(bag: Bag, given: SourceConfig) -> Findings:
+    """Propose the topics of images, calibration and truth that the bag has under other names."""
+    guess = guess_topics(seen_topics(bag))
+    values: list[Value] = []
+    for plain, topic in guess.topics.items():
+        is_compressed = bag.topics.get(topic) == COMPRESSED and not plain.endswith(COMPRESSED_END)
+        name = f"{plain}{COMPRESSED_END}" if is_compressed else plain
+        if not bag.matches(name) and topic not in given.remap:
+            reason = guess.reasons.get(plain.removesuffix(COMPRESSED_END), "by its name and type")
+            values.append(Value(Key("topics", name), topic, reason))
+    if guess.layout:
+        values.append(
+            Value(Key("calibration", "stereo_layout"), guess.layout, "by the width and height of its images; likely")
+        )
+    if guess.truth and not bag.matches(TRUE_POSES) and not given.truth.source and not given.truth.frame:
+        values.append(Value(Key("truth", "source"), guess.truth, guess.truth_reason))
+    return Findings(tuple(values), remarks=tuple(guess.remarks))
+
+
+def propose_origin_of_stamps(bag: Bag) -> Findings:
+    """Propose the times of recording if the header stamps of all images are 0."""
+    topics = [topic for rig in RIGS for topic in _image_topics(bag, rig)]
+    count = 0
+    for _, stamp_ns, _ in bag.stream(topics):
+        if stamp_ns:
+            return Findings()
+        count += 1
+    if count < 2:
+        return Findings()
+    return Findings((Value(Key("sync", "stamps"), "record", "all stamps of the headers are 0; sure"),))
+
+
+def propose_calibration(bag: Bag, given: CalibrationConfig) -> Findings:
+    """Propose the baseline from /tf_static if camera_info has none; report a calibration that is missing.
+
+    Two frames at one position have no baseline.
+    """
+    infos = [bag.find(f"loc/{side}/camera_info", CAMERA_INFO) for side in SIDES]
+    messages = bag.first([topic for topic in infos if topic is not None])
+    if image_name(bag, "loc") is None or given.file:
+        return Findings()
+    if len(messages) < len(SIDES):
+        text = "no camera_info: give --calibration FILE (Kalibr, OpenCV, ROS, COLMAP or rig.json)"
+        return Findings(missing=(text,))
+    left, right = (messages[f"loc/{side}/camera_info"] for side in SIDES)
+    if right.p[3] != 0 or left.p[3] != 0 or given.baseline_m:
+        return Findings()
+    joined = read_frame_tree(bag).find(left.header.frame_id.strip("/"), right.header.frame_id.strip("/"))
+    if joined is None or not joined.translation.any():
+        return Findings(missing=("P[3] of the right camera_info is 0: give --set calibration.baseline_m=METRES",))
+    baseline = float(round(np.linalg.norm(joined.translation), 9))
+    reason = "P[3] is 0; from /tf_static, left to right frame; sure"
+    return Findings((Value(Key("calibration", "baseline_m"), baseline, reason),))
+
+
+def _image_topics(bag: Bag, rig: str) -> list[Topic]:
+    """Return the topics of the images of a rig, left first; empty without images."""
+    image = image_name(bag, rig)
+    if image is None:
+        return []
+    topics = [bag.find(f"{rig}/{side}/{image}", IMAGE, COMPRESSED) for side in SIDES]
+    return [topic for topic in topics if topic is not None]
+
+
+def propose_sync(bag: Bag, given: SyncConfig) -> Findings:
+    """Propose an offset or a tolerance of stamps if the stamps of the drive's left and right images differ."""
+    topics = _image_topics(bag, "loc")
+    stamps: dict[str, list[int]] = {topic.name: [] for topic in topics}
+    for topic, stamp_ns, _ in bag.stream(topics):
+        stamps[topic.name].append(stamp_ns)
+    if len(stamps) < len(SIDES) or min(map(len, stamps.values())) < FEWEST_STAMPS:
+        return Findings()
+    left_ns, right_ns = (np.array(side, np.int64) for side in stamps.values())
+    right_ns = right_ns + round(given.right_offset_s * NS_PER_S)
+    found = _offset_or_tolerance(left_ns, right_ns, given.stamp_tolerance_ns)
+    return Findings(tuple(Value(Key("sync", name), value, reason) for name, value, reason in found))
+
+
+def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: int) -> Iterator[tuple[str, float, str]]:
+    """Yield the setting of `sync` that pairs left and right stamps, with its value and reason; at most one.
+
+    A difference within the tolerance requires no setting. No setting is proposed for a difference of half a period,
+    because a right image is then equally near to two left images. A constant smaller difference is an offset of the
+    right stamps. A varying difference requires a larger tolerance.
+    """
+    period_ns = float(min(np.median(np.diff(side)) for side in (left_ns, right_ns)))
+    difference_ns = right_ns[nearest_stamps(left_ns, right_ns)[0]] - left_ns
+    typical_ns = float(np.median(difference_ns))
+    spread_ns = float(np.percentile(np.abs(difference_ns - typical_ns), 95))
+    largest_ns = abs(typical_ns) + spread_ns
+    if largest_ns <= below_half_period(tolerance_ns, [int(period_ns)]) or 2 * largest_ns >= period_ns:
+        return
+    if spread_ns < STEADY * period_ns:
+        late = f"{abs(typical_ns) / NS_PER_S:.4g} s {'late' if typical_ns > 0.0 else 'early'}"
+        text = f"right stamps are {late}, within {spread_ns / NS_PER_S:.2g} s, modulo the period"
+        yield "right_offset_s", round(-typical_ns / NS_PER_S, 6), text
+    else:
+        largest_s = largest_ns / NS_PER_S
+        tolerance_s = max(largest_s, min(1.5 * largest_s, MAX_TOLERANCE_S))
+        yield "stamp_tolerance_s", round(tolerance_s, 4), f"stamps vary by {spread_ns / NS_PER_S:.2g} s"

@@ -1,0 +1,126 @@
+"""Examination of a source: the steps that propose its configuration, each with the findings of the earlier steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from sfr_loc_map.configuration.parameters import flatten
+from sfr_loc_map.configuration.sections import NOTHING_GIVEN, Configuration, Key
+from sfr_loc_map.errors import SfrError
+from sfr_loc_map.geometry.trajectory import Truth
+from sfr_loc_map.io.bag.bag import Bag
+from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.calibration.calibration_file import CalibrationError
+from sfr_loc_map.io.registry import format_of, open_source, read_truth
+from sfr_loc_map.io.sequence import LocSequence, SourceFormat
+from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_settings import FILE_SETTINGS, copied
+from sfr_loc_map.io.truth.of_bag import could_be_truth
+from sfr_loc_map.source_setup.bag_findings import (
+    propose_calibration,
+    propose_origin_of_stamps,
+    propose_sync,
+    propose_topics,
+)
+from sfr_loc_map.source_setup.drive_findings import propose_condition, propose_extrinsics, propose_lever_arm
+from sfr_loc_map.source_setup.proposal import Findings, Proposal, TruthComponents
+
+
+def propose_config(source: Path, given: Configuration, before: Configuration = NOTHING_GIVEN) -> Proposal:
+    """Examine a source and propose its configuration; the given values are kept.
+
+    Each step reads the source as the findings of the earlier steps configure it. The reason for a given value is "as
+    before" if `before` has the same value. Files in or below the folder of `given` are named relative to this folder.
+    InputError if the source, the given calibration or the given truth is invalid or corrupt.
+    """
+    proposal = _given_values(source, given, before)
+    recorded = Bag(source) if format_of(source) is SourceFormat.BAG else None
+    if recorded is not None:
+        proposal = _with_topics_and_stamps(proposal, recorded)
+    try:
+        loc = _opened_drive(source, proposal.config)
+    except CalibrationError:
+        raise
+    except SfrError as error:  # if values are missing, they are the cause, and the error is not reported
+        _check_given_truth(proposal, given)
+        return proposal if proposal.missing else proposal.adding(Findings(missing=(str(error),)))
+    if loc is None:
+        _check_given_truth(proposal, given)
+        return proposal
+    proposal = proposal.adding(propose_extrinsics(loc, proposal.config))
+    try:
+        truth = loc.ground_truth
+    except SfrError as error:
+        _check_given_truth(proposal, given)
+        return proposal.adding(Findings(missing=(str(error),)))
+    if truth is not None:
+        return _with_truth(proposal, truth, loc.stamps_ns)
+    return proposal if recorded is None else _with_possible_truth(proposal, recorded)
+
+
+def _given_values(source: Path, given: Configuration, before: Configuration) -> Proposal:
+    """Return the proposal with the given values alone."""
+    sections = copied(given.sections)
+    sections.setdefault("topics", {})
+    keys = map(Key.parse, flatten(before.sections))
+    reasons = {key: "as before" for key in keys if key.value_in(sections) == key.value_in(before.sections)}
+    if given.path is not None:
+        folder = given.folder.resolve()
+        for key in FILE_SETTINGS:
+            file = Path(str(key.value_in(sections) or ""))
+            if file.is_relative_to(folder):
+                key.put(str(file.relative_to(folder)), sections)
+    return Proposal(source, replace(given, sections=sections), reasons)
+
+
+def _with_topics_and_stamps(proposal: Proposal, recorded: Bag) -> Proposal:
+    """Return a proposal with the topics, stamps and calibration that a bag requires to be opened."""
+    proposal = proposal.adding(propose_topics(recorded, proposal.config))
+    renamed = recorded.renamed(proposal.config.remap)
+    proposal = proposal.adding(propose_origin_of_stamps(renamed))
+    bag = renamed.stamped_by(proposal.config.sync.stamps)
+    proposal = proposal.adding(propose_calibration(bag, proposal.config.calibration))
+    return proposal.adding(propose_sync(bag, proposal.config.sync))
+
+
+def _opened_drive(source: Path, config: SourceConfig) -> LocSequence | None:
+    """Open a source and read the stamps and poses of its pairs; return its drive.
+
+    Raises the error of an unreadable source.
+    """
+    opened = open_source(source, config)
+    for pairs in (opened.loc, opened.nav):
+        if pairs is not None:
+            len(pairs)  # those of a bag are read on first use
+    return opened.loc
+
+
+def _with_truth(proposal: Proposal, truth: Truth, stamps_ns: Sequence[int]) -> Proposal:
+    """Return a proposal with the components of a ground truth, and a condition for the pairs with these stamps.
+
+    A truth of less than two poses proposes nothing.
+    """
+    if len(truth) < 2:
+        return proposal
+    components = TruthComponents(truth.has_attitude, truth.has_height, truth.has_tilt)
+    proposal = proposal.adding(Findings(truth=components))
+    if "lever_arm_m" not in proposal.configuration.section("truth"):
+        proposal = proposal.adding(propose_lever_arm(truth, proposal.config))
+    if "conditions" not in proposal.sections:
+        proposal = proposal.adding(propose_condition(stamps_ns, truth))
+    return proposal
+
+
+def _with_possible_truth(proposal: Proposal, recorded: Bag) -> Proposal:
+    """Return a proposal with a remark that the truth of a bag is unknown, and with the topics that may be the truth."""
+    text = f"no truth: a score requires --set truth.source=TOPIC or FILE{could_be_truth(recorded)}"
+    return proposal.adding(Findings(remarks=(text,)))
+
+
+def _check_given_truth(proposal: Proposal, given: Configuration) -> None:
+    """Raise the error of a given truth that is invalid or corrupt, although the truth of the drive cannot be read."""
+    truth = given.section("truth")
+    if truth.get("source") or (truth.get("frame") and is_bag(proposal.source)):
+        read_truth(proposal.source, proposal.config)
