@@ -11,6 +11,6 @@ from .registry import read_truth as read_truth
 from .sequence import LocSequence as LocSequence
 from .sequence import NavSequence as NavSequence
 from .sequence import Source as Source
-from .tables.trajectory_file import LoadedTrajectory as LoadedTrajectory
+from .tables.loaded_trajectory import LoadedTrajectory as LoadedTrajectory
 from .tables.trajectory_file import read_trajectory_file as read_trajectory_file
 from .tables.trajectory_writer import save_trajectory as save_trajectory

@@ -25,7 +25,7 @@ class _Item(NamedTuple):
 
     text: str  #: As given: `x=East[mm]`, or `x[mm]`.
     key: str
-    index: int | None  #: Column, from 0; None if the table has no such column.
+    column: int | None  #: From 0; None if the table has no such column.
     unit: str  #: Empty if none is given.
 
 
