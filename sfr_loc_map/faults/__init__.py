@@ -1,7 +1,15 @@
 """Injection of faults into the stereo pairs of any source.
 
-To add a kind of fault, add a member to `FaultKind` (`kinds.py`) and a function to `CHANGES` (`injector.py`). If the
-localiser should detect or tolerate the fault, also add a row to `FAULTS` (`bench/fault_benchmark.py`).
+    source.py                a source whose pairs have faults
+      injector.py            selects the affected pairs of each fault, and changes them
+        kinds.py             one row for each kind of fault, and the text of a fault
+          images.py          changes of single images and of the right camera
+          views.py           changes of the view: occlusions, dirt, shadows
+          stamps_and_rig.py  changes of stamps and of the calibration
+            affected.py, image_operations.py    inputs of a change of images, and what the changes share
+
+To add a kind of fault, add a row to `FaultKind` (`kinds.py`) with its function. If the localiser should detect or
+tolerate the fault, also add a row to `FAULTS` (`bench/fault_benchmark.py`).
 """
 
 import lazy_loader

@@ -1,29 +1,27 @@
-"""Faults of images, stamps and the right camera, as functions of the affected pair or of its stamp."""
+"""Faults of images and of the right camera, as functions of the affected pair."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import wraps
 
-import cv2
 import numpy as np
 
-from sfr_loc_map.faults.affected import READ_NOISE, Affected, as_grey, moved, warped, with_noise
-from sfr_loc_map.faults.kinds import Fault, FaultKind
+from sfr_loc_map.faults.affected import Affected, Change
+from sfr_loc_map.faults.image_operations import READ_NOISE, as_grey, moved, warped, with_noise
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.message_stamps import NS_PER_S
 
 DRIFT_PAIRS = 100.0  #: Number of pairs in which the right camera turns by the amount of a drift.
-LAST_STAMP_NS = 2**63 - 1  #: Largest 64-bit stamp.
 
 
-# ---- faults of the pair, of stamps and of the right camera
+# ---- faults of the pair and of the right camera
 
 
 def unchanged(at: Affected) -> StereoPair:
-    """Return the pair unchanged; `FaultInjector` drops pairs and changes the calibration."""
+    """Return the pair unchanged."""
     return at.pair
 
 
@@ -42,48 +40,34 @@ def identical(at: Affected) -> StereoPair:
     return replace(at.pair, right=at.pair.left)
 
 
-def stamp_with_fault(fault: Fault, stamp_ns: int, following_ns: int | None) -> int:
-    """Return the stamp of an affected pair; a late stamp stays before the next stamp, `following_ns`.
-
-    Other kinds of faults return the stamp unchanged.
-    """
-    moved_ns = stamp_ns + round(fault.amount * NS_PER_S)
-    if fault.kind is FaultKind.CLOCK:
-        return moved_ns
-    if fault.kind is FaultKind.LATE:
-        return min(moved_ns, LAST_STAMP_NS if following_ns is None else following_ns - 1)
-    return stamp_ns
-
-
-def following_stamp(fault: Fault, following_ns: int | None) -> int | None:
-    """Return the stamp of the next pair of the source, to which the fault of the present pair is applied.
-
-    Only a fault of the clock changes this stamp, because such a fault affects all pairs.
-    """
-    if following_ns is None or fault.kind is not FaultKind.CLOCK:
-        return following_ns
-    return stamp_with_fault(fault, following_ns, None)
-
-
-def with_stamp(at: Affected) -> StereoPair:
-    """Return the pair with the changed stamp."""
-    return replace(at.pair, stamp_ns=stamp_with_fault(at.fault, at.pair.stamp_ns, at.following_ns))
-
-
 def shifted(at: Affected) -> StereoPair:
     """Shift the right image to the right."""
     return replace(at.pair, right=as_grey(moved(at.pair.right.astype(np.float32), at.amount)))
 
 
-def right_camera_rotated(axis: int, sign: float, at: Affected) -> StereoPair:
-    """Rotate the right camera about an axis of its optical frame."""
-    return replace(at.pair, right=rotated(at.pair.right, axis, sign * at.amount, at.rig))
+def rolled(at: Affected) -> StereoPair:
+    """Rotate the right camera about its optical axis."""
+    return _right_camera_rotated(at, 2, at.amount)
+
+
+def pitched(at: Affected) -> StereoPair:
+    """Pitch the right camera down."""
+    return _right_camera_rotated(at, 0, -at.amount)
+
+
+def yawed(at: Affected) -> StereoPair:
+    """Turn the right camera to the left."""
+    return _right_camera_rotated(at, 1, -at.amount)
 
 
 def drifting(at: Affected) -> StereoPair:
     """Turn the right camera to the left at a constant rate, from the pair `start` of the fault on."""
-    progress = max((at.index - at.fault.start) / DRIFT_PAIRS, 0.0)
-    return replace(at.pair, right=rotated(at.pair.right, 1, -at.amount * progress, at.rig))
+    progress = max((at.index - at.start) / DRIFT_PAIRS, 0.0)
+    return _right_camera_rotated(at, 1, -at.amount * progress)
+
+
+def _right_camera_rotated(at: Affected, axis: int, angle_deg: float) -> StereoPair:
+    return replace(at.pair, right=rotated(at.pair.right, axis, angle_deg, at.rig))
 
 
 def rotated(image: GreyImage, axis: int, angle_deg: float, rig: StereoRig) -> GreyImage:
@@ -91,6 +75,8 @@ def rotated(image: GreyImage, axis: int, angle_deg: float, rig: StereoRig) -> Gr
 
     `axis` is the index of the rotation axis in the optical frame.
     """
+    import cv2
+
     vector = np.zeros(3)
     vector[axis] = np.radians(angle_deg)
     K = rig.camera_matrix
@@ -102,23 +88,33 @@ def rotated(image: GreyImage, axis: int, angle_deg: float, rig: StereoRig) -> Gr
 # ---- faults of single images
 
 
-def each_image(change: Callable[[GreyImage, Affected], GreyImage], at: Affected) -> StereoPair:
-    """Return the pair after changing each image of the affected cameras, the left image first."""
-    left = at.pair.left if at.fault.camera == "right" else change(at.pair.left, at)
-    right = at.pair.right if at.fault.camera == "left" else change(at.pair.right, at)
-    return replace(at.pair, left=left, right=right)
+def each_image(change: Callable[[GreyImage, Affected], GreyImage]) -> Change:
+    """Return the fault that changes each image of the affected cameras, the left image first."""
+
+    @wraps(change)
+    def changed(at: Affected) -> StereoPair:
+        left = at.pair.left if at.camera == "right" else change(at.pair.left, at)
+        right = at.pair.right if at.camera == "left" else change(at.pair.right, at)
+        return replace(at.pair, left=left, right=right)
+
+    return changed
 
 
+@each_image
 def black(image: GreyImage, at: Affected) -> GreyImage:
     """Return a black image."""
     return np.zeros_like(image)
 
 
+@each_image
 def blurred(image: GreyImage, at: Affected) -> GreyImage:
     """Blur with a Gaussian kernel."""
+    import cv2
+
     return np.asarray(cv2.GaussianBlur(image, (0, 0), max(at.amount, 1e-3)), np.uint8)
 
 
+@each_image
 def sheared(image: GreyImage, at: Affected) -> GreyImage:
     """Shift each row in proportion to its distance from the middle row, in a random direction."""
     height = len(image)
@@ -127,27 +123,32 @@ def sheared(image: GreyImage, at: Affected) -> GreyImage:
     return as_grey(warped(image.astype(np.float32), shear))
 
 
+@each_image
 def exposed(image: GreyImage, at: Affected) -> GreyImage:
     """Multiply the brightness by a factor."""
     return as_grey(at.amount * image.astype(np.float32))
 
 
+@each_image
 def noisy(image: GreyImage, at: Affected) -> GreyImage:
     """Add Gaussian noise."""
     return with_noise(image.astype(np.float32), at.amount, at.pair_rng)
 
 
+@each_image
 def faded(image: GreyImage, at: Affected) -> GreyImage:
     """Darken until the image is black in the middle of the burst, then brighten."""
     return with_noise(abs(2.0 * at.progress - 1.0) * image.astype(np.float32), READ_NOISE, at.pair_rng)
 
 
+@each_image
 def saturated(image: GreyImage, at: Affected) -> GreyImage:
     """Brighten until the fraction `amount` of the image is clipped."""
     white = max(float(np.quantile(image, 1.0 - at.amount)), 1.0)
     return with_noise(255.0 / white * image.astype(np.float32), READ_NOISE, at.pair_rng)
 
 
+@each_image
 def blinded(image: GreyImage, at: Affected) -> GreyImage:
     """Add a glare around a random point."""
     height, width = image.shape
@@ -161,32 +162,44 @@ def blinded(image: GreyImage, at: Affected) -> GreyImage:
 # ---- faults that show the previous pair
 
 
-def with_previous(change: Callable[[GreyImage, GreyImage, Affected], GreyImage], at: Affected) -> StereoPair:
-    """Return the pair mixed with the last pair that is not a repetition; the first pair does not change."""
-    if at.previous is None:
-        return at.pair
-    left = change(at.pair.left, at.previous.left, at)
-    right = change(at.pair.right, at.previous.right, at)
-    return at.with_images(left, right)
+def with_previous(change: Callable[[GreyImage, GreyImage, Affected], GreyImage]) -> Change:
+    """Return the fault that changes each image by the same image of the last pair that is not a repetition.
+
+    The first pair does not change.
+    """
+
+    @wraps(change)
+    def changed(at: Affected) -> StereoPair:
+        if at.previous is None:
+            return at.pair
+        left = change(at.pair.left, at.previous.left, at)
+        right = change(at.pair.right, at.previous.right, at)
+        return at.with_images(left, right)
+
+    return changed
 
 
-def frozen(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:
+@with_previous
+def frozen(image: GreyImage, earlier: GreyImage, at: Affected) -> GreyImage:
     """Return the previous image with new noise."""
-    return with_noise(old.astype(np.float32), at.amount, at.pair_rng)
+    return with_noise(earlier.astype(np.float32), at.amount, at.pair_rng)
 
 
-def ghost(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:
+@with_previous
+def ghost(image: GreyImage, earlier: GreyImage, at: Affected) -> GreyImage:
     """Blend with the previous image."""
-    return as_grey((1.0 - at.amount) * image + at.amount * old)
+    return as_grey((1.0 - at.amount) * image + at.amount * earlier)
 
 
-def torn(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:
+@with_previous
+def torn(image: GreyImage, earlier: GreyImage, at: Affected) -> GreyImage:
     """Return the image with the lower rows of the previous image."""
     rows = np.arange(len(image)) >= round((1.0 - at.amount) * len(image))
-    return np.where(rows[:, None], old, image)
+    return np.where(rows[:, None], earlier, image)
 
 
-def interlaced(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:
+@with_previous
+def interlaced(image: GreyImage, earlier: GreyImage, at: Affected) -> GreyImage:
     """Return the image with every second row of the previous image."""
     rows = np.arange(len(image)) % 2 == 1
-    return np.where(rows[:, None], old, image)
+    return np.where(rows[:, None], earlier, image)

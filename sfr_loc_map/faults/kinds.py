@@ -1,90 +1,160 @@
 """Kinds of faults that are injected into stereo pairs: failures of cameras, clocks, calibration and view.
 
-`FaultKind` declares the effect, the options and the defaults of each kind. `injector.CHANGES` contains the function of
-each kind that changes a pair. Some kinds are implemented in a further place:
-
-- dropped pairs: `FaultInjector.__init__`
-- the first pairs of a drive (`start`): `injector.burst_starts`
-- faults of the calibration (`focal`, `baseline`): `FaultInjector.rig`
-- faults of the stamps (`late`, `clock`): `images.stamp_with_fault` and `images.following_stamp`
-- repeated images (`repeated`, `frozen`): `injector.REPEATING`
+`FaultKind` has one row for each kind: its effect, how its pairs are selected, its options with their defaults and
+limits, and the functions that change the images, the stamp or the rig.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import Enum, StrEnum, auto
 from typing import NamedTuple, Self
 
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.faults import images, views
+from sfr_loc_map.faults.affected import Change
+from sfr_loc_map.faults.stamps_and_rig import (
+    RigChange,
+    StampChange,
+    late_stamp,
+    moved_stamp,
+    same_rig,
+    same_stamp,
+    with_baseline_factor,
+    with_focal_factor,
+)
 from sfr_loc_map.message_text import alternatives
 
-PAIR_OPTIONS = ("share", "burst", "start")  #: Options that select the affected pairs.
-APPLIES_TO: dict[str, str] = {
-    "amount": "faults with a strength",
-    "share": "faults of single pairs",
-    "burst": "faults of single pairs",
-    "start": "faults of single pairs and drift",
-    "camera": "faults of the images of one camera",
+CAMERAS = ("both", "left", "right")
+LAST_INDEX = 10**9  #: Largest `burst` and `start`, pairs. No source has as many.
+
+
+class Option(NamedTuple):
+    """An option of a fault: its type, the faults to which it applies, and the limits of a number."""
+
+    parse: type[float] | type[int] | type[str]
+    applies_to: str
+    low: float = 0.0
+    high: float = 1.0
+    unit: str = ""
+
+
+OPTIONS = {
+    "amount": Option(float, "faults with a strength"),  # the kind has the limits
+    "share": Option(float, "faults of single pairs"),
+    "burst": Option(int, "faults of single pairs", 1, LAST_INDEX, " pairs"),
+    "start": Option(int, "faults of single pairs and drift", 0, LAST_INDEX, " pairs"),
+    "camera": Option(str, "faults of the images of one camera"),
 }
-"""Faults to which each option of a fault applies."""
-ALL_OPTIONS = tuple(APPLIES_TO)
+"""Options of faults by name."""
+ALL_OPTIONS = tuple(OPTIONS)
+PAIR_OPTIONS = ("share", "burst", "start")  #: Options that select the affected pairs.
+
+
+class Selection(Enum):
+    """How the affected pairs of a drive are selected."""
+
+    BURSTS = auto()  #: Bursts of `burst` pairs from the pair `start` on, until `share` of these pairs is affected.
+    COMPLETE_BURSTS = auto()  #: As `BURSTS`, but a burst begins only if it can end within the drive.
+    FIRST_PAIRS = auto()  #: The first `amount` pairs.
+    ALL_PAIRS = auto()  #: All pairs.
 
 
 class KindInfo(NamedTuple):
-    """Effect of a kind of fault, the defaults of `Fault`, and the limits of the user's values."""
+    """Effect of a kind of fault, its options with their defaults and limits, and its functions."""
 
-    amount: float
     effect: str
-    neutral: float | None  #: Amount that has no effect; None if every amount has an effect.
-    share: float = 0.1
-    burst: int = 1
-    start: int = 1
-    max_amount: float = 1000.0  #: Maximum amount.
-    is_signed: bool = False  #: Whether the amount may be negative.
+    amount: float = 0.0  #: Default strength; 0 if the kind has no strength.
+    neutral: float | None = None  #: Amount that has no effect; None if every amount has an effect.
+    min_amount: float = 0.0
+    max_amount: float = 1000.0
+    affects: Selection = Selection.BURSTS
     options: tuple[str, ...] = ALL_OPTIONS  #: Options that have an effect.
-    has_complete_bursts: bool = False  #: Whether a burst begins only if it can end within the sequence.
+    share: float = 0.1  #: Default.
+    burst: int = 1  #: Default.
+    start: int = 1  #: Default.
+    change: Change = images.unchanged  #: Changes the images of an affected pair.
+    stamp: StampChange = same_stamp  #: Changes the stamp of an affected pair.
+    rig: RigChange = same_rig  #: Changes the rig of the drive.
+    drops: bool = False  #: Whether affected pairs are missing.
+    repeats: bool = (
+        False  #: Whether affected pairs show the images of an earlier pair, so that no later pair shows them.
+    )
+
+    @property
+    def is_signed(self) -> bool:
+        """Whether the amount may be negative."""
+        return self.min_amount < 0.0
 
 
-def _pairs(effect: str) -> KindInfo:
+def _pairs(effect: str, change: Change = images.unchanged, *, drops: bool = False, repeats: bool = False) -> KindInfo:
     """Faults of both images of single pairs, without a strength."""
-    return KindInfo(0.0, effect, None, options=PAIR_OPTIONS)
+    return KindInfo(effect, options=PAIR_OPTIONS, change=change, drops=drops, repeats=repeats)
 
 
-def _images(effect: str) -> KindInfo:
+def _images(effect: str, change: Change) -> KindInfo:
     """Faults of the images of one or both cameras, without a strength."""
-    return KindInfo(0.0, effect, None, options=(*PAIR_OPTIONS, "camera"))
+    return KindInfo(effect, options=(*PAIR_OPTIONS, "camera"), change=change)
 
 
 def _strength(
-    amount: float, effect: str, max_amount: float = 1000.0, burst: int = 1, neutral: float | None = 0.0
+    effect: str, amount: float, change: Change, max_amount: float = 1000.0, neutral: float | None = 0.0
 ) -> KindInfo:
     """Faults of the images of one or both cameras with a strength."""
-    return KindInfo(amount, effect, neutral, burst=burst, max_amount=max_amount)
+    return KindInfo(effect, amount, neutral, max_amount=max_amount, change=change)
 
 
-def _episode(amount: float, effect: str) -> KindInfo:
+def _episode(effect: str, amount: float, change: Change) -> KindInfo:
     """Faults that cover a fraction of the image and begin and end within a burst."""
-    return KindInfo(amount, effect, 0.0, burst=20, max_amount=1.0, has_complete_bursts=True)
+    return KindInfo(effect, amount, 0.0, max_amount=1.0, affects=Selection.COMPLETE_BURSTS, burst=20, change=change)
 
 
-def _fixed_region(amount: float, effect: str, max_amount: float = 1.0) -> KindInfo:
-    """Faults of a region of the image in all pairs of a drive."""
-    return KindInfo(amount, effect, 0.0, share=1.0, start=0, max_amount=max_amount)
+def _fixed_region(effect: str, amount: float, change: Change, max_amount: float = 1.0) -> KindInfo:
+    """Faults of a region of the image, by default in all pairs of a drive."""
+    return KindInfo(effect, amount, 0.0, max_amount=max_amount, share=1.0, start=0, change=change)
 
 
-def _all_pairs(amount: float, effect: str, max_amount: float, options: tuple[str, ...] = ("amount",)) -> KindInfo:
+def _all_pairs(
+    effect: str,
+    amount: float,
+    max_amount: float,
+    change: Change = images.unchanged,
+    stamp: StampChange = same_stamp,
+    options: tuple[str, ...] = ("amount",),
+) -> KindInfo:
     """Faults of all pairs with an amount of any sign."""
-    return KindInfo(amount, effect, 0.0, share=1.0, start=0, max_amount=max_amount, is_signed=True, options=options)
+    return KindInfo(
+        effect,
+        amount,
+        neutral=0.0,
+        min_amount=-max_amount,
+        max_amount=max_amount,
+        affects=Selection.ALL_PAIRS,
+        options=options,
+        share=1.0,
+        start=0,
+        change=change,
+        stamp=stamp,
+    )
 
 
-def _factor(amount: float, effect: str) -> KindInfo:
+def _factor(effect: str, amount: float, rig: RigChange) -> KindInfo:
     """Factors on a number of the rig file."""
-    return KindInfo(amount, effect, 1.0, share=1.0, start=0, options=("amount",))
+    return KindInfo(
+        effect,
+        amount,
+        neutral=1.0,
+        min_amount=0.001,
+        affects=Selection.ALL_PAIRS,
+        options=("amount",),
+        share=1.0,
+        start=0,
+        rig=rig,
+    )
 
 
 class FaultKind(StrEnum):
-    """Kinds of faults; `info` describes their effects."""
+    """Kinds of faults; `info` describes them."""
 
     info: KindInfo
 
@@ -95,63 +165,84 @@ class FaultKind(StrEnum):
         return kind
 
     # fmt: off
-    DROPPED = "dropped", _pairs("the pair is missing")
-    REPEATED = "repeated", _pairs("the pair repeats the previous images")
-    SWAPPED = "swapped", _pairs("left and right images are swapped")
-    IDENTICAL = "identical", _pairs("the right image is a copy of the left image")
+    DROPPED = "dropped", _pairs("the pair is missing", drops=True)
+    REPEATED = "repeated", _pairs("the pair repeats the previous images", images.repeated, repeats=True)
+    SWAPPED = "swapped", _pairs("left and right images are swapped", images.swapped)
+    IDENTICAL = "identical", _pairs("the right image is a copy of the left image", images.identical)
     LATE = "late", KindInfo(
-        0.2, "the stamp is AMOUNT s late, but before the next stamp", 0.0, max_amount=1e6,
-        options=("amount", *PAIR_OPTIONS),
+        "the stamp is AMOUNT s late, but before the next stamp", 0.2, 0.0, max_amount=1e6,
+        options=("amount", *PAIR_OPTIONS), stamp=late_stamp,
     )
 
-    BLACK = "black", _images("the image is black")
-    INTERLACED = "interlaced", _images("every second row is from the previous pair")
+    BLACK = "black", _images("the image is black", images.black)
+    INTERLACED = "interlaced", _images("every second row is from the previous pair", images.interlaced)
     START = "start", KindInfo(
-        5.0, "the first AMOUNT pairs are black", 0.0, share=1.0, start=0, max_amount=1e9, options=("amount", "camera")
+        "the first AMOUNT pairs are black", 5.0, 0.0, max_amount=1e9, affects=Selection.FIRST_PAIRS,
+        options=("amount", "camera"), share=1.0, start=0, change=images.black,
     )
-    FROZEN = "frozen", _strength(
-        1.0, "the previous images are shown with new noise of AMOUNT grey levels", burst=5, neutral=None
+    FROZEN = "frozen", KindInfo(
+        "the previous images are shown with new noise of AMOUNT grey levels", 1.0, burst=5, change=images.frozen,
+        repeats=True,
     )
-    TORN = "torn", _strength(0.5, "the lower fraction AMOUNT of the image is from the previous pair", max_amount=1.0)
-    GHOST = "ghost", _strength(0.5, "the previous image is blended in with weight AMOUNT", max_amount=1.0)
+    TORN = "torn", _strength("the lower fraction AMOUNT of the image is from the previous pair", 0.5, images.torn, 1.0)
+    GHOST = "ghost", _strength("the previous image is blended in with weight AMOUNT", 0.5, images.ghost, 1.0)
     SATURATION = "saturation", _strength(
-        0.5, "overexposure: a fraction AMOUNT of the image is clipped", max_amount=1.0, neutral=None
+        "overexposure: a fraction AMOUNT of the image is clipped", 0.5, images.saturated, 1.0, neutral=None
     )
-    BLINDED = "blinded", _strength(1.0, "glare: a spot, AMOUNT image widths wide, is saturated")
-    BLURRED = "blurred", _strength(2.5, "Gaussian blur of AMOUNT px", max_amount=50.0)
-    NOISY = "noisy", _strength(10.0, "Gaussian noise of AMOUNT grey levels")
-    EXPOSURE = "exposure", _strength(0.5, "brightness times AMOUNT", neutral=1.0)
-    SHEAR = "shear", _strength(1.0, "rows are sheared by AMOUNT px in a random direction, as by a rolling shutter")
+    BLINDED = "blinded", _strength("glare: a spot, AMOUNT image widths wide, is saturated", 1.0, images.blinded)
+    BLURRED = "blurred", _strength("Gaussian blur of AMOUNT px", 2.5, images.blurred, 50.0)
+    NOISY = "noisy", _strength("Gaussian noise of AMOUNT grey levels", 10.0, images.noisy)
+    EXPOSURE = "exposure", _strength("brightness times AMOUNT", 0.5, images.exposed, neutral=1.0)
+    SHEAR = "shear", _strength(
+        "rows are sheared by AMOUNT px in a random direction, as by a rolling shutter", 1.0, images.sheared
+    )
 
     FADE = "fade", KindInfo(
-        0.0, "slow blackout: over `burst` pairs the image turns black and back", None, burst=20,
-        has_complete_bursts=True, options=(*PAIR_OPTIONS, "camera"),
+        "slow blackout: over `burst` pairs the image turns black and back", affects=Selection.COMPLETE_BURSTS,
+        options=(*PAIR_OPTIONS, "camera"), burst=20, change=images.faded,
     )
-    OBJECT = "object", _episode(0.3, "an object that covers a fraction AMOUNT of the image crosses it in `burst` pairs")
-    ARM = "arm", _episode(0.4, "an arm slowly covers a fraction AMOUNT of the image over `burst` pairs")
+    OBJECT = "object", _episode(
+        "an object that covers a fraction AMOUNT of the image crosses it in `burst` pairs", 0.3, views.with_object
+    )
+    ARM = "arm", _episode(
+        "an arm slowly covers a fraction AMOUNT of the image over `burst` pairs", 0.4, views.with_arm
+    )
 
-    BODY = "body", _fixed_region(0.3, "own body: fixed texture in the bottom fraction AMOUNT of the image")
-    TEXTURE = "texture", _fixed_region(0.6, "a texture moves sideways in the bottom fraction AMOUNT of the image")
-    REFLECTION = "reflection", _fixed_region(0.5, "a fixed reflection of the rover, fraction AMOUNT of the light")
-    SCRATCH = "scratch", _fixed_region(0.3, "scratched window: fixed lines over a fraction AMOUNT of the image", 0.9)
-    DIRT = "dirt", _fixed_region(0.1, "dirt on the lenses: fixed spots on a fraction AMOUNT of the image")
-    SHADOW = "shadow", _fixed_region(0.2, "own shadow: a fixed dark region over a fraction AMOUNT of the image")
+    BODY = "body", _fixed_region(
+        "own body: fixed texture in the bottom fraction AMOUNT of the image", 0.3, views.with_body
+    )
+    TEXTURE = "texture", _fixed_region(
+        "a texture moves sideways in the bottom fraction AMOUNT of the image", 0.6, views.with_texture
+    )
+    REFLECTION = "reflection", _fixed_region(
+        "a fixed reflection of the rover, fraction AMOUNT of the light", 0.5, views.with_reflection
+    )
+    SCRATCH = "scratch", _fixed_region(
+        "scratched window: fixed lines over a fraction AMOUNT of the image", 0.3, views.with_scratches, 0.9
+    )
+    DIRT = "dirt", _fixed_region(
+        "dirt on the lenses: fixed spots on a fraction AMOUNT of the image", 0.1, views.with_dirt
+    )
+    SHADOW = "shadow", _fixed_region(
+        "own shadow: a fixed dark region over a fraction AMOUNT of the image", 0.2, views.with_shadow
+    )
 
-    FOCAL = "focal", _factor(1.01, "calibration: focal length in the rig file times AMOUNT")
-    BASELINE = "baseline", _factor(1.01, "calibration: baseline in the rig file times AMOUNT")
-    ROLL = "roll", _all_pairs(0.2, "the right camera is rotated by AMOUNT deg about its optical axis", 45.0)
-    PITCH = "pitch", _all_pairs(0.1, "the right camera is pitched down by AMOUNT deg", 45.0)
-    YAW = "yaw", _all_pairs(0.1, "the right camera is turned to the left by AMOUNT deg", 45.0)
+    FOCAL = "focal", _factor("calibration: focal length in the rig file times AMOUNT", 1.01, with_focal_factor)
+    BASELINE = "baseline", _factor("calibration: baseline in the rig file times AMOUNT", 1.01, with_baseline_factor)
+    ROLL = "roll", _all_pairs(
+        "the right camera is rotated by AMOUNT deg about its optical axis", 0.2, 45.0, images.rolled
+    )
+    PITCH = "pitch", _all_pairs("the right camera is pitched down by AMOUNT deg", 0.1, 45.0, images.pitched)
+    YAW = "yaw", _all_pairs("the right camera is turned to the left by AMOUNT deg", 0.1, 45.0, images.yawed)
     DRIFT = "drift", _all_pairs(
-        0.3, "from `start` on, the right camera turns to the left, AMOUNT deg in 100 pairs", 45.0, ("amount", "start")
+        "from `start` on, the right camera turns to the left, AMOUNT deg in 100 pairs", 0.3, 45.0, images.drifting,
+        options=("amount", "start"),
     )
-    SHIFT = "shift", _all_pairs(3.0, "the right image is shifted to the right by AMOUNT px", 1000.0)
-    CLOCK = "clock", _all_pairs(0.1, "all stamps are AMOUNT s late relative to the ground truth", 1e9)
+    SHIFT = "shift", _all_pairs("the right image is shifted to the right by AMOUNT px", 3.0, 1000.0, images.shifted)
+    CLOCK = "clock", _all_pairs(
+        "all stamps are AMOUNT s late relative to the ground truth", 0.1, 1e9, stamp=moved_stamp
+    )
     # fmt: on
-
-
-CAMERAS = ("both", "left", "right")
-MAX_PAIRS = 10**9  #: Largest `burst` and `start`.
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,36 +264,36 @@ def parse_fault(text: str) -> Fault:
     if kind is None:
         raise ConfigError(f"fault '{text}': kind '{kind_name}' is unknown; give one of {', '.join(FaultKind)}")
     info = kind.info
-    values: dict[str, float | int | str] = {"kind": kind, "amount": info.amount, "share": info.share}
-    values |= {"burst": info.burst, "start": info.start}
-    types = {"amount": float, "share": float, "burst": int, "start": int, "camera": str}
+    values: dict[str, float | int | str] = {}
     for item in filter(None, options.split(",")):
         name, _, value = item.partition("=")
-        if name not in types:
-            raise ConfigError(f"fault '{text}': unknown option '{item}': give {alternatives(types)}, as NAME=VALUE")
+        if name not in OPTIONS:
+            raise ConfigError(f"fault '{text}': unknown option '{item}': give {alternatives(OPTIONS)}, as NAME=VALUE")
+        option = OPTIONS[name]
         try:
-            values[name] = types[name](value)
+            values[name] = option.parse(value)
         except ValueError as error:
-            kind_of_number = "a whole number" if types[name] is int else "a number"
+            kind_of_number = "a whole number" if option.parse is int else "a number"
             raise ConfigError(f"fault '{text}': {name} is '{value}': {kind_of_number} is required") from error
         if name not in info.options:
             raise ConfigError(
-                f"fault '{text}': '{name}' applies to {APPLIES_TO[name]}, not to {kind}, which has the options "
+                f"fault '{text}': '{name}' applies to {option.applies_to}, not to {kind}, which has the options "
                 f"{', '.join(info.options)}"
             )
-    fault = Fault(**values)  # type: ignore[arg-type]
-    bounds = {"share": (0, 1, ""), "burst": (1, MAX_PAIRS, " pairs"), "start": (0, MAX_PAIRS, " pairs")}
-    for name, (lowest, highest, unit) in bounds.items():
-        number = getattr(fault, name)
-        if not lowest <= number <= highest:
-            raise ConfigError(f"fault '{text}': {name} is {number:g}: {lowest} to {highest}{unit} is required")
+    defaults = {"amount": info.amount, "share": info.share, "burst": info.burst, "start": info.start, "camera": "both"}
+    fault = Fault(kind, **{**defaults, **values})  # type: ignore[arg-type]
+    for name in PAIR_OPTIONS:
+        number, option = getattr(fault, name), OPTIONS[name]
+        if not option.low <= number <= option.high:
+            raise ConfigError(
+                f"fault '{text}': {name} is {number:g}: {option.low:g} to {option.high:.10g}{option.unit} is required"
+            )
     if fault.camera not in CAMERAS:
         raise ConfigError(f"fault '{text}': camera is '{fault.camera}': one of {', '.join(CAMERAS)} is required")
-    high = kind.info.max_amount
-    low = -high if kind.info.is_signed else 0.0
-    if not low <= fault.amount <= high:
+    if not info.min_amount <= fault.amount <= info.max_amount:
         raise ConfigError(
-            f"fault '{text}': amount is {fault.amount:g}: {low:g} to {high:g} is required ({kind.info.effect})"
+            f"fault '{text}': amount is {fault.amount:g}: {info.min_amount:g} to {info.max_amount:g} is required "
+            f"({info.effect})"
         )
     return fault
 

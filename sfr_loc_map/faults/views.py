@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import wraps
 
-import cv2
 import numpy as np
 
-from sfr_loc_map.faults.affected import READ_NOISE, Affected, as_grey, moved, with_noise
+from sfr_loc_map.faults.affected import Affected, Change
+from sfr_loc_map.faults.image_operations import READ_NOISE, as_grey, moved, smoothed, with_noise
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair
 
@@ -25,11 +26,17 @@ SPEED = 0.006  #: Motion of a texture from pair to pair, fraction of the image's
 Views = tuple[GreyImage, GreyImage]  #: Left and right image.
 
 
-def in_view(draw: Callable[[Affected], Views], at: Affected) -> StereoPair:
-    """Return the pair with the drawn images of the affected cameras."""
-    return at.with_images(*draw(at))
+def in_view(draw: Callable[[Affected], Views]) -> Change:
+    """Return the fault that draws both images, of which the pair receives those of the affected cameras."""
+
+    @wraps(draw)
+    def changed(at: Affected) -> StereoPair:
+        return at.with_images(*draw(at))
+
+    return changed
 
 
+@in_view
 def with_body(at: Affected) -> Views:
     """Cover the bottom rows of both images with a fixed texture, at the depth of the rover's own body."""
     rig = at.rig
@@ -41,6 +48,7 @@ def with_body(at: Affected) -> Views:
     return left, _covered(at.pair.right, moved(texture, -disparity)[:, : rig.width], cover, at)
 
 
+@in_view
 def with_arm(at: Affected) -> Views:
     """Cover a rectangle that enters from below, decelerates and stops at the end of the burst."""
     rig = at.rig
@@ -55,6 +63,7 @@ def with_arm(at: Affected) -> Views:
     return left, _covered(at.pair.right, moved(view, -disparity), moved(cover, -disparity), at)
 
 
+@in_view
 def with_texture(at: Affected) -> Views:
     """Cover the bottom rows of both images with a texture that moves sideways, at the depth of the rover's own body."""
     rig = at.rig
@@ -66,6 +75,7 @@ def with_texture(at: Affected) -> Views:
     return _covered(at.pair.left, texture[:, : rig.width], cover, at), _covered(at.pair.right, there, cover, at)
 
 
+@in_view
 def with_reflection(at: Affected) -> Views:
     """Blend both images with a fixed texture at the depth of the rover's own body."""
     rig = at.rig
@@ -75,8 +85,11 @@ def with_reflection(at: Affected) -> Views:
     return left, as_grey(kept * at.pair.right + at.amount * there)
 
 
+@in_view
 def with_scratches(at: Affected) -> Views:
     """Draw bright and dark lines at the same pixels of both images, until they cover the fraction `amount`."""
+    import cv2
+
     rig = at.rig
     lines = np.zeros((rig.height, rig.width), np.uint8)
     while np.count_nonzero(lines) < at.amount * lines.size:
@@ -86,6 +99,7 @@ def with_scratches(at: Affected) -> Views:
     return as_grey(at.pair.left + light), as_grey(at.pair.right + light)
 
 
+@in_view
 def with_object(at: Affected) -> Views:
     """Cover an ellipse that moves from the left to the right edge of the images at a constant depth."""
     rig = at.rig
@@ -103,8 +117,11 @@ def with_object(at: Affected) -> Views:
     return views[0], views[1]
 
 
+@in_view
 def with_dirt(at: Affected) -> Views:
     """Darken blurred spots on the fraction `amount` of each image; the images have different spots."""
+    import cv2
+
     rig = at.rig
     views = []
     for image in (at.pair.left, at.pair.right):
@@ -113,11 +130,12 @@ def with_dirt(at: Affected) -> Views:
             centre = (round(at.drive_rng.random() * rig.width), round(at.drive_rng.random() * rig.height))
             radius = max(1, round(SPOT_RADIUS * (0.5 + at.drive_rng.random()) * rig.width))
             cv2.circle(cover, centre, radius, 1, -1)
-        shade = cv2.GaussianBlur(cover.astype(np.float32), (0, 0), 0.25 * SPOT_RADIUS * rig.width)
-        views.append(_darkened(image, np.asarray(shade, np.float32), DIRT_BRIGHTNESS))
+        shade = smoothed(cover.astype(np.float32), 0.25 * SPOT_RADIUS * rig.width)
+        views.append(_darkened(image, shade, DIRT_BRIGHTNESS))
     return views[0], views[1]
 
 
+@in_view
 def with_shadow(at: Affected) -> Views:
     """Darken a rectangle at the bottom, with a penumbra; its disparity is that of ground at `SHADOW_DEPTH`."""
     rig = at.rig
@@ -126,14 +144,14 @@ def with_shadow(at: Affected) -> Views:
     first = round(at.drive_rng.random() * (rig.width - width))
     shade = np.zeros((rig.height, rig.width), np.float32)
     shade[rig.height - min(height, rig.height) :, first : first + width] = 1.0
-    shade = cv2.GaussianBlur(shade, (0, 0), 0.01 * rig.width).astype(np.float32)
+    shade = smoothed(shade, 0.01 * rig.width)
     there = moved(shade, -rig.fx / SHADOW_DEPTH)
     return _darkened(at.pair.left, shade, SHADOW_BRIGHTNESS), _darkened(at.pair.right, there, SHADOW_BRIGHTNESS)
 
 
 def _texture(height: int, width: int, like: GreyImage, drive_rng: np.random.Generator) -> FloatImage:
     noise = drive_rng.standard_normal((2, height, width), np.float32)
-    grains = [cv2.GaussianBlur(layer, (0, 0), sigma) for layer, sigma in zip(noise, (1.0, 4.0), strict=True)]
+    grains = [smoothed(layer, sigma) for layer, sigma in zip(noise, (1.0, 4.0), strict=True)]
     total = sum(layer / max(float(layer.std()), 1e-6) for layer in grains)
     bright = float(np.clip(like.mean(), 60.0, 190.0))
     return np.asarray(bright + TEXTURE_CONTRAST / np.sqrt(2.0) * total, np.float32)

@@ -1,13 +1,15 @@
 """Each fault changes the pairs that it selects as described, and leaves the others unchanged."""
 
 from collections.abc import Iterator
+from contextlib import suppress
+from itertools import islice
 
 import numpy as np
 import pytest
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.faults.injector import FaultInjector
-from sfr_loc_map.faults.kinds import APPLIES_TO, FaultKind, parse_fault
+from sfr_loc_map.faults.kinds import OPTIONS, FaultKind, parse_fault
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 
 RIG = StereoRig(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1)
@@ -38,6 +40,8 @@ def faulty_pairs(*texts: str, seed: int = 1) -> dict[int, StereoPair]:
         "blurred:amount=1e9",
         "yaw:amount=nan",
         "scratch:amount=1",
+        "focal:amount=0",
+        "baseline:amount=0",
     ],
 )
 def test_wrong_text_is_refused(text: str) -> None:
@@ -57,17 +61,34 @@ def test_the_neutral_amount_has_no_effect(kind: FaultKind) -> None:
         np.testing.assert_array_equal(changed[number].right, pair.right)
 
 
+@pytest.mark.parametrize("kind", [kind for kind in FaultKind if "amount" in kind.info.options])
+@pytest.mark.parametrize("bound", ["min_amount", "max_amount"])
+def test_each_allowed_amount_gives_pairs_or_is_refused_for_the_rig(kind: FaultKind, bound: str) -> None:
+    """The plausible focal lengths and baselines depend on the rig."""
+    share = ",share=1,start=0" if "share" in kind.info.options else ""
+    fault = parse_fault(f"{kind}:amount={getattr(kind.info, bound)}{share}")
+    with suppress(ConfigError):
+        assert len(list(FaultInjector([fault], 1, 3, RIG).pairs(islice(pairs(), 3)))) == 3
+
+
+@pytest.mark.parametrize("kind", ["focal", "baseline"])
+def test_a_factor_that_is_impossible_for_the_rig_is_refused(kind: str) -> None:
+    faults = [parse_fault(f"{kind}:amount=1000") for _ in range(2)]
+    with pytest.raises(ConfigError, match=f"fault '{kind}': amount is 1000: "):
+        FaultInjector(faults, 1, 3, RIG)
+
+
 VALUES = {"amount": (0.2, 0.4), "share": (0.25, 0.75), "burst": (1, 7), "start": (1, 31), "camera": ("left", "right")}
 
 
-@pytest.mark.parametrize("option", APPLIES_TO)
+@pytest.mark.parametrize("option", OPTIONS)
 @pytest.mark.parametrize("kind", FaultKind)
 def test_an_option_changes_the_fault_or_is_refused(kind: FaultKind, option: str) -> None:
     """Two values of an option give different pairs or rigs if the kind has the option."""
     low, high = (1, 2) if (kind, option) == (FaultKind.START, "amount") else VALUES[option]
     texts = [f"{kind}:{option}={value}" for value in (low, high)]
     if option not in kind.info.options:
-        with pytest.raises(ConfigError, match=f"'{option}' applies to {APPLIES_TO[option]}, not to {kind}, which"):
+        with pytest.raises(ConfigError, match=f"'{option}' applies to {OPTIONS[option].applies_to}, not to {kind},"):
             parse_fault(texts[0])
         return
     if option == "burst":  # a burst is observed only if some pairs are not affected
