@@ -16,6 +16,16 @@ from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 
 UNAFFECTED = -1  #: Burst start of a pair without a fault.
+SELECTION = 0  #: Stream of random numbers that selects the pairs of a fault.
+
+
+def generator(seed: tuple[int, int], stream: int) -> np.random.Generator:
+    """Return the random generator of a stream of a fault.
+
+    The streams of `count` pairs are `SELECTION`, the indices 1 to `count - 1` of the pairs, `count` for the drive, and
+    `count + 1` for the first pair, whose index is that of `SELECTION`.
+    """
+    return np.random.default_rng([*seed, stream])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +39,7 @@ class PlannedFault:
     @classmethod
     def of(cls, fault: Fault, seed: tuple[int, int], count: int) -> PlannedFault:
         """Select the affected pairs of `count` pairs."""
-        return cls(fault, seed, burst_starts(fault, np.random.default_rng(seed), count))
+        return cls(fault, seed, burst_starts(fault, generator(seed, SELECTION), count))
 
     def affects(self, index: int) -> bool:
         """Return whether the fault affects a pair."""
@@ -62,7 +72,8 @@ class PlannedFault:
         if not self.affects(index):
             return pair
         fault = self.fault
-        pair_rng = np.random.default_rng([*self.seed, index])
+        count = len(self.starts)
+        pair_rng = generator(self.seed, index if index != SELECTION else count + 1)
         affected = Affected(
             pair=pair,
             previous=previous,
@@ -74,8 +85,7 @@ class PlannedFault:
             progress=(index - int(self.starts[index]) + 0.5) / fault.burst,
             spot=pair_rng.random(2),
             pair_rng=pair_rng,
-            # the number of pairs is not the index of a pair, so that this seed differs from those of the pairs
-            drive_rng=np.random.default_rng([*self.seed, len(self.starts)]),
+            drive_rng=generator(self.seed, count),
         )
         return fault.kind.info.change(affected)
 

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.faults import injector
+from sfr_loc_map.faults.affected import Affected
 from sfr_loc_map.faults.injector import FaultInjector
-from sfr_loc_map.faults.kinds import OPTIONS, FaultKind, parse_fault
+from sfr_loc_map.faults.kinds import OPTIONS, Fault, FaultKind, parse_fault
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 
 RIG = StereoRig(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1)
@@ -134,6 +136,32 @@ def test_a_drift_turns_the_right_camera_from_its_start_on() -> None:
     changed = [not np.array_equal(found[k].right, source[k].right) for k in range(COUNT)]
     assert changed == [False] * 11 + [True] * (COUNT - 11)
     assert all(np.array_equal(found[k].left, source[k].left) for k in range(COUNT))
+
+
+@pytest.mark.parametrize("kind", [FaultKind.BODY, FaultKind.BLACK, FaultKind.SHIFT])
+def test_selection_drive_and_each_pair_have_different_random_numbers(
+    kind: FaultKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found: list[bytes] = []
+
+    def record(rng: np.random.Generator) -> None:
+        found.append(rng.bit_generator.seed_seq.generate_state(4).tobytes())
+
+    def record_of_pair(at: Affected) -> StereoPair:
+        record(at.pair_rng)
+        drives.add(at.drive_rng.bit_generator.seed_seq.generate_state(4).tobytes())
+        return at.pair
+
+    def record_selection(_: Fault, rng: np.random.Generator, count: int) -> np.ndarray:
+        record(rng)
+        return np.zeros(count, int)
+
+    drives: set[bytes] = set()
+    monkeypatch.setattr(kind, "info", kind.info._replace(change=record_of_pair, drops=False))
+    monkeypatch.setattr(injector, "burst_starts", record_selection)
+    list(FaultInjector([parse_fault(kind)] * 2, 0, COUNT, RIG).pairs(pairs()))
+    assert (len(found), len(drives)) == (2 * (1 + COUNT), 2)
+    assert len({*found, *drives}) == len(found) + len(drives)
 
 
 @pytest.mark.parametrize("kind", FaultKind)
