@@ -1,84 +1,70 @@
-"""Tables of a comparison of methods and of a benchmark of faults, made from the JSON of the result."""
+"""Tables of the registered methods, of a comparison of methods, and of a benchmark of faults."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from sfr_loc_map.tables.model import Cell, Column, Row, Table, Unit
+from sfr_loc_map.bench.fault_benchmark import FaultBenchmark, FaultEntry
+from sfr_loc_map.bench.figure_rows import FigureRow
+from sfr_loc_map.bench.method_benchmark import MethodBenchmark
+from sfr_loc_map.methods.registry import OURS_IN_TABLES
+from sfr_loc_map.tables.model import MILLIMETRE, NONE, PERCENT, Cell, Column, Row, Table, Unit
 
-ResultColumn = tuple[str, str, str]
-"""Heading without the unit, symbol of the displayed unit, and path of keys within an entry."""
-COSTS: tuple[ResultColumn, ...] = (
-    ("p50", "ms", "time_s/p50"),
-    ("p95", "ms", "time_s/p95"),
-    ("max", "ms", "time_s/max"),
-    ("peak", "MiB", "memory_bytes/peak"),
+HEADS = (Column("", words=True), Column("", words=True))
+"""Columns of the name of a method or fault, and of its version or error report."""
+FAULT_COLUMNS: tuple[tuple[Column, Callable[[FaultEntry], float | None]], ...] = (
+    (Column("pairs"), lambda entry: entry.pairs),
+    (Column("position", MILLIMETRE), lambda entry: entry.position_m),
+    (Column("heading", Unit("deg")), lambda entry: entry.heading_deg),
+    (Column("tracking"), lambda entry: entry.stated.tracking),
+    (Column("degraded"), lambda entry: entry.stated.degraded),
+    (Column("lost"), lambda entry: entry.stated.lost),
+    (Column("compared"), lambda entry: entry.stated.compared),
+    (Column("position error / 3 sigma"), lambda entry: entry.stated.position_ratio),
+    (Column("attitude error / 3 sigma"), lambda entry: entry.stated.attitude_ratio),
+    (Column("step error / 3 sigma"), lambda entry: entry.stated.step_ratio),
+    (Column("ratio above 5", PERCENT), lambda entry: entry.stated.beyond_share),
+    (Column("vertical disparity", Unit("px")), lambda entry: entry.vertical_offset_px),
+    (Column("disparity bias", Unit("px")), lambda entry: entry.disparity_offset_px),
 )
-MAPS: tuple[ResultColumn, ...] = (
-    ("points", "", "points"),
-    ("coverage", "%", "accuracy/coverage"),
-    ("point error mean", "mm", "accuracy/mean"),
-    ("mean + 3 sigma", "mm", "accuracy/mean_plus_3sigma"),
-)
-FAULTS: tuple[ResultColumn, ...] = (
-    ("pairs", "", "pairs"),
-    ("position", "mm", "position_m"),
-    ("heading", "deg", "heading_deg"),
-    ("tracking", "", "tracking"),
-    ("degraded", "", "degraded"),
-    ("lost", "", "lost"),
-    ("compared", "", "compared"),
-    ("position error / 3 sigma", "", "position_ratio"),
-    ("attitude error / 3 sigma", "", "attitude_ratio"),
-    ("step error / 3 sigma", "", "step_ratio"),
-    ("ratio above 5", "%", "beyond_share"),
-    ("vertical disparity", "px", "vertical_offset_px"),
-    ("disparity bias", "px", "disparity_offset_px"),
-)
+"""Columns of the table of faults, each with its value in an entry."""
 
 
 def registered_methods_table(methods: Sequence[Mapping[str, str | None]]) -> Table:
-    """Return the registered methods under test with task, version and kind."""
-    rows = tuple(tuple(Cell(text or "-") for text in item.values()) for item in methods)
+    """Return the registered methods under test with task, version and kind, as `listed_methods` returns them."""
+    keys = ("task", "name", "version", "kind", "about")
+    rows = tuple(tuple(Cell(item[key] or "-") for key in keys) for item in methods)
     columns = tuple(Column(title, words=True) for title in ("task", "method", "version", "kind", ""))
     return Table("methods", "Methods", columns, rows)
 
 
-def benchmark_tables(result: Mapping[str, Any]) -> list[Table]:
-    """Return the tables of a benchmark."""
-    if result["kind"] == "faults":
-        title = f"Localisation with faults, {result['condition']}: mean + 3 sigma; largest errors of tracking pairs"
-        return [_table("faults", title, result, FAULTS, word="error_report")]
-    if result["kind"] == "localise":
-        kinds = {"position_m": "mm", "attitude_deg": "deg", "heading_deg": "deg"}
-        errors = [
-            (f"{condition} {key.partition('_')[0]}", unit, f"accuracy/{condition}/{key}")
-            for condition in result["conditions"]
-            for key, unit in kinds.items()
+def methods_table(benchmark: MethodBenchmark) -> Table:
+    """Return a comparison of methods: a row per method, then a row per ratio of our method to another."""
+    ours = benchmark.entries[OURS_IN_TABLES].medians
+    columns = {row.keys: row.column for row in ours if row.column is not None}
+
+    def cells(figures: Iterable[FigureRow], *, are_ratios: bool = False) -> list[Cell]:
+        values = {row.keys: row.value for row in figures}
+        return [
+            Cell.number(values.get(keys), unit=NONE if are_ratios else column.unit, undefined="")
+            for keys, column in columns.items()
         ]
-        title = "Localisation: mean + 3 sigma; host times"
-        return [_table("localise", title, result, (*errors, ("lost", "", "lost"), *COSTS))]
-    title = f"Maps of single pairs, {result['disparities']} disparities; host times"
-    return [_table("map", title, result, (*MAPS, *COSTS))]
+
+    rows: list[Row] = [
+        (Cell.head(name), Cell(entry.version), *cells(entry.medians)) for name, entry in benchmark.entries.items()
+    ]
+    rows += [
+        (Cell.head(f"{OURS_IN_TABLES} / {name}"), Cell(""), *cells(figures, are_ratios=True))
+        for name, figures in benchmark.ratios.items()
+    ]
+    return Table(benchmark.kind, benchmark.title, (*HEADS, *columns.values()), tuple(rows))
 
 
-def _table(
-    name: str, title: str, result: Mapping[str, Any], figures: Sequence[ResultColumn], word: str = "version"
-) -> Table:
-    """Return a table: a row per entry with its name and `word`, then a row per ratio of our method to an entry."""
+def faults_table(benchmark: FaultBenchmark) -> Table:
+    """Return a benchmark of faults: a row per fault."""
     rows: list[Row] = []
-    for entry, values in result["entries"].items():
-        cells = [_cell(values, place, unit) for _, unit, place in figures]
-        rows.append((Cell.head(entry), Cell(str(values.get(word, ""))), *cells))
-    for other, values in result.get("ratios", {}).items():
-        rows.append((Cell.head(f"ours / {other}"), Cell(""), *(_cell(values, place, "") for *_, place in figures)))
-    heads = (Column("", words=True), Column("", words=True))
-    return Table(name, title, (*heads, *(Column(heading, Unit(unit)) for heading, unit, _ in figures)), tuple(rows))
-
-
-def _cell(entry: Mapping[str, Any], place: str, unit: str) -> Cell:
-    value: Any = entry
-    for key in place.split("/"):
-        value = value.get(key) if isinstance(value, Mapping) else None
-    return Cell.number(value, unit=Unit(unit), undefined="")
+    for fault, entry in benchmark.entries.items():
+        values = [Cell.number(value(entry), unit=column.unit, undefined="") for column, value in FAULT_COLUMNS]
+        rows.append((Cell.head(fault), Cell(entry.stated.error_report.value), *values))
+    title = f"Localisation with faults, {benchmark.condition}: mean + 3 sigma; largest errors of tracking pairs"
+    return Table("faults", title, (*HEADS, *(column for column, _ in FAULT_COLUMNS)), tuple(rows))

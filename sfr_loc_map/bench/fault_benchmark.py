@@ -48,39 +48,40 @@ NO_FAULT = "none"  #: Name of the drive without a fault.
 SILENT_RATIO = 5.0
 """Multiple of the stated 3 sigma above which an error is silent. Chosen, because an error of 15 sigma cannot be
 random."""
-VALID = (TrackingState.INITIALISING, TrackingState.TRACKING)  #: States in which pose and covariance are valid.
+TRACKING = (TrackingState.INITIALISING, TrackingState.TRACKING)
+"""States of the pairs that are called tracking here: pose and covariance are valid."""
 
 
 class ErrorReport(StrEnum):
     """How the localiser reported its errors."""
 
-    SILENT = "silent"  #: Errors beyond the limit in pairs with a valid state.
+    SILENT = "silent"  #: Errors beyond the limit in tracking pairs.
     REPORTED = "reported"  #: No silent errors; a problem was reported by degraded or lost pairs.
     NOT_SILENT = "not silent"  #: No silent errors and no degraded or lost pairs. Errors may exceed the stated 3 sigma.
-    NOT_COMPARED = "not compared"  #: No true pose has the stamp of a pair with a valid state.
+    NOT_COMPARED = "not compared"  #: No true pose has the stamp of a tracking pair.
 
 
 @dataclass(frozen=True, slots=True)
 class StatedErrors:
-    """Ratios of error to stated 3 sigma on one drive, over the pairs with a valid state."""
+    """Ratios of error to stated 3 sigma on one drive, over the tracking pairs (`TRACKING`)."""
 
-    valid: int  #: Number of pairs with a valid state; the key `tracking` of the JSON.
+    tracking: int  #: Number of tracking pairs.
     degraded: int  #: Number of degraded pairs.
     lost: int  #: Number of lost pairs.
-    compared: int = 0  #: Number of pairs with a valid state that have a true pose at their stamp.
+    compared: int = 0  #: Number of tracking pairs that have a true pose at their stamp.
     position_ratio: float | None = None
     """Largest ratio of a position error to its 3 sigma, with sigma^2 the trace of the covariance."""
     attitude_ratio: float | None = None  #: Largest ratio of an attitude error to its 3 sigma.
     step_ratio: float | None = None  #: Largest ratio of the translation or rotation error of a step to its 3 sigma.
     beyond_share: float | None = None  #: Fraction of compared pairs with a ratio above `SILENT_RATIO`.
-    largest_error_m: float | None = None  #: Largest position error of valid pairs, metres.
+    largest_error_m: float | None = None  #: Largest position error of compared pairs, metres.
 
     @property
     def error_report(self) -> ErrorReport:
         """How the localiser reported its errors."""
         if self.beyond_share:
             return ErrorReport.SILENT
-        if self.valid and not self.compared:
+        if self.tracking and not self.compared:
             return ErrorReport.NOT_COMPARED
         return ErrorReport.REPORTED if self.degraded + self.lost else ErrorReport.NOT_SILENT
 
@@ -101,7 +102,7 @@ class FaultEntry:
         """Return the entry for the JSON file."""
         figures = asdict(self)
         stated = figures.pop("stated")
-        return {**figures, "tracking": stated.pop("valid"), **stated, "error_report": self.stated.error_report.value}
+        return {**figures, **stated, "error_report": self.stated.error_report.value}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,6 +126,12 @@ class FaultBenchmark:
         """The faults with which no pair was compared with the ground truth."""
         return self._faults_with(ErrorReport.NOT_COMPARED)
 
+    @property
+    def interrupted(self) -> str:
+        """Number of finished drives if the user interrupted the benchmark; otherwise empty."""
+        done = len(self.entries) + len(self.missing)
+        return f"{done} of {len(self.faults)} drives" if done < len(self.faults) else ""
+
     def _faults_with(self, error_report: ErrorReport) -> list[str]:
         return [fault for fault, entry in self.entries.items() if entry.stated.error_report is error_report]
 
@@ -140,65 +147,87 @@ class FaultBenchmark:
             "entries": {fault: entry.content() for fault, entry in self.entries.items()},
             "missing": dict(self.missing),
         }
-        done = len(self.entries) + len(self.missing)
-        return content | ({"interrupted": f"{done} of {len(self.faults)} drives"} if done < len(self.faults) else {})
+        return content | ({"interrupted": self.interrupted} if self.interrupted else {})
 
 
 def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> StatedErrors:
     """Compare the errors of a drive with the stated sigmas; pairs without a true pose at their stamp are omitted."""
     states = [estimate.state for estimate in estimates]
-    valid = [estimate for estimate in estimates if estimate.state in VALID]
-    counted = StatedErrors(len(valid), states.count(TrackingState.DEGRADED), states.count(TrackingState.LOST))
-    errors, sigmas = error_and_sigma(valid, truth)
-    if not len(errors):
+    tracking = [estimate for estimate in estimates if estimate.state in TRACKING]
+    counted = StatedErrors(len(tracking), states.count(TrackingState.DEGRADED), states.count(TrackingState.LOST))
+    true_poses = TruePoses(truth)
+    compared = [estimate for estimate in tracking if true_poses.at(estimate.stamp_ns) is not None]
+    if not compared:
         return counted
-    position_ratios, attitude_ratios = _ratios(errors, sigmas).T
-    step_ratios = _ratios(*error_and_sigma(valid, truth, steps=True)).max(axis=1)
+    poses = np.array([pose_error(estimate, true_poses) for estimate in compared])
+    steps = np.array([step_error(estimate, true_poses) for estimate in compared])
+    position_ratios, attitude_ratios = _ratios(poses).T
+    step_ratios = _ratios(steps).max(axis=1)
     largest_ratios = np.maximum(np.maximum(position_ratios, attitude_ratios), step_ratios)
     return replace(
         counted,
-        compared=len(errors),
+        compared=len(compared),
         position_ratio=float(position_ratios.max()),
         attitude_ratio=float(attitude_ratios.max()),
         step_ratio=float(step_ratios.max()),
         beyond_share=float((largest_ratios > SILENT_RATIO).mean()),
-        largest_error_m=float(errors[:, 0].max()),
+        largest_error_m=float(poses[:, 0, 0].max()),
     )
 
 
-def _ratios(errors: FloatArray, sigmas: FloatArray) -> FloatArray:
-    """Return errors divided by 3 sigma; 0 for an error of 0, even if its sigma is 0."""
+class TruePoses:
+    """The true poses of a drive by their stamps, and their noise."""
+
+    def __init__(self, truth: Trajectory) -> None:
+        self._truth = truth
+        self._rows = {int(stamp): row for row, stamp in enumerate(truth.stamps_ns)}
+        #: Sigma of one axis of the true position, m, and of the true attitude, rad.
+        self.sigma = (truth.sigma_m, np.radians(truth.sigma_deg)) if isinstance(truth, Truth) else (0.0, 0.0)
+
+    def at(self, stamp_ns: int) -> Transform | None:
+        """Return the true pose of RB in DS at a stamp; None if no true pose has this stamp."""
+        row = self._rows.get(stamp_ns)
+        return None if row is None else self._truth.pose(row)
+
+
+def _ratios(errors_and_sigmas: FloatArray) -> FloatArray:
+    """Return errors divided by 3 sigma, `(N, 2)`; 0 for an error of 0, even if its sigma is 0."""
+    errors, sigmas = errors_and_sigmas[:, 0], errors_and_sigmas[:, 1]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(errors > 0.0, errors / (3.0 * sigmas), 0.0)
 
 
-def error_and_sigma(
-    estimates: Sequence[PoseEstimate], truth: Trajectory, *, steps: bool = False
-) -> tuple[FloatArray, FloatArray]:
-    """Return errors and sigmas `(N, 2)` of position, m, and attitude, rad, at stamps with a true pose.
+def pose_error(estimate: PoseEstimate, true_poses: TruePoses) -> FloatArray:
+    """Return error and sigma `(2, 2)` of an estimate with a true pose: position, m, and attitude, rad, in each row.
 
-    The sigmas combine the stated covariance and the noise of the ground truth. With `steps`, the values are those of
-    the steps to these poses. The errors of a step are 0 unless there are true poses at both of its ends.
+    The sigma combines the stated covariance and the noise of the true pose.
     """
-    noise = (truth.sigma_m, np.radians(truth.sigma_deg)) if isinstance(truth, Truth) else (0.0, 0.0)
-    at = {int(stamp): index for index, stamp in enumerate(truth.stamps_ns)}
-    known = [estimate for estimate in estimates if estimate.stamp_ns in at]
-    errors, variances = np.zeros((len(known), 2)), np.zeros((len(known), 2))
-    for row, estimate in enumerate(known):
-        pose, true, covariance = estimate.T_ds_rb, truth.pose(at[estimate.stamp_ns]), estimate.covariance
-        if steps:
-            step = estimate.step
-            before = None if step is None else at.get(estimate.stamp_ns - round(step.seconds * NS_PER_S))
-            if step is None or before is None:
-                continue
-            pose, covariance = Transform(matrix_from_rotvec(step.motion[3:]), step.motion[:3]), step.motion_covariance
-            true = truth.pose(before).inverse() @ true
-        turn = rotvec_from_matrix(pose.rotation @ true.rotation.T)
-        errors[row] = np.linalg.norm(pose.translation - true.translation), np.linalg.norm(turn)
-        variances[row] = np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])
-    # the squared norm sums three axes; each contains the noise of one true pose, or of the two true poses of a step
-    noisy_values = 6.0 if steps else 3.0
-    return errors, np.sqrt(variances + noisy_values * np.square(noise))
+    true = true_poses.at(estimate.stamp_ns)
+    assert true is not None
+    return _error_and_sigma(estimate.T_ds_rb, true, estimate.covariance, true_poses.sigma, 1)
+
+
+def step_error(estimate: PoseEstimate, true_poses: TruePoses) -> FloatArray:
+    """Return error and sigma `(2, 2)` of the step to an estimate, as `pose_error`; 0 without a true pose at an end."""
+    step, true = estimate.step, true_poses.at(estimate.stamp_ns)
+    before = None if step is None else true_poses.at(estimate.stamp_ns - round(step.seconds * NS_PER_S))
+    if step is None or before is None or true is None:
+        return np.zeros((2, 2))
+    motion = Transform(matrix_from_rotvec(step.motion[3:]), step.motion[:3])
+    return _error_and_sigma(motion, before.inverse() @ true, step.motion_covariance, true_poses.sigma, 2)
+
+
+def _error_and_sigma(
+    pose: Transform, true: Transform, covariance: FloatArray, noise: tuple[float, float], true_poses: int
+) -> FloatArray:
+    """Return error and sigma `(2, 2)` of a transform that was compared with one or two noisy true poses.
+
+    The squared errors sum three axes, each of which contains the noise of each true pose.
+    """
+    turn = rotvec_from_matrix(pose.rotation @ true.rotation.T)
+    errors = np.linalg.norm(pose.translation - true.translation), np.linalg.norm(turn)
+    variances = np.array([np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])])
+    return np.array([errors, np.sqrt(variances + 3.0 * true_poses * np.square(noise))])
 
 
 def benchmark_faults(
@@ -221,8 +250,8 @@ def benchmark_faults(
     missing: dict[str, str] = {}
     try:
         for name, parsed in injected.items():
-            drive = FaultyLoc(sequence, parsed, seed)
             try:
+                drive = FaultyLoc(sequence, parsed, seed)
                 made = [estimate for estimate, _ in localise(drive, config, start_pose(sequence, "truth"))]
                 entries[name] = fault_figures(made, truth, scoring)
             except SfrError as error:

@@ -42,6 +42,7 @@ class MethodBenchmark:
     """Figures of several methods on the same pairs."""
 
     kind: str  #: `localise` or `map`.
+    title: str  #: Title of the table.
     pairs: int  #: Number of pairs of the source.
     repeat: int  #: Number of passes of each method.
     settings: Mapping[str, object]  #: Settings of the trial.
@@ -51,10 +52,15 @@ class MethodBenchmark:
     findings: Mapping[str, list[str]]  #: Findings during the calls, by method name.
     interrupted: str = ""  #: Number of finished passes if the user interrupted the benchmark; otherwise empty.
 
-    def content(self) -> dict[str, Any]:
-        """Return the content of the JSON file, with the ratios of our method to each other method."""
+    @property
+    def ratios(self) -> dict[str, list[FigureRow]]:
+        """Ratios of the figures of our method to those of each other method, by method name."""
         ours = self.entries[OURS_IN_TABLES].medians
         others = {name: entry.medians for name, entry in self.entries.items() if name != OURS_IN_TABLES}
+        return {name: list(ratios(ours, rows)) for name, rows in others.items()}
+
+    def content(self) -> dict[str, Any]:
+        """Return the content of the JSON file."""
         content: dict[str, Any] = {
             "schema": SCHEMA,
             "kind": self.kind,
@@ -63,7 +69,7 @@ class MethodBenchmark:
             "provenance": dict(self.provenance),
             **self.settings,
             "entries": {name: entry.content() for name, entry in self.entries.items()},
-            "ratios": {name: nested(ratios(ours, rows)) for name, rows in others.items()},
+            "ratios": {name: nested(rows) for name, rows in self.ratios.items()},
             "failed": dict(self.failed),
             "findings": dict(self.findings),
         }
@@ -131,6 +137,7 @@ def compare_methods(
     finished = sum(len(of_method) for of_method in complete.values())
     return MethodBenchmark(
         kind=trial.kind,
+        title=trial.title,
         pairs=len(trial),
         repeat=repeat,
         settings=trial.settings,

@@ -17,6 +17,7 @@ from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import Method
+from sfr_loc_map.tables.model import MIB, MILLISECOND, Column
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,12 +34,12 @@ class PassResult(Generic[Result]):
         times_s = [None if isnan(call.usage.processing_time_s) else call.usage.processing_time_s for call in self.calls]
         known_s = [time_s for time_s in times_s if time_s is not None]
         p50, p95 = np.percentile(known_s, (50.0, 95.0)).tolist() if known_s else (None, None)
-        yield FigureRow((TIME, "p50"), p50)
-        yield FigureRow((TIME, "p95"), p95)
-        yield FigureRow((TIME, "max"), max(known_s, default=None))
+        yield FigureRow((TIME, "p50"), p50, Column("p50", MILLISECOND))
+        yield FigureRow((TIME, "p95"), p95, Column("p95", MILLISECOND))
+        yield FigureRow((TIME, "max"), max(known_s, default=None), Column("max", MILLISECOND))
         yield FigureRow((TIME, "first"), times_s[0] if times_s else None)
         peaks = [call.usage.peak_rss_bytes for call in self.calls if call.usage.peak_rss_bytes is not None]
-        yield FigureRow((MEMORY, "peak"), max(peaks, default=None))
+        yield FigureRow((MEMORY, "peak"), max(peaks, default=None), Column("peak", MIB))
         yield FigureRow((MEMORY, "idle"), self.idle_bytes)
         yield FigureRow(("calls",), len(times_s))
         yield FigureRow(("calls_without_time",), len(times_s) - len(known_s))

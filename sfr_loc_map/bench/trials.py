@@ -32,11 +32,17 @@ from sfr_loc_map.metrics.errors.pair_truth import PairTruth
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.tables.model import MILLIMETRE, PERCENT, Column, Unit
 
 LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)
 """Limits of a method in a comparison; some dense matchers take minutes per pair."""
 DEFAULT_RATE_HZ = 10.0  #: Rate of the pairs if the stamps of a source do not define a rate.
-
+ERRORS = (
+    ("position", "position_m", MILLIMETRE),
+    ("attitude", "attitude_deg", Unit("deg")),
+    ("heading", "heading_deg", Unit("deg")),
+)
+"""Errors of a drive: figure of the score, key in the JSON, and displayed unit."""
 MAX_MAPPED_PAIRS = 256  #: Number of pairs that the pair index of a point (uint8) can distinguish.
 
 Item = TypeVar("Item")
@@ -48,6 +54,11 @@ class Trial(ABC, Generic[Item, Opened, Result]):
     """The pairs of a source, and how the methods of one task are called with them."""
 
     kind: ClassVar[str]  #: `kind` of the benchmark in the JSON.
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """Title of the table of the benchmark."""
 
     @property
     @abstractmethod
@@ -99,6 +110,11 @@ class LocaliserTrial(Trial[StereoPair, IsolatedLocaliser, Transform | None]):
     hidden: Sequence[Path]  #: Paths that a method must not read.
 
     @property
+    def title(self) -> str:
+        """What the table shows."""
+        return "Localisation: mean + 3 sigma; host times"
+
+    @property
     def settings(self) -> Mapping[str, object]:
         """Conditions of the sub-trajectories."""
         return {"conditions": list(self.scoring.conditions)}
@@ -147,21 +163,24 @@ class LocaliserTrial(Trial[StereoPair, IsolatedLocaliser, Transform | None]):
         return None if estimate.state is TrackingState.LOST else estimate.T_ds_rb, done
 
     def figures(self, results: Sequence[Transform | None]) -> Iterator[FigureRow]:
-        """Yield the number of lost frames, and for each condition mean + 3 sigma of each error, m and deg."""
+        """Yield for each condition mean + 3 sigma of each error, m and deg, and the number of lost frames."""
         is_lost = np.array([pose is None for pose in results], np.bool_)
-        yield FigureRow(("lost",), int(is_lost.sum()))
-        if self.sequence.ground_truth is None:
-            return
-        estimates = Estimates.of(rover_trajectory(results, self.sequence, self.T_ds_rb), is_lost)
-        scored = score_trajectory(estimates, self.sequence.ground_truth, self.scoring)
+        if self.sequence.ground_truth is not None:
+            estimates = Estimates.of(rover_trajectory(results, self.sequence, self.T_ds_rb), is_lost)
+            yield from self._accuracy(estimates, self.sequence.ground_truth)
+        yield FigureRow(("lost",), int(is_lost.sum()), Column("lost"))
+
+    def _accuracy(self, estimates: Estimates, truth: Trajectory) -> Iterator[FigureRow]:
+        """Yield the errors for each condition, and the number of sub-trajectories."""
+        scored = score_trajectory(estimates, truth, self.scoring)
         assert scored.association is not None  # set by score_trajectory
         score, part = Score(figures=scored.figures), scored.association.rebase
         for condition in self.scoring.conditions:
             position = score.figure("position", condition=condition, part=part)
             yield FigureRow((ACCURACY, condition, "count"), 0 if position is None else position.n)
-            for figure, key in (("position", "position_m"), ("attitude", "attitude_deg"), ("heading", "heading_deg")):
+            for figure, key, unit in ERRORS:
                 value = score.number(figure, "mean_plus_3sigma", condition=condition, part=part)
-                yield FigureRow((ACCURACY, condition, key), value)
+                yield FigureRow((ACCURACY, condition, key), value, Column(f"{condition} {figure}", unit))
 
 
 def rover_trajectory(poses: Sequence[Transform | None], sequence: LocSequence, T_ds_rb: Transform) -> Trajectory:
@@ -208,6 +227,11 @@ class MapperTrial(Trial[PosedStereoPair, IsolatedMapper, PointCloud]):
         return cls(sequence=sequence, disparities=disparities, truths=truths, hidden=hidden)
 
     @property
+    def title(self) -> str:
+        """What the table shows."""
+        return f"Maps of single pairs, {self.disparities} disparities; host times"
+
+    @property
     def settings(self) -> Mapping[str, object]:
         """Number of searched disparities."""
         return {"disparities": self.disparities}
@@ -230,13 +254,14 @@ class MapperTrial(Trial[PosedStereoPair, IsolatedMapper, PointCloud]):
 
     def figures(self, results: Sequence[PointCloud]) -> Iterator[FigureRow]:
         """Yield the mean number of points per pair, coverage and point errors, m."""
-        yield FigureRow(("points",), float(np.mean([len(cloud) for cloud in results])))
+        yield FigureRow(("points",), float(np.mean([len(cloud) for cloud in results])), Column("points"))
         known = [truth for truth in self.truths if truth is not None]
         if len(known) < len(self.truths):
             return
         numbered = [replace(cloud, pair=np.full(len(cloud), number, np.uint8)) for number, cloud in enumerate(results)]
         cloud = replace(PointCloud.concatenate(numbered), fused=False)
         score = Score(figures=score_map(cloud, known, MapScoreConfig()).figures)
-        yield FigureRow((ACCURACY, "coverage"), score.number("coverage"))
-        for statistic in ("mean", "mean_plus_3sigma"):
-            yield FigureRow((ACCURACY, statistic), score.number("point_error", statistic))
+        yield FigureRow((ACCURACY, "coverage"), score.number("coverage"), Column("coverage", PERCENT))
+        for statistic, title in (("mean", "point error mean"), ("mean_plus_3sigma", "mean + 3 sigma")):
+            value = score.number("point_error", statistic)
+            yield FigureRow((ACCURACY, statistic), value, Column(title, MILLIMETRE))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Context, Option
 
@@ -27,6 +29,10 @@ from sfr_loc_map.errors import FailedVerdictError, InputError, InterruptedRunErr
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.suite_names import Task
+
+if TYPE_CHECKING:
+    from sfr_loc_map.bench.method_benchmark import MethodBenchmark
+    from sfr_loc_map.tables.model import Table
 
 group = command_group("Compare methods on the same input in separate processes. Test ours with injected faults.")
 
@@ -96,7 +102,7 @@ def localise(
     with progress_bar("calls") as bar:
         advance = counting(bar, "calls measured", len(trial) * len(methods) * repeat)
         result = compare_methods(trial, methods, repeat=repeat, progress=advance)
-    _present({"source": str(source), **result.content(), "missing": missing}, json_path)
+    _present_methods(source, result, missing, json_path)
 
 
 @group.command(name="map", epilog=examples("sfr bench map data/ --json bench.json"))
@@ -127,7 +133,7 @@ def map_(
     with progress_bar("calls") as bar:
         advance = counting(bar, "calls measured", len(trial) * len(methods) * repeat)
         result = compare_methods(trial, methods, repeat=repeat, progress=advance)
-    _present({"source": str(source), **result.content(), "missing": missing}, json_path)
+    _present_methods(source, result, missing, json_path)
 
 
 @group.command(epilog=examples("sfr bench faults data/ --fault torn+noisy --json faults.json"))
@@ -156,6 +162,7 @@ def faults(
 
     Exit with 1 for silent errors, which no state reports, and with 3 if no pair with a fault has a ground truth.
     """
+    from sfr_loc_map.bench.benchmark_tables import faults_table
     from sfr_loc_map.bench.fault_benchmark import FAULTS, benchmark_faults
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.sequence import drive_of, without_truth
@@ -177,7 +184,8 @@ def faults(
     with progress_bar("faults") as bar:
         advance = counting(bar, "drives localised", len(wanted) + 1)
         result = benchmark_faults(drive, wanted, localiser, scoring, seed, advance)
-    _present({"source": str(source), **result.content()}, json_path)
+    content = {"source": str(source), **result.content()}
+    _present(content, faults_table(result), json_path, missing=result.missing, interrupted=result.interrupted)
     if result.silent:
         raise FailedVerdictError(
             "with these faults the state remained 'tracking' although an error exceeded 5 times the reported 3 sigma: "
@@ -211,20 +219,42 @@ def methods(
     show({"methods": found}, json_path, [registered_methods_table(found)])
 
 
-def _present(result: dict[str, Any], json_path: str | None) -> None:
-    """Print tables, missing reference methods and failures; write JSON; `--json -` prints only JSON."""
-    from sfr_loc_map.bench.benchmark_tables import benchmark_tables
-
-    show(result, json_path, benchmark_tables(result))
-    reported = {} if json_path == STANDARD_OUTPUT else result
-    for name, reason in reported.get("missing", {}).items():
-        say(f"skipped: {name}: {reason}")
-    for name, reason in reported.get("failed", {}).items():
-        say(f"failed: {name}: {reason}")
-    for name, texts in reported.get("findings", {}).items():
-        more = f" (and {len(texts) - 1} more)" if len(texts) > 1 else ""
-        say(f"found: {name}: {texts[0]}{more}")
-    if "interrupted" in result:
-        raise InterruptedRunError(f"interrupted: {result['interrupted']} are finished and reported")
-    if wrong := dict.fromkeys((*result.get("failed", ()), *result.get("findings", ()))):
+def _present(
+    content: dict[str, Any],
+    table: Table,
+    json_path: str | None,
+    *,
+    missing: Mapping[str, str],
+    failed: Mapping[str, str] = MappingProxyType({}),
+    findings: Mapping[str, list[str]] = MappingProxyType({}),
+    interrupted: str,
+) -> None:
+    """Print table, missing reference methods and failures; write JSON; `--json -` prints only JSON."""
+    show(content, json_path, [table])
+    if json_path != STANDARD_OUTPUT:
+        for name, reason in missing.items():
+            say(f"skipped: {name}: {reason}")
+        for name, reason in failed.items():
+            say(f"failed: {name}: {reason}")
+        for name, texts in findings.items():
+            more = f" (and {len(texts) - 1} more)" if len(texts) > 1 else ""
+            say(f"found: {name}: {texts[0]}{more}")
+    if interrupted:
+        raise InterruptedRunError(f"interrupted: {interrupted} are finished and reported")
+    if wrong := dict.fromkeys((*failed, *findings)):
         raise FailedVerdictError(f"methods failed: {', '.join(wrong)}; the figures of the other methods are written")
+
+
+def _present_methods(source: Path, result: MethodBenchmark, missing: Mapping[str, str], json_path: str | None) -> None:
+    """Present a comparison of methods."""
+    from sfr_loc_map.bench.benchmark_tables import methods_table
+
+    _present(
+        {"source": str(source), **result.content(), "missing": missing},
+        methods_table(result),
+        json_path,
+        missing=missing,
+        failed=result.failed,
+        findings=result.findings,
+        interrupted=result.interrupted,
+    )

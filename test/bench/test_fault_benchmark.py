@@ -51,7 +51,7 @@ def test_an_error_beyond_five_times_the_stated_3_sigma_is_silent_where_it_is_cal
     assert (silent.beyond_share, silent.error_report) == (0.25, ErrorReport.SILENT)
     estimates[1] = replace(estimates[1], state=TrackingState.LOST, covariance=lost_covariance())
     said = stated_errors(estimates, truth)
-    assert (said.valid, said.lost, said.beyond_share, said.error_report) == (3, 1, 0.0, ErrorReport.REPORTED)
+    assert (said.tracking, said.lost, said.beyond_share, said.error_report) == (3, 1, 0.0, ErrorReport.REPORTED)
 
     estimates, truth = drive([0.0, 0.0])
     turned = Transform(matrix_from_rotvec(np.array([0.0, 0.0, 16 * SIGMA_M])), estimates[1].T_ds_rb.translation)
@@ -65,7 +65,7 @@ def test_pairs_without_a_true_pose_at_their_stamp_are_not_compared() -> None:
     assert stated_errors(estimates, truth).compared == 3
     later = replace(truth, stamps_ns=truth.stamps_ns + 100)
     found = stated_errors(estimates, later)
-    assert (found.valid, found.compared, found.error_report) == (3, 0, ErrorReport.NOT_COMPARED)
+    assert (found.tracking, found.compared, found.error_report) == (3, 0, ErrorReport.NOT_COMPARED)
     estimates[1] = replace(estimates[1], state=TrackingState.LOST, covariance=lost_covariance())
     assert stated_errors(estimates, later).error_report is ErrorReport.NOT_COMPARED
 

@@ -136,7 +136,7 @@ def main(arguments: list[str]) -> int:
         faults, fault_seed = (random_faults(rng, pairs), int(rng.integers(2**31))) if number >= 0 else ("", 0)
         errors = errors_of(Part(sequence, first, pairs), faults, fault_seed)
         ratio = max(errors.position_ratio or 0.0, errors.attitude_ratio or 0.0, errors.step_ratio or 0.0)
-        states = f"tracking {errors.valid}, degraded {errors.degraded}, lost {errors.lost}"
+        states = f"tracking {errors.tracking}, degraded {errors.degraded}, lost {errors.lost}"
         print(f"{errors.error_report:7} {ratio:6.2f}  {states}: {name} {first}: {faults or 'no fault'}", flush=True)
         counts[errors.error_report] += 1
     print(", ".join(f"{error_report} {counts[error_report]}" for error_report in ErrorReport))

@@ -6,7 +6,7 @@ import pytest
 
 from helpers.loc_drive import drive, run
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, true_pose
-from sfr_loc_map.bench.fault_benchmark import error_and_sigma
+from sfr_loc_map.bench.fault_benchmark import TruePoses, pose_error
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.geometry.camera import StereoCamera
@@ -57,8 +57,8 @@ def test_right_camera_that_turns_is_followed_and_reported() -> None:
     pairs = [pair for _, pair in FaultInjector([fault], 0, 40, LOC_RIG).pairs(drive(40))]
     estimates = run(pairs)
     truth = Trajectory.from_poses((START_NS + k * PERIOD_NS, true_pose(k)) for k in range(40))
-    error, sigma = error_and_sigma(estimates, truth)
-    assert (error / (3 * sigma)).max() < 2.0
+    errors, sigmas = np.transpose([pose_error(estimate, TruePoses(truth)) for estimate in estimates], (1, 0, 2))
+    assert (errors / (3 * sigmas)).max() < 2.0
     assert estimates[-1].state is TrackingState.DEGRADED
     assert estimates[-1].reason is StateReason.CALIBRATION_DRIFT
     turned_px = LOC_RIG.fx * np.tan(np.radians(2.5 * 39 / 100))
