@@ -544,7 +544,7 @@ MUTATIONS = (
     Mutation("methods/call_monitor.py", "return min(between_s,", "return min(0.0,"),
     Mutation("methods/call_monitor.py", 'self.monitor.memory.check(peak, "had")', "pass"),
     Mutation("methods/channel.py", "if now_s >= check_s:", "if False:"),
-    Mutation("methods/method_process.py", 'reply.get("number") != order["number"]', "False"),
+    Mutation("methods/method_process.py", 'reply.get("number") != number', "False"),
     Mutation("methods/channel.py", "if now_s > end_s:", "if now_s > end_s and not self._unread:"),
     # calls of the run, and what limits allow
     Mutation(CALL_CHECKS, "apart_ns <= nearness_ns(stamps_ns)", "apart_ns == 0"),
@@ -552,7 +552,7 @@ MUTATIONS = (
     Mutation(CALL_CHECKS, "    _check_calls_of_poses(has_call)\n", ""),
     Mutation(CALL_CHECKS, "named[pair.stamp_ns] != {hash_of_pair(pair)}", "False"),
     Mutation(CALL_CHECKS, "made != {hash_of_cloud(cloud)}", "False"),
-    Mutation("methods/method_process.py", 'started["process"], base_bytes,', 'started["process"], self.idle_bytes,'),
+    Mutation("methods/method_process.py", "loaded.process, loaded.base_bytes,", "loaded.process, opened.idle_bytes,"),
     Mutation(
         CALL_POSES,
         "lost = (states == TrackingState.LOST) | initialises_again(",

@@ -6,10 +6,13 @@ A method under test (in the documentation also: a candidate) is called through t
       isolated_localiser.py, isolated_mapper.py    one call for a pair or a set: checks the values of the answer
         map_arrays.py                              clouds and disparity images in the answer of a mapper
         isolated_method.py                         starts an ended process again, at the last known pose
-          method_process.py                        starts and ends the process; images in shared memory
-            channel.py                             messages as lines of JSON, with a timeout
+          request.py                               a call that is to be made: its kind and its pairs
+          method_process.py                        one process: measures its calls and reads its answers
+            scratch_folder.py                      shared images, log, arrays of the answers
+            supervised_process.py                  starts the process in three steps, ends it, exchanges messages
+              channel.py                           messages as lines of JSON, with a timeout
             call_monitor.py                        time and memory from outside, leaks, misstated times
-            isolation.py                           which files the process may read and write
+            isolation.py                           files and environment variables that the process may use
     ---- process boundary -------------------------------------------------------------------------------------
             child/supervisor.py                    restricts its child (Landlock, seccomp), kills descendants
               child/loop.py                        reads an order, calls the method, writes the reply

@@ -22,13 +22,13 @@ from sfr_loc_map.metrics.table.records import CallFinding, FindingKind
 from sfr_loc_map.process_tree import ProcessTree, TreeUsage, running_thread
 
 MB = 1_000_000
-LEAK_CALLS, LEAK_BYTES = 50, 40 * MB
-"""Number of calls over which a leak is detected, and the minimum growth of a leak, bytes. The growth is the difference
-between the minima of the last and of the first fifth of the calls, so that a saw-tooth does not hide the growth. The
-keyframe window of our localiser grows by 24 MB while it fills."""
+LEAK_CALLS, LEAK_PARTS, LEAK_BYTES = 50, 5, 40 * MB
+"""Number of calls over which a leak is detected, number of equal parts of these calls, and the minimum growth of a
+leak, bytes. The growth is the difference between the minima of the last and of the first part, so that a saw-tooth does
+not hide the growth. The keyframe window of our localiser grows by 24 MB while it fills."""
 LEAK_SHARE = 0.02
-"""Fraction of the growth by which the minimum of each fifth must exceed that of the previous fifth. Loading libraries
-and filling a window also need more than `LEAK_BYTES`, but the memory is constant afterwards."""
+"""Fraction of the growth by which the minimum of each part must exceed that of the previous part. Loading libraries and
+filling a window also need more than `LEAK_BYTES`, but the memory is constant afterwards."""
 MISSTATED_S, MISSTATED_RATIO = 1.0, 0.5
 """Allowed difference between the sums of stated and measured times, in s and as a fraction. The measured time includes
 copies of the images and the transfer of the result. Time in which a busy host delays both processes is subtracted."""
@@ -43,11 +43,12 @@ def leak_in(resident: Sequence[int]) -> CallFinding | None:
     """Return the finding of a leak, from the memory after each of the last calls; None without a leak."""
     if len(resident) < LEAK_CALLS:
         return None
-    least = np.array(resident)[-LEAK_CALLS:].reshape(5, -1).min(axis=1)
+    least = np.array(resident)[-LEAK_CALLS:].reshape(LEAK_PARTS, -1).min(axis=1)
     growth = int(least[-1] - least[0])
     if growth <= LEAK_BYTES or (np.diff(least) < LEAK_SHARE * growth).any():
         return None
-    per_call_mb = growth / (0.8 * LEAK_CALLS) / MB
+    calls_of_growth = LEAK_CALLS - LEAK_CALLS // LEAK_PARTS  # from the first to the last part
+    per_call_mb = growth / calls_of_growth / MB
     return CallFinding(FindingKind.LEAKING, f"memory grows by {per_call_mb:.1f} MB per call over {LEAK_CALLS} calls")
 
 
@@ -121,8 +122,9 @@ class Measurement:
     tree: TreeUsage  #: Resource use of all processes after the call.
     cpu_s: float  #: Processor time of the call.
     cpu_between_s: float  #: Processor time since the previous call.
-    #: Time in which the calling process or the method waited for a processor during the call, and in which the calling
-    #: process read processor clocks. The larger waiting time counts, because the processes may wait at the same time.
+    #: Time of the call that is no work of the method, s: waiting for a processor, and reading processor clocks by the
+    #: calling process. Of the waiting times of the calling process and of the method, the larger is used, because both
+    #: processes may wait at the same time.
     waited_s: float
     end_s: float  #: End of the call by the monotonic clock.
     total_cpu_s: float  #: Processor time of all processes until the end of the call.

@@ -14,11 +14,12 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.methods.child.loop import Answer, OrderedPair, Pose
+from sfr_loc_map.methods.child.loop import Answer, Pose
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.method_process import ProcessSettings
 from sfr_loc_map.methods.registry import Method, MethodLimits
+from sfr_loc_map.methods.request import Request, RequestedPair
 from sfr_loc_map.metrics.frames.covariance import UPPER, check_variances, step_variances, symmetric
 from sfr_loc_map.metrics.table.records import FindingKind
 
@@ -81,8 +82,8 @@ class IsolatedLocaliser(IsolatedMethod):
         """
         self._first_ns = pair.stamp_ns if self._first_ns is None else self._first_ns
         since_start_s = (pair.stamp_ns - self._first_ns) / NS_PER_S / self._rate_scale
-        ordered = OrderedPair(stamp_ns=pair.stamp_ns, index=0, T_lm_navsb=None)
-        call, result = self.call(_read, "pair", [pair], [ordered], T_ds_rb=self._last_pose, since_start_s=since_start_s)
+        request = Request(kind="pair", pairs=[RequestedPair(pair)], since_start_s=since_start_s)
+        call, result = self.call(request, _read, self._last_pose)
         if result is None:
             return self._lost(pair, call)
         call = replace(call, reason=result.reason)

@@ -18,12 +18,13 @@ from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.maps import FusedMap, PairMap
 from sfr_loc_map.mapping.reprojection import points_from_disparity
 from sfr_loc_map.mapping.search_range import search_range_of
-from sfr_loc_map.methods.child.loop import Answer, OrderedPair
+from sfr_loc_map.methods.child.loop import Answer
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.map_arrays import Arrays, cloud_in, disparity_in, largest_files
 from sfr_loc_map.methods.method_call import MethodCall
-from sfr_loc_map.methods.method_process import ProcessSettings, numbers_of
+from sfr_loc_map.methods.method_process import ProcessSettings
 from sfr_loc_map.methods.registry import Method, MethodLimits
+from sfr_loc_map.methods.request import Request, RequestedPair
 
 F = np.float32
 DISPARITY_SIGMA_PX = F(0.5)  #: Standard deviation assumed for disparities of matchers, which do not estimate it.
@@ -55,7 +56,7 @@ class IsolatedMapper(IsolatedMethod):
             hidden=hidden,
         )
         super().__init__(settings, Transform.identity())
-        self._map: MapOfPairs | None = None  # the map that has begun and not ended
+        self._last_map: MapOfPairs | None = None  # the map that was begun last
 
     def map_set(self, pairs: Sequence[PosedStereoPair]) -> tuple[list[PairMap], FusedMap, MethodCall]:
         """Map one to three pairs in one call.
@@ -69,14 +70,13 @@ class IsolatedMapper(IsolatedMethod):
         rig = self.rig
         stamps_ns = tuple(item.pair.stamp_ns for item in pairs)
         T_lm_left = tuple(item.T_lm_navsb @ rig.T_sb_left for item in pairs)
-        ordered = [_ordered(item.pair, item.T_lm_navsb, number) for number, item in enumerate(pairs)]
+        requested = [RequestedPair(item.pair, number, item.T_lm_navsb) for number, item in enumerate(pairs)]
 
         def read(answer: Answer, arrays: Arrays) -> tuple[PointCloud, Warnings]:
             cloud = replace(cloud_in(arrays, rig, len(pairs)), fused=answer.get("fused", True))
             return cloud, _warnings(answer)
 
-        stereo_pairs = [item.pair for item in pairs]
-        call, result = self.call(read, "set", stereo_pairs, ordered, largest_files=largest_files(rig))
+        call, result = self.call(Request(kind="set", pairs=requested, largest_files=largest_files(rig)), read)
         cloud, warnings = result or (PointCloud.empty(), ())
         cloud = replace(cloud, pair_stamps_ns=stamps_ns)
         parts = [cloud.select(cloud.pair == number) for number in range(len(pairs))]
@@ -85,17 +85,10 @@ class IsolatedMapper(IsolatedMethod):
 
     def begin_map(self) -> MapOfPairs:
         """Begin a map of pairs that are mapped one by one; the previous map ends."""
-        self._map = MapOfPairs(self)
-        return self._map
-
-    def check_current(self, map_of_pairs: MapOfPairs) -> None:
-        """Raise MappingError if a map has ended, because the method then has no results of its pairs."""
-        if map_of_pairs is not self._map:
-            raise MappingError("the map has ended, because it was fused or another map was begun: begin a new map")
-
-    def end_map(self) -> None:
-        """End the current map."""
-        self._map = None
+        if self._last_map is not None:
+            self._last_map.end()
+        self._last_map = MapOfPairs(self)
+        return self._last_map
 
 
 class MapOfPairs:
@@ -106,40 +99,34 @@ class MapOfPairs:
         self._maps: list[PairMap] = []
         self._is_complete = True  # whether the results of all mapped pairs are valid
         self._last_pair: StereoPair | None = None
+        self._has_ended = False
+
+    def end(self) -> None:
+        """End the map; its later calls raise MappingError, because the method has no results of its pairs any more."""
+        self._has_ended = True
 
     def map_pair(self, pair: StereoPair, T_lm_navsb: Transform) -> tuple[PairMap, MethodCall]:
         """Map the next pair. Return its points, which are empty if the result is invalid, and the record of the call.
 
         MappingError after `MAX_PAIRS` pairs, or if the map has ended.
         """
-        self._mapper.check_current(self)
+        self._check_not_ended()
         index = len(self._maps)
         check_index(index)
         rig, maps_sets = self._mapper.rig, self._mapper.maps_sets
         T_lm_left = T_lm_navsb @ rig.T_sb_left
 
         def read(answer: Answer, arrays: Arrays) -> tuple[PointCloud, FloatImage | None, Warnings]:
-            cloud = PointCloud.empty(fused=False)
-            disparity = disparity_in(arrays, rig)
-            if "cloud" in arrays:
-                found = cloud_in(arrays, rig, MAX_PAIRS)
-                cloud = replace(found, pair=np.full(len(found), index, np.uint8))
-            elif disparity is not None:
-                disparity = np.where(disparity > 0.0, disparity, F(np.nan))
-                sigma = np.full_like(disparity, DISPARITY_SIGMA_PX)
-                points = points_from_disparity(disparity, sigma, pair.left, rig, T_lm_left)
-                cloud = points.to_cloud(points.fusion_sigma, np.full(points.size, index, np.uint8), fused=False)
-            return cloud, disparity, _warnings(answer)
+            return *_points_of_pair(arrays, rig, pair, T_lm_left, index), _warnings(answer)
 
         was_complete, self._is_complete = self._is_complete, False  # if a signal interrupts the call
-        call, result = self._mapper.call(
-            read,
-            "set" if maps_sets else "pair",
-            [pair],
-            [_ordered(pair, T_lm_navsb, 0 if maps_sets else index)],
+        request = Request(
+            kind="set" if maps_sets else "pair",
+            pairs=[RequestedPair(pair, 0 if maps_sets else index, T_lm_navsb)],
             begins_map=index == 0,
             largest_files=largest_files(rig),
         )
+        call, result = self._mapper.call(request, read)
         self._is_complete = was_complete and result is not None
         self._last_pair = pair
         cloud, disparity, warnings = result or (PointCloud.empty(fused=False), None, ())
@@ -147,15 +134,19 @@ class MapOfPairs:
         self._maps.append(made)
         return made, call
 
+    def _check_not_ended(self) -> None:
+        if self._has_ended:
+            raise MappingError("the map has ended, because it was fused or another map was begun: begin a new map")
+
     def fuse(self) -> tuple[FusedMap, MethodCall | None]:
         """Return one cloud of all pairs, and the record of the call.
 
         The clouds of the pairs are concatenated without a call if the method does not fuse, or if the result of a pair
         is invalid. MappingError if the map has no pair, or has ended.
         """
-        self._mapper.check_current(self)
+        self._check_not_ended()
         check_pair_count(len(self._maps))
-        self._mapper.end_map()
+        self.end()
         call: MethodCall | None = None
         cloud = PointCloud.concatenate([item.cloud for item in self._maps])
         warnings: Warnings = ()
@@ -174,8 +165,24 @@ class MapOfPairs:
         def read(answer: Answer, arrays: Arrays) -> tuple[PointCloud, Warnings]:
             return replace(cloud_in(arrays, rig, len(self._maps)), fused=True), _warnings(answer)
 
-        ordered = [_ordered(last_pair, None, len(self._maps) - 1)]
-        return self._mapper.call(read, "fuse", [last_pair], ordered, largest_files=largest_files(rig))
+        requested = [RequestedPair(last_pair, len(self._maps) - 1)]
+        return self._mapper.call(Request(kind="fuse", pairs=requested, largest_files=largest_files(rig)), read)
+
+
+def _points_of_pair(
+    arrays: Arrays, rig: StereoRig, pair: StereoPair, T_lm_left: Transform, index: int
+) -> tuple[PointCloud, FloatImage | None]:
+    """Return the points and the disparity image in an answer, the points from the disparities if there is no cloud."""
+    disparity = disparity_in(arrays, rig)
+    if "cloud" in arrays:
+        found = cloud_in(arrays, rig, MAX_PAIRS)
+        return replace(found, pair=np.full(len(found), index, np.uint8)), disparity
+    if disparity is None:
+        return PointCloud.empty(fused=False), None
+    disparity = np.where(disparity > 0.0, disparity, F(np.nan))
+    sigma = np.full_like(disparity, DISPARITY_SIGMA_PX)
+    points = points_from_disparity(disparity, sigma, pair.left, rig, T_lm_left)
+    return points.to_cloud(points.fusion_sigma, np.full(points.size, index, np.uint8), fused=False), disparity
 
 
 def _pair_map(
@@ -193,8 +200,3 @@ def _pair_map(
 
 def _warnings(answer: Answer) -> Warnings:
     return tuple(answer.get("warnings", ()))
-
-
-def _ordered(pair: StereoPair, T_lm_navsb: Transform | None, index: int) -> OrderedPair:
-    pose = None if T_lm_navsb is None else numbers_of(T_lm_navsb)
-    return OrderedPair(stamp_ns=pair.stamp_ns, index=index, T_lm_navsb=pose)

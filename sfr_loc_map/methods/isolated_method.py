@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from types import MappingProxyType
 from typing import Self, TypeVar
 
 from sfr_loc_map.configuration.parameters import checked
@@ -12,11 +11,12 @@ from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.hashes import FileState
-from sfr_loc_map.methods.child.loop import Answer, Order, OrderedPair
+from sfr_loc_map.methods.child.loop import Answer
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, NotStartedAgainError
 from sfr_loc_map.methods.method_process import MethodProcess, ProcessSettings
 from sfr_loc_map.methods.own_code import code_sha256, code_state
 from sfr_loc_map.methods.registry import Method
+from sfr_loc_map.methods.request import Request
 from sfr_loc_map.metrics.table.records import FindingKind, MethodRecord
 
 T = TypeVar("T")
@@ -36,7 +36,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         self._settings = settings
         self.rig = settings.rig
         self._starts_left = 1 + settings.limits.restarts
-        self._orders = 0  # number of orders so far
+        self._calls = 0  # number of calls so far
         self._process: MethodProcess | None = None
         process = self._running_process(T_ds_rb)
         self.fuses = process.fuses  # whether a separate call fuses the maps of single pairs
@@ -75,42 +75,24 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         return self._process
 
     def call(
-        self,
-        read: Callable[[Answer, Mapping[str, bytes]], T],
-        kind: str,
-        pairs: Sequence[StereoPair],
-        ordered: Sequence[OrderedPair],
-        *,
-        T_ds_rb: Transform = IDENTITY,
-        since_start_s: float = 0.0,
-        begins_map: bool = False,
-        largest_files: Mapping[str, int] = MappingProxyType({}),
+        self, request: Request, read: Callable[[Answer, Mapping[str, bytes]], T], T_ds_rb: Transform = IDENTITY
     ) -> tuple[MethodCall, T | None]:
         """Make a call. Return its record, and the result of `read` for the answer and the files of its arrays.
 
         If the call fails or `read` rejects the answer, the result is None, and the record has the failure in addition
-        to what is known of the call. `ordered` describes the pairs for the method. A localiser whose process has ended
-        starts again at `T_ds_rb`. A KeyboardInterrupt ends the process, which is not started again. `largest_files` is
-        as for `MethodProcess.call`. MethodError for images of another size.
+        to what is known of the call. A localiser whose process has ended starts again at `T_ds_rb`. A KeyboardInterrupt
+        ends the process, which is not started again. MethodError for images of another size.
         """
-        for pair in pairs:
-            if fault := self.rig.fault_of_size(pair.left):  # the right image has the size of the left image
-                raise MethodError(f"image of stamp {pair.stamp_ns} {fault}")
+        for requested in request.pairs:
+            if fault := self.rig.fault_of_size(requested.pair.left):  # the right image has the size of the left image
+                raise MethodError(f"image of stamp {requested.pair.stamp_ns} {fault}")
         call = MethodCall()
         try:
             process = self._running_process(T_ds_rb)
-            self._orders += 1
-            order = Order(
-                number=self._orders,
-                call=kind,
-                pairs=list(ordered),
-                begins_map=begins_map,
-                since_start_s=since_start_s,
-                output=process.output,
-            )
-            call, returned = process.call(order, pairs, largest_files)
+            self._calls += 1
+            call, returned = process.call(request, self._calls)
             answer, contents = returned.result()
-            _check_stamp(pairs[-1], answer)
+            _check_stamp(request.pairs[-1].pair, answer)
             return call, read(answer, contents)
         except NotStartedAgainError as error:  # a call that was not made has no finding
             return MethodCall(reason=str(error)), None

@@ -31,40 +31,29 @@ OWN_FILES = "SFR_METHOD_FILES"  #: Variable with additional readable paths, sepa
 PERMITTING = (OWN_FILES, "PYTHONPATH", LIBRARY_PATH)  #: Variables whose paths a method may read.
 FOLDERS = ("PATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX", "CUDA_HOME", "CUDA_PATH", "TZDIR")
 """Variables with paths. A method receives the existing paths of the system and of the interpreter."""
-MOST_PATHS = 64
-"""Largest number of paths of the system and of the interpreter in a variable that a method receives, because the choice
-and the order of many paths could contain data. 64 of 10,000 folders contain at most 110 bytes."""
-COUNTS = (
+SETTINGS = (
     *("OMP_NUM_THREADS", "OMP_THREAD_LIMIT", "OMP_MAX_ACTIVE_LEVELS", "OPENBLAS_NUM_THREADS", "BLIS_NUM_THREADS"),
-    *("MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "PYTHONHASHSEED"),
+    *("MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "PYTHONHASHSEED", "OMP_DYNAMIC", "OMP_NESTED"),
+    *("MKL_DYNAMIC", "OMP_PLACES", "OMP_PROC_BIND", "OMP_SCHEDULE", "OMP_WAIT_POLICY", "OPENBLAS_CORETYPE", "MKL_CBWR"),
+    *("MKL_ENABLE_INSTRUCTIONS", "MKL_THREADING_LAYER", "NUMBA_THREADING_LAYER", "NUMBA_CPU_NAME", "NUMBA_OPT"),
+    *("CUDA_DEVICE_ORDER", "CUDA_MODULE_LOADING", "CUDA_VISIBLE_DEVICES", "NVIDIA_VISIBLE_DEVICES"),
+    *("NVIDIA_DRIVER_CAPABILITIES", "OPENCV_IPP", "OPENCV_OPENCL_DEVICE", "OPENCV_OPENCL_RUNTIME"),
+    *("CUDA_LAUNCH_BLOCKING", "NVIDIA_TF32_OVERRIDE", "NUMBA_DISABLE_JIT", "NUMBA_LOOP_VECTORIZE"),
+    *("NUMBA_SLP_VECTORIZE", "NUMBA_ENABLE_AVX", "NUMBA_DISABLE_INTEL_SVML"),
 )
-"""Variables whose value is a number of at most five digits (`COUNT`)."""
-CHOICES = {
-    **dict.fromkeys(("OMP_DYNAMIC", "OMP_NESTED", "MKL_DYNAMIC"), ("true", "false", "TRUE", "FALSE")),
-    "OMP_PLACES": ("threads", "cores", "ll_caches", "numa_domains", "sockets"),
-    "OMP_PROC_BIND": ("true", "false", "primary", "master", "close", "spread"),
-    "OMP_SCHEDULE": ("static", "dynamic", "guided", "auto"),
-    "OMP_WAIT_POLICY": ("active", "passive"),
-    "OPENBLAS_CORETYPE": ("Prescott", "Nehalem", "Sandybridge", "Haswell", "SkylakeX", "Zen", "ARMV8"),
-    "MKL_CBWR": ("AUTO", "COMPATIBLE", "SSE2", "SSE4_2", "AVX", "AVX2", "AVX512"),
-    "MKL_ENABLE_INSTRUCTIONS": ("SSE4_2", "AVX", "AVX2", "AVX512"),
-    "MKL_THREADING_LAYER": ("INTEL", "SEQUENTIAL", "TBB", "GNU"),
-    "NUMBA_THREADING_LAYER": ("default", "safe", "threadsafe", "forksafe", "tbb", "omp", "workqueue"),
-    "NUMBA_CPU_NAME": ("generic", "host"),
-    "NUMBA_OPT": ("0", "1", "2", "3", "max"),
-    "CUDA_DEVICE_ORDER": ("FASTEST_FIRST", "PCI_BUS_ID"),
-    "CUDA_MODULE_LOADING": ("DEFAULT", "LAZY", "EAGER"),
-    "CUDA_VISIBLE_DEVICES": ("", "-1", *map(str, range(16))),
-    "NVIDIA_VISIBLE_DEVICES": ("all", "none", "void", *map(str, range(16))),
-    "NVIDIA_DRIVER_CAPABILITIES": ("all", "compute", "utility", "compute,utility"),
-    "OPENCV_IPP": ("disabled", "sse42", "avx2", "avx512"),
-    **dict.fromkeys(("OPENCV_OPENCL_DEVICE", "OPENCV_OPENCL_RUNTIME"), ("disabled",)),
-    **dict.fromkeys(("CUDA_LAUNCH_BLOCKING", "NVIDIA_TF32_OVERRIDE"), ("0", "1")),
-    **dict.fromkeys(("NUMBA_DISABLE_JIT", "NUMBA_LOOP_VECTORIZE", "NUMBA_SLP_VECTORIZE"), ("0", "1")),
-    **dict.fromkeys(("NUMBA_ENABLE_AVX", "NUMBA_DISABLE_INTEL_SVML"), ("0", "1")),
-}
-"""Variables of numerical libraries with a fixed set of values, so that they carry no data."""
-COUNT = re.compile("[0-9]{1,5}")
+"""Variables of numerical libraries that a method receives if their value is a number (`NUMBER`) or one of `WORDS`."""
+NUMBER = re.compile("-1|[0-9]{0,5}")  # also the empty value, by which CUDA_VISIBLE_DEVICES hides all devices
+WORDS = frozenset((
+    *("true", "false", "TRUE", "FALSE", "all", "none", "void", "auto", "default", "DEFAULT", "disabled", "max"),
+    *("threads", "cores", "ll_caches", "numa_domains", "sockets", "primary", "master", "close", "spread"),
+    *("static", "dynamic", "guided", "active", "passive", "safe", "threadsafe", "forksafe", "tbb", "omp", "workqueue"),
+    *("INTEL", "SEQUENTIAL", "TBB", "GNU", "AUTO", "COMPATIBLE", "SSE2", "SSE4_2", "AVX", "AVX2", "AVX512"),
+    *("Prescott", "Nehalem", "Sandybridge", "Haswell", "SkylakeX", "Zen", "ARMV8", "generic", "host"),
+    *("sse42", "avx2", "avx512", "FASTEST_FIRST", "PCI_BUS_ID", "LAZY", "EAGER", "compute", "utility"),
+    "compute,utility",
+))  # fmt: skip
+"""Words that a value of `SETTINGS` may be: a fixed list, so that a value carries no data. The list lacks `PASSIVE`,
+which is a setting of this package for its own process (`jit.py`)."""
 LOCALE = "C.UTF-8"  #: Locale of each method, because a result must not depend on the locale of the user.
 SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/snap", "/sys")
 FACTS = ("cpuinfo", "meminfo", "stat", "version", "filesystems", "loadavg", "sys/kernel", "sys/vm", "driver")
@@ -91,10 +80,9 @@ def own_files_sha256() -> str | None:
 
 
 def passed_settings(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the variables of `COUNTS` and `CHOICES` that a method receives: those with an allowed value."""
-    counts = {name: environment[name] for name in COUNTS if COUNT.fullmatch(environment.get(name, ""))}
-    choices = {name: environment[name] for name, allowed in CHOICES.items() if environment.get(name) in allowed}
-    return counts | choices
+    """Return the variables of `SETTINGS` that a method receives: those with an allowed value."""
+    given = {name: environment[name] for name in SETTINGS if name in environment}
+    return {name: value for name, value in given.items() if NUMBER.fullmatch(value) or value in WORDS}
 
 
 def _permitted_by(name: str) -> list[str]:
@@ -119,11 +107,7 @@ def _passed_paths(name: str, value: str) -> list[str]:
     Of the paths outside the system and the interpreter, the method receives only those that the score names.
     """
     existing = dict.fromkeys(os.path.normpath(path) for path in _paths_in(value) if os.path.exists(path))
-    installed = [path for path in existing if _is_installed(path)]
-    passed = set(installed[:MOST_PATHS])
-    if name in PERMITTING:
-        passed |= existing.keys() - set(installed)
-    return [path for path in existing if path in passed]
+    return [path for path in existing if name in PERMITTING or _is_installed(path)]
 
 
 def _paths_in(value: str) -> list[str]:
@@ -153,13 +137,13 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> Rules:
     names.append(_kernels_of_user())  # numba lists its folders to find kernels
     read: list[Path] = []
     for path in dict.fromkeys(Path(item).resolve() for item in wanted):
-        parts = list(_without(path, closed, above))
+        parts = list(_readable_parts(path, closed, above))
         read += parts
         if parts != [path] and path.is_dir():
             names.append(path)
     read.append(Path("/proc/self"))  # read-only, so that the process cannot reset its peak memory
     devices = [path for name in DEVICES for path in glob(f"/dev/{name}")]
-    write = [folder, *(part for path in devices for part in _without(Path(path), closed, above))]
+    write = [folder, *(part for path in devices for part in _readable_parts(Path(path), closed, above))]
     return Rules(names=list(map(str, names)), read=list(map(str, read)), write=list(map(str, write)))
 
 
@@ -199,8 +183,11 @@ def _kernels_in(folder: Path) -> list[Path]:
     return [path for kind in ("*.nbi", "*.nbc") for path in folder.rglob(kind) if not path.is_symlink()]
 
 
-def _without(path: Path, hidden: Set[Path], above: Set[Path]) -> Iterator[Path]:
-    """Yield a path, or the parts of it that contain no hidden paths; `above` has the parents of all hidden paths."""
+def _readable_parts(path: Path, hidden: Set[Path], above: Set[Path]) -> Iterator[Path]:
+    """Yield a path that contains no hidden path; of a folder that contains some, yield the parts that contain none.
+
+    `above` has the parents of all hidden paths. Nothing is yielded for a hidden path and for paths below it.
+    """
     if not hidden.isdisjoint((path, *path.parents)):
         return
     if path not in above:
@@ -209,4 +196,4 @@ def _without(path: Path, hidden: Set[Path], above: Set[Path]) -> Iterator[Path]:
     with suppress(OSError):
         for part in path.iterdir():
             if not part.is_symlink():  # a rule for a link would permit its target, which may be hidden
-                yield from _without(part, hidden, above)
+                yield from _readable_parts(part, hidden, above)

@@ -9,7 +9,7 @@ import pytest
 
 from helpers.made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
 from sfr_loc_map.calls.call_findings import findings_of
-from sfr_loc_map.methods import call_monitor, method_process
+from sfr_loc_map.methods import call_monitor, scratch_folder
 from sfr_loc_map.methods.child.loop import Answer
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
@@ -121,7 +121,7 @@ def test_a_method_in_a_folder_with_many_hidden_siblings_is_started(
 def test_a_process_that_cannot_be_started_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
     (shared := tmp_path / "shared").mkdir()
-    monkeypatch.setattr(method_process, "SHARED_MEMORY", shared)
+    monkeypatch.setattr(scratch_folder, "SHARED_MEMORY", shared)
     method = find_method(f"{tmp_path}/classes.py:Idle", Task.LOCALISATION)
     with pytest.raises(FileNotFoundError):
         IsolatedLocaliser(replace(method, python=tmp_path / "none"), LOC_RIG, true_pose(0), hidden=())

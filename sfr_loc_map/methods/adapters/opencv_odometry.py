@@ -21,11 +21,17 @@ from sfr_loc_map.geometry.arrays import FloatArray
 if TYPE_CHECKING:
     from sfr_loc_map.methods.child.loop import Answer, Order, Setup
 
-FEATURES = 2000
-QUALITY, SPACING_PX = 0.003, 8.0
+# Chosen for ground with little texture: more and weaker corners than in the tutorials of OpenCV (quality 0.01 to 0.3).
+MAX_CORNERS = 2000  #: Largest number of corners of an image.
+QUALITY = 0.003  #: Smallest response of a corner, as a fraction of the largest response in the image.
+SPACING_PX = 8.0  #: Smallest distance between two corners.
 RETURN_PX = 1.0  #: Largest distance of a corner from its position after forward and backward flow.
 ROW_PX = 1.0  #: Largest vertical disparity of a corner.
-MIN_INLIERS = 8
+MIN_INLIERS = 8  #: Smallest number of points that confirm a motion, which three points determine.
+MIN_DISPARITY_PX = 1.0  #: Smallest disparity of a corner, whose depth is otherwise too uncertain.
+WINDOW_PX, PYRAMID_LEVELS = 21, 4  #: Width of the patches and highest level of the optical flow.
+FLOW_ENDS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.01)  #: At most 30 iterations, or a step of 0.01 px.
+RANSAC_ITERATIONS, RANSAC_ERROR_PX, RANSAC_CONFIDENCE = 200, 1.0, 0.999  #: Limits of the search for inliers of PnP.
 
 Corners = NDArray[np.float32]
 
@@ -33,7 +39,13 @@ Corners = NDArray[np.float32]
 def flow(image: NDArray[np.uint8], other: NDArray[np.uint8], corners: Corners) -> tuple[Corners, NDArray[np.bool_]]:
     """Return the positions of corners `(N, 2)` in another image, and whether they were found."""
     positions, found, _ = cv2.calcOpticalFlowPyrLK(
-        image, other, corners, np.empty(0, np.float32), winSize=(21, 21), maxLevel=4, criteria=(3, 30, 0.01)
+        image,
+        other,
+        corners,
+        np.empty(0, np.float32),
+        winSize=(WINDOW_PX, WINDOW_PX),
+        maxLevel=PYRAMID_LEVELS,
+        criteria=FLOW_ENDS,
     )
     return np.asarray(positions, np.float32), np.asarray(found)[:, 0] == 1
 
@@ -85,13 +97,13 @@ class OpenCvOdometry:
 
     def _points(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[NDArray[np.float32], FloatArray]:
         """Return corners `(N, 2)` and the points `(N, 3)` of these corners in the left camera, metres."""
-        found_corners: NDArray[np.generic] | None = cv2.goodFeaturesToTrack(left, FEATURES, QUALITY, SPACING_PX)
+        found_corners: NDArray[np.generic] | None = cv2.goodFeaturesToTrack(left, MAX_CORNERS, QUALITY, SPACING_PX)
         if found_corners is None:
             return np.zeros((0, 2), np.float32), np.zeros((0, 3))
         corners = np.reshape(found_corners, (-1, 2)).astype(np.float32)
         partners, found = flow(left, right, corners)
         disparity = corners[:, 0] - partners[:, 0]
-        good = found & (np.abs(corners[:, 1] - partners[:, 1]) < ROW_PX) & (disparity > 1.0)
+        good = found & (np.abs(corners[:, 1] - partners[:, 1]) < ROW_PX) & (disparity > MIN_DISPARITY_PX)
         corners = np.ascontiguousarray(corners[good])
         depth = self._focal_baseline / disparity[good].astype(np.float64)
         rays = np.column_stack((corners, np.ones(len(corners)))) @ np.linalg.inv(self._camera_matrix).T
@@ -110,7 +122,13 @@ class OpenCvOdometry:
         if len(tracked) < MIN_INLIERS:
             return None
         solved, rotvec, translation, inliers = cv2.solvePnPRansac(
-            points, tracked, self._camera_matrix, None, iterationsCount=200, reprojectionError=1.0, confidence=0.999
+            points,
+            tracked,
+            self._camera_matrix,
+            None,
+            iterationsCount=RANSAC_ITERATIONS,
+            reprojectionError=RANSAC_ERROR_PX,
+            confidence=RANSAC_CONFIDENCE,
         )
         if not solved or inliers is None or len(inliers) < MIN_INLIERS:
             return None

@@ -30,6 +30,8 @@ from typing import Any, Literal, TypedDict
 import numpy as np
 
 Pose = list[float]  #: A matrix `(4, 4)`, row by row.
+CallKind = Literal["pair", "set", "fuse"]
+"""One pair, one to three pairs of a map in one call, or the fusion of the maps of the previous pairs."""
 
 
 class Ready(TypedDict):
@@ -87,7 +89,7 @@ class Order(TypedDict):
     """One call."""
 
     number: int  #: Number of the order, from 1.
-    call: str  #: `pair`, `set` (one to three pairs in one call), or `fuse` (the maps of the previous pairs).
+    call: CallKind
     pairs: list[OrderedPair]  #: The pairs of the call; for `fuse`, the last mapped pair.
     begins_map: bool  #: Whether the pair is the first of a map; the results of the previous map are not used again.
     since_start_s: float  #: Time of the pair since the first pair, for a localiser.
