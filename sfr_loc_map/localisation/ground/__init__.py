@@ -5,22 +5,23 @@ more landmarks follow and that continues the previous motion. Landmarks of anoth
 moving objects) are no longer tracked, and their image cells are excluded for several pairs. If the images do not
 distinguish two motions, the pose is ambiguous.
 
-    left image ----> Change ----+
-    earlier image               |
-                                v
-    main tracks ------------> Motion ----> Evidence ----> Case ----> Selection ----> tracks, excluded landmarks
-                                ^             ^             |            |
-                                |             |             v            v
-    GroundMemory ---------------+-------------+---------> Effect ----> NextMemory, findings
+    left image, earlier image --------+
+    tracks of the landmarks ----------+--> Evidence --> first rule of `cases.RULES` whose condition is true
+    GroundMemory (earlier pairs) -----+                     |              |               |
+                                                            v              v               v
+                                                        Selection      finding      GroundMemory
+                                                 (tracks of the ground,          (after the pair)
+                                                  excluded landmarks)
 
-`selection` lists the steps with their functions, and examples. `GroundMemory` is the only state. It is an immutable
-value, which the localiser keeps and replaces after its verdict on the pair (`NextMemory.for_verdict`).
+`selection` lists the steps with their functions, and examples. `cases.RULES` is the only table of decisions, and
+`thresholds` has all thresholds of these decisions. `GroundMemory` is the only state. It is an immutable value, which
+the localiser keeps and replaces after its verdict on the pair (`NextMemory.for_verdict`).
 
-A pair either *agrees* with the earlier pairs or *doubts* which motion is the ground's. The pair agrees if one motion
-explains the pair, the image moved, few cells are excluded as dynamic, and landmarks follow the motion also in the cells
-that were unexplained earlier. The pair doubts if two motions compete, if the image contradicts the motion, or if about
-half of the landmarks are unexplained. An unusual pair that does not agree prolongs a doubt. `identification` contains
-the transitions.
+A pair is *consistent* with the earlier pairs if one motion explains the pair, the image moved, few cells are excluded
+as dynamic, and landmarks follow the motion also in the cells that were unexplained earlier. A pair is *inconsistent* if
+two motions compete, if the image contradicts the motion, or if about half of the landmarks are unexplained. The ground
+is then *uncertain* for several pairs. An unusual pair that is not consistent prolongs an uncertainty. `identification`
+contains the transitions.
 
 While the ground is not identified, the motion that is not selected may be the ground's. Each pair with a second motion,
 or with an unexplained part of the image, is therefore degraded. Unexplained landmarks in the first tracked pair of a
@@ -31,7 +32,8 @@ The method has four known limits:
 
 - The rover is assumed to move. If an object already moves in the first tracked pair of a window, beside a rover at
   rest, the pose follows the object.
-- After a fault, a rover at rest remains degraded until it moves (`RECOVERING`, `AT_REST_IN_DOUBT`), because images of a
+- After a fault, a rover at rest remains degraded until it moves (`RECOVERING`, `AT_REST_UNCERTAIN`), because images of
+a
   rover at rest do not show whether the fault has ended.
 - If an object moves in much of the view of a rover at rest, the pairs are reported as partially transferred
   (`PARTIAL_TRANSFER`) and as recovering, until the rover moves. The ground is stationary in these images, and so are
@@ -43,7 +45,7 @@ The method has four known limits:
 |---|---|
 | partial transfer | image whose rows belong to two exposures (`stale_images`) |
 | double exposure | image in which two exposures are blended (`double_exposure`) |
-| moving pair | pair with a trusted pose, whose image moved |
+| pair with motion | pair with a trusted pose, whose image moved |
 | stationary cell | textured cell whose content did not move since the earlier image (`cell_change`) |
 | fixed cell | stationary cell for which a pose predicts image motion, and therefore fixed to the camera |
 | dynamic cell | cell of landmarks that move differently from the ground |
@@ -57,9 +59,10 @@ The method has four known limits:
 | module | content |
 |---|---|
 | `selection` | the order of the steps of a pair, with examples, and the tracks of each case |
-| `cases` | the cases of a pair, with their conditions and their effects |
-| `evidence`, `two_motions` | the values by which a pair is classified |
-| `searches`, `motion_tools` | searches for motions in a pair, and the tools of these searches |
+| `cases` | the table of the decisions: condition and consequences of each case |
+| `evidence` | what the decisions depend on, and when a search is made |
+| `searches`, `motion_tools` | searches for motions in a pair, the comparison of two motions, and their tools |
+| `thresholds` | the thresholds of all decisions |
 | `identification`, `memory` | the two state machines, and the memory that contains them |
 | `excluded_cells` | cells that are excluded for several pairs |
 | `cell_change`, `cell_motion`, `double_exposure` | measurements in the images |

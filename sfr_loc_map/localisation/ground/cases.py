@@ -1,177 +1,172 @@
-"""Cases of the motions in a pair: how a pair is classified, and the consequences of each case.
+"""The table of the decisions about the ground's motion: which case a pair is, and the consequences of each case.
 
-A case with a further motion is a class, whose fields are the motions that were found. All other cases are members of
-`MainCase`.
-
-| case | motion that is used | what is excluded |
-|---|---|---|
-| `OwnBody` | that off the body | landmarks in stationary cells, and the cells of the body |
-| `Ambiguous` | that with more weight | nothing, because the other motion may be the ground's |
-| `Decided` | the main motion | what follows the other motion, or is fixed to the camera |
-| | or the other motion | landmarks that follow only the main motion, and their cells |
-| `MainCase`, one of `EXCLUDES_NOTHING` | the main motion | nothing |
-| `MainCase`, any other member | the main motion | what is fixed to the camera |
-
-`case_of` contains the conditions, `effect_of` the consequences, and `selection.selection_of` the tracks. A new case
-requires a member of `MainCase`, or a class here and in `Case`, a condition, and a branch in `effect_of` and in
-`selection_of`.
+`RULES` is the table. The first rule whose condition is true for the evidence of a pair decides. A new case requires a
+member of `Case` and a rule, and if its condition is new, a field of `Evidence`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from enum import Enum, auto
-from typing import Final
+from typing import Final, NamedTuple
 
 from sfr_loc_map.localisation.findings import Finding
-from sfr_loc_map.localisation.ground import searches
 from sfr_loc_map.localisation.ground.evidence import Evidence
-from sfr_loc_map.localisation.ground.identification import Fault, ImageFaults, Phase, Sign
-from sfr_loc_map.localisation.ground.memory import Effect, GroundMemory
-from sfr_loc_map.localisation.ground.motion_tools import ComparedPair, Motion
-from sfr_loc_map.localisation.ground.two_motions import TwoMotions, weighed
+from sfr_loc_map.localisation.ground.identification import Fault, ImageFaults, Phase
+from sfr_loc_map.localisation.ground.memory import GroundMemory
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OwnBody:
-    """Texture fixed to the camera carries the main motion. The motion of the other landmarks is the ground's."""
+class Case(Enum):
+    """The case of a pair."""
 
-    off_body: Motion  #: Motion of the landmarks outside stationary cells.
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Ambiguous:
-    """Either of two motions may be the ground's."""
-
-    motions: TwoMotions
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Decided:
-    """There are two motions, and the motion with more weight is clearly the ground's."""
-
-    motions: TwoMotions
-
-
-class MainCase(Enum):
-    """A case in which the main motion is used."""
-
+    OWN_BODY = auto()  #: Texture fixed to the camera carries the main motion; the other landmarks follow the ground.
     UNTRUSTED = auto()  #: No motion is trusted, and the pose is refused.
     PARTIAL_TRANSFER = auto()  #: Parts of the images come from different exposures.
     DOUBLE_EXPOSURE = auto()  #: Two exposures are blended. The main motion is that of the dominant exposure.
+    DECIDED = auto()  #: There are two motions, and the motion with more weight is clearly the ground's.
+    AMBIGUOUS = auto()  #: Either of two motions may be the ground's.
     CONTRADICTED = auto()  #: The image changed where the only motion predicts no change. The pose is refused.
     HALF_UNEXPLAINED = auto()  #: About half of the landmarks, or more, do not follow the only motion.
     UNEXPLAINED = auto()  #: More landmarks than on earlier ground do not follow the only motion.
-    IN_DOUBT = auto()  #: There is one motion, but too few pairs have agreed since the ground was in doubt.
-    ONE_MOTION = auto()  #: There is one motion, and the ground is not in doubt after the pair.
+    AT_REST_UNCERTAIN = auto()  #: Like `UNCERTAIN`, but the image did not move, so that it shows a rover at rest.
+    UNCERTAIN = auto()  #: There is one motion, but too few consistent pairs followed those that made it uncertain.
+    ONE_MOTION = auto()  #: There is one motion, and the ground is not uncertain after the pair.
 
 
-EXCLUDES_NOTHING: Final = frozenset(
-    {MainCase.UNTRUSTED, MainCase.PARTIAL_TRANSFER, MainCase.DOUBLE_EXPOSURE, MainCase.CONTRADICTED}
+class Selects(Enum):
+    """Which motion is used as the ground's, and which landmarks and cells are excluded (`selection.selection_of`)."""
+
+    MAIN = auto()  #: The main motion. Excluded is what is fixed to the camera.
+    #: The main motion. Nothing is excluded, because the image does not show what is fixed to the camera.
+    MAIN_WITH_ALL = auto()
+    OFF_BODY = auto()  #: The motion off the body. Excluded are landmarks in stationary cells, and the body's cells.
+    #: The heavier of two motions. Excluded are landmarks that do not follow this motion, and their cells.
+    HEAVIER = auto()
+    HEAVIER_WITH_ALL = auto()  #: The heavier of two motions. Nothing is excluded, as the other may be the ground's.
+
+
+class Learns(Enum):
+    """What the memory learns from a pair about the ground's motion."""
+
+    NOTHING = auto()
+    ONE_MOTION = auto()  #: How consistent the pair is with earlier pairs, and which fraction is typically unexplained.
+    UNCERTAINTY = auto()  #: The ground's motion is uncertain.
+
+
+class Rule(NamedTuple):
+    """A case: its condition and its consequences."""
+
+    case: Case
+    condition: Callable[[Evidence], bool]  #: Whether the case applies, if no earlier rule does.
+    selects: Selects
+    finding: Finding | None = None  #: The finding of the pair.
+    #: The finding while the ground is not identified, if it differs. The motion that is not selected may then be the
+    #: ground's.
+    finding_unidentified: Finding | None = None
+    fault: Fault = Fault.NONE  #: What the pair shows about faults of the images.
+    learns: Learns = Learns.NOTHING
+    outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
+
+
+RULES: Final = (
+    # The covariance includes the unobserved motion and not the ambiguity, because the cells of the body are excluded
+    # from the next pairs.
+    Rule(
+        Case.OWN_BODY,
+        lambda evidence: evidence.off_body is not None,
+        Selects.OFF_BODY,
+        finding_unidentified=Finding.BODY_OR_GROUND,
+    ),
+    Rule(Case.UNTRUSTED, lambda evidence: not evidence.is_trusted, Selects.MAIN_WITH_ALL),
+    Rule(
+        Case.PARTIAL_TRANSFER,
+        lambda evidence: evidence.is_transfer,
+        Selects.MAIN_WITH_ALL,
+        Finding.PARTIAL_TRANSFER,
+        Finding.TRANSFER_OR_MOTION,
+        fault=Fault.TRANSFER,
+    ),
+    # A fault of the images does not make the ground's motion uncertain.
+    Rule(
+        Case.DOUBLE_EXPOSURE,
+        lambda evidence: evidence.is_double_exposure,
+        Selects.MAIN_WITH_ALL,
+        Finding.DOUBLE_EXPOSURE,
+        fault=Fault.SUSPECTED,
+    ),
+    Rule(Case.DECIDED, lambda evidence: evidence.is_decided, Selects.HEAVIER),
+    Rule(
+        Case.AMBIGUOUS,
+        lambda evidence: evidence.two is not None,
+        Selects.HEAVIER_WITH_ALL,
+        Finding.AMBIGUOUS,
+        fault=Fault.SUSPECTED,
+        learns=Learns.UNCERTAINTY,
+    ),
+    Rule(
+        Case.CONTRADICTED,
+        lambda evidence: evidence.is_contradicted,
+        Selects.MAIN_WITH_ALL,
+        Finding.CONTRADICTED,
+        fault=Fault.SUSPECTED,
+        learns=Learns.UNCERTAINTY,
+        outlasts_refusal=True,
+    ),
+    Rule(
+        Case.HALF_UNEXPLAINED,
+        lambda evidence: evidence.is_half_unexplained,
+        Selects.MAIN,
+        Finding.GROUND_UNCERTAIN,
+        fault=Fault.SUSPECTED,
+        learns=Learns.UNCERTAINTY,
+    ),
+    Rule(
+        Case.UNEXPLAINED,
+        lambda evidence: evidence.is_unusual and evidence.has_typical,
+        Selects.MAIN,
+        Finding.UNEXPLAINED,
+        Finding.GROUND_UNCERTAIN,
+    ),
+    Rule(
+        Case.AT_REST_UNCERTAIN,
+        lambda evidence: evidence.stays_uncertain and not evidence.support.moves_image,
+        Selects.MAIN,
+        Finding.AT_REST_UNCERTAIN,
+        fault=Fault.SUSPECTED,
+        learns=Learns.ONE_MOTION,
+    ),
+    Rule(
+        Case.UNCERTAIN,
+        lambda evidence: evidence.stays_uncertain,
+        Selects.MAIN,
+        Finding.GROUND_UNCERTAIN,
+        fault=Fault.SUSPECTED,
+        learns=Learns.ONE_MOTION,
+    ),
+    Rule(Case.ONE_MOTION, lambda _: True, Selects.MAIN, learns=Learns.ONE_MOTION),
 )
-"""Cases whose image does not show which landmarks and cells are fixed to the camera."""
-
-Case = OwnBody | Ambiguous | Decided | MainCase
+"""The cases in the order of precedence, with their conditions and consequences."""
 
 
-# ---- the case of a pair
+def rule_of(evidence: Evidence) -> Rule:
+    """Return the rule of a pair: the first rule whose condition is true."""
+    return next(rule for rule in RULES if rule.condition(evidence))
 
 
-def case_of(pair: ComparedPair, main: Motion, evidence: Evidence, memory: GroundMemory) -> Case:
-    """Return the case of a pair: that of the first condition that is true. `memory` is that before the pair."""
-    if not evidence.is_credible:
-        off_body = searches.motion_off_body(pair, main, memory)
-        if off_body is not None:
-            return OwnBody(off_body)
-    if not evidence.is_trusted:
-        return MainCase.UNTRUSTED
-    # parts of the images are stale, as in the previous pair
-    if evidence.is_unusual and evidence.repeats_transfer and not evidence.is_contradicted:
-        return MainCase.PARTIAL_TRANSFER
-    # one exposure dominates, and its motion explains more than half of the landmarks
-    may_dominate = not evidence.is_contradicted and not evidence.is_half_unexplained
-    if may_dominate and searches.is_double_exposure(pair, main, memory.last_image):
-        return MainCase.DOUBLE_EXPOSURE
-    if evidence.is_contradicted or evidence.is_unusual:
-        other = searches.other_motion(pair, main, is_contradicted=evidence.is_contradicted)
-        if other is not None:
-            return case_of_two(weighed(pair, main, other), evidence)
-    return case_of_one(evidence)
-
-
-def case_of_two(motions: TwoMotions, evidence: Evidence) -> Case:
-    """Return the case of a pair with two motions."""
-    # part of the images is that of the previous pair
-    if motions.has_standstill and evidence.may_be_transfer:
-        return MainCase.PARTIAL_TRANSFER
-    if not (evidence.is_identified and motions.is_decided):
-        return Ambiguous(motions)
-    return Decided(motions)
-
-
-def case_of_one(evidence: Evidence) -> Case:
-    """Return the case of a pair with one motion, which is trusted."""
-    if evidence.is_contradicted:
-        return MainCase.CONTRADICTED
-    if evidence.is_half_unexplained:
-        # after more pairs than a partial transfer lasts, many landmarks may be on an object
-        return MainCase.PARTIAL_TRANSFER if evidence.may_be_transfer else MainCase.HALF_UNEXPLAINED
-    if evidence.is_unusual and evidence.has_typical:
-        return MainCase.UNEXPLAINED
-    if evidence.stays_in_doubt:
-        return MainCase.IN_DOUBT
-    return MainCase.ONE_MOTION
-
-
-# ---- the consequences of a case
-
-
-def effect_of(case: Case, evidence: Evidence) -> Effect:
-    """Return the consequences of a case: the finding of the pair, and what the memory learns from the pair.
-
-    Three cases differ while the ground is not identified. They have two motions, or part of the image does not follow
-    the only motion. The motion that is not selected may then be the ground's, so that the pose is degraded. The
-    covariance of the pose includes the ambiguity. For `OwnBody` the covariance includes the unobserved motion instead,
-    because the cells of the body are excluded from the next pairs.
-    """
-    before = evidence.identification
-    is_identified = evidence.is_identified
-    in_doubt = before.after(Sign.DOUBTS, evidence.support.unexplained_cells)
-    match case:
-        case OwnBody():
-            return Effect(before, None if is_identified else Finding.BODY_OR_GROUND)
-        case MainCase.UNTRUSTED | Decided():
-            return Effect(before)
-        case MainCase.PARTIAL_TRANSFER:
-            finding = Finding.PARTIAL_TRANSFER if is_identified else Finding.TRANSFER_OR_MOTION
-            return Effect(before, finding, Fault.TRANSFER)
-        case MainCase.DOUBLE_EXPOSURE:  # a fault of the images, which does not put the ground's motion in doubt
-            return Effect(before, Finding.DOUBLE_EXPOSURE, Fault.SUSPECTED)
-        case Ambiguous():
-            return Effect(in_doubt, Finding.AMBIGUOUS, Fault.SUSPECTED)
-        case MainCase.CONTRADICTED:
-            return Effect(in_doubt, Finding.CONTRADICTED, Fault.SUSPECTED, outlasts_refusal=True)
-        case MainCase.HALF_UNEXPLAINED:
-            return Effect(in_doubt, Finding.GROUND_IN_DOUBT, Fault.SUSPECTED)
-        case MainCase.UNEXPLAINED:
-            return Effect(before, Finding.UNEXPLAINED if is_identified else Finding.GROUND_IN_DOUBT)
-        case MainCase.IN_DOUBT:  # earlier pairs caused the doubt, and a pair with motion may end it
-            finding = Finding.GROUND_IN_DOUBT if evidence.support.moves_image else Finding.AT_REST_IN_DOUBT
-            return Effect(evidence.after_one_motion, finding, Fault.SUSPECTED, is_typical=True)
-        case MainCase.ONE_MOTION:
-            return Effect(evidence.after_one_motion, is_typical=True)
-
-
-def findings_of(effect: Effect, faults: ImageFaults, *, is_trusted: bool) -> frozenset[Finding]:
-    """Return the finding of an effect, or else `RECOVERING` if faults of earlier pairs degrade this pair.
+def findings_of(rule: Rule, faults: ImageFaults, *, is_identified: bool, is_trusted: bool) -> frozenset[Finding]:
+    """Return the finding of a rule, or else `RECOVERING` if faults of earlier pairs degrade this pair.
 
     Args:
-        effect: Effect of the pair's case.
+        rule: Rule of the pair.
         faults: Faults of the images after the pair.
+        is_identified: Whether the ground was identified before the pair.
         is_trusted: Whether the pose of the selected tracks is trusted.
     """
-    if effect.finding is not None:
-        return frozenset({effect.finding})
+    finding = rule.finding
+    if not is_identified and rule.finding_unidentified is not None:
+        finding = rule.finding_unidentified
+    if finding is not None:
+        return frozenset({finding})
     if is_trusted and faults.recovery_pairs > 0:
         return frozenset({Finding.RECOVERING})
     return frozenset()
@@ -180,10 +175,10 @@ def findings_of(effect: Effect, faults: ImageFaults, *, is_trusted: bool) -> fro
 def findings_unselected(memory: GroundMemory, *, is_trusted: bool) -> frozenset[Finding]:
     """Return the finding of a pair in which no motion is selected, which has no case.
 
-    The pair ends neither a doubt nor a recovery of the memory, so that these are reported again.
+    The pair ends neither an uncertainty nor a recovery of the memory, so that these are reported again.
     """
-    if memory.identification.phase is Phase.IN_DOUBT:
-        return frozenset({Finding.GROUND_IN_DOUBT})
+    if memory.identification.phase is Phase.UNCERTAIN:
+        return frozenset({Finding.GROUND_UNCERTAIN})
     if is_trusted and memory.faults.degrades_next:
         return frozenset({Finding.RECOVERING})
     return frozenset()

@@ -9,7 +9,7 @@ also counts, because the excluded cells may be the cause.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -17,17 +17,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.ground.cell_change import CELL, cell_counts
-
-FIXED_LIFE: Final = 10
-"""Lifetime, in compared pairs, of a cell that was detected as fixed to the camera. Each compared pair, including the
-pair of the detection, reduces the lifetime by one. If the cell is stationary, its lifetime starts again instead. Chosen
-by hand. If larger, ground that an arm has uncovered has no landmarks for longer. If smaller, landmarks are created on a
-body whose illumination changes."""
-DYNAMIC_LIFE: Final = 8
-"""Lifetime, in compared pairs, of a cell that was detected as dynamic. Each compared pair, including the pair of the
-detection, reduces the lifetime by one, so that the cell is excluded in seven pairs. Chosen by hand: an object leaves
-its cells within a few pairs. If larger, the ground behind the object has no new landmarks for longer. If smaller,
-landmarks are created on the object."""
+from sfr_loc_map.localisation.ground.thresholds import DYNAMIC_LIFE, FIXED_LIFE
 
 
 class Exclusion(NamedTuple):

@@ -12,28 +12,15 @@ from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.ground.cell_change import Change
 from sfr_loc_map.localisation.ground.cell_motion import Agreement, agreement_of, image_motion
 from sfr_loc_map.localisation.ground.double_exposure import mixture_of
+from sfr_loc_map.localisation.ground.thresholds import (
+    CONVINCING,
+    MIN_AGREEMENT,
+    MIN_MIXTURE_WEIGHT,
+    MIXTURE_PATCHES,
+    MIXTURE_SIGMAS,
+)
 from sfr_loc_map.localisation.motion_model import Guesses, Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
-
-MIN_AGREEMENT = 0.3
-"""Minimum fraction of the landmarks searched for that a motion must explain to be found. Chosen by hand. If larger,
-another motion among many outliers is missed. If smaller, chance agreement of outliers counts as a motion and degrades
-good pairs."""
-CONVINCING = 0.6
-"""Minimum fraction of the landmarks searched for that a motion must explain to be accepted without further tests.
-Chosen by hand above one half: the majority agrees. If smaller, slow motions near the main motion are accepted. If
-larger, fewer motions are accepted by this test alone; the others must also differ from the main motion in the image
-(`searches.MIN_DIFFERENCE_PX`)."""
-MIN_MIXTURE_WEIGHT = 0.1
-"""An image shows a second exposure if the lower bound of the estimated weight of this exposure exceeds this value. In
-images of one exposure the estimate differs from 0 by a few hundredths at most."""
-MIXTURE_SIGMAS = 3.0
-"""Number of standard errors between the weight and its lower bound, so that the bound is too high in one image in
-740 (normal errors). If larger, weak ghosts are missed."""
-MIXTURE_PATCHES = 32
-"""Number of patches that suffice to find a second exposure if a pose requires more landmarks (`min_tracked`). Chosen by
-hand: half of the patches that are compared (`searches.MIXTURE_LANDMARKS`). If larger, ghosts in images with
-little contrast are missed. If smaller, the standard error of the weight is estimated from too few patches."""
 
 
 class MotionTools(NamedTuple):
@@ -62,7 +49,7 @@ class ComparedPair(NamedTuple):
     recovery: RecoveryImages
     change: Change  #: Cells that changed, and cells that stayed, since the earlier image.
     earlier_pose: Pose  #: Pose of the earlier image.
-    far_px: float  #: Image motion, px, from which an outlier does not count as unexplained (`selection.FAR_RATIO`).
+    far_px: float  #: Image motion, px, from which an outlier does not count as unexplained (`thresholds.FAR_RATIO`).
 
     @property
     def guesses(self) -> Guesses:

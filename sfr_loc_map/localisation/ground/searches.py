@@ -1,42 +1,38 @@
-"""Searches in a pair: for its main motion, the ground outside the own body, another motion, and a second exposure.
+"""Searches in a pair: for its main motion, the motion off the own body, another motion, and a second exposure.
 
-A search takes up to some milliseconds. `cases.case_of` therefore starts a search only if the case of the pair depends
-on its result.
+A search takes up to some milliseconds. `evidence.evidence_of` therefore starts a search only if the case of the pair
+depends on its result.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.cell_motion import MOVED_PX
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL
-from sfr_loc_map.localisation.ground.evidence import MAX_CONTRADICTING_FIRST
-from sfr_loc_map.localisation.ground.memory import MIN_EXCESS, GroundMemory
-from sfr_loc_map.localisation.ground.motion_tools import CONVINCING, ComparedPair, Motion
-
-CLEAR_RATIO = 1.4
-"""Minimum ratio of the weights, or of the numbers of inliers, for one of two solutions to be clearly better. Chosen by
-hand. If larger, more pairs are ambiguous and degraded with a larger covariance. If smaller, a wrong motion is accepted
-as clear."""
-MIN_STATIONARY_LANDMARKS = 12
-"""Minimum number of landmarks in stationary cells for these cells to show the rover. Chosen by hand: twice the
-minimum of a pose (`pose_solver.MIN_LANDMARKS`). If smaller, more pairs cost the time of a search. If larger, a small
-body is detected only by its cells."""
-MIN_DIFFERENCE_PX = 1.0
-"""Minimum image motion, px, between the poses of two different motions. Chosen by hand: ten times the usual residual of
-an inlier (0.1 px), because two estimates of one motion differ slightly. If larger, slow objects are missed."""
-MIN_DIFFERENCE_RATIO = 0.05
-"""Minimum ratio of the image motion between the poses of two different motions to the image motion of the main pose.
-Chosen by hand, because errors of the prediction grow with the motion. If larger, objects that move nearly like the
-ground are missed."""
-SEARCHED_UNEXPLAINED = 0.03
-"""Minimum fraction of unexplained landmarks for the search for a second exposure, which takes 0.3 ms. The
-fraction is at least 0.04 with ghosts of 30 to 69 %, and smaller in most pairs of clean drives."""
-MIXTURE_LANDMARKS = 64
-"""Number of landmarks in which a second exposure is searched for. Chosen by hand: the standard error of the weight
-decreases with the square root of this number, and the time increases with it."""
+from sfr_loc_map.localisation.ground.memory import GroundMemory
+from sfr_loc_map.localisation.ground.motion_tools import ComparedPair, Motion
+from sfr_loc_map.localisation.ground.thresholds import (
+    CLEAR_RATIO,
+    CONVINCING,
+    MAX_CONTRADICTING_FIRST,
+    MIN_DIFFERENCE_PX,
+    MIN_DIFFERENCE_RATIO,
+    MIN_EXCESS,
+    MIN_STATIONARY_LANDMARKS,
+    MIXTURE_LANDMARKS,
+    NEARLY_HALF,
+    OLD_WEIGHT,
+    REPEATED_RATIO,
+    REPEATED_WEIGHT,
+    SEARCHED_UNEXPLAINED,
+    STANDSTILL_RATIO,
+)
+from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 
 
 def main_motion(pair: ComparedPair, tracks: Tracks) -> Motion:
@@ -128,3 +124,80 @@ def _was_at_rest(pair: ComparedPair, main: Motion, memory: GroundMemory) -> bool
     guesses = pair.guesses
     last_px = pair.image_motion_px(main.tracks, start=guesses.standstill, end=guesses.repeated_motion)
     return memory.typical is not None and last_px < MOVED_PX
+
+
+# ---- comparison of two motions
+
+
+class TwoMotions(NamedTuple):
+    """The main motion, and another motion of landmarks that the main motion does not explain."""
+
+    main: Motion
+    other: Motion
+    weight_ratio: float  #: Weight of the main motion divided by that of the other motion.
+    has_standstill: bool  #: Whether one motion is a standstill: part of the image may be that of the previous pair.
+
+    @property
+    def other_wins(self) -> bool:
+        """Whether the other motion has more weight than the main motion."""
+        return self.weight_ratio < 1.0
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether one motion is clearly that of the ground.
+
+        The weights of both motions differ by a factor of `CLEAR_RATIO` or more, and the heavier motion explains enough
+        landmarks to be the motion of the ground.
+        """
+        if 1.0 / CLEAR_RATIO < self.weight_ratio < CLEAR_RATIO:
+            return False
+        unexplained_fraction = self.main.agreement.unexplained_fraction
+        explained_fraction = 1.0 - unexplained_fraction
+        if self.other_wins:
+            other = self.other.tracks
+            explained_fraction = unexplained_fraction * (other.inlier_count / len(other.inliers))
+        return explained_fraction >= 1.0 - NEARLY_HALF
+
+    @property
+    def follow_other(self) -> Mask:
+        """Mask `(M,)` of the landmarks of the main tracks that follow the other motion."""
+        other = self.other.tracks
+        return np.isin(self.main.tracks.landmarks.rows, other.landmarks.rows[other.inliers])
+
+    @property
+    def distance(self) -> MotionSize:
+        """Distance between the poses of the two motions."""
+        return size_between(self.main.tracks.pose, self.other.tracks.pose)
+
+
+def weighed(pair: ComparedPair, main: Motion, other: Motion) -> TwoMotions:
+    """Return the main motion and another motion, with their weights compared."""
+    of_main = _weight(pair, main.tracks, other.tracks)
+    of_other = _weight(pair, other.tracks, main.tracks)
+    return TwoMotions(main, other, of_main / of_other, _has_standstill(pair, main.tracks, other.tracks))
+
+
+def _weight(pair: ComparedPair, tracks: Tracks, rival: Tracks) -> float:
+    """Return the number of landmarks that follow a motion, weighted by the evidence that it is the ground's.
+
+        weight = (new inliers + OLD_WEIGHT old inliers) (REPEATED_WEIGHT if the motion repeats the last motion, else 1)
+
+    An inlier is new if the newest keyframe hosts it.
+    """
+    newest_host = max(tracks.landmarks.newest_host, rival.landmarks.newest_host)
+    are_old = tracks.landmarks.host != newest_host
+    old = float(np.count_nonzero(tracks.inliers & are_old))
+    weight = tracks.inlier_count + (OLD_WEIGHT - 1.0) * old
+    repeated = pair.guesses.repeated_motion
+    to_own_px = pair.image_motion_px(tracks, start=repeated, end=tracks.pose)
+    to_rival_px = pair.image_motion_px(tracks, start=repeated, end=rival.pose)
+    return weight * REPEATED_WEIGHT if to_own_px < REPEATED_RATIO * to_rival_px else weight
+
+
+def _has_standstill(pair: ComparedPair, main: Tracks, other: Tracks) -> bool:
+    """Return whether one of two motions is a standstill."""
+    last = pair.guesses.standstill
+    main_px = pair.image_motion_px(main, start=last, end=main.pose)
+    other_px = pair.image_motion_px(other, start=last, end=other.pose)
+    last_px = pair.image_motion_px(main, start=last, end=pair.guesses.repeated_motion)
+    return min(main_px, other_px) < max(MIN_DIFFERENCE_PX, STANDSTILL_RATIO * last_px)

@@ -2,12 +2,12 @@
 
 | step | function | result |
 |---|---|---|
-| 1 | `GroundSelector.begin_change`, in a second thread | `Change`: cells that changed since an earlier image |
+| 1 | `changed_cells`, beside the tracking | `Change`: cells that changed since an earlier image |
 | 2 | `searches.main_motion` | `Motion`: the main tracks, and how far their motion agrees with the pair |
-| 3 | `evidence.evidence_of` | `Evidence`: conditions of the pair and of the memory |
-| 4 | `cases.case_of`, which may search for other motions | `Case`, with the motions that it found |
+| 3 | `evidence.evidence_of`, which may search for other motions | `Evidence` |
+| 4 | `cases.rule_of` | `Rule`: the case of the pair, with its consequences |
 | 5 | `selection_of` | `Selection`: tracks that follow the ground, and what is excluded |
-| 6 | `cases.effect_of`, `GroundMemory.after` | `NextMemory` |
+| 6 | `learnt_from` | `GroundMemory` after the pair |
 | 7 | `cases.findings_of` | the findings of the pair: at most one |
 
 If the left image is frozen, or if rows are stale, no motion is selected (`Ground.unselected`).
@@ -18,18 +18,18 @@ An object with a quarter of the landmarks is in view for one pair while the grou
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
-| 1 | two motions | `Decided` | none | cells of the object are excluded for seven pairs; still identified |
+| 1 | two motions | `DECIDED` | none | cells of the object are excluded for seven pairs; still identified |
 | 2 | one motion; no landmark is left on the object | `ONE_MOTION` | none | unchanged |
 
 The same object is in view for one pair before the ground is identified:
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
-| 1 | two motions | `Ambiguous` | `AMBIGUOUS` | in doubt; ten agreeing pairs are required; recovery takes three pairs |
-| 2 to 10 | one motion, also where the object was | `IN_DOUBT` | `GROUND_IN_DOUBT` | one to nine pairs agreed |
+| 1 | two motions | `AMBIGUOUS` | `AMBIGUOUS` | uncertain for ten consistent pairs; recovery takes three pairs |
+| 2 to 10 | one motion, also where the object was | `UNCERTAIN` | `GROUND_UNCERTAIN` | one to nine consistent pairs |
 | 11 | one motion | `ONE_MOTION` | `RECOVERING` | learning; recovery takes two more pairs |
-| 12 | one motion | `ONE_MOTION` | `RECOVERING` | one pair agreed; recovery takes one more pair |
-| 13 | one motion | `ONE_MOTION` | none | two pairs agreed; the next one identifies the ground |
+| 12 | one motion | `ONE_MOTION` | `RECOVERING` | one consistent pair; recovery takes one more pair |
+| 13 | one motion | `ONE_MOTION` | none | two consistent pairs; the next one identifies the ground |
 
 The lower half of one image repeats the previous image, with new noise, while the ground is identified:
 
@@ -47,33 +47,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import Mask
+from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground import cases, searches
 from sfr_loc_map.localisation.ground.cell_change import LEVEL, Change, change_of
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL
-from sfr_loc_map.localisation.ground.evidence import evidence_of
-from sfr_loc_map.localisation.ground.excluded_cells import Exclusion
-from sfr_loc_map.localisation.ground.identification import Fault
+from sfr_loc_map.localisation.ground.evidence import Evidence, evidence_of
+from sfr_loc_map.localisation.ground.excluded_cells import ExcludedCells, Exclusion
+from sfr_loc_map.localisation.ground.identification import Consistency, Fault
 from sfr_loc_map.localisation.ground.memory import EarlierImage, GroundMemory, NextMemory
 from sfr_loc_map.localisation.ground.motion_tools import ComparedPair, Motion, MotionTools
-from sfr_loc_map.localisation.ground.two_motions import TwoMotions
+from sfr_loc_map.localisation.ground.searches import TwoMotions
+from sfr_loc_map.localisation.ground.thresholds import COMPARED_PAIRS, COMPARED_PX, FAR_RATIO
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.motion_size import MotionSize
 from sfr_loc_map.localisation.relocalisation import RecoveryImages
-from sfr_loc_map.parallel import Pending, beside
 
-COMPARED_PX = 3.0
-"""Image motion, px, above which cells fixed to the camera are detected, and the compared image is replaced. Chosen by
-hand: it exceeds `cell_motion.MOVED_PX`, the motion at which a cell counts as moved, so that most cells have moved."""
-COMPARED_PAIRS = 10
-"""Number of pairs after which the compared image is replaced at any speed, because light and exposure change. Chosen by
-hand. If larger, such changes count as changes of the scene. If smaller, fixed cells are not detected in slow motion."""
-FAR_RATIO = 0.06
-"""Image motion per pair, as a fraction of the width, above which a landmark is often not found again. Slightly above
-the flow that triggers a keyframe (`keyframes.KEYFRAME_FLOW`)."""
 NO_DISTANCE = MotionSize(0.0, 0.0)
 
 
@@ -98,21 +89,26 @@ class Ground(NamedTuple):
     findings: frozenset[Finding]
     not_ground: NDArray[np.intp]  #: `(N,)` window rows of the landmarks that do not move with the ground.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
-    memory: NextMemory  #: The memory after the pair.
+    next_memory: NextMemory  #: The memory after the pair, by the verdict on the pair.
 
     @classmethod
     def unselected(cls, tracks: Tracks, memory: GroundMemory) -> Ground:
         """Return all tracks as those of the ground, without a comparison with earlier pairs.
 
-        A doubt, or a recovery from earlier faults, is reported again.
+        An uncertainty, or a recovery from earlier faults, is reported again.
         """
         return cls(
             tracks=tracks,
             findings=cases.findings_unselected(memory, is_trusted=tracks.is_trusted),
             not_ground=np.zeros(0, np.intp),
             other_distance=NO_DISTANCE,
-            memory=NextMemory.of_unselected(memory),
+            next_memory=NextMemory.of_unselected(memory),
         )
+
+
+def changed_cells(frame: StereoFrame, memory: GroundMemory) -> Change:
+    """Compare the left image with an earlier image, cell by cell. No pose is required."""
+    return change_of(memory.earlier.image, frame.left[LEVEL].image)
 
 
 class GroundSelector:
@@ -120,10 +116,6 @@ class GroundSelector:
 
     def __init__(self, tools: MotionTools) -> None:
         self._tools = tools
-
-    def begin_change(self, frame: StereoFrame, memory: GroundMemory) -> Pending[Change]:
-        """Start to compare the left image with an earlier image, cell by cell, while the landmarks are tracked."""
-        return beside(change_of, memory.earlier.image, frame.left[LEVEL].image)
 
     def select(
         self,
@@ -140,28 +132,48 @@ class GroundSelector:
         far_px = FAR_RATIO * tools.shape[1] * earlier.age if memory.is_clear else np.inf
         pair = ComparedPair(tools, frame, prediction, recovery, change, earlier.pose, far_px)
 
-        main = searches.main_motion(pair, tracks)
-        evidence = evidence_of(main, memory)
-        case = cases.case_of(pair, main, evidence, memory)
-        selection = selection_of(case, pair, main)
+        evidence = evidence_of(pair, searches.main_motion(pair, tracks), memory)
+        rule = cases.rule_of(evidence)
+        selection = selection_of(rule.selects, pair, evidence)
 
-        effect = cases.effect_of(case, evidence)
-        learnt = memory.after(
-            effect,
-            evidence.support,
-            is_moving=selection.is_moving,
-            excluded=memory.excluded.after_pair(selection.exclusion, change.stationary, tools.shape),
-            image=frame.left[MIXTURE_LEVEL].image,
-        )
-        next_earlier = _next_earlier(frame, selection, earlier, effect.fault)
+        excluded = memory.excluded.after_pair(selection.exclusion, change.stationary, tools.shape)
+        learnt = learnt_from(memory, rule, evidence, selection, excluded, frame.left[MIXTURE_LEVEL].image)
+        next_earlier = _next_earlier(frame, selection, earlier, rule.fault)
+        is_identified = evidence.is_identified
         is_trusted = selection.motion.tracks.is_trusted
         return Ground(
             tracks=selection.motion.tracks,
-            findings=cases.findings_of(effect, learnt.faults, is_trusted=is_trusted),
+            findings=cases.findings_of(rule, learnt.faults, is_identified=is_identified, is_trusted=is_trusted),
             not_ground=selection.exclusion.rows,
             other_distance=selection.other_distance,
-            memory=NextMemory.of_selected(memory, learnt, next_earlier, outlasts_refusal=effect.outlasts_refusal),
+            next_memory=NextMemory.of_selected(memory, learnt, next_earlier, outlasts_refusal=rule.outlasts_refusal),
         )
+
+
+def learnt_from(
+    memory: GroundMemory,
+    rule: cases.Rule,
+    evidence: Evidence,
+    selection: Selection,
+    excluded: ExcludedCells,
+    image: FloatImage,
+) -> GroundMemory:
+    """Return the memory with what a pair shows, by the rule of its case."""
+    support = evidence.support
+    identification = memory.identification
+    typical = memory.typical
+    if rule.learns is cases.Learns.UNCERTAINTY:
+        identification = identification.after(Consistency.INCONSISTENT, support.unexplained_cells)
+    elif rule.learns is cases.Learns.ONE_MOTION:
+        identification = evidence.after_one_motion
+        typical = memory.typical_after(support.unexplained_fraction)
+    return memory.selected(
+        identification=identification,
+        faults=memory.faults.after(rule.fault, is_moving=selection.is_moving),
+        typical=typical,
+        excluded=excluded,
+        image=image,
+    )
 
 
 def _next_earlier(frame: StereoFrame, selection: Selection, earlier: EarlierImage, fault: Fault) -> EarlierImage:
@@ -177,25 +189,24 @@ def _next_earlier(frame: StereoFrame, selection: Selection, earlier: EarlierImag
 # ---- the tracks of a case
 
 
-def selection_of(case: cases.Case, pair: ComparedPair, main: Motion) -> Selection:
-    """Return the motion that is used as the ground's, and what to exclude, by the case."""
-    match case:
-        case cases.OwnBody(off_body):
-            return _off_body(pair, main, off_body)
-        case cases.Ambiguous(motions):
-            return _either_of_two(pair, motions)
-        case cases.Decided(motions):
-            return _other_of_two(pair, motions) if motions.other_wins else _main_of_two(motions)
-        case cases.MainCase():
-            return _main(pair, main, case)
-
-
-def _main(pair: ComparedPair, main: Motion, case: cases.MainCase) -> Selection:
-    """Select the main motion. Exclude what is fixed to the camera, if the case shows what is fixed."""
-    if case in cases.EXCLUDES_NOTHING:
-        return Selection(main, is_main=True, exclusion=Exclusion.nothing(pair.change.stationary.shape))
-    rows = main.tracks.landmarks.rows[main.agreement.on_fixed]
-    return Selection(main, is_main=True, exclusion=Exclusion.of_fixed(rows, main.agreement.fixed_cells))
+def selection_of(selects: cases.Selects, pair: ComparedPair, evidence: Evidence) -> Selection:
+    """Return the motion that is used as the ground's, and what to exclude, as the rule of the case says."""
+    main = evidence.main
+    match selects:
+        case cases.Selects.MAIN:
+            rows = main.tracks.landmarks.rows[main.agreement.on_fixed]
+            return Selection(main, is_main=True, exclusion=Exclusion.of_fixed(rows, main.agreement.fixed_cells))
+        case cases.Selects.MAIN_WITH_ALL:
+            return Selection(main, is_main=True, exclusion=Exclusion.nothing(pair.change.stationary.shape))
+        case cases.Selects.OFF_BODY:
+            assert evidence.off_body is not None, "the condition of the case"
+            return _off_body(pair, main, evidence.off_body)
+        case cases.Selects.HEAVIER:
+            assert evidence.two is not None, "the condition of the case"
+            return _other_of_two(pair, evidence.two) if evidence.two.other_wins else _main_of_two(evidence.two)
+        case cases.Selects.HEAVIER_WITH_ALL:
+            assert evidence.two is not None, "the condition of the case"
+            return _either_of_two(pair, evidence.two)
 
 
 def _off_body(pair: ComparedPair, main: Motion, off_body: Motion) -> Selection:
@@ -211,7 +222,7 @@ def _off_body(pair: ComparedPair, main: Motion, off_body: Motion) -> Selection:
 
 
 def _either_of_two(pair: ComparedPair, motions: TwoMotions) -> Selection:
-    """Select the motion with more weight. Exclude nothing, because the other motion may be the ground's."""
+    """Select the motion with more weight, and exclude nothing."""
     motion = motions.main
     if motions.other_wins:
         motion = pair.tracked_from(motions.main.tracks.landmarks, motions.other.tracks.pose)
