@@ -13,6 +13,7 @@ The modules in the order in which they use each other:
 | `trajectory`, `stamped_poses` | stamped poses, and the interpolation between them |
 | `cloud` | point clouds |
 | `geodesy` | geographic positions in a local frame |
+| `robust_statistics` | scale and weight that are insensitive to outliers |
 
 Frames: DS is the frame of the terrain, in which the rover's path is given, and LM the local map. RB is the body of the
 rover, and DMA the base of its mast. NAVSB is the stereo rig for mapping, LOCSB the stereo rig for localisation, and SB

@@ -4,7 +4,7 @@ A pair that becomes a keyframe passes through five steps (`keyframes.KeyframeMak
 
 | step | function | effect |
 |---|---|---|
-| 1 | `SlidingWindow.without` | outliers are no longer tracked |
+| 1 | `SlidingWindow.deactivated` | outliers are no longer tracked |
 | 2 | `SlidingWindow.with_keyframe` | the pose and its observations are added; the oldest keyframe is marginalised |
 | 3 | `OnlineCalibration.with_yaw_offset` | the yaw of the previous adjustment is filtered, and corrected by one step |
 | 4 | `SlidingWindow.with_landmarks` | stereo matches become landmarks (`with_matches`: pitch and roll) |

@@ -31,7 +31,7 @@ from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure_weigh
 from sfr_loc_map.localisation.small_linalg import fill_inverse_3, retract
 from sfr_loc_map.parallel import both
 
-KERNEL_CHI2 = 6.0
+ADJUSTMENT_SCALE = 6.0
 """Scale of the Geman-McClure weight: the squared Mahalanobis residual of a position (two degrees of freedom) at which
 the weight is a quarter. A scale of 20 was tried: measurements/localiser_trials.md, "What limits it, and what was
 tried"."""
@@ -143,12 +143,18 @@ class _Workspace(NamedTuple):
 def motions_by_poses(keyframes: Poses) -> FloatArray:
     """Return the derivatives of the motions relative to each host with respect to the poses, `(K, 6 K + 1, 6 K + 1)`.
 
-    The projection of a landmark does not change if keyframe and host move as one rigid body. The motion of a keyframe
-    is therefore the change of its pose minus the change that it would have if it were rigidly attached to the host. The
-    last unknown is the offset, which is left unchanged.
+    The projection of a landmark does not change if keyframe and host move as one rigid body. The motion m of a keyframe
+    k is therefore the change (t, w) of its pose, position and rotation, minus the change that it would have if it were
+    rigidly attached to the host h:
+
+        m_t = t_k - t_h + [p_k - p_h]x w_h
+        m_w = w_k - w_h
+
+    with the positions p, and the matrix [a]x that maps b to a x b. The last unknown is the offset, which is left
+    unchanged.
     """
     count = len(keyframes.positions)
-    crosses = -np.cross(keyframes.positions[:, None], np.eye(3))
+    crosses = -np.cross(keyframes.positions[:, None], np.eye(3))  # [p]x of each keyframe
     motions = np.tile(np.eye(6 * count + 1), (count, 1, 1))
     for host, cross in enumerate(crosses):
         by_host = motions[host, :-1, 6 * host : 6 * host + 6].reshape(count, 6, 6)
@@ -174,7 +180,7 @@ def _residual(problem: BundleProblem, n: int, k: int, side: int, work: _Workspac
     info_uv = -cov_uv / det
     info_vv = cov_uu / det
     chi2 = info_uu * residual[0] ** 2 + 2.0 * info_uv * residual[0] * residual[1] + info_vv * residual[1] ** 2
-    return _Residual(row, residual, info_uu, info_uv, info_vv, geman_mcclure_weight(chi2, KERNEL_CHI2))
+    return _Residual(row, residual, info_uu, info_uv, info_vv, geman_mcclure_weight(chi2, ADJUSTMENT_SCALE))
 
 
 @jit_fast_ir_inline
@@ -357,6 +363,12 @@ def _linearise(problem: BundleProblem, blocks: LandmarkBlocks) -> tuple[FloatArr
 
 def linearise(problem: BundleProblem) -> NormalEquations:
     """Linearise the landmarks and eliminate them, half of the observations in each of two threads.
+
+    With the Jacobian J_h of the motions relative to the host h (`motions_by_poses`), and the information I_h and the
+    right-hand side r_h that the landmarks of this host give to these motions, the equations of the poses are
+
+        information = sum_h J_h^T I_h J_h
+        rhs         = sum_h J_h^T r_h
 
     The unknowns are the poses and, last, the offset in pixels by which all positions in right images are displaced to
     the right. A single landmark does not show this calibration error. Landmarks at different depths show the offset,

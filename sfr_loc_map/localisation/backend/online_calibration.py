@@ -71,7 +71,7 @@ a larger value, poses on a bent path are published as good; with a smaller one, 
 covariance includes the remaining yaw."""
 MIN_MATCHES: Final = 20
 """Minimum number of stereo matches of a keyframe that updates pitch and roll: ten for each unknown."""
-VERTICAL_NOISE_PX: Final = 0.15
+VERTICAL_SCALE_PX: Final = 0.15
 """Standard deviation of the vertical disparity of a match, px: the scale of the robust weight. Chosen by hand above the
 usual residual of an inlier (0.1 px). A larger value gives wrong matches more weight; a smaller one lowers the weight of
 correct matches."""
@@ -118,7 +118,16 @@ class LensResidual(NamedTuple):
     def with_pair(self, uv: FloatArray, disparity: FloatArray, shape: tuple[int, int]) -> LensResidual:
         """Add the residual disparities `(N,)` of a pair at left pixels `(N, 2)`.
 
-        The blocks divide the image, whose shape is (height, width). The principal point may be elsewhere.
+        The blocks divide the image, whose shape is (height, width). The principal point may be elsewhere. Block b has
+        n_b residual disparities d of all pairs, N together:
+
+            between = sum_b (sum d)^2 / n_b                    = sum_b n_b mean_b^2
+            within  = (sum d^2 - between) / N                  variance of a residual about the mean of its block
+            chance  = within min(pairs, SIGHTINGS) blocks      expected value of `between` without lens errors
+            rms_px^2 = (between - chance) / N
+
+        Independent residuals would give the expected value `within` for each block with residuals. A landmark, however,
+        has the same error in each pair that observes it, in about `SIGHTINGS` pairs.
         """
         height, width = shape
         rows, columns = LENS_BLOCKS
@@ -134,7 +143,6 @@ class LensResidual(NamedTuple):
         pairs = self.pairs + 1
         between_blocks = float(np.sum(total**2 / np.maximum(count, 1.0)))
         number = max(float(count.sum()), 1.0)
-        # Block means also differ by chance, because a landmark has the same error in each pair that observes it.
         by_chance = (squares.sum() - between_blocks) / number * min(pairs, SIGHTINGS) * np.count_nonzero(count)
         rms_px = float(np.sqrt(max(between_blocks - by_chance, 0.0) / number))
         return LensResidual(np.stack((count, total, squares)), pairs, rms_px)
@@ -219,7 +227,7 @@ class DriftEstimate(NamedTuple):
         relative = tuple((np.array(shifts) - drift_px).tolist())
         return DriftEstimate(self.px + drift_px, self.total_px + abs(drift_px), relative, pairs_since=0), drift_px
 
-    def after_restart(self) -> DriftEstimate:
+    def window_begun(self) -> DriftEstimate:
         """Discard the shifts of earlier pairs, because they were measured relative to other landmarks."""
         return self._replace(shifts=())
 
@@ -244,7 +252,7 @@ class VerticalEstimate:
         change = np.array([float(np.median(residual)), 0.0])
         prior = np.diag(VERTICAL_PRIOR)
         for _ in range(VERTICAL_ITERATIONS):  # robust weights use this keyframe alone
-            weight = cauchy_weight(residual - design @ change, VERTICAL_NOISE_PX) / len(residual)
+            weight = cauchy_weight(residual - design @ change, VERTICAL_SCALE_PX) / len(residual)
             weighted = (design * weight[:, None]).T
             change = np.linalg.solve(prior + weighted @ design, weighted @ residual)
         # All keyframes contribute, because matches on one side of the image hardly constrain the other side.
@@ -284,12 +292,14 @@ class OnlineCalibration:
         """Whether the right camera is stable: it has no drift and no large yaw that is still to be corrected."""
         return not self.drift.is_recent and abs(self.yaw.remaining_px) <= UNSETTLED_PX
 
-    def after_restart(self) -> OnlineCalibration:
+    def window_begun(self) -> OnlineCalibration:
         """Return the calibration in a new window."""
-        return replace(self, drift=self.drift.after_restart())
+        return replace(self, drift=self.drift.window_begun())
 
-    def discarded(self) -> OnlineCalibration:
-        """Return the calibration of the first pair again, because the estimates are discarded with their map.
+    def diverged(self) -> OnlineCalibration:
+        """Return the calibration after a diverged adjustment: that of the first pair again.
+
+        The estimates are discarded with their map.
 
         The yaw that was to be corrected and the sum of the drift corrections continue as causes of attitude errors,
         because these errors of the path remain.

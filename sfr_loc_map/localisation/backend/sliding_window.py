@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
+from sfr_loc_map.geometry.transform import propagation
 from sfr_loc_map.localisation.backend.bundle_adjustment import (
     BundleProblem,
     OffsetEstimate,
@@ -118,7 +119,7 @@ class SlidingWindow:
             last_seen=problem.observations[rows, -1],
         )
 
-    def without(self, rows: NDArray[np.intp]) -> SlidingWindow:
+    def deactivated(self, rows: NDArray[np.intp]) -> SlidingWindow:
         """Return the window in which some landmarks are no longer tracked.
 
         Their earlier observations remain in the adjustment, with a robust weight. A trial without the observations of
@@ -165,10 +166,13 @@ class SlidingWindow:
         vector = np.pad(self.prior.information_vector, (0, 6))
         prior = Prior(information, vector, _appended(self.prior.keyframes, pose))
         window = replace(self, problem=problem, prior=prior, patches=(*self.patches, NO_PATCHES))
-        return window._without_oldest() if window.keyframe_count > self.size else window
+        return window._oldest_marginalised() if window.keyframe_count > self.size else window
 
-    def _without_oldest(self) -> SlidingWindow:
-        """Return the window without its oldest keyframe and the landmarks that this keyframe hosts (marginalised)."""
+    def _oldest_marginalised(self) -> SlidingWindow:
+        """Return the window without its oldest keyframe and the landmarks that this keyframe hosts.
+
+        Their information remains in the prior.
+        """
         problem = self.problem
         prior = marginalise_oldest(problem, self.prior)
         kept = problem.host > 0
@@ -191,7 +195,8 @@ class SlidingWindow:
         )
 
     def with_landmarks(self, left: Pyramid, new: NewLandmarks) -> SlidingWindow:
-        """Return the window with the landmarks that the newest keyframe hosts. Each keyframe allows one call."""
+        """Return the window with the landmarks that the newest keyframe hosts. It must not host landmarks already."""
+        assert not len(self.patches[-1].uv), "a keyframe hosts its landmarks from one call"
         problem = self.problem
         count = len(new.uv)
         keyframes = self.keyframe_count
@@ -239,8 +244,8 @@ def _last_motion(keyframes: Poses, pose_covariance: FloatArray) -> KeyframeMotio
     if len(positions) < 2:
         return None
     displacement = positions[-1] - positions[-2]
-    relative = np.hstack((-np.eye(6), np.eye(6)))
-    relative[:3, 3:6] = -np.cross(displacement, np.eye(3))
+    # an error of the previous keyframe displaces the newest keyframe as if both were rigidly attached
+    relative = np.hstack((-propagation(displacement), np.eye(6)))
     covariance = np.asarray(relative @ pose_covariance[-12:, -12:] @ relative.T)
     size = size_between(Pose(rotations[-2], positions[-2]), Pose(rotations[-1], positions[-1]))
     return KeyframeMotion(covariance, size)
@@ -290,6 +295,6 @@ class LandmarkMap:
         """Landmarks used in the alignment of the initial guesses of a pose."""
         return self.tracked.thinned(ALIGNED_LANDMARKS)
 
-    def without(self, rows: NDArray[np.intp]) -> LandmarkMap:
+    def deactivated(self, rows: NDArray[np.intp]) -> LandmarkMap:
         """Return the map in which some landmarks are no longer tracked, or this map if `rows` is empty."""
-        return LandmarkMap(self.window.without(rows)) if len(rows) else self
+        return LandmarkMap(self.window.deactivated(rows)) if len(rows) else self

@@ -21,13 +21,13 @@ MIN_NEIGHBOURS = 4  #: Minimum number of points in the fit of a local plane, whi
 PLANE_ITERATIONS = 4
 """Iterations of reweighted least squares for a local plane. Chosen by hand. With fewer iterations, outliers keep more
 weight; more iterations take more time."""
-PLANE_NOISE_PX = 0.3
+PLANE_SCALE_PX = 0.3
 """Scale of the Cauchy weight of a disparity's residual from the local plane, px. It is ten times the noise of a
 disparity (0.03 px), because the ground between corners is not flat."""
 SLOPE_INFORMATION = 0.02
-"""Information of the zero-slope prior, divided by the squared distance of the farthest neighbour. Chosen by hand: a
-fiftieth of the information of a neighbour at that distance. If all neighbours lie on a line, the prior determines the
-slope across that line."""
+"""Information of the zero-slope prior, divided by the squared distance of the farthest neighbour. Chosen by hand: about
+a seventh of the information of the farthest neighbour, whose weight is exp(-2) = 0.14. If all neighbours lie on a line,
+the prior determines the slope across that line."""
 NEARNESS = -2.0  #: Exponent of the Gaussian weight at the farthest neighbour, which is at two standard deviations.
 MAX_SLOPE = 0.7  #: Maximum slope, px of disparity per px. At 0.7, a patch has 0.3 of its width in the right image.
 
@@ -155,7 +155,7 @@ def _fit_slopes(
                 row[1] = support[m, 0] - uv[n, 0]
                 row[2] = support[m, 1] - uv[n, 1]
                 level = support[m, 2] - disparity[n]
-                residual = (level - plane[0] - row[1] * plane[1] - row[2] * plane[2]) / PLANE_NOISE_PX
+                residual = (level - plane[0] - row[1] * plane[1] - row[2] * plane[2]) / PLANE_SCALE_PX
                 weight = nearness[k] / (1.0 + residual * residual)
                 for i in range(3):
                     rhs[i] += weight * row[i] * level

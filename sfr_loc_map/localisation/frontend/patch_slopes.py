@@ -1,6 +1,23 @@
 """Slopes of the local disparity plane of a single patch, estimated by least squares over its pixels.
 
 In large images the neighbours of a corner are far away. The plane through them is the prior of the plane of the patch.
+
+Warp: around the centre of a left patch, the disparity is `d + slope_u i + slope_v j` at the offset (i, j). A right
+pixel is the left pixel minus the disparity, so that the pixel at this offset is compared with the right pixel
+
+    x = centre_x + (1 - slope_u) i - slope_v j
+    y = centre_y + j
+
+The four unknowns are centre_x, centre_y, slope_u and slope_v. With the derivatives T_x and T_y of the left patch, the
+derivatives of the right image along x and y are `g_x = T_x / (1 - slope_u)` and `g_y = T_y + slope_v g_x`, by the
+inverse transpose of the warp's Jacobian at the initial slopes. The derivatives with respect to the unknowns are
+therefore
+
+    (g_x, g_y, -i g_x, -j g_x)
+
+Both patches are normalised to the same mean and contrast. Each Gauss-Newton step solves (N + P) step = J^T r + P p,
+with the normal matrix N = J^T J, the residual r (right minus left patch), and for the slopes the information P of the
+prior and their deviation p from it. The step is subtracted.
 """
 
 from __future__ import annotations

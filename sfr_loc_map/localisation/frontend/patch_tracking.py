@@ -1,6 +1,10 @@
 """Tracking of patches: each patch is warped by its local plane, then its shift is estimated by least squares.
 
-A patch is warped from its host image by the homography of its plane. Only the remaining shift is estimated, by
+Warp: the pixel at the offset (i, j) from the centre of a host patch is compared with the pixel
+
+    (x, y) = warp(i, j) + (shift_x, shift_y)
+
+of the image, where `warp` is the homography of the plane (`plane_warp.LocalWarp`). Only the shift is estimated, by
 Gauss-Newton on the difference of the two patches, both normalised to the same mean and contrast (Lucas and Kanade
 1981). As in the inverse compositional method (Baker and Matthews 2004, section 3.2), the derivatives are those of the
 template. The inverse transpose of the warp's Jacobian transforms them to the target image.

@@ -2,8 +2,15 @@
 
 The pose is estimated directly from the grey levels (sparse image alignment: Forster et al. 2014, section IV-A). Patches
 with little texture are supported by the others, and prediction errors of many pixels are corrected on the coarsest
-level. The shapes of the patches are computed once, at the initial pose; the positions of the patches follow the
-estimated pose.
+level.
+
+Warp: the pixel at the offset (i, j) from the centre of a host patch is compared with the pixel
+
+    (x, y) = centre(pose) + S (i, j)
+
+of the level. The centre is the projection of the patch centre at the estimated pose (`projection`). The shape S is the
+Jacobian `(2, 2)` of the plane's homography at the centre (`plane_warp.LocalWarp`). It is computed once, at the initial
+pose.
 """
 
 from __future__ import annotations
@@ -39,9 +46,7 @@ from sfr_loc_map.localisation.frontend.projection import (
     Vector,
     component,
     cross,
-    difference,
     gradient,
-    rotated_ray,
     scaled_point,
 )
 from sfr_loc_map.localisation.frontend.pyramid import ImageLevel
@@ -140,9 +145,7 @@ def _project(planes: LocalPlanes, n: int, pose: Pose, camera: StereoCamera) -> _
     """Project the centre of a patch into the left image."""
     ray_x = (planes.uv[n, 0] - camera.cx) / camera.fx
     ray_y = (planes.uv[n, 1] - camera.cy) / camera.fy
-    host_ray = rotated_ray(planes.hosts.rotations[n], ray_x, ray_y)
-    host_offset = difference(planes.hosts.positions[n], pose.position)
-    world = scaled_point(host_ray, host_offset, planes.inverse_depth[n])
+    world = scaled_point(pose, planes.hosts, n, ray_x, ray_y, planes.inverse_depth[n])
     depth = component(pose.rotation, 2, world)
     if depth < MIN_SCALED_DEPTH:
         return _Point(world, 0.0, 0.0, 0.0)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.projection import (
@@ -84,12 +84,19 @@ class Linearisation(NamedTuple):
     jacobians: FloatArray  #: `(N, 4, 6)` with respect to the pose.
     residuals: FloatArray  #: `(N, 4)` pixels, 0 where not observed.
     chi2_per_dof: FloatArray  #: `(N,)` squared Mahalanobis residual per degree of freedom; NaN where not used.
+    has_covariance: Mask  #: `(N,)` whether the inverse covariance is computed.
 
 
 @jit_fast_ir_inline
 def new_linearisation(count: int) -> Linearisation:
     """Return an empty linearisation."""
-    return Linearisation(np.zeros((count, 4, 4)), np.zeros((count, 4, 6)), np.zeros((count, 4)), np.full(count, np.nan))
+    return Linearisation(
+        inverse_covariance=np.zeros((count, 4, 4)),
+        jacobians=np.zeros((count, 4, 6)),
+        residuals=np.zeros((count, 4)),
+        chi2_per_dof=np.full(count, np.nan),
+        has_covariance=np.zeros(count, np.bool_),
+    )
 
 
 @jit_fast_ir_inline
@@ -130,7 +137,7 @@ def _linearise(
     """Fill the linearisation at a pose; the projection and `covariance` `(4, 4)` are workspaces.
 
     The inverse covariance of a landmark is computed once, at the first pose that has the landmark in front of the
-    camera, because it changes little with the pose. Its diagonal is zero before.
+    camera, because it changes little with the pose (`Linearisation.has_covariance`).
     """
     hosts = landmarks.hosts
     rays = landmarks.rays
@@ -142,6 +149,7 @@ def _linearise(
     jacobians = out.jacobians
     residuals = out.residuals
     chi2_per_dof = out.chi2_per_dof
+    has_covariance = out.has_covariance
     by_landmark = projection.by_landmark
     uv = projection.uv
     for n in range(len(inverse_depth)):
@@ -155,9 +163,10 @@ def _linearise(
             continue
         for i in range(4):
             residuals[n, i] = observed[n, i] - uv[i] if (in_left if i < 2 else in_right) else 0.0
-        if inverse_covariance[n, 0, 0] == 0.0:
+        if not has_covariance[n]:
             _fill_covariance(landmark_covariance[n], by_landmark, variance[n], in_left, in_right, covariance)
             fill_inverse_4(covariance, inverse_covariance[n])
+            has_covariance[n] = True
         chi2 = 0.0
         for i in range(4):
             for j in range(4):
@@ -196,6 +205,17 @@ def _add_normal_equations(
             p, q, r, s = jacobian[0, a], jacobian[1, a], jacobian[2, a], jacobian[3, a]
             for b in range(6):
                 information[a, b] += p * weighted[0, b] + q * weighted[1, b] + r * weighted[2, b] + s * weighted[3, b]
+
+
+@jit_fast
+def linearise(
+    pose: Pose, landmarks: LandmarkEstimates, observations: StereoObservations, camera: StereoCamera
+) -> Linearisation:
+    """Return the residuals of N landmarks in a pair at a pose, with their Jacobians and covariances."""
+    linearised = new_linearisation(len(landmarks.inverse_depth))
+    workspace = np.zeros((4, 4))
+    _linearise(pose, landmarks, observations, intrinsics(camera), linearised, new_projection(), workspace)
+    return linearised
 
 
 @jit_fast

@@ -18,7 +18,7 @@ from sfr_loc_map.localisation.frontend.pose_solver import (
     LandmarkEstimates,
     Linearisation,
     StereoObservations,
-    solve_pose,
+    linearise,
 )
 from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure
 
@@ -93,7 +93,7 @@ def right_shift(
         lens_px: Standard deviation of disparities due to lens errors, pixels. Lens errors may resemble a shear.
     """
     landmarks, observations = _in_both_images(landmarks, observations)
-    linearised = solve_pose(pose, landmarks, observations, camera, 1).linearised
+    linearised = linearise(pose, landmarks, observations, camera)
     chi2 = np.where(np.isnan(linearised.chi2_per_dof), np.inf, linearised.chi2_per_dof)
     weight = geman_mcclure(chi2, SHIFT_SCALE)
     left_uv = observations.uv[:, :2]

@@ -1,10 +1,16 @@
 """Robust least squares: the weight of an observation as a function of its squared normalised residual.
 
 The weight belongs to the Geman-McClure loss in iteratively reweighted least squares and is scaled to 1 at a residual of
-0 (Zhang 1997, Parameter estimation techniques: a tutorial with application to conic fitting, table 1). The pose solver,
-the bundle adjustment and the shift of the right camera use this weight. Two small fits to data of one keyframe use the
-Cauchy weight `1 / (1 + chi2)` of the same table: the planes of neighbours (`neighbour_slopes`), and pitch and roll
-(`backend/online_calibration`).
+0 (Zhang 1997, Parameter estimation techniques: a tutorial with application to conic fitting, table 1). Two small fits
+to data of one keyframe use the Cauchy weight `1 / (1 + (r / scale)^2)` of the same table.
+
+| fit | weight | scale | of |
+|---|---|---|---|
+| pose of a pair | Geman-McClure | `pose_solver.SCALE_PER_MEDIAN` times the median | chi2 per degree of freedom |
+| shift of the right camera | Geman-McClure | `right_camera.SHIFT_SCALE` | chi2 per degree of freedom |
+| bundle adjustment | Geman-McClure | `bundle_adjustment.ADJUSTMENT_SCALE` | chi2 of a position |
+| planes of neighbours | Cauchy | `neighbour_slopes.PLANE_SCALE_PX` | residual r, px |
+| pitch and roll | Cauchy | `online_calibration.VERTICAL_SCALE_PX` | residual r, px |
 """
 
 from __future__ import annotations

@@ -100,6 +100,9 @@ def _peak(scores: FloatArray) -> _Peak:
 def search_row(image: FloatImage, patches: Patch, uv: FloatArray, max_disparity: int, offset_v: int) -> FloatArray:
     """Search patches `(N, S * S)` around left pixels `(N, 2)` along the rows of the right image.
 
+    Patches are not warped: the left pixel (u, v) is compared with the right pixel (u - d, v + offset_v) for each whole
+    disparity d from -1 to `max_disparity`. A parabola through the best correlation and its neighbours gives a fraction.
+
     Returns `(N, 3)`: the disparity of the best correlation, the best correlation, and the correlation of the second
     peak. A row is 0 if the patch has no texture or is at the border.
     """

@@ -104,7 +104,11 @@ def match_corners(
 def _refined(
     right: FloatImage, templates: Templates, uv: FloatArray, disparity: FloatArray, slope: FloatArray, offset_v: float
 ) -> PatchTracks:
-    """Track patches from the left to the right image, by the homographies of planes in disparity."""
+    """Track patches from the left to the right image, by the homographies of planes in disparity.
+
+    A left pixel (u, v) is mapped to the right pixel (u - d(u, v), v + offset_v), where the disparity d is a linear
+    function with the slopes, through the disparity at the corner.
+    """
     homographies = np.zeros((len(uv), 3, 3))
     homographies[:, 0, 0] = 1.0 - slope[:, 0]
     homographies[:, 0, 1] = -slope[:, 1]
