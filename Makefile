@@ -96,7 +96,7 @@ random-faults: $(COMPILED)  ## Localise 100 drives with random faults and count 
 history-power: $(COMPILED)  ## Simulate 2000 histories of suites and count false alarms, detected changes and nights until detection (SEED=N)
 	$(CAMPAIGN) history-power --seed $(SEED)
 
-mutants: $(COMPILED)  ## Change one place of metrics, geometry, scores, suites, methods, maps or simulation at a time and check that a test fails (WORDS=)
+mutants: $(COMPILED)  ## Change one place of metrics, geometry, scores, suites, methods, localisation, maps or simulation at a time and check that a test fails (WORDS=)
 	$(BIN)/python tools/mutants.py $(WORDS)
 
 record: $(STAMP)  ## Record the outputs of localiser and mapper (RECORD=out/record.json SOURCES=sample/sample.mcap)

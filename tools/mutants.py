@@ -1,4 +1,4 @@
-"""Mutation tests of metrics, geometry, scores, reports, suites, methods, maps and simulation: `make mutants`.
+"""Mutation tests of metrics, geometry, scores, suites, methods, localisation, maps and simulation: `make mutants`.
 
 Each mutation is a defect in one place: a sign, n for n - 1, an axis, an order, degrees for radians, a boundary of a
 condition, a bound of a range, the pixel of a true point, or an unexpected part. The test modules of `TESTS`, and
@@ -60,6 +60,10 @@ TESTS = (
     "test/scoring/test_several_scores.py",
     "test/scoring/test_deviations.py",
     "test/report/test_test_report.py",
+    "test/localisation/test_findings.py",
+    "test/localisation/test_path.py",
+    "test/localisation/ground/test_cases.py",
+    "test/localisation/uncertainty",
 )
 """Tests that run with each mutation."""
 OF_METHODS = (
@@ -582,6 +586,41 @@ MUTATIONS = (
     Mutation("geometry/trajectory.py", "poses.positions + quat_rotate(", "poses.positions - quat_rotate("),
     Mutation("metrics/conventions/pose_convention.py", '{"left": 0.5, "right": -0.5}', '{"left": -0.5, "right": 0.5}'),
     Mutation("geometry/extrinsics.py", "Transform(pan @ tilt,", "Transform(tilt @ pan,"),
+    # localisation
+    Mutation("localisation/findings.py", "inflation |= rule.inflation", "inflation = rule.inflation"),
+    Mutation(
+        "localisation/ground/evidence.py", "self.follows_transfer and self.may_be_transfer", "self.follows_transfer"
+    ),
+    Mutation("localisation/ground/evidence.py", "self.is_identified and self.two.is_decided", "self.two.is_decided"),
+    Mutation("localisation/ground/identification.py", "if self.pairs_left > 1:", "if self.pairs_left > 2:"),
+    Mutation(
+        "localisation/ground/identification.py",
+        "return self if self.phase is Phase.UNCERTAIN else Identification(Phase.LEARNING)",
+        "return Identification(Phase.LEARNING)",
+    ),
+    Mutation(
+        "localisation/path/external_poses.py", "external=exact if at_ns > last_ns else", "external=exact if True else"
+    ),
+    Mutation("localisation/path/history.py", "(stamp_ns - earlier.stamp_ns) /", "(later.stamp_ns - stamp_ns) /"),
+    Mutation(
+        "localisation/uncertainty/path_errors.py",
+        "position - self.turned / self.correlated.radians",
+        "position - self.turned",
+    ),
+    Mutation(
+        "localisation/uncertainty/path_errors.py",
+        "self.of_map(position).covariance + self.this_pair",
+        "self.of_map(position).covariance",
+    ),
+    Mutation("localisation/uncertainty/published_pose.py", "self.shared_with_next_step + while_kept", "while_kept"),
+    Mutation(
+        "localisation/uncertainty/step_covariance.py",
+        "np.copysign(step.size.metres, step.vector[0])",
+        "step.size.metres",
+    ),
+    Mutation("localisation/frontend/row_search.py", "scores[places - 1 - p]", "scores[p]"),
+    Mutation("localisation/frontend/patch_slopes.py", "patch[2, k] + slope_v * by_x", "patch[2, k]"),
+    Mutation("localisation/frontend/feature_detection.py", "mean - np.sqrt(", "mean + np.sqrt("),
     # maps
     Mutation("mapping/mapper.py", "warnings=warnings_of_pairs(maps) + fused.warnings", "warnings=fused.warnings"),
     Mutation(

@@ -26,7 +26,7 @@ class Candidate(NamedTuple):
 
     frame: StereoFrame
     #: The map, in which landmarks that do not move with the ground are no longer tracked. Their earlier observations
-    #: remain in the window (`SlidingWindow.without`).
+    #: remain in the window (`SlidingWindow.deactivated`).
     landmark_map: LandmarkMap
     ground: Ground
     corrected: CorrectedTracks  #: Tracks of the ground after the correction.

@@ -44,7 +44,8 @@ class LocalisationConfig:
     max_features: int = param(
         2250,
         doc="Approximate number of grid cells in which a keyframe detects landmarks; a map may have more landmarks. "
-        "Doubled for images of 900 x 900 pixels or more.",
+        "Doubled for images of 900 x 900 pixels or more. Above 1024 x 1024 pixels, the number grows further with the "
+        "square root of the side (6364 for 2048 x 2048 pixels).",
         low=50,
         high=20_000,
     )

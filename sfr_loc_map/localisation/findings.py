@@ -11,32 +11,33 @@ cause an inferred one. The published reason is therefore not always that of the 
 | findings | found by |
 |---|---|
 | `REPEATED_PAIR`, `FROZEN_IMAGE`, `STALE_ROWS` | `guards.check_images`, after the comparison in `stale_images` |
-| `IDENTICAL_IMAGES` | `guards.check_wiring` |
+| `IDENTICAL_IMAGES` | `guards.check_identical` |
 | `UNTEXTURED`, `FROZEN_AND_FEW`, `FEW_LANDMARKS` | `guards.check_landmarks`, `guards.check_tracks` |
 | `CONTRADICTED`, `PARTIAL_TRANSFER`, `TRANSFER_OR_MOTION`, `DOUBLE_EXPOSURE` | `ground.cases.findings_of` |
-| `UNEXPLAINED`, `BODY_OR_GROUND`, `AT_REST_IN_DOUBT`, `AMBIGUOUS` | `ground.cases.findings_of` |
-| `RECOVERING`, `GROUND_IN_DOUBT` | `ground.cases.findings_of`, `ground.cases.findings_unselected` |
+| `UNEXPLAINED`, `BODY_OR_GROUND`, `AT_REST_UNCERTAIN`, `AMBIGUOUS` | `ground.cases.findings_of` |
+| `RECOVERING`, `GROUND_UNCERTAIN` | `ground.cases.findings_of`, `ground.cases.findings_unselected` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED` | `guards.check_order` in a new window, `guards.check_sides` in a pair with a pose |
 | `UNTEXTURED_SIDE`, `ONE_SIDED` | `guards.check_sides` |
 | `AFTER_GAP` | `guards.check_gap` |
-| `DIVERGED` | `guards.has_diverged`, or singular equations of an adjustment; kept in `State` until a window begins |
+| `DIVERGED` | `guards.check_divergence`, after an adjustment diverged (`State.has_diverged`) |
 | `CALIBRATION`, `SHEARED_ROWS` | `guards.check_calibration`, `guards.check_shear` |
 
 A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, and a call in the localiser:
 
-- A guard that needs only the images is called in `Localiser._locate`.
-- A guard that refuses poses, and takes little time, is called in `Stages._check_pose`. For a keyframe, `_check_pose` is
-  called again with the pose from all landmarks. The findings then decide only whether this pose is used. A guard that
-  degrades a pose must therefore not be called there.
+- A guard that needs only the images is called in `Localiser._locate`. Its findings also apply to a window that begins
+  with the pair.
+- A guard that refuses poses, and takes little time, is called in `Stages._refusals_of_pose`. For a keyframe, this
+  function is called again with the pose from all landmarks, to decide whether this pose is used. The function asserts
+  that its findings refuse the pair.
 - Any other guard is called in `Stages.judge`.
-- A guard for a new window is called in `Stages.check_window`. The gap before a window is checked in `Localiser._begin`.
-  If there was no map, the findings of the images and of the last adjustment apply to the new window as well.
+- A guard for a new window is called in `Stages.check_before_window` if it does not need the landmarks of the window,
+  otherwise in `Stages.check_window`.
 - The memory of a guard is a field of `State`. A memory that learns from poses is passed to `transitions.accepted` by
   the `Candidate` and changes only there. The memory of the ground is passed by `Ground`, and may learn from a refused
   pair as well.
 
-A guard for the ground's motion is a case in `ground.cases`.
+A guard for the ground's motion is a rule in `ground.cases.RULES`.
 """
 
 from __future__ import annotations
@@ -51,17 +52,18 @@ class Action(Enum):
     """What happens to a pair."""
 
     #: The last pose is published again, with a larger covariance, until this covariance is that of a lost pose. If the
-    #: localiser is lost, the pair is lost, and new images count as for `RESTART`.
+    #: localiser is lost, the pair is lost, and new images count as for `LOSE_OR_BEGIN`.
     KEEP = auto()
-    REJECT = auto()  #: The localiser is lost. No window may begin with the pair.
-    RESTART = auto()  #: The localiser is lost. After several good images a new window begins at the last pose.
+    LOSE = auto()  #: The localiser is lost. No window may begin with the pair.
+    #: The localiser is lost. After several good images, a window begins at the last pose instead.
+    LOSE_OR_BEGIN = auto()
     DEGRADE = auto()  #: The pose is accepted, or a window begins with the pair, and the state is degraded.
     ACCEPT = auto()  #: The pose is accepted.
 
     @property
     def refuses(self) -> bool:
         """Whether the pose of the pair is refused."""
-        return self in (Action.KEEP, Action.REJECT, Action.RESTART)
+        return self in (Action.KEEP, Action.LOSE, Action.LOSE_OR_BEGIN)
 
 
 class Finding(Enum):
@@ -93,10 +95,10 @@ class Finding(Enum):
     ONE_SIDED = auto()  #: Few inliers are observed in both images; both have texture, and one may be stale.
     #: One motion of landmarks outside stationary cells was selected, and the ground is not identified yet.
     BODY_OR_GROUND = auto()
-    #: No second motion was found, and the ground's motion is uncertain: an earlier doubt persists (`Phase.IN_DOUBT`),
+    #: No second motion was found, and the ground's motion is uncertain: it was uncertain before (`Phase.UNCERTAIN`),
     #: about half of the landmarks are unexplained, or more than usual are unexplained and the ground is not identified.
-    GROUND_IN_DOUBT = auto()
-    AT_REST_IN_DOUBT = auto()  #: An earlier doubt persists, and neither the pose nor the image shows a motion.
+    GROUND_UNCERTAIN = auto()
+    AT_REST_UNCERTAIN = auto()  #: The ground is still uncertain, and neither the pose nor the image shows a motion.
     AMBIGUOUS = auto()  #: Two motions were found, and either may be the ground's.
 
 
@@ -113,6 +115,8 @@ class Refusal(NamedTuple):
 
     action: Action  #: One of the actions with `Action.refuses`.
     reason: StateReason
+    #: Whether the excluded cells may be the cause. They then age if no window can begin with the pair.
+    ages_excluded_cells: bool = False
 
 
 class Degradation(NamedTuple):
@@ -127,15 +131,15 @@ class Degradation(NamedTuple):
 
 RULES: Final[dict[Finding, Refusal | Degradation]] = {
     Finding.REPEATED_PAIR: Refusal(Action.KEEP, StateReason.REPEATED_IMAGES),
-    Finding.IDENTICAL_IMAGES: Refusal(Action.REJECT, StateReason.NO_STEREO),
+    Finding.IDENTICAL_IMAGES: Refusal(Action.LOSE, StateReason.NO_STEREO),
     # Before the findings of too few landmarks, because a window of swapped images has few landmarks.
-    Finding.SWAPPED: Refusal(Action.REJECT, StateReason.NO_STEREO),
-    Finding.UNTEXTURED: Refusal(Action.RESTART, StateReason.UNTEXTURED_IMAGES),
-    Finding.FROZEN_AND_FEW: Refusal(Action.RESTART, StateReason.REPEATED_IMAGES),
-    Finding.FEW_LANDMARKS: Refusal(Action.RESTART, StateReason.FEW_LANDMARKS),
+    Finding.SWAPPED: Refusal(Action.LOSE, StateReason.NO_STEREO),
+    Finding.UNTEXTURED: Refusal(Action.LOSE_OR_BEGIN, StateReason.UNTEXTURED_IMAGES),
+    Finding.FROZEN_AND_FEW: Refusal(Action.LOSE_OR_BEGIN, StateReason.REPEATED_IMAGES),
+    Finding.FEW_LANDMARKS: Refusal(Action.LOSE_OR_BEGIN, StateReason.FEW_LANDMARKS, ages_excluded_cells=True),
     Finding.CONTRADICTED: Refusal(Action.KEEP, StateReason.MOVING_REGIONS),
-    Finding.SINGULAR: Refusal(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
-    Finding.TOO_FAST: Refusal(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
+    Finding.SINGULAR: Refusal(Action.LOSE_OR_BEGIN, StateReason.IMPLAUSIBLE_MOTION),
+    Finding.TOO_FAST: Refusal(Action.LOSE_OR_BEGIN, StateReason.IMPLAUSIBLE_MOTION),
     # No keyframe: without the blanked image no landmark can be triangulated.
     Finding.FROZEN_IMAGE: Degradation(StateReason.REPEATED_IMAGES, can_be_reference=False),
     # No keyframe: the edges of the blanked rows would be detected as texture.
@@ -165,9 +169,9 @@ RULES: Final[dict[Finding, Refusal | Degradation]] = {
     # Keyframe: the cells of the body are excluded, and the next pairs identify the ground.
     Finding.BODY_OR_GROUND: Degradation(StateReason.MOVING_REGIONS, Inflation.UNOBSERVED),
     # Keyframe: the window continues with the more likely motion. The covariance includes the ambiguity.
-    Finding.GROUND_IN_DOUBT: Degradation(StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
+    Finding.GROUND_UNCERTAIN: Degradation(StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
     # Keyframe: the pair shows no motion, and the finding ends only when the rover moves.
-    Finding.AT_REST_IN_DOUBT: Degradation(StateReason.MOVING_REGIONS),
+    Finding.AT_REST_UNCERTAIN: Degradation(StateReason.MOVING_REGIONS),
     Finding.AMBIGUOUS: Degradation(StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
 }
 """Consequences of each finding, in the order of precedence.
@@ -176,34 +180,39 @@ The stages of a pair (`localiser`) collect the findings. If those of a stage ref
 
 | stage | findings of |
 |---|---|
-| 1 check the images | `check_images`, `check_wiring` |
+| 1 check the images | `check_images`, `check_identical` |
 | 2 check the map | `check_landmarks` |
 | 6 select the ground | `ground.cases` |
 | 8 judge | `check_tracks`, `check_pose`; unless these refuse the pair, the guards that require a valid pose |
 | | (`check_sides`, `check_gap`, `check_calibration`, `check_shear`) |
-| `Localiser._begin` | `check_gap`, `check_landmarks`, `check_order`, for a window that begins with the pair instead |
+| `Localiser._begin_window` | `check_images`, `check_identical`, `check_gap`, `check_divergence`; if the pair can be a |
+| | reference: `check_landmarks`, `check_order` |
 
 A finding of a later stage is therefore unknown if an earlier stage refuses the pair, even if it precedes in the table.
 Each stage includes the findings of the earlier stages, and the order of the table decides between them. A window that
-replaces a map does not include the findings about the pose in this map. The selection of the ground contributes at most
-one finding, that of its case (`ground.cases`), because a covariance shall not grow by the inflation of several cases.
+replaces a map includes the findings about the images, but not those about the pose in this map. The selection of the
+ground contributes at most one finding, that of its case (`ground.cases`), because a covariance shall not grow by the
+inflation of several cases.
 
 The published reason is that of the first finding, with two exceptions. A pair that is kept while the localiser is lost
 publishes the reason for which the localiser was lost. A refused pair with which a window begins publishes only the
 findings of that window.
 
-Eight findings publish `torn_images`, because they require the same action of an operator: parts of the images may be
-stale. For six of these findings the pair itself shows evidence of stale parts. For `RECOVERING`, an earlier pair showed
-this evidence. For `UNEXPLAINED`, a scene that changes quickly is another possible cause. The eight findings differ in
-their inflation and in whether the pair may become a keyframe.
+Eight findings publish `torn_images`, because they require the same check by an operator: parts of the images may have
+been exposed at different times, by stale parts, blended exposures or a rolling shutter. For six of these findings the
+pair itself shows evidence of this. For `RECOVERING`, an earlier pair showed the evidence. For `UNEXPLAINED`, a scene
+that changes quickly is another possible cause. The eight findings differ in their inflation and in whether the pair may
+become a keyframe.
 
 Three findings add nothing to the covariance because it already includes what they report: the uncertainty of the yaw
 (`CALIBRATION`), and the unobserved motion before the window (`AFTER_GAP`, `DIVERGED`). Two findings add nothing
 because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). `UNTEXTURED_SIDE` adds nothing because
-nothing is tracked in an image without texture. `AT_REST_IN_DOUBT` adds nothing because
+nothing is tracked in an image without texture. `AT_REST_UNCERTAIN` adds nothing because
 an image without motion shows a rover at rest, whichever of its parts is the ground. The covariance of a kept pose
 (`Action.KEEP`) always grows by the unobserved motion since the pose was estimated (`trajectory.kept`).
 """
+
+assert RULES.keys() == set(Finding), "each finding requires a rule"
 
 
 class Verdict(NamedTuple):
@@ -214,6 +223,7 @@ class Verdict(NamedTuple):
     reason: StateReason | None  #: Reason of the decisive finding; None without findings.
     inflation: Inflation  #: What all findings together add to the covariance.
     can_be_reference: bool  #: Whether the pair may be a reference for later pairs.
+    ages_excluded_cells: bool  #: Whether the excluded cells age if no window can begin with the pair.
 
     @property
     def refuses(self) -> bool:
@@ -221,7 +231,7 @@ class Verdict(NamedTuple):
         return self.action.refuses
 
 
-NO_FINDING: Final = Verdict(None, Action.ACCEPT, None, Inflation.NONE, can_be_reference=True)
+NO_FINDING: Final = Verdict(None, Action.ACCEPT, None, Inflation.NONE, can_be_reference=True, ages_excluded_cells=False)
 """Verdict on a pair without findings."""
 
 
@@ -241,4 +251,5 @@ def decide(findings: frozenset[Finding]) -> Verdict:
         reason=first.reason,
         inflation=inflation,
         can_be_reference=all(rule.can_be_reference for rule in degradations),
+        ages_excluded_cells=isinstance(first, Refusal) and first.ages_excluded_cells,
     )

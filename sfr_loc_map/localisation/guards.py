@@ -75,7 +75,7 @@ def check_images(images: ImageComparison, *, has_map: bool) -> frozenset[Finding
     )
 
 
-def check_wiring(pair: StereoPair) -> frozenset[Finding]:
+def check_identical(pair: StereoPair) -> frozenset[Finding]:
     """Report a pair whose left and right image are the same textured image, possibly with new noise."""
     return _found(Finding.IDENTICAL_IMAGES, show_one_image(pair))
 
@@ -158,9 +158,14 @@ def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: Ri
     return frozenset({Finding.ONE_SIDED}) | _found(Finding.SWAPPED, is_swapped)
 
 
-def check_gap(*, keyframes: int, clean_from_keyframe: int) -> frozenset[Finding]:
-    """Report a window that began after an unobserved motion, until the window has enough keyframes."""
-    return _found(Finding.AFTER_GAP, keyframes < clean_from_keyframe)
+def check_gap(gap_keyframes: int) -> frozenset[Finding]:
+    """Report a window that began after an unobserved motion, while `State.gap_keyframes` keyframes are missing."""
+    return _found(Finding.AFTER_GAP, gap_keyframes > 0)
+
+
+def check_divergence(*, has_diverged: bool) -> frozenset[Finding]:
+    """Report a window that begins because an adjustment diverged."""
+    return _found(Finding.DIVERGED, has_diverged)
 
 
 # ---- the right camera

@@ -2,8 +2,8 @@
 
 A keyframe adds its observations to the sliding window, receives new landmarks from stereo matches, and is adjusted
 together with the other keyframes of the window (bundle adjustment). `KeyframeMaker.make` does this in a background
-thread: it takes a `KeyframeJob` and returns a `KeyframeResult`. The first keyframe of a window (`begin`) is made in the
-call that processes its pair.
+thread: it takes a `KeyframeJob` and returns a `KeyframeResult`. The first keyframe of a window (`begin_window`) is made
+in the call that processes its pair.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.stereo_matching import match_corners
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 
-KEYFRAME_FLOW = 0.05
+KEYFRAME_FLOW_RATIO = 0.05
 """Median optical flow since the last keyframe that triggers a new keyframe, as a fraction of the image width. A value
 of 0.08 changes the errors by a few percent (measurements/localiser_trials.md)."""
 KEYFRAME_INLIER_RATIO = 0.65
@@ -115,15 +115,15 @@ class KeyframeMaker:
     def is_needed(self, tracks: Tracks, landmark_map: LandmarkMap) -> bool:
         """Return whether few landmarks of the last keyframe are tracked, or the landmarks moved far in the image."""
         last_seen = tracks.landmarks.last_seen
-        flow = np.linalg.norm((tracks.observations - last_seen)[tracks.inliers, :2], axis=1)
-        flow = flow[np.isfinite(flow)]
+        flow_px = np.linalg.norm((tracks.observations - last_seen)[tracks.inliers, :2], axis=1)
+        flow_px = flow_px[np.isfinite(flow_px)]
         is_active = landmark_map.window.active[tracks.landmarks.rows]
         in_last_keyframe = np.count_nonzero(is_active & np.isfinite(last_seen[:, 0]))
-        if len(flow) < KEYFRAME_INLIER_RATIO * in_last_keyframe:
+        if len(flow_px) < KEYFRAME_INLIER_RATIO * in_last_keyframe:
             return True
-        return len(flow) > 0 and median(flow) > KEYFRAME_FLOW * self._rig.width
+        return len(flow_px) > 0 and median(flow_px) > KEYFRAME_FLOW_RATIO * self._rig.width
 
-    def begin(
+    def begin_window(
         self, frame: StereoFrame, pose: Pose, calibration: OnlineCalibration, ground_mask: ImageMask | None
     ) -> KeyframeResult:
         """Begin a window with a pair at a pose.
@@ -150,7 +150,7 @@ class KeyframeMaker:
         empty = SlidingWindow.empty(self._camera, self._config.window_keyframes)
         nothing_observed = StereoObservations(np.zeros((0, 4)), np.zeros((0, 2, 3)))
         window = empty.with_keyframe(pose, np.zeros(0, np.intp), nothing_observed)
-        return self._with_landmarks(window, frame, calibration.after_restart(), ground_mask)
+        return self._with_landmarks(window, frame, calibration.window_begun(), ground_mask)
 
     def make(self, job: KeyframeJob) -> KeyframeResult:
         """Add a tracked pair to the window as a keyframe, and adjust the window."""
@@ -158,7 +158,7 @@ class KeyframeMaker:
         tracks = job.tracks
         rows = tracks.landmarks.rows
         inliers = tracks.inliers
-        window = job.window.without(rows[~inliers])
+        window = job.window.deactivated(rows[~inliers])
         observed = StereoObservations(tracks.observations[inliers], tracks.variance[inliers])
         window = window.with_keyframe(tracks.pose, rows[inliers], observed)
         calibration, yaw_step_px = job.calibration.with_yaw_offset(window.right_offset)

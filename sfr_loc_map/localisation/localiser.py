@@ -3,7 +3,7 @@
 A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._locate` runs ten stages:
 
 1. Check the images: detect a repeated pair and copies of one image, and blank stale parts (`stale_images`, `guards`).
-2. Check the map: too few landmarks refuse the pair. Without a map, the pair begins a window (`_begin`).
+2. Check the map: too few landmarks refuse the pair. Without a map, the pair begins a window (`_begin_window`).
 3. Predict the pose by the last motion, a standstill and wheel odometry (`motion_model`).
 4. Track: align some landmarks jointly (direct image alignment as in SVO, Forster et al. 2017). Track the patches of
    more landmarks, warped by their local planes, in both images (Lucas and Kanade 1981), and solve for the pose with
@@ -14,15 +14,16 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
    that do not move with the ground are no longer tracked.
 7. Correct the right camera: estimate its rotation error, and correct its drift (`backend/online_calibration`).
 8. Judge: a table decides from the findings of all guards whether the pose is accepted (`guards`, `findings.RULES`).
-9. Complete: the pair becomes a keyframe if few landmarks are left or if they moved far in the image. For a keyframe,
-   the remaining landmarks of the map are tracked, too, and the pose is estimated again.
+9. Complete: the pair becomes a keyframe if few landmarks are left or if they moved far in the image, unless the pair
+   cannot be a reference, or too few inliers are in the left image. For a keyframe, the remaining landmarks of the map
+   are tracked, too, and the pose is estimated again.
 10. Accept: update the path and its accumulated errors, and compute the motion since the last pose with its covariance
     (`path`, `uncertainty`).
 
 `stages` contains stages 4 to 9 and the start of a window. Before and after the stages, `Localiser.process`
 
 - adopts the keyframe of the previous call, which was made in the background (`_adopt_keyframe`);
-- applies an external pose once its stamp is reached (`path.external_poses`);
+- applies an external pose once its stamp is reached (`transitions.pose_applied`);
 - computes the covariance of the published pose (`_estimate`);
 - starts a keyframe in the background: the pair is added to the window, and the window is adjusted (bundle adjustment
   with marginalisation as in OKVIS, Leutenegger et al. 2015; `keyframes`).
@@ -34,26 +35,27 @@ The two functions that continue with such a pair can refuse it for further reaso
 | where | refused because | what becomes of the pair |
 |---|---|---|
 | stage 1 | of its images | kept or lost (`_refuse`) |
-| stage 2 | the map has too few landmarks | lost, or begins a window (`_refuse_or_restart`) |
-| stage 8 | of any finding | kept or lost, or begins a window (`_refuse_or_restart`) |
-| `_begin` | its images cannot be a reference for later pairs | lost |
-| `_begin` | it has too few landmarks, or its images are swapped (`Stages.check_window`) | lost |
+| stage 2 | the map has too few landmarks | lost, or begins a window (`_refuse_or_begin`) |
+| stage 8 | of any finding that refuses poses | kept or lost, or begins a window (`_refuse_or_begin`) |
+| `_begin_window` | its images cannot be a reference for later pairs | lost |
+| `_begin_window` | it has too few landmarks, or its images are swapped (`Stages.check_window`) | lost |
 | `_refuse` | it would be kept, but the localiser is lost, or its pose is as uncertain as an unknown pose | lost |
 
-A pair may begin a window (`_begin`) if there is no map, or if several good images were refused. In stage 8, a pair that
-would be kept counts as one of these images if the localiser is lost and its images are good. A repeated pair does not
-count.
+A pair may begin a window in two situations: if there is no map, or if `MAX_FAILED_RECOVERIES` good images were refused
+since the last accepted pair. An image counts if stage 2 or stage 8 loses its pair. While the localiser is lost, an
+image also counts if stage 8 would keep its pair. A repeated pair, which stage 1 refuses, does not count.
 
 **Which reason wins.** Each point evaluates all findings so far with one table. Of the findings present, the first one
 in `findings.RULES` decides, and its reason is published. The order is:
 
 1. Findings that refuse the pair: a repeated pair; identical or swapped images; too few landmarks, with a cause in the
    images before the number; a pose that the image contradicts, or that is impossible.
-2. Findings that degrade the pose: images with stale parts that are known; a diverged adjustment; a gap; the
-   calibration; sheared rows; other stale parts; two motions.
+2. Findings that degrade the pose: images with stale parts that are known, or one image without texture; a diverged
+   adjustment; a gap; the calibration; sheared rows; other stale parts; two motions.
 
 There are two exceptions. While the localiser is lost, a pair that would otherwise be kept publishes the reason for
-which the localiser was lost. A window that begins in place of a refused pair publishes only its own findings.
+which the localiser was lost. A window that begins in place of a refused pair publishes only the findings about its
+images and its own.
 
 **What enlarges the covariance.** The covariance of an accepted pose is the sum of its error terms, and findings, kept
 pairs, new windows and external poses add to it. `uncertainty` lists all terms and events with links to their formulas.
@@ -65,7 +67,7 @@ source belongs.
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 
 import numpy as np
@@ -91,11 +93,16 @@ from sfr_loc_map.localisation.estimate import (
 from sfr_loc_map.localisation.findings import Action, Finding, Verdict, decide
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeResult
+from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO, KeyframeJob, KeyframeResult
 from sfr_loc_map.localisation.motion_model import Prediction
-from sfr_loc_map.localisation.pair_statistics import accepted_statistics, displayed, residual_statistics
+from sfr_loc_map.localisation.pair_statistics import (
+    accepted_statistics,
+    displayed,
+    refused_statistics,
+    residual_statistics,
+)
 from sfr_loc_map.localisation.path import external_poses
-from sfr_loc_map.localisation.relocalisation import RESTART_AFTER
+from sfr_loc_map.localisation.relocalisation import MAX_FAILED_RECOVERIES
 from sfr_loc_map.localisation.stage_clock import StageClock
 from sfr_loc_map.localisation.stages import Stages
 from sfr_loc_map.localisation.state import Outcome, State
@@ -120,8 +127,13 @@ class Localiser:
         rig: StereoRig,
         config: LocalisationConfig = LocalisationConfig(),  # noqa: B008 - frozen
         start: StartPose | Transform = Transform.identity(),  # noqa: B008 - never modified
+        *,
+        executor: Executor | None = None,
     ) -> None:
         """Start at a pose of RB in DS. A pose without a stamp is valid at the first pair.
+
+        The executor makes keyframes. By default, this is one thread, which starts with the first keyframe and ends with
+        this object.
 
         GeometryError if the rig is another object, has no extrinsics or too small images (`check_rig`), or if the pose
         is invalid (`StartPose.of`). ConfigError if a value of the configuration is invalid, if a mask cannot be read,
@@ -131,10 +143,9 @@ class Localiser:
         config = checked(config)
         self._rig = rig
         self._config = config
-        self._model = RoverModel.of(rig, config.motion, KEYFRAME_FLOW)
+        self._model = RoverModel.of(rig, config.motion, KEYFRAME_FLOW_RATIO)
         self._stages = Stages(rig, config)
-        # one thread, which starts with the first keyframe and ends with this object
-        self._background = ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
+        self._background = executor or ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
         self._pending: Future[KeyframeResult] | None = None
         self.reset(start)
 
@@ -165,7 +176,7 @@ class Localiser:
 
         GeometryError, and no change, if the pose is invalid (`StartPose.of`).
         """
-        self._state = transitions.given(self._state, StartPose.of(pose), self._model)
+        self._state = transitions.pose_set(self._state, StartPose.of(pose), self._model)
 
     def pose_at(self, stamp_ns: int) -> Transform | None:
         """Return the pose of RB in DS at a past stamp; None without an accepted pair.
@@ -193,7 +204,7 @@ class Localiser:
         for pair in warm_up.small_drive():
             localiser.process(pair)
         landmark_map = localiser._state.landmark_map
-        assert landmark_map is not None, "the black pair is kept"
+        assert landmark_map is not None, "the black pair is lost, and the map is kept"
         warm_up.call_kernels_of_two_motions(landmark_map.tracked)
         localiser.reset(Transform.identity())  # waits for the last keyframe
         warm_up.call_kernels_of_large_images()
@@ -230,7 +241,7 @@ class Localiser:
         images = stale_images.compare(pair, state.image_memory)
         state = transitions.arrived(state, images, pair.stamp_ns)
         landmark_map = state.landmark_map
-        findings = guards.check_images(images, has_map=landmark_map is not None) | guards.check_wiring(pair)
+        findings = guards.check_images(images, has_map=landmark_map is not None) | guards.check_identical(pair)
         verdict = decide(findings)
         if verdict.refuses:
             return self._refuse(state, verdict, pair.stamp_ns)
@@ -238,26 +249,25 @@ class Localiser:
             frame = StereoFrame.of(images.pair, pair, has_frozen_image=images.is_one_frozen)
         # 2 check the map
         if landmark_map is None:
-            return self._begin(state, frame, findings)
+            return self._begin_window(state, frame, findings)
         verdict = decide(findings | guards.check_landmarks(frame, landmark_map.landmarks, self._config.min_tracked))
         if verdict.refuses:
-            return self._refuse_or_restart(state, verdict, frame)
+            return self._refuse_or_begin(state, verdict, frame, findings)
         # 3 predict
         guesses = state.path.last.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
-        # 4 track, 5 relocalise; meanwhile a second thread compares the cells of the image for stage 6
-        pending_change = stages.begin_change(frame, state.ground_memory)
-        tracks = stages.track(frame, landmark_map, prediction, state.recovery, clock)
+        # 4 track, 5 relocalise
+        tracks, change = stages.track(frame, landmark_map, prediction, state, clock)
         # 6 select the ground's motion
-        ground = stages.select_ground(frame, tracks, prediction, state, images, pending_change)
+        ground = stages.select_ground(frame, tracks, prediction, state, images, change)
         # 7 correct the right camera
         corrected = stages.correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
-        candidate = Candidate(frame, landmark_map.without(ground.not_ground), ground, corrected)
+        candidate = Candidate(frame, landmark_map.deactivated(ground.not_ground), ground, corrected)
         # 8 judge
         verdict = stages.judge(state, candidate, findings | ground.findings)
         if verdict.refuses:
             state = transitions.refused(state, candidate, verdict)
-            return self._refuse_or_restart(state, verdict, frame, candidate.tracks)
+            return self._refuse_or_begin(state, verdict, frame, findings, candidate.tracks)
         # 9 complete, 10 accept
         final = stages.complete(state, candidate, verdict, clock)
         return self._accept(state, candidate, verdict, final)
@@ -281,8 +291,7 @@ class Localiser:
         While the localiser is lost, a pair that would be kept is lost, too, and the earlier reason is published again.
         A kept pose is lost once the motion since this pose is as uncertain as an unknown pose.
         """
-        is_repeated = verdict.finding is Finding.REPEATED_PAIR
-        statistics = TrackingStatistics(repeated=1) if is_repeated else TrackingStatistics(inliers=0)
+        statistics = refused_statistics(verdict)
         reason = verdict.reason
         if verdict.action is Action.KEEP:
             if state.status is TrackingState.LOST:
@@ -293,51 +302,51 @@ class Localiser:
                     return Outcome(kept, statistics, tracks, step)
         return Outcome(transitions.lost(state, reason), statistics, tracks)
 
-    def _refuse_or_restart(
-        self, state: State, verdict: Verdict, frame: StereoFrame, tracks: Tracks | None = None
+    def _refuse_or_begin(
+        self,
+        state: State,
+        verdict: Verdict,
+        frame: StereoFrame,
+        of_images: frozenset[Finding],
+        tracks: Tracks | None = None,
     ) -> Outcome:
         """Refuse a pair, or begin a window with it if several good images were refused.
 
         A pair that would be kept (`KEEP`) counts only while the localiser is lost. Otherwise, a localiser whose map
-        contradicts all images would stay lost.
+        contradicts all images would stay lost. Of the findings of the pair, only those about its images (`of_images`)
+        also hold for the new window. The others concern a pose in the map that the window replaces.
         """
         assert state.landmark_map is not None, "without a map, a pair begins a window"
         is_lost = state.status is TrackingState.LOST
-        may_restart = verdict.action is Action.RESTART or (verdict.action is Action.KEEP and is_lost)
-        if may_restart and self._stages.is_good_image(frame, state.landmark_map):
-            state = transitions.with_failed_recovery(state)
-            if state.failed_recoveries >= RESTART_AFTER and verdict.can_be_reference:
-                # the findings concern a pose in the old map, which the new window does not continue
-                return self._begin(state, frame, frozenset(), tracks)
+        may_begin = verdict.action is Action.LOSE_OR_BEGIN or (verdict.action is Action.KEEP and is_lost)
+        if may_begin and self._stages.is_good_image(frame, state.landmark_map):
+            state = transitions.recovery_failed(state)
+            if state.failed_recoveries >= MAX_FAILED_RECOVERIES and verdict.can_be_reference:
+                return self._begin_window(state, frame, of_images, tracks)
         return self._refuse(state, verdict, frame.stamp_ns, tracks)
 
-    def _begin(
-        self, state: State, frame: StereoFrame, findings: frozenset[Finding], tracks: Tracks | None = None
+    def _begin_window(
+        self, state: State, frame: StereoFrame, of_images: frozenset[Finding], tracks: Tracks | None = None
     ) -> Outcome:
-        """Begin a window at the last known pose with a pair and its findings.
+        """Begin a window at the last known pose with a pair and the findings about its images.
 
-        The localiser is lost if the pair has too few landmarks, or if the pair cannot be a reference for later pairs.
-        The state is degraded if the pair has findings, or if the motion since the last pose is unobserved.
+        The localiser is lost if the pair cannot be a reference for later pairs, or if it has too few landmarks. The
+        state is degraded if the pair has findings, or if the motion since the last pose is unobserved.
         """
-        keyframes = state.keyframes + 1
-        clean_from = state.clean_from_keyframe
-        if state.path.last.has_gap(frame.stamp_ns):  # poses stay degraded until the window is full
-            clean_from = keyframes + self._config.window_keyframes - 1
-        findings |= guards.check_gap(keyframes=keyframes, clean_from_keyframe=clean_from)
-        if state.has_diverged:
-            findings |= {Finding.DIVERGED}
+        stages = self._stages
+        gap_keyframes = transitions.gap_keyframes_at_window(state, frame.stamp_ns, self._config.window_keyframes)
+        findings = of_images | stages.check_before_window(state, gap_keyframes)
         verdict = decide(findings)
         if not verdict.can_be_reference:  # checked first: with a blanked image, no landmark is triangulated
             return Outcome(transitions.lost(state, verdict.reason), TrackingStatistics(inliers=0), tracks)
-        window = self._stages.begin_window(state, frame)
+        window = stages.begin_window(state, frame)
         landmarks = window.landmark_map.landmarks
         statistics = TrackingStatistics(features=len(landmarks.rows))
-        verdict = decide(findings | self._stages.check_window(state, frame, landmarks))
-        if verdict.finding is Finding.FEW_LANDMARKS:
-            state = transitions.with_failed_window(state)
+        verdict = decide(findings | stages.check_window(state, frame, landmarks))
         if verdict.refuses:
+            state = transitions.window_failed(state, verdict)
             return Outcome(transitions.lost(state, verdict.reason), replace(statistics, inliers=0), tracks)
-        state, step = transitions.begun(state, frame, window, verdict, clean_from, self._model)
+        state, step = transitions.window_begun(state, frame, window, verdict, gap_keyframes, self._model)
         return Outcome(state, statistics, tracks, step)
 
     # ---- before and after the stages
@@ -373,15 +382,15 @@ class Localiser:
     def _with_keyframe(self, state: State, result: KeyframeResult | None) -> State:
         """Return the state with the result of a keyframe; None if its adjustment was singular."""
         if result is None:
-            return transitions.without_map(state)
+            return transitions.diverged(state)
         window = result.landmark_map.window
         if guards.has_diverged(state.path.last, window.newest_pose, window.covariance):
-            return transitions.without_map(state)
-        return transitions.with_keyframe(state, result, self._model)
+            return transitions.diverged(state)
+        return transitions.adjusted(state, result, self._model)
 
     def _commit(self, outcome: Outcome, stamp_ns: int, clock: StageClock) -> PoseEstimate:
         """Store the state after a pair, start its keyframe in the background, and return the estimate."""
-        self._state = transitions.with_external_pose(outcome.state, stamp_ns, self._model)
+        self._state = transitions.pose_applied(outcome.state, stamp_ns, self._model)
         # A keyframe implies an accepted pose. Only an external pose with a later stamp would discard the map.
         assert outcome.keyframe is None or self._state.landmark_map is not None
         estimate = self._estimate(stamp_ns, self._state, outcome, clock)

@@ -76,8 +76,9 @@ class LastPose:
     T_world_left: Transform  #: Last known pose in the present map; an adjustment of the map changes it.
     T_before_last: Transform  #: Last motion, in `motion_ns`; the identity to predict a standstill.
     known_ns: int | None  #: Stamp of the last pose from images or of an external pose; later motion is unobserved.
-    tracked_ns: int = 0  #: Stamp of the last tracked pair, from which missing pairs are counted.
-    #: Time between the last two tracked pairs; None before the second pair of a window. After more than
+    #: Stamp of the last pair that was accepted or began a window, from which missing pairs are counted.
+    accepted_ns: int = 0
+    #: Time between the last two such pairs; None before the second pair of a window. After more than
     #: `MAX_MISSED_PAIRS` refused pairs, the time is one period, and `T_before_last` is the mean motion in one period.
     motion_ns: int | None = None
     speed: Speed = Speed(0.0, 0.0)  #: Last speed.
@@ -87,21 +88,21 @@ class LastPose:
         return 0.0 if self.known_ns is None else abs(stamp_ns - self.known_ns) / NS_PER_S
 
     def missing_pairs(self, stamp_ns: int) -> int | None:
-        """Return the number of pairs that are missing between the last tracked pair and a stamp.
+        """Return the number of pairs that are missing between the last accepted pair and a stamp.
 
         The number is unknown (None) before the second pair of a window. It is also unknown if the time is shorter than
         half of `motion_ns`, because pairs were then missing in that motion.
         """
         if self.motion_ns is None:
             return None
-        periods = round((stamp_ns - self.tracked_ns) / self.motion_ns)
+        periods = round((stamp_ns - self.accepted_ns) / self.motion_ns)
         return periods - 1 if periods > 0 else None
 
     def is_followed_by(self, stamp_ns: int) -> bool:
-        """Return whether no pair is missing between the last tracked pair and a stamp."""
+        """Return whether no pair is missing between the last accepted pair and a stamp."""
         missing = self.missing_pairs(stamp_ns)
         if missing is None:
-            return stamp_ns - self.tracked_ns <= MAX_UNKNOWN_PERIOD_NS
+            return stamp_ns - self.accepted_ns <= MAX_UNKNOWN_PERIOD_NS
         return missing == 0
 
     def has_gap(self, stamp_ns: int) -> bool:
@@ -135,10 +136,10 @@ class LastPose:
         T_last_now = self.T_world_left.inverse() @ T_world_left
         return MotionSince(T_last_now, size_of(T_last_now), self.unobserved_s(stamp_ns))
 
-    def tracked(
+    def accepted(
         self, stamp_ns: int, T_world_left: Transform, since: MotionSince, *, period_ns: int, was_known: bool
     ) -> LastPose:
-        """Return the pose of a tracked pair. The speed is updated only if the previous pose was known.
+        """Return the pose of an accepted pair. The speed is updated only if the previous pose was known.
 
         The period is the time between the pair and the previous pair, whether that was refused or not.
         """
@@ -148,7 +149,7 @@ class LastPose:
             size = since.size
             speed = Speed(size.metres / seconds, size.radians / seconds) if seconds > 0.0 else Speed(0.0, 0.0)
         T_before_last = since.T_last_now
-        motion_ns = stamp_ns - self.tracked_ns
+        motion_ns = stamp_ns - self.accepted_ns
         # the next pair cannot repeat the motion over a long gap
         if round(motion_ns / period_ns) - 1 > MAX_MISSED_PAIRS:
             T_before_last = interpolated(Transform.identity(), T_before_last, period_ns / motion_ns)
@@ -166,10 +167,10 @@ class LastPose:
         """Return the pose after an adjustment of the map moved it."""
         return replace(self, T_world_left=T_world_left)
 
-    def without_prediction(self) -> LastPose:
-        """Return the pose after tracking was lost. The next pose is predicted at this pose, and the speed is kept."""
+    def lost(self) -> LastPose:
+        """Return the pose after a lost pair. The next pose is predicted at this pose, and the speed is kept."""
         return replace(self, T_before_last=Transform.identity())
 
-    def restarted(self, stamp_ns: int) -> LastPose:
+    def window_begun(self, stamp_ns: int) -> LastPose:
         """Return the pose after a new window began at this pose. A standstill is predicted, and the speed is kept."""
         return LastPose(self.T_world_left, Transform.identity(), stamp_ns, stamp_ns, None, self.speed)

@@ -8,6 +8,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, median
 from sfr_loc_map.localisation.estimate import LandmarkTracks, TrackingStatistics
+from sfr_loc_map.localisation.findings import Finding, Verdict
 from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, Tracks
 from sfr_loc_map.localisation.state import State
 
@@ -43,6 +44,13 @@ def accepted_statistics(state: State, tracks: Tracks, residuals: ResidualStatist
         roll_offset_px=offset.roll,
         masked_share=state.ground_memory.excluded.fraction,
     )
+
+
+def refused_statistics(verdict: Verdict) -> TrackingStatistics:
+    """Return the statistics of a refused pair."""
+    if verdict.finding is Finding.REPEATED_PAIR:
+        return TrackingStatistics(repeated=1)
+    return TrackingStatistics(inliers=0)
 
 
 def displayed(tracks: Tracks) -> LandmarkTracks:

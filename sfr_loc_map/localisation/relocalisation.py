@@ -21,7 +21,7 @@ from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame, is_textured
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 
-RESTART_AFTER = 3
+MAX_FAILED_RECOVERIES = 3
 """Number of good images with a refused pose since the last accepted pair, after which a new window begins. Chosen by
 hand. If larger, the localiser stays lost for longer. If smaller, a map is discarded in which the next pair might have
 been relocalised."""
@@ -88,34 +88,34 @@ class RecoveryImages(NamedTuple):
     """Images from which lost tracking can be recovered."""
 
     last: KnownImage | None = None  #: Last tracked image.
-    best: KnownImage | None = None  #: Last tracked image in which at least half of the landmarks are inliers.
+    #: The image before it in which at least half of the landmarks were inliers; None if the last image is such an
+    #: image.
+    earlier_best: KnownImage | None = None
 
     @property
-    def is_last_best(self) -> bool:
-        """Whether `best` is the last image."""
-        return self.best is self.last
+    def best(self) -> KnownImage | None:
+        """Last tracked image in which at least half of the landmarks were inliers."""
+        return self.last if self.earlier_best is None else self.earlier_best
 
     @classmethod
-    def of_first_keyframe(cls, image: GreyImage, landmarks: Landmarks) -> RecoveryImages:
-        """Return the recovery images of a new window: both are its first image."""
-        known = KnownImage(image, landmarks.last_seen[:, :2], landmarks)
-        return cls(known, known)
+    def window_begun(cls, image: GreyImage, landmarks: Landmarks) -> RecoveryImages:
+        """Return the recovery images of a new window: its first image."""
+        return cls(KnownImage(image, landmarks.last_seen[:, :2], landmarks))
 
-    def with_tracked(self, image: GreyImage, tracks: Tracks) -> RecoveryImages:
+    def accepted(self, image: GreyImage, tracks: Tracks) -> RecoveryImages:
         """Return the recovery images, updated by an image whose pose was accepted."""
         known = KnownImage(image, tracks.observations[:, :2], tracks.landmarks)
         is_best = tracks.left_inlier_count >= MIN_BEST_RATIO * len(tracks.inliers)
-        return RecoveryImages(known, known if is_best else self.best)
+        return RecoveryImages(known, None if is_best else self.best)
 
-    def with_keyframe(self, landmarks: Landmarks) -> RecoveryImages:
+    def adjusted(self, landmarks: Landmarks) -> RecoveryImages:
         """Return the recovery images, updated by the landmarks of the adjusted window.
 
         The newest keyframe of the window is always the last image, because each keyframe is also a recovery image.
         """
         if self.last is None:
             return self
-        last = KnownImage(self.last.image, landmarks.last_seen[:, :2], landmarks)
-        return self._replace(last=last, best=last if self.is_last_best else self.best)
+        return self._replace(last=KnownImage(self.last.image, landmarks.last_seen[:, :2], landmarks))
 
 
 class Relocaliser:

@@ -20,9 +20,8 @@ from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_sh
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.ground.cell_change import Change
-from sfr_loc_map.localisation.ground.memory import GroundMemory
 from sfr_loc_map.localisation.ground.motion_tools import MotionTools
-from sfr_loc_map.localisation.ground.selection import Ground, GroundSelector
+from sfr_loc_map.localisation.ground.selection import Ground, GroundSelector, changed_cells
 from sfr_loc_map.localisation.guards import ShearMean
 from sfr_loc_map.localisation.keyframes import KeyframeJob, KeyframeMaker, KeyframeResult, max_corners
 from sfr_loc_map.localisation.motion_model import Prediction
@@ -30,7 +29,7 @@ from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 from sfr_loc_map.localisation.stage_clock import StageClock
 from sfr_loc_map.localisation.stale_images import ImageComparison
 from sfr_loc_map.localisation.state import State
-from sfr_loc_map.parallel import Pending
+from sfr_loc_map.parallel import beside
 
 
 class Stages:
@@ -54,11 +53,18 @@ class Stages:
 
     # ---- tracking
 
-    def begin_change(self, frame: StereoFrame, memory: GroundMemory) -> Pending[Change]:
-        """Start to compare the left image with an earlier image in a second thread, for `select_ground`."""
-        return self._ground_selector.begin_change(frame, memory)
-
     def track(
+        self, frame: StereoFrame, landmark_map: LandmarkMap, prediction: Prediction, state: State, clock: StageClock
+    ) -> tuple[Tracks, Change]:
+        """Track the landmarks of the map, and find the cells of the left image that changed since an earlier image.
+
+        The second thread compares the images, which does not require a pose.
+        """
+        pending = beside(changed_cells, frame, state.ground_memory)
+        tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
+        return tracks, pending.result()
+
+    def _track(
         self,
         frame: StereoFrame,
         landmark_map: LandmarkMap,
@@ -85,13 +91,12 @@ class Stages:
         prediction: Prediction,
         state: State,
         images: ImageComparison,
-        pending_change: Pending[Change],
+        change: Change,
     ) -> Ground:
         """Select the ground's motion, unless the left image is frozen or rows of either image are stale."""
         memory = state.ground_memory
         if images.is_left_frozen or images.blanked_rows.any():
             return Ground.unselected(tracks, memory)
-        change = pending_change.result()
         return self._ground_selector.select(frame, tracks, prediction, memory, state.recovery, change)
 
     def correct_right_camera(
@@ -123,37 +128,46 @@ class Stages:
         frame = candidate.frame
         tracks = candidate.tracks
         corrected = candidate.corrected
-        findings |= self._check_pose(state, frame, tracks)
+        findings |= self._refusals_of_pose(state, frame, tracks)
         verdict = decide(findings)
         if verdict.refuses:  # the other guards require a valid pose
             return verdict
         findings |= guards.check_sides(frame, tracks, self.tracker, corrected.calibration.offset)
-        findings |= guards.check_gap(keyframes=state.keyframes, clean_from_keyframe=state.clean_from_keyframe)
+        findings |= guards.check_gap(state.gap_keyframes)
         findings |= guards.check_calibration(corrected.calibration)
         findings |= guards.check_shear(corrected.shear_chi2, corrected.shear_mean)
         return decide(findings)
 
-    def _check_pose(self, state: State, frame: StereoFrame, tracks: Tracks) -> frozenset[Finding]:
+    def _refusals_of_pose(self, state: State, frame: StereoFrame, tracks: Tracks) -> frozenset[Finding]:
         """Return the findings of the fast guards that refuse poses; they are repeated for the pose of a keyframe."""
         findings = guards.check_tracks(frame, tracks)
-        return findings | guards.check_pose(tracks, state.path.last, frame.stamp_ns, self._config.motion)
+        findings |= guards.check_pose(tracks, state.path.last, frame.stamp_ns, self._config.motion)
+        assert not findings or decide(findings).refuses, "a guard that degrades poses belongs in `judge`"
+        return findings
 
     def complete(self, state: State, candidate: Candidate, verdict: Verdict, clock: StageClock) -> FinalPose:
-        """Decide whether a judged pair becomes a keyframe, and solve for the pose of a keyframe from all landmarks.
+        """Decide what an accepted pair is used for, and solve for the pose of a keyframe from all landmarks.
 
-        Only the errors of keyframes accumulate. Other poses are therefore estimated from fewer landmarks to save time.
-        Findings about the images hold for the new pose as well, but the checks of the pose are repeated. If these
-        checks refuse the new pose, the judged pose and its tracks are used.
+        Later pairs are compared with the left image of a recovery image, which must therefore show enough landmarks.
+        Only a recovery image may become a keyframe.
         """
         tracks = candidate.tracks
-        # later pairs are compared with the left image, which must show enough landmarks
         is_recovery_image = verdict.can_be_reference and tracks.left_inlier_count >= self._config.min_tracked
         if not (is_recovery_image and self._keyframes.is_needed(tracks, candidate.landmark_map)):
             return FinalPose(tracks, is_keyframe=False, is_recovery_image=is_recovery_image)
         with clock.stage("refine"):
-            complete = self.with_all_landmarks(candidate)
-        is_refused = decide(self._check_pose(state, candidate.frame, complete)).refuses
-        return FinalPose(tracks if is_refused else complete, is_keyframe=True, is_recovery_image=True)
+            tracks = self._keyframe_tracks(state, candidate)
+        return FinalPose(tracks, is_keyframe=True, is_recovery_image=True)
+
+    def _keyframe_tracks(self, state: State, candidate: Candidate) -> Tracks:
+        """Return the tracks of all landmarks for a keyframe; the judged tracks if the pose of all landmarks is refused.
+
+        Only the errors of keyframes accumulate. Other poses are therefore estimated from fewer landmarks to save time.
+        Findings about the images hold for the pose of all landmarks as well, so that only the pose is checked again.
+        """
+        complete = self.with_all_landmarks(candidate)
+        is_refused = bool(self._refusals_of_pose(state, candidate.frame, complete))
+        return candidate.tracks if is_refused else complete
 
     def with_all_landmarks(self, candidate: Candidate) -> Tracks:
         """Track the remaining landmarks, and estimate the pose from all landmarks."""
@@ -178,7 +192,14 @@ class Stages:
     def begin_window(self, state: State, frame: StereoFrame) -> KeyframeResult:
         """Return a window that begins with a pair at the last known pose."""
         pose = Pose.of(state.path.last.T_world_left)
-        return self._keyframes.begin(frame, pose, state.calibration, state.ground_memory.excluded.mask)
+        return self._keyframes.begin_window(frame, pose, state.calibration, state.ground_memory.excluded.mask)
+
+    def check_before_window(self, state: State, gap_keyframes: int) -> frozenset[Finding]:
+        """Apply the guards for a new window that do not need its landmarks: a gap, or a diverged adjustment before it.
+
+        `gap_keyframes` is the number after the pair has begun the window.
+        """
+        return guards.check_gap(gap_keyframes) | guards.check_divergence(has_diverged=state.has_diverged)
 
     def check_window(self, state: State, frame: StereoFrame, landmarks: Landmarks) -> frozenset[Finding]:
         """Apply the guards for the landmarks of a new window.

@@ -2,15 +2,23 @@
 
 - Camera noise makes two images of one scene differ in every textured row. Bit-identical rows were therefore not exposed
   again.
-- A frozen image may have new noise, and then resembles the image of a stationary rover. Two exposures, however, have
-  independent noise: where noise made the first image brighter, the second image is darker on average (regression to
-  the mean, slope -1/2). The difference between a frozen image and its copy with added noise is independent of the first
-  image (slope 0). If hardly any pixel differs, there was no exposure at all. The evidence for frozen images with new
-  noise is injected faults (`faults.kinds`). No device with this fault has been recorded. In one such drive, with left
-  and right swapped, an error of a step was 546 times its 3 sigma without the test of swapped repeats, and 0.79 times
-  with it (measurements/localiser_injected_faults.md).
+- A frozen image may have new noise, and then resembles the image of a stationary rover. The noise of the first image
+  distinguishes the two. If the scene s was exposed twice, the images are s + n1 and s + n2, and their change n2 - n1
+  contains the noise of the first image. The slope of the regression of the first image on the change is then -1/2, by
+  `cov(n1, n2 - n1) / var(n2 - n1)`. If the second image is a copy of the first one with new noise, the change is this
+  noise alone, and the slope is 0. If hardly any pixel differs, there was no exposure at all. The evidence for frozen
+  images with new noise is injected faults (`faults.kinds`). No device with this fault has been recorded. In one such
+  drive, with left and right swapped, an error of a step was 546 times its 3 sigma without the test of swapped repeats,
+  and 0.79 times with it (measurements/localiser_injected_faults.md).
 - A partially transferred image consists of two exposures. The rows above a boundary are new and those below are from
   the previous pair, or vice versa.
+
+| term | meaning |
+|---|---|
+| stale | not exposed again since the previous pair |
+| frozen image | image in which all textured rows are stale |
+| partial transfer | image in which some textured rows are stale and others are new |
+| repeated pair | pair of two frozen images, or a pair that repeats the previous pair with left and right swapped |
 
 A pair whose left and right images are copies of one image, possibly with different noise, is detected by the same test
 of noise (`show_one_image`).
@@ -82,12 +90,12 @@ class RepeatedRows(NamedTuple):
 
     rows: Mask  #: `(H,)` textured rows that are bit-identical; all rows if the image is repeated with new noise.
     is_frozen: bool  #: Whether all textured rows are repeated; False if too few rows are textured.
-    is_same: bool  #: Whether the whole image is repeated, textured or not, possibly with new noise.
+    is_fully_repeated: bool  #: Whether the whole image is repeated, textured or not, possibly with new noise.
 
     @property
     def is_repeated(self) -> bool:
         """Whether no part of the image was exposed again. Two such images make the pair a repeated pair."""
-        return self.is_frozen or self.is_same
+        return self.is_frozen or self.is_fully_repeated
 
 
 class ImageMemory(NamedTuple):
@@ -119,7 +127,7 @@ def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
     """Compare a pair with the previous pair, and blank the parts that were not exposed again."""
     nothing = np.zeros(len(pair.left), np.bool_)
     if memory is None:
-        fresh = RepeatedRows(nothing, is_frozen=False, is_same=False)
+        fresh = RepeatedRows(nothing, is_frozen=False, is_fully_repeated=False)
         return ImageComparison(pair, ImageMemory(pair, fresh, fresh), nothing)
     before = memory.pair
     left = repeated_rows(before.left, pair.left)
@@ -135,14 +143,14 @@ def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
     rows_left = memory.left if left.is_frozen else left
     rows_right = memory.right if right.is_frozen else right
     # rows that were already stale in the previous pair are fixed to the camera
-    torn_left = nothing if left.is_frozen else left.rows & ~memory.left.rows
-    torn_right = nothing if right.is_frozen else right.rows & ~memory.right.rows
-    blank_left = left.rows if left.is_frozen else torn_left
-    blank_right = right.rows if right.is_frozen else torn_right
+    new_stale_left = nothing if left.is_frozen else left.rows & ~memory.left.rows
+    new_stale_right = nothing if right.is_frozen else right.rows & ~memory.right.rows
+    blank_left = left.rows if left.is_frozen else new_stale_left
+    blank_right = right.rows if right.is_frozen else new_stale_right
     return ImageComparison(
         pair=replace(pair, left=_blanked(pair.left, blank_left), right=_blanked(pair.right, blank_right)),
         memory=ImageMemory(exposed, rows_left, rows_right),
-        blanked_rows=torn_left | torn_right,
+        blanked_rows=new_stale_left | new_stale_right,
         is_left_frozen=left.is_frozen,
         is_right_frozen=right.is_frozen,
     )
@@ -154,14 +162,14 @@ def repeated_rows(before: GreyImage, now: GreyImage) -> RepeatedRows:
     change = cv2.subtract(now[1 : -1 : ROW_STEPS[0]], before[1 : -1 : ROW_STEPS[0]], dtype=cv2.CV_32F)
     is_small = cv2.meanStdDev(change)[1].item() ** 2 <= NOISE_MARGIN * MAX_NOISE**2
     if is_small and is_repeated_with_noise(before, now):
-        return RepeatedRows(np.ones(len(now), np.bool_), is_frozen=True, is_same=True)
+        return RepeatedRows(np.ones(len(now), np.bool_), is_frozen=True, is_fully_repeated=True)
     same = equal_rows(before, now)
     if same.any():
         textured = np.ptp(now, axis=1) >= MIN_ROW_RANGE
         rows = same & textured
         if np.count_nonzero(rows) >= MIN_STALE_FRACTION * len(now):
-            return RepeatedRows(rows, is_frozen=bool(same[textured].all()), is_same=bool(same.all()))
-    return RepeatedRows(np.zeros(len(now), np.bool_), is_frozen=False, is_same=bool(same.all()))
+            return RepeatedRows(rows, is_frozen=bool(same[textured].all()), is_fully_repeated=bool(same.all()))
+    return RepeatedRows(np.zeros(len(now), np.bool_), is_frozen=False, is_fully_repeated=bool(same.all()))
 
 
 def equal_rows(before: GreyImage, now: GreyImage) -> Mask:
@@ -179,7 +187,10 @@ def is_swapped_repeat(before: StereoPair, now: StereoPair) -> bool:
     change = cv2.subtract(now.left[few], before.right[few], dtype=cv2.CV_32F)
     if cv2.meanStdDev(change)[1].item() ** 2 > NOISE_MARGIN * MAX_NOISE**2:
         return False
-    return repeated_rows(before.right, now.left).is_same and repeated_rows(before.left, now.right).is_same
+    return (
+        repeated_rows(before.right, now.left).is_fully_repeated
+        and repeated_rows(before.left, now.right).is_fully_repeated
+    )
 
 
 def show_one_image(pair: StereoPair) -> bool:

@@ -2,19 +2,23 @@
 
 Each call takes a state and returns the next one. `transitions` contains all changes, with a table of the events.
 
-The state contains several similar stamps and poses. The table gives the meaning of each, and the events that change
-it: an accepted pair (A), a kept pair (K), a pair that begins a window (W), or another event. `_placed` and `_rebased`
-are the two ways of applying an external pose (`path.external_poses`).
+An external pose is applied in one of two ways (`path.external_poses`): the map is anchored to the pose, or the map is
+discarded and the path is reset at the pose. Three stamps of the path answer different questions:
+
+| stamp | question | changed by |
+|---|---|---|
+| `path.last.known_ns` | since when is the motion unobserved? | accepted pair, new window, reset; first pair |
+| `path.last.accepted_ns` | from which pair are missing pairs counted? | accepted pair, new window |
+| `path.history.last_ns` | what is the last pair to which an external pose can apply? | accepted pair, new window; |
+| | | None after a reset |
+
+The three stamps are equal after an accepted pair and after a pair that begins a window. The other stamps and poses:
 
 | value | meaning | changed by |
 |---|---|---|
-| `path.last.T_world_left` | last known pose, in the present map | A; adjustment of a keyframe |
-| `path.published.T_world_left` | pose published last, where the next step begins | A, K, W |
-| `path.published.stamp_ns` | stamp of the pose published last | A, K, W |
-| `path.last.known_ns` | stamp since which the motion is unobserved | A, W; first pair; `_placed` |
-| `path.last.tracked_ns` | stamp from which missing pairs are counted | A, W |
-| `path.history.last_ns` | last stamp to which an external pose can be applied | A, W; None after `_placed` |
-| `path.datum.rebased_ns` | stamp since which a kept pose is unobserved, if later | `_rebased`; None after `_placed` |
+| `path.last.T_world_left` | last known pose, in the present map | accepted pair; adjustment of a keyframe |
+| `path.published` | pose published last, where the next step begins | accepted or kept pair, new window |
+| `path.datum.anchored_ns` | stamp since which a kept pose is unobserved, if later | anchoring; None after a reset |
 | `path.datum.pending` | external pose that is not applied yet | `set_pose`; first pair; when the pose is applied |
 | `path.datum.pending_ns` | stamp at which that pose applies | like `pending`; pair after `set_pose` |
 """
@@ -49,8 +53,8 @@ class State:
     image_memory: ImageMemory | None = None  #: Memory of the check for stale images.
     shear_mean: ShearMean = ShearMean()  #: Memory of the check for sheared rows.
     keyframes: int = 0  #: Number of keyframes since the start.
-    #: Number of the first keyframe at which a preceding gap no longer degrades the window.
-    clean_from_keyframe: int = 0
+    #: Number of further keyframes until an unobserved motion before the window no longer degrades the poses.
+    gap_keyframes: int = 0
     #: Whether an adjustment diverged, and neither a window has begun nor the map was discarded for an external pose
     #: since then.
     has_diverged: bool = False

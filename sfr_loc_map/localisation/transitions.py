@@ -1,23 +1,24 @@
 """Changes of the state: one function for each event. Nothing else changes the state (`Localiser` stores the results).
 
+An event has the same name here and in the components of the state that it changes.
+
 | event | function | changes |
 |---|---|---|
 | start of a run, `reset` | `started` | all |
-| `set_pose` | `given` | path (pending pose; before the first pair, also datum and errors) |
-| keyframe of the previous call is finished | `with_keyframe` | path (pose, errors, last past pose), map, calibration, |
+| an external pose is set | `pose_set` | path (pending pose; before the first pair, also datum and errors) |
+| its stamp is reached | `pose_applied` | path; if the map is discarded, also map and `has_diverged` |
+| keyframe of the previous call is adjusted | `adjusted` | path (pose, errors, last past pose), map, calibration, |
 | | | recovery images, memory of the ground (pose of the earlier image) |
-| its adjustment was singular or diverged | `without_map` | no map, calibration starts again, `has_diverged` |
-| a pair arrives | `arrived` | path (stamps), image memory, memory of the ground (stale rows) |
-| pair accepted | `accepted` | all but `clean_from_keyframe`, `has_diverged` and the image memory |
-| pair refused because of its pose | `refused` | memory of the ground, only if it outlasts the refusal |
-| and its images are good | `with_failed_recovery` | number of failed recoveries |
+| its adjustment was singular or diverged | `diverged` | no map, calibration starts again, `has_diverged` |
+| pair arrives | `arrived` | path (stamps), image memory, memory of the ground (stale rows) |
+| pair is accepted | `accepted` | all but `has_diverged` and the image memory |
+| pair is refused because of its pose | `refused` | memory of the ground, only if it outlasts the refusal |
+| and its images are good | `recovery_failed` | number of failed recoveries |
 | refused pair is kept | `kept` | path (covariance and step), status, reason |
-| refused pair is lost | `lost` | path (a standstill is predicted), memory of the ground (identification restarts), |
+| refused pair is lost | `lost` | path (a standstill is predicted), memory of the ground (learnt again), |
 | | | status, reason |
-| textured pair has too few landmarks for a window | `with_failed_window` | memory of the ground (excluded cells age) |
-| pair begins a window | `begun` | all but `shear_mean` and the image memory |
-| stamp of an external pose is reached | `with_external_pose` | path; if the map is discarded, also map and |
-| | | `has_diverged` |
+| pair cannot begin a window | `window_failed` | memory of the ground (excluded cells may age) |
+| pair begins a window | `window_begun` | all but `shear_mean` and the image memory |
 
 What is learnt from the pose of a pair changes in `accepted` only, with one exception: the memory of the ground also
 learns from a refused pair whose image contradicts its pose (`ground.memory.NextMemory`). The image memory changes with
@@ -56,12 +57,12 @@ def started(start: StartPose, calibration: OnlineCalibration, model: RoverModel)
 # ---- before the stages of a pair
 
 
-def given(state: State, pose: StartPose, model: RoverModel) -> State:
+def pose_set(state: State, pose: StartPose, model: RoverModel) -> State:
     """Return the state with an external pose, which is applied once its stamp is reached."""
-    return replace(state, path=external_poses.given(state.path, pose, model))
+    return replace(state, path=external_poses.pose_set(state.path, pose, model))
 
 
-def with_keyframe(state: State, result: KeyframeResult, model: RoverModel) -> State:
+def adjusted(state: State, result: KeyframeResult, model: RoverModel) -> State:
     """Return the state with the adjusted map, pose and calibration of a keyframe."""
     window = result.landmark_map.window
     path = trajectory.adjusted(state.path, window, model, has_yaw_step=result.has_yaw_step)
@@ -69,20 +70,20 @@ def with_keyframe(state: State, result: KeyframeResult, model: RoverModel) -> St
     return replace(
         state,
         path=path,
-        ground_memory=state.ground_memory.moved(T_after_before),
+        ground_memory=state.ground_memory.adjusted(T_after_before),
         landmark_map=result.landmark_map,
         calibration=result.calibration,
-        recovery=state.recovery.with_keyframe(result.landmark_map.landmarks),
+        recovery=state.recovery.adjusted(result.landmark_map.landmarks),
     )
 
 
-def without_map(state: State) -> State:
+def diverged(state: State) -> State:
     """Return the state after an adjustment that was singular or diverged. A new window may begin at the last pose.
 
     The map and the estimates of the calibration are discarded. The sums of the path continue. Corrections of the yaw up
     to here then count as errors (`disparity` in `uncertainty`), because the yaw that they were based on is discarded.
     """
-    return replace(state, landmark_map=None, calibration=state.calibration.discarded(), has_diverged=True)
+    return replace(state, landmark_map=None, calibration=state.calibration.diverged(), has_diverged=True)
 
 
 def arrived(state: State, images: ImageComparison, stamp_ns: int) -> State:
@@ -91,7 +92,7 @@ def arrived(state: State, images: ImageComparison, stamp_ns: int) -> State:
         state,
         path=trajectory.arrived(state.path, stamp_ns),
         image_memory=images.memory,
-        ground_memory=state.ground_memory.after_stale_rows(images.blanked_rows),
+        ground_memory=state.ground_memory.rows_stale(images.blanked_rows),
     )
 
 
@@ -125,17 +126,18 @@ def accepted(
     path, step = trajectory.accepted(state.path, pair, model)
     recovery = state.recovery
     if final.is_recovery_image:
-        recovery = recovery.with_tracked(candidate.frame.image, final.tracks)
+        recovery = recovery.accepted(candidate.frame.image, final.tracks)
     after = replace(
         state,
         path=path,
         landmark_map=candidate.landmark_map,
         calibration=candidate.corrected.calibration,
         shear_mean=candidate.corrected.shear_mean,
-        ground_memory=candidate.ground.memory.for_verdict(verdict),
+        ground_memory=candidate.ground.next_memory.for_verdict(verdict),
         recovery=recovery,
         failed_recoveries=0,
         keyframes=state.keyframes + int(final.is_keyframe),
+        gap_keyframes=max(state.gap_keyframes - int(final.is_keyframe), 0),
         status=TrackingState.TRACKING if verdict.action is Action.ACCEPT else TrackingState.DEGRADED,
         reason=verdict.reason,
     )
@@ -147,17 +149,19 @@ def accepted(
 
 def refused(state: State, candidate: Candidate, verdict: Verdict) -> State:
     """Return the state after the pose of a pair was refused, before the pair is kept, lost or begins a window."""
-    return replace(state, ground_memory=candidate.ground.memory.for_verdict(verdict))
+    return replace(state, ground_memory=candidate.ground.next_memory.for_verdict(verdict))
 
 
-def with_failed_recovery(state: State) -> State:
+def recovery_failed(state: State) -> State:
     """Return the state after a further good image whose pose was refused."""
     return replace(state, failed_recoveries=state.failed_recoveries + 1)
 
 
-def with_failed_window(state: State) -> State:
-    """Return the state after a textured pair with too few landmarks for a new window, before the pair is lost."""
-    return replace(state, ground_memory=state.ground_memory.after_failed_window(state.calibration.shape))
+def window_failed(state: State, verdict: Verdict) -> State:
+    """Return the state after a pair could not begin a window, before the pair is lost."""
+    if not verdict.ages_excluded_cells:
+        return state
+    return replace(state, ground_memory=state.ground_memory.window_failed(state.calibration.shape))
 
 
 def kept(state: State, reason: StateReason | None, stamp_ns: int, model: RoverModel) -> tuple[State, StepEstimate]:
@@ -171,35 +175,42 @@ def lost(state: State, reason: StateReason | None) -> State:
     return replace(
         state,
         path=trajectory.lost(state.path),
-        ground_memory=state.ground_memory.after_lost_pair(),
+        ground_memory=state.ground_memory.lost(),
         status=TrackingState.LOST,
         reason=reason,
     )
 
 
-def begun(
-    state: State, frame: StereoFrame, window: KeyframeResult, verdict: Verdict, clean_from: int, model: RoverModel
+def gap_keyframes_at_window(state: State, stamp_ns: int, window_keyframes: int) -> int:
+    """Return `State.gap_keyframes` after a pair begins a window. After a gap, poses are degraded until it is full."""
+    if state.path.last.has_gap(stamp_ns):
+        return window_keyframes - 1
+    return max(state.gap_keyframes - 1, 0)
+
+
+def window_begun(
+    state: State, frame: StereoFrame, window: KeyframeResult, verdict: Verdict, gap_keyframes: int, model: RoverModel
 ) -> tuple[State, StepEstimate]:
     """Return the state after a pair began a window at the last known pose, and the step to this pose.
 
-    The first keyframe without a finding about a preceding gap has the number `clean_from`.
+    The last argument but one is `gap_keyframes_at_window`.
     """
     landmark_map = window.landmark_map
     keyframes = state.keyframes + 1
     status = TrackingState.DEGRADED
     if verdict.action is Action.ACCEPT:
         status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
-    path, step = trajectory.restarted(state.path, frame.stamp_ns, landmark_map, model)
+    path, step = trajectory.window_begun(state.path, frame.stamp_ns, landmark_map, model)
     after = replace(
         state,
         path=path,
         landmark_map=landmark_map,
         calibration=window.calibration,
-        recovery=RecoveryImages.of_first_keyframe(frame.image, landmark_map.landmarks),
+        recovery=RecoveryImages.window_begun(frame.image, landmark_map.landmarks),
         failed_recoveries=0,
-        ground_memory=state.ground_memory.in_new_window(frame, Pose.of(state.path.last.T_world_left)),
+        ground_memory=state.ground_memory.window_begun(frame, Pose.of(state.path.last.T_world_left)),
         keyframes=keyframes,
-        clean_from_keyframe=clean_from,
+        gap_keyframes=gap_keyframes,
         has_diverged=False,
         status=status,
         reason=verdict.reason,
@@ -210,11 +221,9 @@ def begun(
 # ---- after the stages of a pair
 
 
-def with_external_pose(state: State, stamp_ns: int, model: RoverModel) -> State:
+def pose_applied(state: State, stamp_ns: int, model: RoverModel) -> State:
     """Return the state after a pair, with a pending external pose applied if its stamp is reached."""
-    path, discards_map = external_poses.applied(state.path, stamp_ns, model)
-    if path is state.path:
-        return state
+    path, discards_map = external_poses.pose_applied(state.path, stamp_ns, model)
     if discards_map:
         # the next window begins at the external pose and continues no window that diverged
         return replace(state, path=path, landmark_map=None, has_diverged=False)

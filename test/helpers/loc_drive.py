@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor, Future
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.localisation.keyframes import KeyframeResult
 from sfr_loc_map.localisation.localiser import Localiser
 
 BLACK = np.zeros((HEIGHT, WIDTH), np.uint8)
@@ -24,9 +27,27 @@ def drive(count: int = 40) -> list[StereoPair]:
     return [pair_of_drive(index) for index in range(count)]
 
 
-def localiser(T_ds_rb: Transform | None = None) -> Localiser:
+def localiser(T_ds_rb: Transform | None = None, executor: Executor | None = None) -> Localiser:
     """Return a localiser at the first true pose, or at another one."""
-    return Localiser(LOC_RIG, LocalisationConfig(), true_pose(0) if T_ds_rb is None else T_ds_rb)
+    start = true_pose(0) if T_ds_rb is None else T_ds_rb
+    return Localiser(LOC_RIG, LocalisationConfig(), start, executor=executor)
+
+
+class KeyframesAtOnce(Executor):
+    """Makes each keyframe at once, and may change its result or raise an exception in its place."""
+
+    def __init__(self) -> None:
+        self.results: list[KeyframeResult] = []  #: Results before their change.
+        self.change: Callable[[KeyframeResult], KeyframeResult] = lambda result: result
+
+    def submit(self, make: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        self.results.append(make(*arguments, **options))
+        try:
+            future.set_result(self.change(self.results[-1]))
+        except np.linalg.LinAlgError as error:
+            future.set_exception(error)
+        return future
 
 
 def run(pairs: Iterable[StereoPair], by: Localiser | None = None) -> list[PoseEstimate]:

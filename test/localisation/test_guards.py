@@ -13,29 +13,11 @@ from helpers.loc_drive import drive, errors, localiser, noisy, run
 from helpers.made_scene import HEIGHT, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
-from sfr_loc_map.localisation.findings import RULES, Action, Finding, Inflation, Refusal, decide
+from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.guards import check_images, check_order
 from sfr_loc_map.localisation.stale_images import compare
 
 DRIVE = drive(16)
-
-
-def test_each_finding_has_a_rule_and_the_first_rule_gives_the_reason() -> None:
-    assert set(RULES) == set(Finding)
-    order = list(RULES)
-    for finding, rule in RULES.items():
-        alone = decide({finding})
-        assert (alone.finding, alone.reason) == (finding, rule.reason)
-        assert alone.refuses == isinstance(rule, Refusal)
-        for other in order[order.index(finding) :]:
-            verdict = decide({other, finding})
-            of_other = decide({other})
-            assert (verdict.action, verdict.reason) == (alone.action, alone.reason)
-            assert verdict.inflation == alone.inflation | of_other.inflation
-            assert verdict.can_be_reference == (alone.can_be_reference and of_other.can_be_reference)
-    refusing = [isinstance(rule, Refusal) for rule in RULES.values()]
-    assert refusing == sorted(refusing, reverse=True)  # what refuses a pair comes first
-    assert decide(set()) == (None, Action.ACCEPT, None, Inflation.NONE, True)
 
 
 def torn(new: StereoPair, old: StereoPair, row: int) -> StereoPair:

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import fields, replace
 from itertools import pairwise
 from pathlib import Path
@@ -18,28 +17,43 @@ import numpy as np
 import pytest
 
 from helpers import made_scene
-from helpers.loc_drive import BLACK, LOST, black, drive, errors, localiser, noisy, run
+from helpers.loc_drive import BLACK, LOST, KeyframesAtOnce, black, drive, errors, localiser, noisy, run
 from helpers.made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, WIDTH, stereo_pair, true_pose
 from sfr_loc_map.errors import ConfigError, GeometryError, LocalisationError
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform, interpolated, propagated_covariance
+from sfr_loc_map.localisation import transitions
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.candidate import Candidate, CorrectedTracks
-from sfr_loc_map.localisation.config import TRACKED_LANDMARKS, LocalisationConfig
+from sfr_loc_map.localisation.config import TRACKED_LANDMARKS, LocalisationConfig, MotionBounds
 from sfr_loc_map.localisation.estimate import MAX_GIVEN_M, PoseEstimate, StartPose, StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
-from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.ground.excluded_cells import DYNAMIC_LIFE, Exclusion
+from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
+from sfr_loc_map.localisation.ground.excluded_cells import Exclusion
+from sfr_loc_map.localisation.ground.memory import GroundMemory
 from sfr_loc_map.localisation.ground.selection import Ground
+from sfr_loc_map.localisation.ground.thresholds import DYNAMIC_LIFE
+from sfr_loc_map.localisation.guards import ShearMean
+from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO, KeyframeMaker, KeyframeResult
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.stages import Stages
+from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
 DRIVE = drive()
 
 
 def sigma(estimate: PoseEstimate) -> float:
     return float(np.sqrt(np.trace(estimate.covariance[:3, :3])))
+
+
+def first_window(pair: StereoPair, config: LocalisationConfig) -> KeyframeResult:
+    """Return a window that begins with a pair at the origin of the world."""
+    calibration = OnlineCalibration(LOC_RIG.camera, (HEIGHT, WIDTH), config.window_keyframes)
+    maker = KeyframeMaker(LOC_RIG, config)
+    return maker.begin_window(StereoFrame.of(pair), Pose.of(Transform.identity()), calibration, None)
 
 
 @pytest.fixture(scope="module")
@@ -225,11 +239,8 @@ def test_masked_parts_have_no_landmarks(side: str, tmp_path: Path) -> None:
     mask[:, : WIDTH // 2] = 0
     cv2.imwrite(path, mask)
     config = LocalisationConfig(**{side: path}, min_tracked=8)  # type: ignore[arg-type]
-    by = Localiser(LOC_RIG, config, true_pose(0))
-    by.process(DRIVE[0])
-    landmark_map = by._state.landmark_map
-    assert landmark_map is not None
-    column = landmark_map.landmarks.last_seen[:, 0 if side == "left_mask" else 2]
+    landmarks = first_window(DRIVE[0], config).landmark_map.landmarks
+    column = landmarks.last_seen[:, 0 if side == "left_mask" else 2]
     assert len(column) > 20
     assert column.min() > WIDTH // 2 - 1
     cv2.imwrite(path, mask[:3, :4])
@@ -527,16 +538,13 @@ def test_a_first_pair_with_little_texture_is_not_reported_as_swapped(side: int) 
 
 @pytest.mark.parametrize("fault", ["swapped", "identical", "black", "repeated"])
 def test_a_refused_pair_leaves_behind_the_memories_of_the_guards_alone(fault: str) -> None:
-    by, index = localiser(), 12
-    run(DRIVE[:index], by)
-    while by._pending is not None:  # the next call shall have no keyframe to wait for
-        by.process(DRIVE[index])
-        index += 1
-    before, last, pair = by._state, DRIVE[index - 1], DRIVE[index]
+    by, index = with_keyframe_to_adopt()
+    by.process(DRIVE[index])  # adopts the keyframe and makes none
+    before, last, pair = by._state, DRIVE[index], DRIVE[index + 1]
     refused = {
         "swapped": replace(pair, left=pair.right, right=pair.left),
         "identical": replace(pair, right=pair.left),
-        "black": black(index),
+        "black": black(index + 1),
         "repeated": replace(last, stamp_ns=pair.stamp_ns),
     }[fault]
     estimate = by.process(refused)
@@ -552,52 +560,75 @@ def test_a_refused_pair_leaves_behind_the_memories_of_the_guards_alone(fault: st
 
 
 def test_a_keyframe_is_solved_for_by_all_landmarks_though_some_are_excluded() -> None:
-    by = localiser()
-    run(DRIVE[:12], by)
-    state = by._state
-    assert state.landmark_map is not None
-    landmarks = state.landmark_map.landmarks
+    config = LocalisationConfig()
+    stages = Stages(LOC_RIG, config)
+    window = first_window(DRIVE[0], config)
+    landmarks = window.landmark_map.landmarks
     are_followed = np.ones(len(landmarks.rows), np.bool_)
     are_followed[-5:] = False
-    frame = StereoFrame.of(DRIVE[12])
-    start = Pose.of(state.path.last.T_world_left @ state.path.last.T_before_last)
-    tracks = by._stages.tracker.refine(frame, landmarks.subset(are_followed), start, state.calibration.offset)
-    smaller_map = state.landmark_map.without(landmarks.rows[:10])
-    corrected = CorrectedTracks(tracks, state.calibration, state.shear_mean)
-    candidate = Candidate(frame, smaller_map, Ground.unselected(tracks, state.ground_memory), corrected)
-    complete = by._stages.with_all_landmarks(candidate)
+    frame = StereoFrame.of(DRIVE[1])
+    start = Pose.of(Transform.identity())
+    tracks = stages.tracker.refine(frame, landmarks.subset(are_followed), start, window.calibration.offset)
+    smaller_map = window.landmark_map.deactivated(landmarks.rows[:10])
+    corrected = CorrectedTracks(tracks, window.calibration, ShearMean())
+    memory = GroundMemory.none((HEIGHT, WIDTH))
+    complete = stages.with_all_landmarks(Candidate(frame, smaller_map, Ground.unselected(tracks, memory), corrected))
     np.testing.assert_array_equal(complete.landmarks.rows, landmarks.rows[10:])
 
 
+def with_keyframe_to_adopt(
+    change: Callable[[KeyframeResult], KeyframeResult] = lambda result: result,
+) -> tuple[Localiser, int]:
+    """Return a localiser whose last pair became a keyframe with a changed result, and the index of the next pair."""
+    executor = KeyframesAtOnce()
+    by = localiser(executor=executor)
+    number = 6
+    run(DRIVE[:number], by)
+    executor.change = change
+    made = len(executor.results)
+    while len(executor.results) == made:
+        by.process(DRIVE[number])
+        number += 1
+    executor.change = lambda result: result
+    return by, number
+
+
+def singular(_: KeyframeResult) -> KeyframeResult:
+    raise np.linalg.LinAlgError("singular matrix")
+
+
+def diverged(result: KeyframeResult) -> KeyframeResult:
+    """Return a keyframe whose window is displaced by 2 m along each axis."""
+    window = result.landmark_map.window
+    keyframes = window.problem.keyframes
+    displaced = keyframes._replace(positions=keyframes.positions + 2.0)
+    window = replace(window, problem=window.problem._replace(keyframes=displaced))
+    return replace(result, landmark_map=LandmarkMap(window))
+
+
 def test_an_adjustment_does_not_change_the_motion_since_the_image_that_pairs_are_compared_with() -> None:
-    by, _ = with_pending_keyframe()
-    assert by._pending is not None
-    state = by._with_keyframe(by._state, by._pending.result())
-    poses = []
-    for path, memory in ((by._state.path, by._state.ground_memory), (state.path, state.ground_memory)):
-        poses.append(path.last.T_world_left.inverse() @ Transform(*memory.earlier.pose))
-    assert np.any(by._state.path.last.T_world_left.matrix != state.path.last.T_world_left.matrix)
+    results: list[KeyframeResult] = []
+
+    def stored(result: KeyframeResult) -> KeyframeResult:
+        results.append(result)
+        return result
+
+    before = with_keyframe_to_adopt(stored)[0]._state
+    model = RoverModel.of(LOC_RIG, MotionBounds(), KEYFRAME_FLOW_RATIO)
+    after = transitions.adjusted(before, results[0], model)
+    poses = [
+        state.path.last.T_world_left.inverse() @ Transform(*state.ground_memory.earlier.pose)
+        for state in (before, after)
+    ]
+    assert np.any(before.path.last.T_world_left.matrix != after.path.last.T_world_left.matrix)
     np.testing.assert_allclose(poses[1].matrix, poses[0].matrix, atol=1e-12)
 
 
 # ---- poses that cannot be
 
 
-def with_pending_keyframe() -> tuple[Localiser, int]:
-    """Return a localiser that makes a keyframe in the background, and the index of the next pair."""
-    by = localiser()
-    number = 6
-    run(DRIVE[:number], by)
-    while by._pending is None:
-        by.process(DRIVE[number])
-        number += 1
-    return by, number
-
-
 def test_a_diverged_adjustment_is_reported_by_the_first_pair_that_can_begin_a_window() -> None:
-    by, number = with_pending_keyframe()
-    by._pending = Future()
-    by._pending.set_exception(np.linalg.LinAlgError("singular matrix"))
+    by, number = with_keyframe_to_adopt(singular)
     refused = by.process(replace(DRIVE[number], right=DRIVE[number - 1].right))
     assert (refused.state, refused.reason) == (TrackingState.LOST, StateReason.REPEATED_IMAGES)
     begun, later = run(DRIVE[number + 1 : number + 3], by)
@@ -606,39 +637,44 @@ def test_a_diverged_adjustment_is_reported_by_the_first_pair_that_can_begin_a_wi
 
 
 def test_a_window_that_begins_at_a_pose_from_outside_does_not_report_an_earlier_divergence() -> None:
-    by, number = with_pending_keyframe()
-    by._pending = Future()
-    by._pending.set_exception(np.linalg.LinAlgError("singular matrix"))
+    by, number = with_keyframe_to_adopt(singular)
     by.set_pose(StartPose(true_pose(number + 2), 1e-4 * np.eye(6), DRIVE[number + 2].stamp_ns))
     run([black(number + index) for index in range(3)], by)
     begun = by.process(DRIVE[number + 3])
     assert (begun.state, begun.reason) == (TrackingState.DEGRADED, StateReason.UNSEEN_MOTION)
 
 
-@pytest.mark.parametrize("is_singular", [False, True])
-def test_a_diverged_adjustment_begins_a_window_and_is_reported(*, is_singular: bool) -> None:
-    by, number = with_pending_keyframe()
-    assert by._pending is not None
-    result = by._pending.result()
-    by._pending = Future()
-    if is_singular:
-        by._pending.set_exception(np.linalg.LinAlgError("singular matrix"))
-    else:
-        problem = result.landmark_map.window.problem
-        keyframes = problem.keyframes._replace(positions=problem.keyframes.positions + 2.0)
-        window = replace(result.landmark_map.window, problem=problem._replace(keyframes=keyframes))
-        by._pending.set_result(replace(result, landmark_map=LandmarkMap(window)))
+@pytest.mark.parametrize("change", [singular, diverged])
+def test_a_diverged_adjustment_begins_a_window_and_is_reported(
+    change: Callable[[KeyframeResult], KeyframeResult],
+) -> None:
+    by, number = with_keyframe_to_adopt(change)
     begun, later = run(DRIVE[number : number + 2], by)
     assert (begun.state, begun.reason) == (TrackingState.DEGRADED, StateReason.IMPLAUSIBLE_MOTION)
     assert (later.state, later.reason) == (TrackingState.DEGRADED, StateReason.UNSEEN_MOTION)
     assert errors(later, true_pose(number + 1))[0] < 3.0 * sigma(later)
 
 
+def test_a_window_after_a_gap_degrades_poses_until_it_is_full() -> None:
+    """The count of further keyframes starts again with each gap, and also counts keyframes without a gap."""
+    window_keyframes = LocalisationConfig().window_keyframes
+    by = localiser()
+    estimates = run([black(0), *DRIVE[1:]], by)
+    assert [estimate.state for estimate in estimates[:2]] == [TrackingState.LOST, TrackingState.DEGRADED]
+    for before, now in pairwise(estimates[1:]):
+        assert now.statistics.keyframes is not None
+        keyframes = before.statistics.keyframes or 1  # a pair that begins a window has no such statistic
+        is_full = keyframes >= window_keyframes
+        assert (now.state, now.reason) == (
+            (TrackingState.TRACKING, None) if is_full else (TrackingState.DEGRADED, StateReason.UNSEEN_MOTION)
+        )
+
+
 def test_a_keyframe_is_kept_although_the_call_that_waited_for_it_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    by, number = with_pending_keyframe()
-    other, _ = with_pending_keyframe()
+    by, number = with_keyframe_to_adopt()
+    other, _ = with_keyframe_to_adopt()
     with monkeypatch.context() as patch:
-        patch.setattr(by._stages.tracker, "align", None)
+        patch.setattr(Tracker, "align", None)
         with pytest.raises(TypeError):
             by.process(DRIVE[number])
     found, wanted = by.process(DRIVE[number]), other.process(DRIVE[number])
@@ -650,14 +686,14 @@ def test_a_keyframe_is_kept_although_the_call_that_waited_for_it_fails(monkeypat
 def test_an_absurd_pose_is_lost_and_not_kept(monkeypatch: pytest.MonkeyPatch, jump_m: float) -> None:
     by = localiser()
     before = run(DRIVE[:6], by)[-1]
-    solve = by._stages.tracker.solve
+    solve = Tracker.solve
 
     def leap(*arguments: object) -> Tracks:
         tracks = solve(*arguments)  # type: ignore[arg-type]
         return replace(tracks, pose=tracks.pose._replace(position=tracks.pose.position + jump_m))
 
     with monkeypatch.context() as patch:
-        patch.setattr(by._stages.tracker, "solve", leap)
+        patch.setattr(Tracker, "solve", leap)
         estimate = by.process(DRIVE[6])
     assert (estimate.state, estimate.reason) == (TrackingState.LOST, StateReason.IMPLAUSIBLE_MOTION)
     np.testing.assert_array_equal(estimate.T_ds_rb.matrix, before.T_ds_rb.matrix)

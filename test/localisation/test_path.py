@@ -22,7 +22,7 @@ from sfr_loc_map.localisation.backend.online_calibration import (
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.findings import Inflation
-from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW
+from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
 from sfr_loc_map.localisation.path import external_poses, trajectory
@@ -56,7 +56,7 @@ def true_path(count: int) -> list[Transform]:
 
 
 def model_of(rig: StereoRig) -> RoverModel:
-    return RoverModel.of(rig, MotionBounds(), KEYFRAME_FLOW)
+    return RoverModel.of(rig, MotionBounds(), KEYFRAME_FLOW_RATIO)
 
 
 def map_of(covariance: np.ndarray) -> SimpleNamespace:
@@ -68,7 +68,7 @@ def map_of(covariance: np.ndarray) -> SimpleNamespace:
 def begun(rig: StereoRig = IN_CAMERA) -> PathState:
     model = model_of(rig)
     path = trajectory.arrived(external_poses.started(StartPose(Transform.identity()), model), 0)
-    return trajectory.restarted(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+    return trajectory.window_begun(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
 
 
 def pair_at(
@@ -136,23 +136,23 @@ def of_path(path: PathState, known: OnlineCalibration | None = None) -> np.ndarr
     calibration = known or OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7)
     terms = pose_terms(path.errors, position, calibration, model_of(IN_CAMERA))
     images = IMAGE + propagated_covariance(IMAGE, position)
-    return np.asarray((terms.total - terms.directed - images)[:3, :3])
+    return np.asarray((terms.total - terms.correlated - images)[:3, :3])
 
 
-def directed_of(path: PathState) -> np.ndarray:
+def correlated_of(path: PathState) -> np.ndarray:
     """Return the covariance of the errors of a path that have one direction in all steps."""
     position = path.last.T_world_left.translation
     return pose_terms(
         path.errors, position, OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7), model_of(IN_CAMERA)
-    ).directed
+    ).correlated
 
 
 def test_the_angle_of_repeated_ambiguity_is_at_most_that_of_an_unknown_attitude() -> None:
     path = begun()
     for number in range(1, 100):
         path = move(path, number, number * STEP, inflation=Inflation.AMBIGUITY)
-    directed = directed_of(path)
-    assert np.sqrt(directed[3, 3]) == pytest.approx(MAX_ANGLE_RAD)
+    correlated = correlated_of(path)
+    assert np.sqrt(correlated[3, 3]) == pytest.approx(MAX_ANGLE_RAD)
 
 
 @pytest.mark.parametrize("is_late", [False, True])
@@ -166,9 +166,9 @@ def test_lens_distortion_bends_the_path_to_a_circle_whenever_a_pose_from_outside
         path = set_at(path, 1, 201)
     length_m = 200 * LENGTH
     rad_per_m = SOURCES.lens_px / 80.0
-    directed = directed_of(path)
-    assert np.sqrt(directed[3, 3]) == pytest.approx(rad_per_m * length_m, rel=1e-6)
-    assert np.sqrt(directed[1, 1]) == pytest.approx(rad_per_m * length_m**2 / 2.0, rel=0.01)
+    correlated = correlated_of(path)
+    assert np.sqrt(correlated[3, 3]) == pytest.approx(rad_per_m * length_m, rel=1e-6)
+    assert np.sqrt(correlated[1, 1]) == pytest.approx(rad_per_m * length_m**2 / 2.0, rel=0.01)
 
 
 # ---- guesses
@@ -252,7 +252,7 @@ def test_the_attitude_is_not_more_certain_after_its_calibration_was_discarded() 
     )
     path = move(move(begun(), 1, STEP, known), 2, 2.0 * STEP, known)
     position = path.last.T_world_left.translation
-    calibrations = (known, known.discarded(), known.discarded().discarded())
+    calibrations = (known, known.diverged(), known.diverged().diverged())
     attitudes = [pose_terms(path.errors, position, each, model_of(IN_CAMERA)).attitude[5, 5] for each in calibrations]
     assert sorted(attitudes) == attitudes
 
@@ -272,8 +272,8 @@ def test_what_the_images_of_a_pose_may_not_show_lasts_until_the_next_pose() -> N
         assert np.linalg.eigvalsh(of_path(kept) - of_path(path))[0] > 0.0
         np.testing.assert_array_equal(of_kept.covariance, of_clear.covariance)
         for number in (3, 4):  # a window that begins, also after further kept pairs
-            again = trajectory.restarted(kept, number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
-            clear_again = trajectory.restarted(clear, number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+            again = trajectory.window_begun(kept, number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+            clear_again = trajectory.window_begun(clear, number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
             np.testing.assert_allclose(
                 again.errors.before_window.covariance[:3, :3] - clear_again.errors.before_window.covariance[:3, :3],
                 added,
@@ -305,7 +305,7 @@ def test_a_step_from_the_first_pair_of_a_window_does_not_contain_the_motion_befo
     before = accepted(begun(), pair_at(1, STEP, inflation, noise=1e-4), model)[0]
     assert np.trace(before.published.noise) > 0.0
     path = trajectory.lost(before)
-    path, gap = trajectory.restarted(path, 51 * PERIOD_NS, map_of(NOTHING), model)  # type: ignore[arg-type]
+    path, gap = trajectory.window_begun(path, 51 * PERIOD_NS, map_of(NOTHING), model)  # type: ignore[arg-type]
     step = step_to(path, 52, 1.1 * STEP)
     of_first_step = step_to(begun(), 1, 0.1 * STEP)
     assert np.sqrt(gap.covariance[0, 0]) == pytest.approx(5.0 * LENGTH / 0.1)  # 5 s at the last speed
@@ -316,7 +316,7 @@ def test_a_step_from_the_first_pair_of_a_window_does_not_contain_the_motion_befo
 def test_an_unobserved_motion_is_at_most_as_fast_as_the_rover() -> None:
     """Two pairs 0.1 ms apart show 2 cm: 200 m/s."""
     bounds = MotionBounds(max_speed_m_s=2.0)
-    model = RoverModel.of(IN_CAMERA, bounds, KEYFRAME_FLOW)
+    model = RoverModel.of(IN_CAMERA, bounds, KEYFRAME_FLOW_RATIO)
     pair = replace(pair_at(1, 0.02 * STEP / LENGTH), stamp_ns=100_000)
     path = accepted(begun(), pair, model)[0]
     gap = trajectory.kept(path, 100_000 + PERIOD_NS, model)[1]
@@ -334,13 +334,13 @@ def placed_in_the_window_before(start_variance: float) -> tuple[PathState, PathS
     model = model_of(IN_CAMERA)
     start = StartPose(Transform.identity(), start_variance * np.eye(6))
     path = trajectory.arrived(external_poses.started(start, model), 0)
-    path = trajectory.restarted(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+    path = trajectory.window_begun(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
     path = move(move(path, 1, STEP), 2, 2.0 * STEP)
-    path = trajectory.restarted(path, 12 * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+    path = trajectory.window_begun(path, 12 * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
     path = move(path, 13, 3.0 * STEP)
     exact = StartPose(Transform(np.eye(3), STEP), NOTHING, PERIOD_NS)
-    given = external_poses.given(path, exact, model)
-    return path, external_poses.applied(given, 13 * PERIOD_NS, model)[0]
+    given = external_poses.pose_set(path, exact, model)
+    return path, external_poses.pose_applied(given, 13 * PERIOD_NS, model)[0]
 
 
 def test_an_exact_pose_from_outside_of_an_earlier_window_replaces_the_start_and_keeps_the_gap() -> None:
@@ -358,37 +358,39 @@ def test_an_exact_pose_from_outside_of_an_earlier_window_replaces_the_start_and_
 def test_the_second_of_two_late_poses_replaces_the_first_and_the_covariance_stays_valid(
     stamps: tuple[int, int],
 ) -> None:
-    """Both poses are applied after the drive went on, and the directed errors count from the second pose alone."""
+    """Both poses are applied after the drive went on, and the correlated errors count from the second pose alone."""
     model = model_of(IN_CAMERA)
     path = begun()
     for number in range(1, 41):
         path = move(path, number, number * STEP)
     first, second = (StartPose(Transform(np.eye(3), at * STEP), NOTHING, at * PERIOD_NS) for at in stamps)
     twice = once = path
-    twice = external_poses.applied(external_poses.given(twice, first, model), 40 * PERIOD_NS, model)[0]
+    twice = external_poses.pose_applied(external_poses.pose_set(twice, first, model), 40 * PERIOD_NS, model)[0]
     for number in range(41, 43):
         twice = move(twice, number, number * STEP)
         once = move(once, number, number * STEP)
-    twice = external_poses.applied(external_poses.given(twice, second, model), 42 * PERIOD_NS, model)[0]
-    once = external_poses.applied(external_poses.given(once, second, model), 42 * PERIOD_NS, model)[0]
+    twice = external_poses.pose_applied(external_poses.pose_set(twice, second, model), 42 * PERIOD_NS, model)[0]
+    once = external_poses.pose_applied(external_poses.pose_set(once, second, model), 42 * PERIOD_NS, model)[0]
     for number in range(43, 80):
         inflation = Inflation.AMBIGUITY if number == 60 else Inflation.NONE
         twice = move(twice, number, number * STEP, inflation=inflation)
         once = move(once, number, number * STEP, inflation=inflation)
-        directed = directed_of(twice)
-        np.testing.assert_allclose(directed, directed_of(once), rtol=1e-9, atol=1e-15)
-        assert np.linalg.eigvalsh(directed)[0] > -1e-15
+        correlated = correlated_of(twice)
+        np.testing.assert_allclose(correlated, correlated_of(once), rtol=1e-9, atol=1e-15)
+        assert np.linalg.eigvalsh(correlated)[0] > -1e-15
         travelled_m = (number - stamps[1]) * LENGTH
         sigma_rad = SOURCES.lens_px / 80.0 * travelled_m
         if number < 60:
-            assert np.sqrt(directed[3, 3]) == pytest.approx(sigma_rad, rel=0.2)
+            assert np.sqrt(correlated[3, 3]) == pytest.approx(sigma_rad, rel=0.2)
 
 
 def test_a_pose_from_outside_while_a_pose_is_kept_leaves_the_motion_since_its_stamp_uncertain() -> None:
     model = model_of(IN_CAMERA)
     path = trajectory.kept(move(begun(), 1, STEP), 11 * PERIOD_NS, model)[0]
     exact = StartPose(Transform(np.eye(3), STEP), NOTHING, 3 * PERIOD_NS)
-    path, is_map_forgotten = external_poses.applied(external_poses.given(path, exact, model), 11 * PERIOD_NS, model)
+    path, is_map_forgotten = external_poses.pose_applied(
+        external_poses.pose_set(path, exact, model), 11 * PERIOD_NS, model
+    )
     assert is_map_forgotten
     at_pair = path.errors.kept_motion
     expected = np.square(LENGTH / 0.1 * 0.8)  # the rover may have continued at its last speed
@@ -396,8 +398,8 @@ def test_a_pose_from_outside_while_a_pose_is_kept_leaves_the_motion_since_its_st
     np.testing.assert_allclose(at_pair[[0, 1], [0, 1]], expected, rtol=1e-6)
     later = trajectory.kept(path, 12 * PERIOD_NS, model)[0].errors.kept_motion
     assert np.linalg.eigvalsh(later - at_pair)[0] >= 0.0
-    without_stamp = external_poses.given(path, StartPose(Transform(np.eye(3), STEP), NOTHING), model)
-    at_next = external_poses.applied(without_stamp, 12 * PERIOD_NS, model)[0]
+    without_stamp = external_poses.pose_set(path, StartPose(Transform(np.eye(3), STEP), NOTHING), model)
+    at_next = external_poses.pose_applied(without_stamp, 12 * PERIOD_NS, model)[0]
     np.testing.assert_array_equal(at_next.errors.kept_motion, NOTHING)
 
 
@@ -426,8 +428,8 @@ def test_jitter_of_the_stamps_does_not_decide_whether_a_pose_from_outside_discar
     path = move(move(begun(), 1, STEP), 2, 2.0 * STEP)
     kept_ns = 3 * PERIOD_NS + jitter_ns
     path = trajectory.kept(trajectory.arrived(path, kept_ns), kept_ns, model)[0]
-    path = external_poses.given(path, StartPose(Transform(np.eye(3), 3.0 * STEP), NOTHING, kept_ns), model)
-    assert not external_poses.applied(path, kept_ns, model)[1]
+    path = external_poses.pose_set(path, StartPose(Transform(np.eye(3), 3.0 * STEP), NOTHING, kept_ns), model)
+    assert not external_poses.pose_applied(path, kept_ns, model)[1]
 
 
 @pytest.mark.parametrize("are_missing", [False, True])
@@ -439,7 +441,7 @@ def test_a_gap_before_the_last_pair_does_not_let_a_much_later_pose_from_outside_
     path = move(path if are_missing else lost_until(path, 99), 100, 2.0 * STEP)
     path = lost_until(path, 240)
     exact = StartPose(Transform(np.eye(3), 3.0 * STEP), NOTHING, 240 * PERIOD_NS)
-    assert external_poses.applied(external_poses.given(path, exact, model), 240 * PERIOD_NS, model)[1]
+    assert external_poses.pose_applied(external_poses.pose_set(path, exact, model), 240 * PERIOD_NS, model)[1]
 
 
 @pytest.mark.parametrize("kept_pairs", [range(3, 33), ()])
@@ -454,7 +456,7 @@ def test_a_pose_from_outside_between_two_pairs_far_apart_contains_the_motion_to_
         path = trajectory.kept(path, number * PERIOD_NS, model)[0]
     path = move(path, 33, 3.0 * ahead)
     exact = StartPose(Transform(np.eye(3), 3.0 * ahead), NOTHING, 9 * PERIOD_NS)
-    path = external_poses.applied(external_poses.given(path, exact, model), 33 * PERIOD_NS, model)[0]
+    path = external_poses.pose_applied(external_poses.pose_set(path, exact, model), 33 * PERIOD_NS, model)[0]
     error = (path.datum.T_ds_world @ path.last.T_world_left).translation - 3.0 * ahead
     assert error[0] > 0.06
     assert of_path(path)[0, 0] > error[0] ** 2
@@ -487,7 +489,7 @@ def test_a_pose_between_two_pairs_contains_the_unobserved_motion_of_a_gap(
     half_ns = (previous + at) * PERIOD_NS // 2
     model = model_of(IN_CAMERA)
     exact = StartPose(Transform(np.eye(3), STEP), NOTHING, half_ns)
-    path = external_poses.applied(external_poses.given(path, exact, model), at * PERIOD_NS, model)[0]
+    path = external_poses.pose_applied(external_poses.pose_set(path, exact, model), at * PERIOD_NS, model)[0]
     unobserved = ((at - previous) / 2 * PERIOD_NS / 1e9 * model.bounds.unseen_speed_m_s) ** 2
     assert (of_path(path)[0, 0] >= 0.9 * unobserved) == is_gap
 
@@ -496,7 +498,7 @@ def set_at(path: PathState, number: int, now: int) -> PathState:
     """Return the path after an exact external pose was applied to the pair of a number, at a later pair."""
     model = model_of(IN_CAMERA)
     exact = StartPose(Transform(np.eye(3), number * STEP), NOTHING, number * PERIOD_NS)
-    return external_poses.applied(external_poses.given(path, exact, model), now * PERIOD_NS, model)[0]
+    return external_poses.pose_applied(external_poses.pose_set(path, exact, model), now * PERIOD_NS, model)[0]
 
 
 @pytest.mark.parametrize("now", [2, 3])
@@ -515,8 +517,8 @@ def test_a_pose_from_outside_for_a_pair_with_stale_parts_leaves_the_motion_to_th
 
 def test_a_pose_set_at_the_present_pair_has_no_errors_of_the_image() -> None:
     path = set_at(move(move(begun(), 1, STEP), 2, 2.0 * STEP), 2, 2)
-    np.testing.assert_array_equal(path.errors.alone, NOTHING)
-    assert np.trace(move(path, 3, 3.0 * STEP).errors.alone) > 0.0
+    np.testing.assert_array_equal(path.errors.this_pair, NOTHING)
+    assert np.trace(move(path, 3, 3.0 * STEP).errors.this_pair) > 0.0
 
 
 def test_a_pose_from_outside_for_the_pair_of_a_keyframe_applies_to_its_adjusted_pose() -> None:
@@ -540,7 +542,7 @@ def test_the_noise_of_two_images_is_added_between_a_pose_from_outside_and_the_pr
         path = accepted(begun(), pair_at(1, STEP, noise=noise), model)[0]
         path = accepted(path, pair_at(2, 2.0 * STEP, noise=noise), model)[0]
         if is_new_window:
-            path = trajectory.restarted(path, 3 * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+            path = trajectory.window_begun(path, 3 * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
         path = accepted(path, pair_at(4, 3.0 * STEP, noise=noise), model)[0]
         return of_path(set_at(path, 1, 4))
 

@@ -1,6 +1,6 @@
 """External poses of RB in DS: the start of the run, and poses that are set later. One of them defines the datum.
 
-`given` accepts a pose, and a later pose replaces a pose that is not applied yet. A pose applies at its stamp:
+`pose_set` accepts a pose, and a later pose replaces a pose that is not applied yet. A pose applies at its stamp:
 
 | pose | applies at |
 |---|---|
@@ -10,19 +10,26 @@
 | with a still later stamp, which indicates a different clock | the next pair |
 
 The first pair fixes the stamp of the start pose before the pair is processed (`at_first_pair`). After each pair,
-`applied` applies a pose that was set later and whose stamp is reached. The guards have then decided on the pair, and an
-external pose does not change their decision. Where the pose applies, and what becomes of the map, depends on its stamp:
+`pose_applied` applies a pose that was set later and whose stamp is reached. The guards have then decided on the pair,
+and an external pose does not change their decision. What happens depends on where the stamp lies relative to the last
+accepted pair (a pair that began a window counts as accepted here):
 
-| stamp | function | pose to which the external pose applies | map |
-|---|---|---|---|
-| before or at the last accepted pair | `_rebased` | that of the pair or between two pairs (`History.at`) | kept |
-| up to `MAX_LATER_PERIODS` later | `_rebased` | that of the last accepted pair | kept |
-| still later, or before the first accepted pair | `_placed` | the last known pose | discarded |
+            accepted pairs            last accepted pair       present pair (kept or lost)
+    ---------x-----x-----x-----x-----------x------------------------o----------------------> stamp
+             |<------- 1 past ------------>|<--- 2 later --->|<---------- 3 far ---->|
+                                           |  1.5 periods    |
 
-A pair that began a window counts as accepted here. In the second row, the unobserved motion from the last accepted pair
-to the stamp counts from the next accepted pair on (`Origin.of_accepted`). In the third row, the position of the
-external pose in the map is unknown. The map is therefore discarded, and the motion from the stamp to the pair is
-unobserved.
+| stamp | pose to which the external pose applies | map |
+|---|---|---|
+| 1 past: up to the last accepted pair | the pair at the stamp, or between two pairs (`History.at`) | anchored |
+| 2 later: up to `MAX_LATER_PERIODS` later | the last accepted pair | anchored |
+| 3 far: still later, or before the first accepted pair | the last known pose | discarded, path reset |
+
+To anchor the map means that the map stays as it is, and moves in DS together with the path so that the path passes
+through the external pose. In case 2, the present pose is the external pose itself, while the next accepted pairs
+continue from the last accepted pair. Their covariance therefore contains the unobserved motion between that pair and
+the stamp (`Origin.external_of_next`). In case 3, the position of the external pose in the map is unknown. The map is
+therefore discarded, and the motion from the stamp to the pair is unobserved.
 """
 
 from __future__ import annotations
@@ -36,7 +43,7 @@ from sfr_loc_map.localisation.motion_model import LastPose
 from sfr_loc_map.localisation.path.history import History
 from sfr_loc_map.localisation.path.path_state import Datum, PathState
 from sfr_loc_map.localisation.uncertainty.inflation import unobserved_during
-from sfr_loc_map.localisation.uncertainty.path_errors import NOTHING, LocatedCovariance, Origin, PathErrors
+from sfr_loc_map.localisation.uncertainty.path_errors import NOTHING, LocatedCovariance, Origin, PathErrors, PathSums
 from sfr_loc_map.localisation.uncertainty.published_pose import PublishedPose
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 from sfr_loc_map.message_stamps import NS_PER_S
@@ -56,14 +63,14 @@ accepted in a new window, the period is the time between the newest two pairs.""
 def started(start: StartPose, model: RoverModel) -> PathState:
     """Return the path before the first pair."""
     last = LastPose(Transform.identity(), Transform.identity(), None)
-    path = PathState(last, Datum(Transform.identity()), PathErrors(Origin(NOTHING)), PublishedPose())
-    return given(path, start, model)
+    path = PathState(last, Datum(Transform.identity()), PathErrors(Origin.of(NOTHING, PathSums())), PublishedPose())
+    return pose_set(path, start, model)
 
 
-def given(path: PathState, pose: StartPose, model: RoverModel) -> PathState:
+def pose_set(path: PathState, pose: StartPose, model: RoverModel) -> PathState:
     """Return the path with an external pose, which waits for its stamp. Before the first pair, it is the start pose."""
     path = replace(path, datum=replace(path.datum, pending=pose, pending_ns=None))
-    return _placed(path, pose, pose.stamp_ns, model) if path.arrived_ns is None else path
+    return _reset(path, pose, pose.stamp_ns, model) if path.arrived_ns is None else path
 
 
 def at_first_pair(path: PathState, stamp_ns: int) -> PathState:
@@ -80,7 +87,7 @@ def at_first_pair(path: PathState, stamp_ns: int) -> PathState:
     return replace(path, datum=datum, last=path.last.at_stamp(valid_ns))
 
 
-def applied(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, bool]:
+def pose_applied(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, bool]:
     """Return the path after a pair, with a pending pose applied if its stamp is reached.
 
     The second value tells whether the map is to be discarded.
@@ -96,11 +103,11 @@ def applied(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathStat
         return replace(path, datum=replace(datum, pending_ns=at_ns)), False
     path = replace(path, datum=replace(datum, pending=None, pending_ns=None))
     last_ns = path.history.last_ns
-    discards_map = last_ns is None or at_ns - last_ns > MAX_LATER_PERIODS * _shortest_period_ns(path)
-    path = _placed(path, pose, at_ns, model) if discards_map else _rebased(path, pose, at_ns, model)
+    is_far = last_ns is None or at_ns - last_ns > MAX_LATER_PERIODS * _shortest_period_ns(path)
+    path = _reset(path, pose, at_ns, model) if is_far else _anchored(path, pose, at_ns, model)
     if last_ns is None or at_ns > last_ns:  # the present pair is kept or lost
         path = replace(path, errors=path.errors.kept(path.unobserved_of_left(stamp_ns, model)))
-    return path, discards_map
+    return path, is_far
 
 
 def pose_at(path: PathState, stamp_ns: int, model: RoverModel) -> Transform | None:
@@ -123,42 +130,41 @@ def _shortest_period_ns(path: PathState) -> int:
     return path.period_ns if motion_ns is None else min(motion_ns, path.period_ns)
 
 
-def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: RoverModel) -> PathState:
+def _reset(path: PathState, pose: StartPose, stamp_ns: int | None, model: RoverModel) -> PathState:
     """Return the path whose last pose is an external pose, known at a stamp. The earlier path is discarded."""
     T_world_left = path.last.T_world_left
     T_ds_world, covariance = _with_external(T_world_left, pose, model)
     return replace(
         path,
         last=path.last.at_stamp(stamp_ns),
-        datum=replace(path.datum, T_ds_world=T_ds_world, rebased_ns=None),
-        errors=path.errors.placed(LocatedCovariance(T_world_left.translation, covariance)),
+        datum=replace(path.datum, T_ds_world=T_ds_world, anchored_ns=None),
+        errors=path.errors.reset(LocatedCovariance(T_world_left.translation, covariance)),
         history=History(),
     )
 
 
-def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) -> PathState:
-    """Return the path, moved so that it passes through an external pose at a past stamp.
+def _anchored(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) -> PathState:
+    """Return the path, moved in DS so that it passes through an external pose. Errors count from this pose on.
 
-    Errors are accumulated from this stamp. The map has the errors of the image of the past pose, and of the motion from
-    the past pose to the stamp, relative to the external pose. If the stamp is later than the last past pose, this pose
-    is kept, and the published pose at the stamp is the external pose itself. These errors then count from the next
-    accepted pair on.
+    The map is displaced relative to the external pose by the errors of the pair to which the pose applies, and by the
+    unobserved motion between that pair and the stamp. If the stamp is later than the last accepted pair, the present
+    pose is the external pose itself, and these errors count from the next accepted pair on.
     """
     past, apart_s = path.history.at(at_ns)
-    is_present = past.stamp_ns == path.history.last_ns
-    is_later = is_present and at_ns > past.stamp_ns
+    last_ns = path.history.last_ns
+    assert last_ns is not None, "without an accepted pair, the path is reset"
     T_ds_world, covariance = _with_external(past.T_world_left, pose, model)
-    motion = model.covariance_at(past.T_world_left, unobserved_during(path.last.speed, apart_s, model))
+    unobserved = model.covariance_at(past.T_world_left, unobserved_during(path.last.speed, apart_s, model))
+    exact = LocatedCovariance(past.position, covariance)
+    with_pair = LocatedCovariance(past.position, covariance + (unobserved + past.errors.this_pair))
     origin = Origin(
-        external=LocatedCovariance(past.position, covariance),
-        shared=past.errors.shared(past.position),
+        external=exact if at_ns > last_ns else with_pair,
+        external_of_next=with_pair,
+        of_map=past.errors.of_map(past.position),
         sums=past.errors.sums,
-        of_accepted=motion + past.errors.alone,
     )
-    if not is_later:
-        origin = origin.with_accepted()
-    errors = path.errors.rebased(origin, is_present=is_present)
-    return replace(path, datum=replace(path.datum, T_ds_world=T_ds_world, rebased_ns=at_ns), errors=errors)
+    errors = path.errors.anchored(origin, at_last_pair=past.stamp_ns == last_ns)
+    return replace(path, datum=replace(path.datum, T_ds_world=T_ds_world, anchored_ns=at_ns), errors=errors)
 
 
 def _with_external(T_world_left: Transform, pose: StartPose, model: RoverModel) -> tuple[Transform, FloatArray]:

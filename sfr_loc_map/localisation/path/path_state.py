@@ -28,9 +28,9 @@ class Datum:
     #: External pose that waits for its stamp. Before the first pair: the start pose, which is already applied.
     pending: StartPose | None = None
     pending_ns: int | None = None  #: Stamp at which the pending pose is valid; None until the next pair decides this.
-    #: Stamp of the last external pose with which the map was kept; None if the map was discarded since then. If this
+    #: Stamp of the last external pose to which the map was anchored; None if the map was discarded since then. If this
     #: stamp is later than the last accepted pair, the motion of a kept pose is unobserved since this stamp.
-    rebased_ns: int | None = None
+    anchored_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +48,7 @@ class PathState:
     def unobserved_of_left(self, stamp_ns: int, model: RoverModel) -> FloatArray:
         """Return the covariance `(6, 6)` of the unobserved motion up to a stamp, for the left camera in the world."""
         unobserved_s = self.last.unobserved_s(stamp_ns)
-        rebased_ns = self.datum.rebased_ns
-        if rebased_ns is not None:  # a later external pose is the kept pose itself at its stamp
-            unobserved_s = min(unobserved_s, (stamp_ns - rebased_ns) / NS_PER_S)
+        anchored_ns = self.datum.anchored_ns
+        if anchored_ns is not None:  # a later external pose is the kept pose itself at its stamp
+            unobserved_s = min(unobserved_s, (stamp_ns - anchored_ns) / NS_PER_S)
         return model.covariance_at(self.last.T_world_left, unobserved_during(self.last.speed, unobserved_s, model))

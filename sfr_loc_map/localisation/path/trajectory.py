@@ -8,7 +8,7 @@ return the step to that pose.
 | every pair, before it is processed | `arrived` |
 | accepted | `accepted` |
 | kept: repeats the previous pair, or its image contradicts its pose | `kept` |
-| a new window begins at the last pose | `restarted` |
+| a window begins at the last pose | `window_begun` |
 | lost | `lost` |
 | a keyframe, after it was adjusted in the background | `adjusted` |
 """
@@ -49,14 +49,14 @@ def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[Pa
         other_distance=pair.other_distance,
         sources=model.sources,
     )
-    errors = path.errors.with_pair(pair, path.last.T_world_left, added, model)
-    published, step = path.published.to_pair(pair, path.last.speed, added, model)
-    last = path.last.tracked(
+    errors = path.errors.accepted(pair, path.last.T_world_left, added, model)
+    published, step = path.published.accepted(pair, path.last.speed, added, model)
+    last = path.last.accepted(
         pair.stamp_ns, pair.T_world_left, since, period_ns=path.period_ns, was_known=pair.was_known
     )
-    # after a kept pair, the pose published last is newer than the last tracked pair
-    was_tracked = pair.was_known and path.published.stamp_ns == path.last.tracked_ns
-    follows_directly = was_tracked and path.last.is_followed_by(pair.stamp_ns)
+    # after a kept pair, the pose published last is newer than the last accepted pair
+    was_accepted = pair.was_known and path.published.stamp_ns == path.last.accepted_ns
+    follows_directly = was_accepted and path.last.is_followed_by(pair.stamp_ns)
     history = path.history.with_pose(_past_pose(last, errors, follows_directly=follows_directly))
     return replace(path, last=last, errors=errors, published=published, history=history), step
 
@@ -68,26 +68,26 @@ def kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, 
     return replace(path, errors=errors, published=published), step
 
 
-def restarted(
+def window_begun(
     path: PathState, stamp_ns: int, landmark_map: LandmarkMap, model: RoverModel
 ) -> tuple[PathState, StepEstimate]:
     """Return the path with a new window that begins at the last pose, and the step to it."""
     until_now = path.errors.kept(path.unobserved_of_left(stamp_ns, model))
-    errors = until_now.restarted(
+    errors = until_now.window_begun(
         path.last.T_world_left.translation,
         first_image=model.blur(landmark_map.landmarks.median_depth).covariance,
         in_window=model.sources.adjustment_inflation * landmark_map.window.covariance,
     )
     published, step = _step_to_kept(path, stamp_ns, model)
-    published = published.without_errors()
-    last = path.last.restarted(stamp_ns)
+    published = published.window_begun()
+    last = path.last.window_begun(stamp_ns)
     history = path.history.with_pose(_past_pose(last, errors, follows_directly=False))
     return replace(path, last=last, errors=errors, published=published, history=history), step
 
 
 def lost(path: PathState) -> PathState:
     """Return the path after a lost pair."""
-    return replace(path, last=path.last.without_prediction())
+    return replace(path, last=path.last.lost())
 
 
 def adjusted(path: PathState, window: SlidingWindow, model: RoverModel, *, has_yaw_step: bool) -> PathState:
@@ -98,11 +98,11 @@ def adjusted(path: PathState, window: SlidingWindow, model: RoverModel, *, has_y
     T_world_left = Transform(*window.newest_pose)
     published = path.published
     if has_yaw_step:
-        published = published.displaced(size_of(path.last.T_world_left.inverse() @ T_world_left))
+        published = published.adjusted(size_of(path.last.T_world_left.inverse() @ T_world_left))
     errors = path.errors.adjusted(model.sources.adjustment_inflation * window.covariance)
     last = path.last.adjusted(T_world_left)
     history = path.history
-    if history.last_ns == last.tracked_ns:
+    if history.last_ns == last.accepted_ns:
         follows_directly = history.poses[-1].follows_directly
         history = history.with_last(_past_pose(last, errors, follows_directly=follows_directly))
     return replace(path, last=last, errors=errors, published=published, history=history)
@@ -110,11 +110,11 @@ def adjusted(path: PathState, window: SlidingWindow, model: RoverModel, *, has_y
 
 def _past_pose(last: LastPose, errors: PathErrors, *, follows_directly: bool) -> PastPose:
     """Return the last pose for the history."""
-    return PastPose(last.tracked_ns, last.T_world_left, follows_directly, last.T_world_left.translation, errors)
+    return PastPose(last.accepted_ns, last.T_world_left, follows_directly, last.T_world_left.translation, errors)
 
 
 def _step_to_kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
     """Return the last known pose, kept at a stamp, and the step to it."""
     last = path.last
     unobserved_s = last.unobserved_s(stamp_ns)
-    return path.published.to_kept(stamp_ns, last.T_world_left, unobserved_s=unobserved_s, speed=last.speed, model=model)
+    return path.published.kept(stamp_ns, last.T_world_left, unobserved_s=unobserved_s, speed=last.speed, model=model)

@@ -1,4 +1,4 @@
-"""Errors that have the same direction in all steps, and the covariance without errors."""
+"""Errors that are fully correlated between the steps of a path, and the covariance without errors."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
 ZERO = read_only(np.zeros((6, 6)))  #: Covariance `(6, 6)` without errors.
 
 
-class DirectedError(NamedTuple):
-    """Standard deviations of errors that have the same direction in all steps and therefore add up."""
+class CorrelatedError(NamedTuple):
+    """Standard deviations of errors that are fully correlated between steps: standard deviations add, not variances."""
 
     metres: float  #: In position, along each axis.
     radians: float  #: About each axis.
@@ -23,13 +23,13 @@ class DirectedError(NamedTuple):
         """Covariance `(6, 6)` of the errors; the angle is at most that of an unknown attitude."""
         return MotionSize(self.metres, min(self.radians, MAX_ANGLE_RAD)).covariance
 
-    def plus(self, other: DirectedError) -> DirectedError:
+    def plus(self, other: CorrelatedError) -> CorrelatedError:
         """Return the sum with a further error."""
-        return DirectedError(self.metres + other.metres, self.radians + other.radians)
+        return CorrelatedError(self.metres + other.metres, self.radians + other.radians)
 
-    def since(self, earlier: DirectedError) -> DirectedError:
+    def since(self, earlier: CorrelatedError) -> CorrelatedError:
         """Return what was added since an earlier sum."""
-        return DirectedError(self.metres - earlier.metres, self.radians - earlier.radians)
+        return CorrelatedError(self.metres - earlier.metres, self.radians - earlier.radians)
 
 
-NO_DIRECTED_ERROR = DirectedError(0.0, 0.0)
+NO_CORRELATED_ERROR = CorrelatedError(0.0, 0.0)

@@ -7,7 +7,7 @@ covariances, too. They are defined where they are used, because the estimates al
 |---|---|---|
 | `PIXEL_FLOOR`, `RESIDUAL_GAIN`, `EDGE_RESIDUALS` | `frontend.noise` | noise of observations |
 | `FIRST_SIGMA_PX`, `YAW_WALK_PX`, `DRIFT_ERROR_RATIO` | `backend.online_calibration` | `yaw_sigma_px` |
-| `START_VARIANCE` | `backend.sliding_window` | first pose of a window, hence `drift` |
+| `START_VARIANCE` | `backend.sliding_window` | first pose of a window, hence `keyframes` |
 | `MIN_VARIANCE` | `step_covariance` | variance added to each step |
 | `unseen_speed_m_s`, `unseen_turn_rad_s` | `config.MotionBounds` | unobserved motion |
 """
@@ -23,7 +23,8 @@ class ErrorSources:
 
     The values were chosen by hand so that NEES per degree of freedom is near 1 on rendered drives (`make nees`). If a
     value is too large, the covariance exceeds the errors and this NEES falls below 1. If a value is too small, this
-    NEES exceeds 1.
+    NEES exceeds 1. NEES is one number for all values together. It determines their total, not each single value, whose
+    order of magnitude follows from the physical error that its description names.
 
     The words at the beginning of each description name the formulas that use the field: the covariance of a pose, parts
     of the covariance of a step (step, noise, systematic), and the unobserved motion, which enters both covariances.
@@ -36,11 +37,11 @@ class ErrorSources:
     disparity_px: float = 0.01
     """Pose, systematic. Error common to all disparities, px, which scales the path."""
     lens_px: float = 0.0007
-    """Pose (directed), systematic. Disparity error that varies over the image and bends the path, px, if the residuals
-    show no lens distortion."""
+    """Pose (`correlated`), systematic. Disparity error that varies over the image and bends the path, px, if the
+    residuals show no lens distortion."""
     lens_ratio: float = 0.17
-    """Pose (directed), systematic. Ratio of the disparity error that bends the path (as `lens_px`) to the RMS of the
-    residual disparities."""
+    """Pose (`correlated`), systematic. Ratio of the disparity error that bends the path (as `lens_px`) to the RMS of
+    the residual disparities."""
     unsettled_yaw_ratio: float = 0.5
     """Pose. Ratio of the error of the right camera's yaw to the part of this yaw that is not corrected yet."""
     bent_attitude_ratio: float = 0.25

@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize, Speed
-from sfr_loc_map.localisation.uncertainty.directed_error import NO_DIRECTED_ERROR, ZERO, DirectedError
+from sfr_loc_map.localisation.uncertainty.correlated_error import NO_CORRELATED_ERROR, ZERO, CorrelatedError
 from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
@@ -56,7 +56,7 @@ class AddedError(NamedTuple):
     #: `(6, 6)` covariance of the motion since the last pose, treated as unobserved, in RB at that pose; zero if no
     #: finding requires this covariance.
     unobserved_rb: FloatArray
-    ambiguity: DirectedError  #: Error if another motion is the true motion; zero if no finding requires it.
+    ambiguity: CorrelatedError  #: Error if another motion is the true motion; zero if no finding requires it.
 
     @property
     def of_step(self) -> FloatArray:
@@ -89,9 +89,9 @@ def inflation_of(
     unobserved_rb = ZERO
     if Inflation.UNOBSERVED in inflation:
         unobserved_rb = unobserved_motion(unobserved, sources)
-    ambiguity = NO_DIRECTED_ERROR
+    ambiguity = NO_CORRELATED_ERROR
     if Inflation.AMBIGUITY in inflation:
-        ambiguity = DirectedError(
+        ambiguity = CorrelatedError(
             max(other_distance.metres, moved.metres, unobserved.metres),
             max(other_distance.radians, moved.radians, min(unobserved.radians, MAX_ANGLE_RAD)),
         )

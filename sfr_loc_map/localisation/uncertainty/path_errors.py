@@ -16,7 +16,7 @@ from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.symmetric_matrices import positive_part
 from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
-from sfr_loc_map.localisation.uncertainty.directed_error import NO_DIRECTED_ERROR, ZERO, DirectedError
+from sfr_loc_map.localisation.uncertainty.correlated_error import NO_CORRELATED_ERROR, ZERO, CorrelatedError
 from sfr_loc_map.localisation.uncertainty.inflation import AddedError
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
@@ -43,21 +43,21 @@ class PathSums(NamedTuple):
     bias: FloatArray = ZERO_VECTOR  #: Position error per pixel of a constant disparity error, m/px.
     corrected: FloatArray = ZERO_VECTOR  #: Position error per pixel times the yaw correction at the step, m.
     drift_px: float = 0.0  #: Sum of the absolute drift corrections of the right camera, px.
-    directed: DirectedError = NO_DIRECTED_ERROR  #: Ambiguous motions, and bending of the path by the lens.
-    turned: FloatArray = ZERO_VECTOR  #: Angle of the directed errors times the position where it arose, rad m.
+    correlated: CorrelatedError = NO_CORRELATED_ERROR  #: Ambiguous motions, and bending of the path by the lens.
+    turned: FloatArray = ZERO_VECTOR  #: Angle of the correlated errors times the position where it arose, rad m.
 
-    def directed_at(self, position: FloatArray) -> FloatArray:
-        """Return the covariance `(6, 6)` of the directed errors at a position: the term `directed` of a pose.
+    def correlated_at(self, position: FloatArray) -> FloatArray:
+        """Return the covariance `(6, 6)` of the correlated errors at a position: the term `correlated` of a pose.
 
-            directed = diag(metres, metres, metres, radians, radians, radians)^2, propagated from `turned` / radians
+            correlated = diag(metres, metres, metres, radians, radians, radians)^2, propagated from `turned` / radians
 
         All angles have the same unknown axis. Together they are one rotation about the mean of the positions where they
         arose, weighted by the angles.
         """
-        covariance = self.directed.covariance
-        if self.directed.radians <= 0.0:
+        covariance = self.correlated.covariance
+        if self.correlated.radians <= 0.0:
             return covariance
-        return propagated_covariance(covariance, position - self.turned / self.directed.radians)
+        return propagated_covariance(covariance, position - self.turned / self.correlated.radians)
 
     def since(self, earlier: PathSums) -> PathSums:
         """Return what was added since an earlier pose."""
@@ -65,7 +65,7 @@ class PathSums(NamedTuple):
             self.bias - earlier.bias,
             self.corrected - earlier.corrected,
             self.drift_px - earlier.drift_px,
-            self.directed.since(earlier.directed),
+            self.correlated.since(earlier.correlated),
             self.turned - earlier.turned,
         )
 
@@ -76,19 +76,19 @@ def sums_after_step(
     position: FloatArray,
     displacement: FloatArray,
     depth_m: float,
-    ambiguity: DirectedError,
+    ambiguity: CorrelatedError,
     calibration: OnlineCalibration,
     model: RoverModel,
 ) -> PathSums:
     """Return the sums after a step.
 
-        bias      += Z / (f b) displacement
-        corrected += corrected_px Z / (f b) displacement
-        directed  += (0, lens_turn length of the displacement) + ambiguity
-        turned    += (angle of the added directed error) position
+        bias      += Z_map / (f b) displacement
+        corrected += corrected_px Z_map / (f b) displacement
+        correlated  += (0, lens_turn length of the displacement) + ambiguity
+        turned    += (angle of the added correlated error) position
         drift_px = drift.total_px, which is a sum itself (`DriftEstimate`)
 
-    A step backwards undoes the turn of a step forwards (`systematic_step`). The length in `directed` has no sign, so
+    A step backwards undoes the turn of a step forwards (`systematic_step`). The length in `correlated` has no sign, so
     that the sum is an upper bound if the path has steps in both directions.
 
     Args:
@@ -101,35 +101,40 @@ def sums_after_step(
         model: Camera geometry and error sources.
     """
     m_per_px = displacement * depth_m / model.focal_baseline
-    bending = DirectedError(0.0, model.lens_turn_per_m(calibration) * length(displacement))
-    directed = bending.plus(ambiguity)
+    bending = CorrelatedError(0.0, model.lens_turn_per_m(calibration) * length(displacement))
+    correlated = bending.plus(ambiguity)
     return PathSums(
         bias=before.bias + m_per_px,
         corrected=before.corrected + m_per_px * calibration.yaw.corrected_px,
         drift_px=calibration.drift.total_px,
-        directed=before.directed.plus(directed),
-        turned=before.turned + directed.radians * position,
+        correlated=before.correlated.plus(correlated),
+        turned=before.turned + correlated.radians * position,
     )
 
 
 class Origin(NamedTuple):
     """The external pose to which the covariance is relative: the start of the run, or a pose that was set later."""
 
-    #: Covariance of the external pose. For a past pair it includes `PathErrors.alone` of that pair, because the errors
-    #: of that pair displace the map relative to the external pose.
-    external: LocatedCovariance
-    shared: LocatedCovariance = NOTHING  #: `PathErrors.shared` at the external pose.
+    external: LocatedCovariance  #: Covariance of the external pose, for the present pose.
+    #: Covariance of the external pose for the pairs that are accepted next. It is larger if the external pose is later
+    #: than the last accepted pair (`external_poses`). The present pose is then published as the external pose itself.
+    #: Later poses continue from the last accepted pair, whose errors relative to the external pose are added.
+    external_of_next: LocatedCovariance
+    of_map: LocatedCovariance = NOTHING  #: `PathErrors.of_map` at the external pose.
     sums: PathSums = PathSums()  #: Sums over the steps up to the external pose.
-    #: Covariance `(6, 6)` that is added to that of the external pose as soon as a pair is accepted. If the external
-    #: pose is later than the last accepted pair: errors of the image of that pair, and the unobserved motion from that
-    #: pair to the stamp of the external pose. Otherwise zero. A kept pose is published as the external pose itself and
-    #: does not have these errors.
-    of_accepted: FloatArray = ZERO
 
-    def with_accepted(self) -> Origin:
+    @classmethod
+    def of(cls, external: LocatedCovariance, sums: PathSums) -> Origin:
+        """Return an external pose at which the map begins."""
+        return cls(external, external, sums=sums)
+
+    def accepted(self) -> Origin:
         """Return the external pose after a pair was accepted."""
-        external = self.external._replace(covariance=self.external.covariance + self.of_accepted)
-        return self._replace(external=external, of_accepted=ZERO)
+        return self._replace(external=self.external_of_next)
+
+    def window_begun(self) -> Origin:
+        """Return the external pose after a window began at the present pose, from which later poses continue."""
+        return self._replace(external_of_next=self.external)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,25 +144,25 @@ class PathErrors:
     The table shows how each event changes each component: `=` sets the component, `+` adds to the component, `0` sets
     the component to zero. Other components stay as they are.
 
-    | component | `with_pair` | `kept` | `adjusted` | `restarted` | `placed` | `rebased` |
+    | component | `accepted` | `kept` | `adjusted` | `window_begun` | `reset` | `anchored` |
     |---|---|---|---|---|---|---|
-    | `origin` | + `of_accepted` | | | `of_accepted` = 0 | = external pose | = external pose |
-    | `before_window` | | | | + `in_window`, `alone`, `kept_motion`, first image | 0 | |
+    | `origin` | `external` = `external_of_next` | | | `external_of_next` = `external` | = new | = new |
+    | `before_window` | | | | + all below and first image | 0 | |
     | `in_window` | | | = keyframe | = keyframe | 0 | |
-    | `of_landmarks` | = tracks | | 0 | 0 | 0 | 0 at the past pose itself |
-    | `blur` | = image | | | = first image | 0 | 0 at the past pose itself |
-    | `unobserved_motion` | = motion or 0 | | | 0 | 0 | 0 at the past pose itself |
+    | `of_landmarks` | = tracks | | 0 | 0 | 0 | 0 at the last pair |
+    | `blur` | = image | | | = first image | 0 | 0 at the last pair |
+    | `unobserved_motion` | = motion or 0 | | | 0 | 0 | 0 at the last pair |
     | `kept_motion` | 0 | = motion | | 0 | 0 | |
     | `sums` | + step | | | | | |
 
     | event | is |
     |---|---|
-    | `with_pair` | an accepted pair |
-    | `kept` | a pair at which the last pose is published again, or an external pose that is applied to this kept pose |
-    | `adjusted` | the end of the bundle adjustment of a keyframe, which runs in the background |
-    | `restarted` | a pair that begins a window at the last pose |
-    | `placed` | an external pose that is applied to the last pose; the earlier path is discarded |
-    | `rebased` | an external pose that is applied to a past pose |
+    | `accepted` | a pair is accepted |
+    | `kept` | the last pose is published again at a pair, or an external pose is applied to this kept pose |
+    | `adjusted` | the bundle adjustment of a keyframe in the background has ended |
+    | `window_begun` | a pair begins a window at the last pose |
+    | `reset` | an external pose is applied to the last pose; the map and the earlier path are discarded |
+    | `anchored` | an external pose is applied to a past pose, and the map is kept |
 
     A lost pair changes no component. An adjustment does not change `unobserved_motion`, because the images of the
     keyframe may still be partly stale.
@@ -165,7 +170,7 @@ class PathErrors:
 
     origin: Origin  #: The external pose to which the covariance is relative.
     #: Covariance at the start of the present window: what earlier windows, and the motions between windows, have added
-    #: since the map was placed.
+    #: since the map began.
     before_window: LocatedCovariance = NOTHING
     #: Covariance of the newest keyframe in its window, from the bundle adjustment, times `adjustment_inflation`.
     in_window: FloatArray = field(default_factory=lambda: ZERO)
@@ -180,35 +185,35 @@ class PathErrors:
     sums: PathSums = PathSums()  #: Sums over the steps up to the present pose.
 
     @property
-    def alone(self) -> FloatArray:
-        """Covariance `(6, 6)` of the errors of the present pose that no other pose shares: the term `alone` of a pose.
+    def this_pair(self) -> FloatArray:
+        """Covariance `(6, 6)` of the errors of the present pose that no other pose shares: the term `this_pair`.
 
-            alone = adjustment_inflation given_keyframes + blur + unobserved_motion
+            this_pair = adjustment_inflation given_keyframes + blur + unobserved_motion
 
-        `blur` is (Z blur_px / f)^2 in position and (blur_px / f)^2 in rotation (`RoverModel.blur`).
+        `blur` is (Z_map blur_px / f)^2 in position and (blur_px / f)^2 in rotation (`RoverModel.blur`).
         """
         return self.of_landmarks + self.blur + self.unobserved_motion
 
-    def shared(self, position: FloatArray) -> LocatedCovariance:
-        """Return the covariance that the map at a position has accumulated since it was placed.
+    def of_map(self, position: FloatArray) -> LocatedCovariance:
+        """Return the covariance that the map at a position has accumulated since it began.
 
-            shared = before_window + adjustment_inflation (covariance of the newest keyframe in its window)
+            of_map = before_window + adjustment_inflation (covariance of the newest keyframe in its window)
 
-        The present pose shares these errors with its keyframe. External poses for past pairs do not reset the errors.
-        The difference of `shared` at two poses is therefore the covariance that arose between the two poses.
+        The present pose shares these errors with its keyframe. External poses that anchor the map do not reset the
+        errors. The difference of `of_map` at two poses is therefore the covariance that arose between the two poses.
         """
         return LocatedCovariance(position, self.before_window.at(position) + self.in_window)
 
-    def drift(self, position: FloatArray) -> FloatArray:
-        """Return the covariance `(6, 6)` that the map has accumulated since the external pose: the term `drift`.
+    def of_keyframes(self, position: FloatArray) -> FloatArray:
+        """Return the covariance `(6, 6)` that the map has accumulated since the external pose: the term `keyframes`.
 
-            drift = positive part of (shared - shared of the origin)
+            keyframes = positive part of (of_map - of_map of the origin)
 
         Both covariances are propagated to the position. The origin is the external pose.
         """
-        return positive_part(self.shared(position).covariance - self.origin.shared.at(position))
+        return positive_part(self.of_map(position).covariance - self.origin.of_map.at(position))
 
-    def with_pair(
+    def accepted(
         self, pair: AcceptedPair, T_world_left_before: Transform, added: AddedError, model: RoverModel
     ) -> PathErrors:
         """Return the errors of the pose of an accepted pair.
@@ -223,7 +228,7 @@ class PathErrors:
         depth_m = pair.landmark_map.landmarks.median_depth
         return replace(
             self,
-            origin=self.origin.with_accepted(),
+            origin=self.origin.accepted(),
             of_landmarks=model.sources.adjustment_inflation * pair.given_keyframes,
             blur=model.blur(depth_m).covariance,
             unobserved_motion=model.covariance_at(T_world_left_before, added.unobserved_rb),
@@ -247,15 +252,15 @@ class PathErrors:
         """Return the errors after an adjustment of the newest keyframe, which is the present pose."""
         return replace(self, in_window=in_window, of_landmarks=ZERO)
 
-    def restarted(self, position: FloatArray, *, first_image: FloatArray, in_window: FloatArray) -> PathErrors:
+    def window_begun(self, position: FloatArray, *, first_image: FloatArray, in_window: FloatArray) -> PathErrors:
         """Return the errors at the start of a new window at a position.
 
         The first image has an error of its own, which displaces the new window and also the pose of the first pair.
         """
-        before_window = self.shared(position).covariance + self.alone + self.kept_motion + first_image
+        before_window = self.of_map(position).covariance + self.this_pair + self.kept_motion + first_image
         return replace(
             self,
-            origin=self.origin._replace(of_accepted=ZERO),
+            origin=self.origin.window_begun(),
             before_window=LocatedCovariance(position, before_window),
             in_window=in_window,
             of_landmarks=ZERO,
@@ -264,17 +269,16 @@ class PathErrors:
             kept_motion=ZERO,
         )
 
-    def placed(self, external: LocatedCovariance) -> PathErrors:
+    def reset(self, external: LocatedCovariance) -> PathErrors:
         """Return the errors after an external pose was applied to the last pose. Only the sums continue."""
-        return PathErrors(Origin(external, sums=self.sums), sums=self.sums)
+        return PathErrors(Origin.of(external, self.sums), sums=self.sums)
 
-    def rebased(self, origin: Origin, *, is_present: bool) -> PathErrors:
-        """Return the errors since an external pose with a past stamp.
+    def anchored(self, origin: Origin, *, at_last_pair: bool) -> PathErrors:
+        """Return the errors since an external pose to which the map was anchored.
 
-        If the past pose is the present pose (`is_present`), the origin already includes the errors `alone` of this
-        pose.
+        If the external pose applies to the last accepted pair, the origin already includes the errors of this pair.
         """
         errors = replace(self, origin=origin)
-        if is_present:
+        if at_last_pair:
             return replace(errors, of_landmarks=ZERO, blur=ZERO, unobserved_motion=ZERO)
         return errors

@@ -1,9 +1,9 @@
 """Covariance of a pose, composed of terms that are named by their error source (table in `uncertainty`).
 
-An attitude error displaces later positions. The terms `external` and `drift` are therefore propagated from the position
-where the error arose to the present position (`LocatedCovariance`), and `directed` from the mean of the positions where
-its angles arose (`PathSums.directed_at`). The term `attitude` is not propagated: it is an error of the present rotation
-only.
+An attitude error displaces later positions. The terms `external` and `keyframes` are therefore propagated from the
+position where the error arose to the present position (`LocatedCovariance`), and `correlated` from the mean of the
+positions where its angles arose (`PathSums.correlated_at`). The term `attitude` is not propagated: it is an error of
+the present rotation only.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ class PoseTerms(NamedTuple):
     """Terms of the covariance of a pose, each `(6, 6)`."""
 
     external: FloatArray  #: External pose to which the covariance is relative.
-    drift: FloatArray  #: Keyframes and windows since the external pose.
-    alone: FloatArray  #: Errors of this pose that no other pose shares: landmarks, blur, stale parts of its image.
+    keyframes: FloatArray  #: Keyframes and windows since the external pose.
+    #: Errors of this pair that no other pose shares: landmarks, blur, stale parts of its image.
+    this_pair: FloatArray
     kept_motion: FloatArray  #: Unobserved motion while the pose is kept.
-    directed: FloatArray  #: Errors that add up in one direction: lens distortion, ambiguous motions.
+    correlated: FloatArray  #: Errors that are correlated between steps: lens distortion, ambiguous motions.
     disparity: FloatArray  #: Errors common to all disparities, which scale the path.
     attitude: FloatArray  #: Bending of the path by the yaw and by the drift of the right camera.
 
@@ -43,10 +44,10 @@ def pose_terms(
     since_origin = errors.sums.since(errors.origin.sums)
     return PoseTerms(
         external=errors.origin.external.at(position),
-        drift=errors.drift(position),
-        alone=errors.alone,
+        keyframes=errors.of_keyframes(position),
+        this_pair=errors.this_pair,
         kept_motion=errors.kept_motion,
-        directed=since_origin.directed_at(position),
+        correlated=since_origin.correlated_at(position),
         disparity=_disparity_term(since_origin, calibration, model.sources),
         attitude=_attitude_term(since_origin, calibration, model),
     )

@@ -11,7 +11,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import StepEstimate
 from sfr_loc_map.localisation.motion_size import MotionSize, Speed
 from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
-from sfr_loc_map.localisation.uncertainty.directed_error import ZERO
+from sfr_loc_map.localisation.uncertainty.correlated_error import ZERO
 from sfr_loc_map.localisation.uncertainty.inflation import AddedError, unobserved_during
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 from sfr_loc_map.localisation.uncertainty.step_covariance import (
@@ -46,7 +46,7 @@ class PublishedPose:
         """Return the time from this pose to a stamp, s; 0 before the first pose."""
         return 0.0 if self.stamp_ns is None else (stamp_ns - self.stamp_ns) / NS_PER_S
 
-    def to_pair(
+    def accepted(
         self, pair: AcceptedPair, speed: Speed, added: AddedError, model: RoverModel
     ) -> tuple[PublishedPose, StepEstimate]:
         """Return the pose of an accepted pair, and the step to it.
@@ -91,7 +91,7 @@ class PublishedPose:
         )
         return published, step
 
-    def to_kept(
+    def kept(
         self, stamp_ns: int, T_world_left: Transform, *, unobserved_s: float, speed: Speed, model: RoverModel
     ) -> tuple[PublishedPose, StepEstimate]:
         """Return the last known pose, kept at a stamp, and the step to it.
@@ -125,7 +125,7 @@ class PublishedPose:
         kept = replace(self, stamp_ns=stamp_ns, T_world_left=T_world_left, kept_s=unobserved_s)
         return kept, step
 
-    def without_errors(self) -> PublishedPose:
+    def window_begun(self) -> PublishedPose:
         """Return the pose of a pair that begins a window.
 
         The next step is measured from the image of this pair. It therefore contains no errors and no noise of the
@@ -133,7 +133,7 @@ class PublishedPose:
         """
         return replace(self, shared_with_next_step=ZERO, kept_s=0.0, noise=ZERO)
 
-    def displaced(self, moved: MotionSize) -> PublishedPose:
+    def adjusted(self, moved: MotionSize) -> PublishedPose:
         """Return the pose after the last known pose was displaced by a change of the yaw correction.
 
         The covariance of the next step to a new pose grows by the square of the displacement. If the pose is kept

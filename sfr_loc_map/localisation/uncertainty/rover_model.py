@@ -29,26 +29,26 @@ class RoverModel:
     sources: ErrorSources = ErrorSources()
 
     @classmethod
-    def of(cls, rig: StereoRig, bounds: MotionBounds, keyframe_flow: float) -> RoverModel:
+    def of(cls, rig: StereoRig, bounds: MotionBounds, keyframe_flow_ratio: float) -> RoverModel:
         """Return the model of a rig; GeometryError if the extrinsics are unknown.
 
-        The flow that triggers a keyframe is a fraction of the image width.
+        `keyframe_flow_ratio` is the optical flow that triggers a keyframe, as a fraction of the image width.
         """
         return cls(
             T_rb_left=rig.T_rb_left,
             T_left_rb=rig.T_rb_left.inverse(),
             fx=rig.fx,
             focal_baseline=rig.fx * rig.baseline_m,
-            keyframe_rad=keyframe_flow * rig.width / rig.fx,
+            keyframe_rad=keyframe_flow_ratio * rig.width / rig.fx,
             bounds=bounds,
         )
 
     def blur(self, depth_m: float) -> MotionSize:
-        """Return the standard deviations that an error of the whole image causes in a pose, for a median depth Z.
+        """Return the standard deviations that an error of the whole image causes in a pose, for the median depth Z_map.
 
-            blur = (Z blur_px / f, blur_px / f)
+            blur = (Z_map blur_px / f, blur_px / f)
 
-        An error of a whole image rotates all landmarks by blur_px / f. The pose is displaced by this angle times Z.
+        An error of a whole image rotates all landmarks by blur_px / f. The pose is displaced by this angle times Z_map.
         """
         blur_rad = self.sources.blur_px / self.fx
         return MotionSize(blur_rad * depth_m, blur_rad)

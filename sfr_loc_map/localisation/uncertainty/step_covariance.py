@@ -73,9 +73,9 @@ def step_covariance(
 
         step = step_inflation max(variance_factor, min_variance_factor) step_ratio
                (adjustment_inflation between_keyframes + common)
-        common = (keyframe_px Z / f)^2 diag(1, 1, 1, 0, 0, 0)
+        common = (keyframe_px Z_tracked / f)^2 diag(1, 1, 1, 0, 0, 0)
         step_ratio = max(flow of the step / max(flow of the keyframes, min_interval_ratio usual flow), min_step_ratio)
-        flow = length / Z + angle, rad
+        flow = length / Z_tracked + angle, rad
 
     Errors from images are independent from step to step. `between_keyframes` is the covariance of the newest keyframe
     given the previous keyframe (`KeyframeMotion.covariance`), and the flow of the keyframes is that of the motion
@@ -94,12 +94,12 @@ def step_covariance(
     sources = model.sources
     if keyframes is None:
         between_keyframes = given_keyframes
-        keyframe_flow = model.keyframe_rad
+        keyframe_rad = model.keyframe_rad
     else:
         between_keyframes = keyframes.covariance
-        min_flow = sources.min_interval_ratio * model.keyframe_rad
-        keyframe_flow = max(_flow(keyframes.size, depth_m), min_flow)
-    step_ratio = max(_flow(step.size, depth_m) / keyframe_flow, sources.min_step_ratio)
+        min_rad = sources.min_interval_ratio * model.keyframe_rad
+        keyframe_rad = max(_flow_rad(keyframes.size, depth_m), min_rad)
+    step_ratio = max(_flow_rad(step.size, depth_m) / keyframe_rad, sources.min_step_ratio)
     common = np.zeros(6)
     common[:3] = (sources.keyframe_px * depth_m / model.fx) ** 2
     factor = 1.0
@@ -111,7 +111,7 @@ def step_covariance(
     return symmetric(of_rb) + MIN_VARIANCE * np.eye(6)
 
 
-def _flow(size: MotionSize, depth_m: float) -> float:
+def _flow_rad(size: MotionSize, depth_m: float) -> float:
     """Return the optical flow of a motion, rad, for a median depth."""
     return size.metres / depth_m + size.radians
 
@@ -144,11 +144,11 @@ def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibra
     """Return `systematic` `(6,)`, in RB: signed effects (one sigma) that errors common to all steps have on one step.
 
         systematic = (position, attitude, attitude, attitude)
-        position = hypot(disparity_px, yaw_sigma_px, remaining_px) Z / (f b) displacement
+        position = hypot(disparity_px, yaw_sigma_px, remaining_px) Z_tracked / (f b) displacement
         attitude = lens_turn length sign(x of the motion of RB)
 
     The sign makes the effects of a step forwards and of a step backwards cancel. The terms of a pose for the same
-    errors differ from these formulas in two points. `directed` sums the lengths without the sign, which is an upper
+    errors differ from these formulas in two points. `correlated` sums the lengths without the sign, which is an upper
     bound. In `disparity`, the remaining yaw is multiplied by `unsettled_yaw_ratio`, because that term also contains
     `uncorrected`.
     """
