@@ -196,7 +196,7 @@ inflation of several cases.
 
 The published reason is that of the first finding, with two exceptions. A pair that is kept while the localiser is lost
 publishes the reason for which the localiser was lost. A refused pair with which a window begins publishes only the
-findings of that window.
+findings about its images and those of that window.
 
 Eight findings publish `torn_images`, because they require the same check by an operator: parts of the images may have
 been exposed at different times, by stale parts, blended exposures or a rolling shutter. For six of these findings the
@@ -207,9 +207,9 @@ become a keyframe.
 Three findings add nothing to the covariance because it already includes what they report: the uncertainty of the yaw
 (`CALIBRATION`), and the unobserved motion before the window (`AFTER_GAP`, `DIVERGED`). Two findings add nothing
 because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). `UNTEXTURED_SIDE` adds nothing because
-nothing is tracked in an image without texture. `AT_REST_UNCERTAIN` adds nothing because
-an image without motion shows a rover at rest, whichever of its parts is the ground. The covariance of a kept pose
-(`Action.KEEP`) always grows by the unobserved motion since the pose was estimated (`trajectory.kept`).
+nothing is tracked in an image without texture. `AT_REST_UNCERTAIN` adds nothing because an image without motion shows a
+rover at rest, whichever of its parts is the ground. The covariance of a kept pose (`Action.KEEP`) always grows by the
+unobserved motion since the pose was estimated (`trajectory.kept`).
 """
 
 assert RULES.keys() == set(Finding), "each finding requires a rule"

@@ -14,7 +14,7 @@ from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibratio
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.candidate import Candidate, CorrectedTracks, FinalPose
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.findings import Finding, Verdict, decide
+from sfr_loc_map.localisation.findings import RULES, Finding, Refusal, Verdict, decide
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_shift
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
@@ -142,7 +142,7 @@ class Stages:
         """Return the findings of the fast guards that refuse poses; they are repeated for the pose of a keyframe."""
         findings = guards.check_tracks(frame, tracks)
         findings |= guards.check_pose(tracks, state.path.last, frame.stamp_ns, self._config.motion)
-        assert not findings or decide(findings).refuses, "a guard that degrades poses belongs in `judge`"
+        assert all(isinstance(RULES[each], Refusal) for each in findings), "a guard that degrades belongs in `judge`"
         return findings
 
     def complete(self, state: State, candidate: Candidate, verdict: Verdict, clock: StageClock) -> FinalPose:
