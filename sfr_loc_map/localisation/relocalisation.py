@@ -88,8 +88,7 @@ class RecoveryImages(NamedTuple):
     """Images from which lost tracking can be recovered."""
 
     last: KnownImage | None = None  #: Last tracked image.
-    #: The image before it in which at least half of the landmarks were inliers; None if the last image is such an
-    #: image.
+    #: Last earlier image in which at least half of the landmarks were inliers; None if the last image is such an image.
     earlier_best: KnownImage | None = None
 
     @property

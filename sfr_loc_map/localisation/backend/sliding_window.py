@@ -253,7 +253,11 @@ def _last_motion(keyframes: Poses, pose_covariance: FloatArray) -> KeyframeMotio
 
 @dataclass(frozen=True, eq=False)
 class LandmarkMap:
-    """A sliding window and its active landmarks, ready for tracking."""
+    """A sliding window and its active landmarks, ready for tracking.
+
+    The landmarks of a stage are selected, and their templates copied (`Patches.at`), at the first use. `prepared` does
+    this for the next pairs in the background thread of a keyframe, which saves time in the next call.
+    """
 
     window: SlidingWindow
 
