@@ -47,7 +47,7 @@ from sfr_loc_map.localisation.frontend.projection import (
     component,
     cross,
     gradient,
-    scaled_point,
+    point_from,
 )
 from sfr_loc_map.localisation.frontend.pyramid import ImageLevel
 from sfr_loc_map.localisation.small_linalg import retract, solve
@@ -145,7 +145,7 @@ def _project(planes: LocalPlanes, n: int, pose: Pose, camera: StereoCamera) -> _
     """Project the centre of a patch into the left image."""
     ray_x = (planes.uv[n, 0] - camera.cx) / camera.fx
     ray_y = (planes.uv[n, 1] - camera.cy) / camera.fy
-    world = scaled_point(pose, planes.hosts, n, ray_x, ray_y, planes.inverse_depth[n])
+    world = point_from(pose, planes.hosts, n, ray_x, ray_y, planes.inverse_depth[n])
     depth = component(pose.rotation, 2, world)
     if depth < MIN_SCALED_DEPTH:
         return _Point(world, 0.0, 0.0, 0.0)

@@ -81,17 +81,23 @@ def difference(a: FloatArray, b: FloatArray) -> Vector:
 
 
 @jit_fast_ir_inline
-def scaled_point(target: Pose, hosts: Poses, k: int, ray_x: float, ray_y: float, inverse_depth: float) -> Vector:
-    """Return the vector d from the target camera to a landmark, multiplied by the landmark's inverse depth, 1/m.
+def scaled_point(ray: Vector, host_offset: Vector, inverse_depth: float) -> Vector:
+    """Return the vector d from a camera to a landmark, multiplied by the landmark's inverse depth.
 
-    The host ray is `(ray_x, ray_y, 1)` in the host camera `hosts[k]`.
+    The ray is the host ray. The host offset is the position of the host camera relative to the camera, metres. The
+    inverse depth is in 1/m.
     """
-    ray = rotated_ray(hosts.rotations[k], ray_x, ray_y)
-    host_offset = difference(hosts.positions[k], target.position)
     x = ray.x + inverse_depth * host_offset.x
     y = ray.y + inverse_depth * host_offset.y
     z = ray.z + inverse_depth * host_offset.z
     return Vector(x, y, z)
+
+
+@jit_fast_ir_inline
+def point_from(target: Pose, hosts: Poses, k: int, ray_x: float, ray_y: float, inverse_depth: float) -> Vector:
+    """Return the vector d from the target camera to a landmark with the host ray `(ray_x, ray_y, 1)` in `hosts[k]`."""
+    host_ray = rotated_ray(hosts.rotations[k], ray_x, ray_y)
+    return scaled_point(host_ray, difference(hosts.positions[k], target.position), inverse_depth)
 
 
 @jit_fast_ir_inline
@@ -149,8 +155,9 @@ def linearise_landmark(
     """
     r_wc = target.rotation
     r_wh = hosts.rotations[k]
+    host_ray = rotated_ray(r_wh, ray[0], ray[1])
     host_offset = difference(hosts.positions[k], target.position)
-    point = scaled_point(target, hosts, k, ray[0], ray[1], inverse_depth)
+    point = scaled_point(host_ray, host_offset, inverse_depth)
     depth = component(r_wc, 2, point)
     if depth < MIN_SCALED_DEPTH:
         return 0.0

@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, MIN_INVERSE_DEPTH
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
-from sfr_loc_map.localisation.frontend.projection import MIN_SCALED_DEPTH, component, scaled_point
+from sfr_loc_map.localisation.frontend.projection import MIN_SCALED_DEPTH, component, point_from
 from sfr_loc_map.localisation.ground.cell_change import CELL, Change
 from sfr_loc_map.localisation.small_linalg import reorder_to_rank
 
@@ -117,7 +117,7 @@ class _ProjectedPixel(NamedTuple):
 def _project(pose: Pose, landmarks: LandmarkEstimates, n: int, camera: StereoCamera) -> _ProjectedPixel:
     """Project a landmark. Its inverse depth is at least `MIN_INVERSE_DEPTH`."""
     inverse_depth = max(landmarks.inverse_depth[n], MIN_INVERSE_DEPTH)
-    point = scaled_point(pose, landmarks.hosts, n, landmarks.rays[n, 0], landmarks.rays[n, 1], inverse_depth)
+    point = point_from(pose, landmarks.hosts, n, landmarks.rays[n, 0], landmarks.rays[n, 1], inverse_depth)
     depth = component(pose.rotation, 2, point)
     if depth <= MIN_SCALED_DEPTH:
         depth = np.nan

@@ -5,7 +5,7 @@ import pytest
 
 from sfr_loc_map.geometry.camera import Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.localisation.backend.bundle_adjustment import KERNEL_CHI2, BundleProblem, linearise
+from sfr_loc_map.localisation.backend.bundle_adjustment import ADJUSTMENT_SCALE, BundleProblem, linearise
 
 CAMERA = StereoCamera(400.0, 410.0, 256.0, 240.0, 0.2)
 KEYFRAMES, LANDMARKS = 3, 40
@@ -64,7 +64,7 @@ def dense(base: BundleProblem, rows: np.ndarray | None = None) -> tuple[np.ndarr
     size, step = UNKNOWNS + 3 * LANDMARKS, 1e-6
     now = residuals(base, np.zeros(size), rows)
     chi2 = np.einsum("nksi,nksij,nksj->nks", now, information, now)
-    weighted = information / ((1.0 + chi2 / KERNEL_CHI2) ** 2)[..., None, None]
+    weighted = information / ((1.0 + chi2 / ADJUSTMENT_SCALE) ** 2)[..., None, None]
     columns = [(residuals(base, -e, rows) - residuals(base, e, rows)) / (2 * step) for e in step * np.eye(size)]
     jacobian = np.stack(columns, axis=-1)
     h = np.einsum("nksia,nksij,nksjb->ab", jacobian, weighted, jacobian, optimize=True)
