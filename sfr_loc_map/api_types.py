@@ -36,15 +36,15 @@ from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import AlignedErrorConfig
+from sfr_loc_map.metrics.figures.catalogue import KINDS
+from sfr_loc_map.metrics.figures.details import columns_of
+from sfr_loc_map.metrics.figures.records import MethodRecord
+from sfr_loc_map.metrics.figures.row_part import ANY, RowPart
+from sfr_loc_map.metrics.figures.rows import COLUMNS, RowNumbers, find_rows
+from sfr_loc_map.metrics.figures.rows import Figure as Row
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score import score
 from sfr_loc_map.metrics.stored.score_json import load_score, to_json
-from sfr_loc_map.metrics.table.catalogue import KINDS
-from sfr_loc_map.metrics.table.details import columns_of
-from sfr_loc_map.metrics.table.records import MethodRecord
-from sfr_loc_map.metrics.table.row_part import ANY, RowPart
-from sfr_loc_map.metrics.table.rows import COLUMNS, RowNumbers, find_rows
-from sfr_loc_map.metrics.table.rows import Figure as Row
 from sfr_loc_map.suffixes import HTML_SUFFIXES, check_suffix
 from sfr_loc_map.suite_names import Task
 

@@ -127,7 +127,7 @@ METRICS_FLOORS = (
     {"config"},
     {"formulas_beside", "statistics"},
     {"sub_trajectories"},
-    {"table"},
+    {"figures"},
     {"frames"},
     {"completeness", "conventions"},
     {"errors", "calls"},

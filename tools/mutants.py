@@ -264,8 +264,10 @@ MUTATIONS = (
     Mutation("metrics/statistics/intervals.py", "1.0 - lags / float(block * size)", "1.0 - lags / float(block)"),
     Mutation("metrics/statistics/intervals.py", "share *= 1.0 - 1.0 / independent\n    return", "return"),
     Mutation("metrics/stored/comparison.py", "difference = other - first", "difference = first - other"),
-    Mutation("metrics/table/catalogue.py", 'return kind.clause if part == Place.TARGET else ""', "return kind.clause"),
-    Mutation("metrics/table/catalogue.py", 'CallKind.MAPPING_CALL: "4.3.2"}', 'CallKind.MAPPING: "4.3.2"}'),
+    Mutation(
+        "metrics/figures/catalogue.py", 'return kind.clause if part == Place.TARGET else ""', "return kind.clause"
+    ),
+    Mutation("metrics/figures/catalogue.py", 'CallKind.MAPPING_CALL: "4.3.2"}', 'CallKind.MAPPING: "4.3.2"}'),
     Mutation("report/deviations.py", "item.figure in STAGES or RowPart", "RowPart"),
     Mutation("metrics/stored/raw_values.py", "(stored is None and name in STATISTICS)", "stored is None"),
     Mutation("metrics/score/score.py", "if row.part in ((reading, POOLED) if is_of_pieces else (None,)):", "if True:"),
@@ -491,7 +493,7 @@ MUTATIONS = (
     Mutation(
         "metrics/calls/call_score.py", "if row.call in kinds else row for", "if row.figure in kinds[:1] else row for"
     ),
-    Mutation("metrics/table/catalogue.py", " or of_row.place is Place.STATED:", ":"),
+    Mutation("metrics/figures/catalogue.py", " or of_row.place is Place.STATED:", ":"),
     Mutation("metrics/errors/map_score.py", "len(xyz) - len(np.unique(xyz, axis=0)),", "0,"),
     Mutation("metrics/errors/map_score.py", "len(xyz) - pixels, crowded)", "0, crowded)"),
     Mutation("metrics/errors/map_score.py", "len(xyz) - pixels, crowded)", "len(xyz) - pixels, 0)"),

@@ -235,7 +235,7 @@ def api() -> str:
 def shortfalls() -> str:
     """Return the table of the kinds of missing and wrong data, and when a result is complete."""
     from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
-    from sfr_loc_map.metrics.table.catalogue import JUDGED
+    from sfr_loc_map.metrics.figures.catalogue import JUDGED
 
     lines = [
         "| part of `judged` | figure | fraction of | complete up to, with limits | without limits | allowed by |",

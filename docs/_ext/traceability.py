@@ -201,7 +201,7 @@ CLAUSES = (
             "metrics/calls/call_meter.py",
             "metrics/calls/call_score.py",
             "calls/call_record.py",
-            "metrics/table/records.py",
+            "metrics/figures/records.py",
         ),
         "table of times per call, with the name of the clock; calls on a target in a separate table",
         "A time of the host is never reported as a time of the target. Times that were measured on a target are "

@@ -174,7 +174,7 @@ class LocaliserTrial(Trial[StereoPair, IsolatedLocaliser, Transform | None]):
         """Yield the errors for each condition, and the number of sub-trajectories."""
         scored = score_trajectory(estimates, truth, self.scoring)
         assert scored.association is not None  # set by score_trajectory
-        score, part = Score(figures=scored.figures), scored.association.rebase
+        score, part = Score(figures=scored.figures), scored.association.reading
         for condition in self.scoring.conditions:
             position = score.figure("position", condition=condition, part=part)
             yield FigureRow((ACCURACY, condition, "count"), 0 if position is None else position.n)

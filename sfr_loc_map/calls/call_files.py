@@ -50,8 +50,8 @@ from sfr_loc_map.metrics.calls.call_score import (
     Calls,
     stage_of,
 )
+from sfr_loc_map.metrics.figures.records import CallFinding, FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.metrics.frames.covariance import DIAGONAL, UPPER, check_variances, step_variances
-from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.suite_names import Task
 
 STATS_SUFFIX = ".stats.csv"  #: Suffix of a file of calls, which replaces the suffix of the result.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, FindingRecord
+from sfr_loc_map.metrics.figures.records import CallFinding, FindingKind, FindingRecord
 
 if TYPE_CHECKING:
     from sfr_loc_map.calls.call_record import CallRecord

@@ -14,7 +14,7 @@ from sfr_loc_map.calls.run_identity import RunIdentity
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, Calls, concatenated, stacked
-from sfr_loc_map.metrics.table.records import FindingRecord, MethodKind, MethodRecord, ProcessUsage
+from sfr_loc_map.metrics.figures.records import FindingRecord, MethodKind, MethodRecord, ProcessUsage
 from sfr_loc_map.suite_names import Task
 
 SEVERITIES = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}  #: Severity of states; 0 for others.

@@ -18,8 +18,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.growing_rows import GrowingRows
 from sfr_loc_map.metrics.calls.call_meter import METHOD
 from sfr_loc_map.metrics.calls.call_score import USAGE_NAMES, Calls, stage_of
+from sfr_loc_map.metrics.figures.records import MethodRecord
 from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, STEP_SIZE, UPPER
-from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.suite_names import Task
 
 STEP = [("row", np.int64), ("value", np.float64, STEP_SIZE)]

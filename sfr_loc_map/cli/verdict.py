@@ -15,8 +15,8 @@ from sfr_loc_map.metrics.config import VerdictState
 if TYPE_CHECKING:
     from sfr_loc_map.calls.call_record import CallRecord
     from sfr_loc_map.geometry.trajectory import Trajectory
+    from sfr_loc_map.metrics.figures.records import MethodRecord
     from sfr_loc_map.metrics.score.score import Score
-    from sfr_loc_map.metrics.table.records import MethodRecord
 
 
 NO_LIMITS = "the score was not judged by limits"

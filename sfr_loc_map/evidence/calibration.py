@@ -21,7 +21,7 @@ from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory
 from sfr_loc_map.faults.images import rotated
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 
 ANGLES = {"pitch": "vertical_offset_px", "roll": "roll_offset_px", "yaw": "disparity_offset_px"}
 """Statistic of the localiser by the angle that causes it."""

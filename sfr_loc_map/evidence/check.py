@@ -25,7 +25,7 @@ from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.conditions import Condition
-from sfr_loc_map.metrics.table.rows import Figure
+from sfr_loc_map.metrics.figures.rows import Figure
 
 MIN_PAIRS = 20  #: Minimum number of pairs of a drive.
 CORRECTED = "corrected"  #: Name of the run with the corrected calibration.

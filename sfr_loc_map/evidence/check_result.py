@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from sfr_loc_map.metrics.table.rows import Figure
+from sfr_loc_map.metrics.figures.rows import Figure
 
 DRIVE, MAPS, CALIBRATION = "drive", "maps", "calibration"  #: Subjects of a check.
 SCHEMA = "sfr-check/1"  #: Schema of the JSON of a check.

@@ -15,8 +15,8 @@ from sfr_loc_map.evidence import kinds
 from sfr_loc_map.evidence.kinds import EvidenceKind
 from sfr_loc_map.mapping.multiview.projection import SHIFT_PX
 from sfr_loc_map.metrics.conditions import label_of
-from sfr_loc_map.metrics.table.catalogue import REVISITED_PLACES
-from sfr_loc_map.metrics.table.rows import Figure
+from sfr_loc_map.metrics.figures.catalogue import REVISITED_PLACES
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.tables.model import ABSENT, METRE, NONE, PERCENT, Cell, Column, Table, Unit, fitting
 from sfr_loc_map.tables.typed import RowColumn, heads, table_of, words
 

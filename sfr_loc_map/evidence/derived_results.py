@@ -13,7 +13,7 @@ from sfr_loc_map.evidence.check_result import CALIBRATION, DRIVE, MAPS, CheckRes
 from sfr_loc_map.evidence.overlap import result_of
 from sfr_loc_map.evidence.revisited import DIRECT
 from sfr_loc_map.evidence.variants import Variant
-from sfr_loc_map.metrics.table.rows import Figure
+from sfr_loc_map.metrics.figures.rows import Figure
 
 TOLERANCE = 1e-6  #: Largest relative difference of a derived probability, because the stored mean is rounded.
 OWN_COMPARISONS = frozenset(" - ".join(runs) for runs in (*COMPARED, (Variant.FORWARD, DIRECT)))

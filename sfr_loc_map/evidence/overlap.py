@@ -21,7 +21,7 @@ from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.multiview.pose_agreement import pose_disagreement
 from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 
 TOO_FEW = f"no two mapping pairs have {MIN_OVERLAP} points in common"  #: Why maps cannot be compared.
 

@@ -20,8 +20,8 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.errors.consistency import StepSums, sums_of_steps
 from sfr_loc_map.metrics.errors.trajectory_errors import select
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.association import StampedPoses
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 
 class ErrorSource(StrEnum):

@@ -29,10 +29,10 @@ from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.figures.records import Provenance
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.stored.score_json import HASH, hash_of_values, to_plain
-from sfr_loc_map.metrics.table.records import Provenance
-from sfr_loc_map.metrics.table.rows import Figure
 
 NAMES_OF_OWN_RUNS = frozenset((*Variant, CORRECTED, DIRECT))  #: Names that an estimate of another method must not have.
 

@@ -28,7 +28,7 @@ from sfr_loc_map.metrics.errors.consistency import (
     relative_errors,
     sums_of_steps,
 )
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 
 MIN_PATH_M = 1.0
 """Minimum path between two visits, m. Chosen by hand: a stationary rover does not revisit its place."""

@@ -17,8 +17,8 @@ from sfr_loc_map.memory_mark import peak_of, reset_peak
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.methods.method_call import MethodFailureError
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
+from sfr_loc_map.metrics.figures.records import CallFinding, FindingKind
 from sfr_loc_map.metrics.formulas import memory_above_idle
-from sfr_loc_map.metrics.table.records import CallFinding, FindingKind
 from sfr_loc_map.process_tree import ProcessTree, TreeUsage, running_thread
 
 MB = 1_000_000

@@ -14,7 +14,7 @@ import msgspec
 from sfr_loc_map.methods.child.loop import Order, Setup
 from sfr_loc_map.methods.child.supervisor import Rules
 from sfr_loc_map.methods.method_call import MethodFailureError
-from sfr_loc_map.metrics.table.records import FindingKind
+from sfr_loc_map.metrics.figures.records import FindingKind
 
 CHECK_S = 0.05  #: Period of the checks while an answer is awaited.
 LONGEST_ANSWER = 16_000_000  #: Bytes.

@@ -20,8 +20,8 @@ from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.method_process import ProcessSettings
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.methods.request import Request, RequestedPair
+from sfr_loc_map.metrics.figures.records import FindingKind
 from sfr_loc_map.metrics.frames.covariance import UPPER, check_variances, step_variances, symmetric
-from sfr_loc_map.metrics.table.records import FindingKind
 
 COVARIANCE_TOLERANCE = 1e-6
 """Largest asymmetry and largest negative eigenvalue of a covariance whose positions and rotations are scaled so that

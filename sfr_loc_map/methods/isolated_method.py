@@ -17,7 +17,7 @@ from sfr_loc_map.methods.method_process import MethodProcess, ProcessSettings
 from sfr_loc_map.methods.own_code import code_sha256, code_state
 from sfr_loc_map.methods.registry import Method
 from sfr_loc_map.methods.request import Request
-from sfr_loc_map.metrics.table.records import FindingKind, MethodRecord
+from sfr_loc_map.metrics.figures.records import FindingKind, MethodRecord
 
 T = TypeVar("T")
 IDENTITY = Transform.identity()

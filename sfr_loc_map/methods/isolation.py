@@ -25,7 +25,7 @@ from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.methods.child.supervisor import Rules
 from sfr_loc_map.methods.own_code import code_of, unhashed_of
 from sfr_loc_map.methods.registry import Isolation, Method
-from sfr_loc_map.metrics.table.records import MethodKind
+from sfr_loc_map.metrics.figures.records import MethodKind
 
 OWN_FILES = "SFR_METHOD_FILES"  #: Variable with additional readable paths, separated as in PATH.
 PERMITTING = (OWN_FILES, "PYTHONPATH", LIBRARY_PATH)  #: Variables whose paths a method may read.

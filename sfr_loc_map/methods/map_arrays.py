@@ -16,7 +16,7 @@ from sfr_loc_map.inputs import MAX_CLOUD_BYTES
 from sfr_loc_map.io.clouds.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.methods.method_call import MethodFailureError
 from sfr_loc_map.methods.point_bounds import check_points
-from sfr_loc_map.metrics.table.records import FindingKind
+from sfr_loc_map.metrics.figures.records import FindingKind
 
 Arrays = Mapping[str, bytes]
 """Contents of the files of an answer by their suffix."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
-from sfr_loc_map.metrics.table.records import FINDING_SEPARATOR, CallFinding, FindingKind
+from sfr_loc_map.metrics.figures.records import FINDING_SEPARATOR, CallFinding, FindingKind
 
 
 class MethodFailureError(MethodError):

@@ -18,7 +18,7 @@ from sfr_loc_map.methods.request import Request, numbers_of
 from sfr_loc_map.methods.scratch_folder import ScratchFolder
 from sfr_loc_map.methods.supervised_process import SupervisedProcess, load_adapter, open_method, restrict
 from sfr_loc_map.metrics.calls.call_score import is_statistic
-from sfr_loc_map.metrics.table.records import FindingKind
+from sfr_loc_map.metrics.figures.records import FindingKind
 from sfr_loc_map.suite_names import Task
 
 

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from sfr_loc_map.hashes import FileState, file_states, hash_path, is_ignored
-from sfr_loc_map.metrics.table.records import MethodKind
+from sfr_loc_map.metrics.figures.records import MethodKind
 
 CODE = ("*.py", "*.so", "*.so.*")  #: File patterns of modules and libraries.
 

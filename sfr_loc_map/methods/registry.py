@@ -20,7 +20,7 @@ from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.inputs import missing, read_text, refusing
 from sfr_loc_map.methods.own_code import code_sha256, has_module
-from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
+from sfr_loc_map.metrics.figures.records import MethodKind, MethodRecord
 from sfr_loc_map.suite_names import OURS, Task
 
 ADAPTERS = Path(__file__).parent / "adapters"

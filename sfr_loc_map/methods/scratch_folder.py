@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.inputs import read_bytes
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.methods.method_call import MethodFailureError
-from sfr_loc_map.metrics.table.records import FindingKind
+from sfr_loc_map.metrics.figures.records import FindingKind
 from sfr_loc_map.process_tree import bytes_of_files
 
 SHARED_MEMORY = Path("/dev/shm")

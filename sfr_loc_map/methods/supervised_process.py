@@ -26,7 +26,7 @@ from sfr_loc_map.methods.isolation import environment_of
 from sfr_loc_map.methods.method_call import MethodFailureError
 from sfr_loc_map.methods.registry import ADAPTERS, CHILD, Method
 from sfr_loc_map.methods.scratch_folder import ScratchFolder
-from sfr_loc_map.metrics.table.records import FindingKind
+from sfr_loc_map.metrics.figures.records import FindingKind
 from sfr_loc_map.process_tree import ProcessTree
 
 EXIT_TIMEOUT_S = 10.0  #: Time in which an ended process exits.

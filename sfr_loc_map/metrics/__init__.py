@@ -7,7 +7,7 @@
     poses, truth ─► diagnosis ─► finding ──────────────────────────────────────────────┤
     limits file ───────────────────────────────────────────────────────────────────────┘
 
-`conventions` and `frames` return poses, `errors` and `calls` return results with rows (`table.results`), and
+`conventions` and `frames` return poses, `errors` and `calls` return results with rows (`figures.results`), and
 `diagnosis` returns a finding. `errors` and `calls` take the statistics of their rows from `formulas` and `statistics`,
 and the rows of completeness from `completeness`, because these rows depend on what was expected and judged.
 `score.joined_parts.score_of_results` joins the results to a `Score`, and `judging.judge.judged_by` adds the verdicts.
@@ -26,7 +26,7 @@ folders.
 The folders, from the bottom (`METRICS_FLOORS` in `test/test_layers.py`). A folder imports only lower folders:
 
 - `statistics`: statements about all errors from a sample of them.
-- `table`: the catalogue of all figures, the rows of a score and their parts, and the records beside them.
+- `figures`: the catalogue of all figures, the rows of a score and their parts, and the records beside them.
 - `frames`: pairs of an estimated and a true pose in common axes, and the error of the true pose.
 - `completeness`: what is expected of each subject, and how much of it is judged, missing or wrong.
 - `conventions`: the conversion of estimates from the convention in which they were written.

@@ -5,6 +5,8 @@ from .config import CallKind as CallKind
 from .config import CloudKind as CloudKind
 from .config import Reading as Reading
 from .config import VerdictState as VerdictState
+from .figures.records import Provenance as Provenance
+from .figures.rows import Figure as Figure
 from .score.score import Score as Score
 from .score.verdict import Verdict as Verdict
 from .stored.score_json import from_dict as from_dict
@@ -12,5 +14,3 @@ from .stored.score_json import from_json as from_json
 from .stored.score_json import load_score as load_score
 from .stored.score_json import to_dict as to_dict
 from .stored.score_json import to_json as to_json
-from .table.records import Provenance as Provenance
-from .table.rows import Figure as Figure

@@ -35,10 +35,10 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
+from sfr_loc_map.metrics.figures.records import Provenance
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
-from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
 from sfr_loc_map.nodes.input.stereo_input import StereoInputConfig
 from sfr_loc_map.nodes.input.truth_input import FrameTruthInput, TopicTruthInput, TruthInput

@@ -6,8 +6,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.figures.catalogue import KINDS
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import KINDS
 from sfr_loc_map.ros.statuses import Value, status_msg
 
 VERDICT_LEVELS = {

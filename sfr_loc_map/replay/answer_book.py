@@ -9,8 +9,8 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from sfr_loc_map.calls.call_findings import FindingCounts
+from sfr_loc_map.metrics.figures.records import AnswerCounts, CallFinding, FindingKind, FindingRecord
 from sfr_loc_map.metrics.formulas import Statistics, statistics
-from sfr_loc_map.metrics.table.records import AnswerCounts, CallFinding, FindingKind, FindingRecord
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
 
 MAX_EARLY = 64  #: Maximum number of answers that wait for their pair; the oldest are dropped.

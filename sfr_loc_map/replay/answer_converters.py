@@ -31,9 +31,9 @@ from sfr_loc_map.metrics.conventions.pose_convention import (
     converted_estimates,
     world_at_first_pose,
 )
+from sfr_loc_map.metrics.figures.records import FindingKind
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import UPPER, symmetric
-from sfr_loc_map.metrics.table.records import FindingKind
 from sfr_loc_map.replay.message_store import Received, ReceivedCloud, ReceivedDrive, ReceivedMaps
 from sfr_loc_map.replay.options import ExternalOptions
 from sfr_loc_map.replay.replay_peer import ReplayPeer

@@ -17,7 +17,7 @@ from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.methods.method_call import MethodFailureError
-from sfr_loc_map.metrics.table.records import CallFinding, ConventionRecord, ExternalScore, MethodKind, MethodRecord
+from sfr_loc_map.metrics.figures.records import CallFinding, ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.replay.answer_book import AnswerBook
 from sfr_loc_map.replay.answer_converters import DEPTH, AnswerConverter
 from sfr_loc_map.replay.options import ExternalOptions

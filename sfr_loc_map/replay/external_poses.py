@@ -14,9 +14,9 @@ from sfr_loc_map.io.sequence import LocSequence, Source
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.conventions.pose_convention import converted_estimates
+from sfr_loc_map.metrics.figures.records import ConventionRecord
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import symmetric
-from sfr_loc_map.metrics.table.records import ConventionRecord
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.scoring.conversion import corrected
 from sfr_loc_map.scoring.inputs import Correction, DriveToScore

@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.metrics.table.records import ProcessUsage
+from sfr_loc_map.metrics.figures.records import ProcessUsage
 from sfr_loc_map.process_tree import ProcessTree
 
 PERIOD_S = 0.05

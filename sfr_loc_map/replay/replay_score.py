@@ -15,9 +15,9 @@ from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.errors.pair_truth import truths_of
+from sfr_loc_map.metrics.figures.records import REPLAY_RATE
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.records import REPLAY_RATE
 from sfr_loc_map.replay.files import ReplayFiles
 from sfr_loc_map.replay.result import ReplayedMap, ReplayResult
 from sfr_loc_map.scoring.input_files import CONFIGURATION_ROLES, ReadFile, configuration_files, read_files

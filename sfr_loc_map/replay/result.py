@@ -11,7 +11,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.methods.registry import record_of_ours
-from sfr_loc_map.metrics.table.records import ConventionRecord, ExternalScore, FindingRecord, MethodRecord
+from sfr_loc_map.metrics.figures.records import ConventionRecord, ExternalScore, FindingRecord, MethodRecord
 from sfr_loc_map.suite_names import Task
 
 

@@ -20,14 +20,7 @@ from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.conditions import Condition, label_of
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, CloudKind, MapScoreConfig, Reading
-from sfr_loc_map.metrics.judging.incomplete import limits_missed_at_other_frames, statistic_of
-from sfr_loc_map.metrics.judging.limit_scope import tasks_of
-from sfr_loc_map.metrics.judging.several_scores import other_recording
-from sfr_loc_map.metrics.score.caveats import caveats_of
-from sfr_loc_map.metrics.score.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
-from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.table.catalogue import (
+from sfr_loc_map.metrics.figures.catalogue import (
     ERRORS_BEYOND,
     JUDGED,
     STANDING,
@@ -36,8 +29,15 @@ from sfr_loc_map.metrics.table.catalogue import (
     statistic_title,
     title_of,
 )
-from sfr_loc_map.metrics.table.records import REPLAY_RATE, MethodKind
-from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope, range_of
+from sfr_loc_map.metrics.figures.records import REPLAY_RATE, MethodKind
+from sfr_loc_map.metrics.figures.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope, range_of
+from sfr_loc_map.metrics.judging.incomplete import limits_missed_at_other_frames, statistic_of
+from sfr_loc_map.metrics.judging.limit_scope import tasks_of
+from sfr_loc_map.metrics.judging.several_scores import other_recording
+from sfr_loc_map.metrics.score.caveats import caveats_of
+from sfr_loc_map.metrics.score.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.report.settings import changed_settings, has_all_settings, setting_text
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.tables.model import METRE, exact_number, fitting, number
@@ -114,11 +114,11 @@ def _spacing(score: Score) -> Iterator[str]:
 def _reading(score: Score) -> Iterator[str]:
     """Yield a reading that differs from the literal reading, with the errors by both readings."""
     association = score.association
-    if association is None or association.rebase is Reading.DISPLACEMENT:
+    if association is None or association.reading is Reading.DISPLACEMENT:
         return
     compared = []
     for condition in score.conditions:
-        used = score.number("position", TOTAL, condition=condition, part=str(association.rebase))
+        used = score.number("position", TOTAL, condition=condition, part=str(association.reading))
         literal = score.number("position", TOTAL, condition=condition, part=str(Reading.DISPLACEMENT))
         if used is None or literal is None:
             continue
@@ -127,7 +127,7 @@ def _reading(score: Score) -> Iterator[str]:
         literal_text = f"{number(literal, unit=unit)} {unit.symbol}"
         compared.append(f"mean + 3 sigma over {label_of(condition)} {used_text}, by displacements {literal_text}")
     yield (
-        f"Errors are computed by the reading '{association.rebase}' of the specification, which literally compares "
+        f"Errors are computed by the reading '{association.reading}' of the specification, which literally compares "
         f"displacements [4.2.3.1]{': ' if compared else ''}{'; '.join(compared)}."
     )
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+from sfr_loc_map.metrics.figures.catalogue import statistic_title
+from sfr_loc_map.metrics.figures.details import ErrorImage, PointRows, Triangulation
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import statistic_title
-from sfr_loc_map.metrics.table.details import ErrorImage, PointRows, Triangulation
 from sfr_loc_map.report.limit_lines import limit_lines
 from sfr_loc_map.report.plots import Plot, Trace, Values, axis, colour_bar, line, log_axis, marks, scaled, segments
 from sfr_loc_map.report.plotted_data import errors_by_range, limits_on, map_of

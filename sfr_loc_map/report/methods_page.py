@@ -11,12 +11,12 @@ from typing import NamedTuple
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.figures.catalogue import KINDS, OF_CALLS, TOTAL, FigureKind, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.figures.row_part import ANY
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.judging.incomplete import strictly_missing
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import KINDS, OF_CALLS, TOTAL, FigureKind, Subject, statistic_title, title_of
-from sfr_loc_map.metrics.table.row_part import ANY
-from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report import plots
 from sfr_loc_map.report.comparison import optional_cell
 from sfr_loc_map.report.deviations import deviations_of

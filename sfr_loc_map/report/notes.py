@@ -33,8 +33,8 @@ def headline_note(score: Score) -> str:
     if (drive := score.association) is not None:
         lost, degraded = ("unknown" if count is None else count for count in (drive.lost, drive.degraded))
         note += f"{drive.matched} frames of {drive.estimate_poses} estimates, lost: {lost}, degraded: {degraded}; "
-        note += f"re-based by {drive.rebase.replace('_', ' ')}. "
-        if drive.rebase.is_fit:
+        note += f"re-based by {drive.reading.replace('_', ' ')}. "
+        if drive.reading.is_fit:
             note += "Position errors are those of the estimate fitted to the truth. "
     return f"{note}{truth_text(score)}{clock_text(score)}".rstrip()
 

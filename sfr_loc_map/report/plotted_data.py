@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.figures.catalogue import KINDS
+from sfr_loc_map.metrics.figures.details import MapDetails, PathRows, SubTrajectoryRows
+from sfr_loc_map.metrics.figures.row_part import range_of
+from sfr_loc_map.metrics.figures.rows import NUMBERS, Figure
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import KINDS
-from sfr_loc_map.metrics.table.details import MapDetails, PathRows, SubTrajectoryRows
-from sfr_loc_map.metrics.table.row_part import range_of
-from sfr_loc_map.metrics.table.rows import NUMBERS, Figure
 from sfr_loc_map.report.verdict_view import limited_statistic_title
 
 Errors = list[float | None]

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from sfr_loc_map.metrics.figures.catalogue import TOTAL, statistic_title
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import TOTAL, statistic_title
-from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.plots import error_scale, largest
 from sfr_loc_map.report.plotted_data import (
     PlottedLimit,

@@ -16,11 +16,11 @@ import msgspec
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import CallKind, Reading
+from sfr_loc_map.metrics.figures.catalogue import ALIGNED, KINDS, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.figures.row_part import AFTER_FIRST, DIRECTIONS, FIRST, Place
+from sfr_loc_map.metrics.figures.rows import NUMBERS, Figure
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import ALIGNED, KINDS, Subject, statistic_title, title_of
-from sfr_loc_map.metrics.table.row_part import AFTER_FIRST, DIRECTIONS, FIRST, Place
-from sfr_loc_map.metrics.table.rows import NUMBERS, Figure
 from sfr_loc_map.report import notes
 from sfr_loc_map.report.deviations import deviations_beside_warnings
 from sfr_loc_map.report.glossary import glossary

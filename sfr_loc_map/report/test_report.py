@@ -15,11 +15,11 @@ import msgspec
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.figures.catalogue import CLAUSES, OF_SUB_TRAJECTORIES, STANDARD_DEVIATION
+from sfr_loc_map.metrics.figures.records import MethodKind, Provenance, TargetRecord
 from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
 from sfr_loc_map.metrics.score.caveats import caveats_of
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import CLAUSES, OF_SUB_TRAJECTORIES, STANDARD_DEVIATION
-from sfr_loc_map.metrics.table.records import MethodKind, Provenance, TargetRecord
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.notes import NO_INTERVAL
 from sfr_loc_map.report.page import from_template

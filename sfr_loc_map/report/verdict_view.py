@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import Reading, VerdictState
+from sfr_loc_map.metrics.figures.catalogue import KINDS, clause_of, defines, is_fraction, statistic_title, title_of
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.judging.reasons import why_open
 from sfr_loc_map.metrics.score.limits import BOUND
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.table.catalogue import KINDS, clause_of, defines, is_fraction, statistic_title, title_of
 from sfr_loc_map.tables.model import (
     ABSENT,
     GB,

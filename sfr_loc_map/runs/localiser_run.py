@@ -31,7 +31,7 @@ from sfr_loc_map.methods.config_truth import check_configuration
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.calls.call_meter import CallMeter
-from sfr_loc_map.metrics.table.records import MethodRecord
+from sfr_loc_map.metrics.figures.records import MethodRecord
 from sfr_loc_map.runs.track_video import FrameObserver
 from sfr_loc_map.runs.under_test import Progress, UnderTest
 from sfr_loc_map.signals import stopping

@@ -28,7 +28,7 @@ from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.calls.call_meter import CallMeter, CallUsage
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.table.records import MethodRecord
+from sfr_loc_map.metrics.figures.records import MethodRecord
 from sfr_loc_map.runs.under_test import Progress, UnderTest
 from sfr_loc_map.signals import stopping
 from sfr_loc_map.suite_names import Task

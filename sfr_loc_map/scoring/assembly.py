@@ -11,6 +11,8 @@ from sfr_loc_map.calls.call_stats import method_under_test
 from sfr_loc_map.configuration.parameters import flatten
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND
+from sfr_loc_map.metrics.figures.records import ConventionRecord, MethodRecord, Provenance
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.score.caveats import reading_caveats
@@ -18,8 +20,6 @@ from sfr_loc_map.metrics.score.joined_parts import score_of_results
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND
-from sfr_loc_map.metrics.table.records import ConventionRecord, MethodRecord, Provenance
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import ScoreParts
 

@@ -20,8 +20,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.calls.call_score import Calls
 from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.figures.records import MethodRecord
 from sfr_loc_map.metrics.frames.association import nearness_ns
-from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.stamp_pairing import nearest_stamps
 from sfr_loc_map.suite_names import Task
 

@@ -10,7 +10,7 @@ from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
 from sfr_loc_map.io.source_settings import source_config
-from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TargetRecord
+from sfr_loc_map.metrics.figures.records import MethodKind, MethodRecord, TargetRecord
 from sfr_loc_map.scoring.input_files import ReadFile, configuration_files, read_files
 from sfr_loc_map.scoring.inputs import ExpectedPairs, InMemory, ItemUnderTest, Origin, Run, ScoreInputs
 from sfr_loc_map.scoring.load_calls import read_calls, unbound_calls

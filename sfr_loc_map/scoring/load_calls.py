@@ -18,9 +18,9 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.message_text import alternatives
+from sfr_loc_map.metrics.figures.records import REPLAY_RATE, TargetRecord
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import UPPER
-from sfr_loc_map.metrics.table.records import REPLAY_RATE, TargetRecord
 from sfr_loc_map.scoring.call_checks import check_one_method
 from sfr_loc_map.scoring.inputs import InMemory, ScoreInputs, TargetCalls
 from sfr_loc_map.suite_names import Task

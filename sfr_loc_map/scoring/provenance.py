@@ -21,11 +21,11 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth
 from sfr_loc_map.hashes import hash_arrays, hash_path
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.metrics.figures.records import InputFile, Provenance
 from sfr_loc_map.metrics.judging.data_set import fault_of_inputs
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.score.limits import Limits, Rules
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.records import InputFile, Provenance
 from sfr_loc_map.package_commit import package_commit
 from sfr_loc_map.scoring.input_files import ReadFile, read_files
 from sfr_loc_map.scoring.inputs import IN_MEMORY, Run

@@ -1,7 +1,7 @@
 """The parts of a score from the trajectory, the map and the calls of a run, for files and live runs.
 
-`metrics.table.results` defines the result of each part. The functions take values and are independent of the source of
-the run. `score_run` (a finished run) and `live_score.score_so_far` (a run in progress) compute the parts, and
+`metrics.figures.results` defines the result of each part. The functions take values and are independent of the source
+of the run. `score_run` (a finished run) and `live_score.score_so_far` (a run in progress) compute the parts, and
 `assembly.score_of_parts` combines them.
 """
 
@@ -41,12 +41,12 @@ from sfr_loc_map.metrics.errors.map_score import score_map, score_nearest
 from sfr_loc_map.metrics.errors.pair_truth import PairTruth
 from sfr_loc_map.metrics.errors.point_errors import typical_pixel_offset
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.figures.records import Association, MethodKind, TargetRun
+from sfr_loc_map.metrics.figures.results import CallsResult, MapResult, TrajectoryResult
+from sfr_loc_map.metrics.figures.row_part import Place
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.frames.aligned_error import aligned_errors
 from sfr_loc_map.metrics.score.caveats import truth_caveats
-from sfr_loc_map.metrics.table.records import Association, MethodKind, TargetRun
-from sfr_loc_map.metrics.table.results import CallsResult, MapResult, TrajectoryResult
-from sfr_loc_map.metrics.table.row_part import Place
-from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, TargetCalls
 from sfr_loc_map.suite_names import Task

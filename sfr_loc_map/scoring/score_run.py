@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig
+from sfr_loc_map.metrics.figures.results import MapResult, TrajectoryResult
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.results import MapResult, TrajectoryResult
 from sfr_loc_map.scoring.assembly import score_of_parts, with_conditions
 from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch, fitted_unit
 from sfr_loc_map.scoring.inputs import Run, ScoreInputs

@@ -99,7 +99,7 @@ def test_two_trajectories_are_scored(estimate: suite.Trajectory, folder: Path, t
     assert (found.verdict, asked.verdict) == ("incomplete", None)
     assert repr(found).startswith("Score(incomplete, ")
     assert found.incomplete.startswith("the estimate covers 50 % of the images")
-    assert found.association.rebase == found.figure("position").part == "displacement"
+    assert found.association.reading == found.figure("position").part == "displacement"
     estimate.save(tmp_path / "poses.kitti")
     (tmp_path / "poses.times.txt").unlink()  # poses without stamps get those of poses in memory
     for pair in ((tmp_path / "poses.kitti", estimate), (estimate, tmp_path / "poses.kitti"), (estimate, truth)):

@@ -27,7 +27,7 @@ from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method, find_method
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, MethodKind
+from sfr_loc_map.metrics.figures.records import CallFinding, FindingKind, MethodKind
 from sfr_loc_map.runs.drive_start import start_pose, true_start
 from sfr_loc_map.suite_names import Task
 

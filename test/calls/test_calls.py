@@ -25,9 +25,9 @@ from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD
 from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, STATED_CLOCK, USAGE_NAMES, score_calls
 from sfr_loc_map.metrics.config import CallKind, ScoreConfig
+from sfr_loc_map.metrics.figures.records import FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.table.records import FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.replay.message_store import ExternalDrive
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore

@@ -15,9 +15,9 @@ from sfr_loc_map.errors import ExitCode, FailedVerdictError, OutputError
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
+from sfr_loc_map.metrics.figures.records import FindingKind, FindingRecord
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.records import FindingKind, FindingRecord
 
 SECOND_NS = 1_000_000_000
 CODES = ROOT / "docs" / "operating.md"

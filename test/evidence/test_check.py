@@ -26,9 +26,9 @@ from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.runs.localiser_run import trajectory_of
 from sfr_loc_map.suite.pages.evidence_files import read_evidence
 

@@ -14,9 +14,9 @@ from sfr_loc_map.live.path import MAX_ROWS, LivePath
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PoseSample, PublishedScore, Track
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.metrics.figures.records import Association, Provenance
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
-from sfr_loc_map.metrics.table.records import Association, Provenance
 
 
 def pose(track: Track, number: float, transform: Transform, variance: float = 1e-4) -> PoseSample:

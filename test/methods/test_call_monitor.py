@@ -5,7 +5,7 @@ import os
 import time
 
 from sfr_loc_map.methods.call_monitor import LEAK_CALLS, MB, CallMonitor, ProcessMemory, is_misstated, leak_in
-from sfr_loc_map.metrics.table.records import FindingKind
+from sfr_loc_map.metrics.figures.records import FindingKind
 from sfr_loc_map.process_tree import ProcessTree
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from sfr_loc_map.methods.isolation import PACKAGE, isolation_of, rules_of
 from sfr_loc_map.methods.registry import Method
-from sfr_loc_map.metrics.table.records import MethodKind
+from sfr_loc_map.metrics.figures.records import MethodKind
 from sfr_loc_map.suite_names import Task
 
 

@@ -17,7 +17,7 @@ from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.method_process import MethodProcess, Returned
 from sfr_loc_map.methods.registry import MethodLimits, find_method
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
-from sfr_loc_map.metrics.table.records import CallFinding, FindingKind
+from sfr_loc_map.metrics.figures.records import CallFinding, FindingKind
 from sfr_loc_map.suite_names import Task
 
 CLASSES = """

@@ -22,7 +22,7 @@ from sfr_loc_map.methods.child.numba_cache import OfUser
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolation import PACKAGE, SETTINGS, environment_of, isolation_of, rules_of
 from sfr_loc_map.methods.registry import find_method
-from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
+from sfr_loc_map.metrics.figures.records import MethodKind, MethodRecord
 from sfr_loc_map.suite_names import Task
 
 

@@ -4,10 +4,8 @@ import re
 
 import pytest
 
-from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
-from sfr_loc_map.metrics.judging.limited_value import EXPANSION
-from sfr_loc_map.metrics.table import catalogue
-from sfr_loc_map.metrics.table.catalogue import (
+from sfr_loc_map.metrics.figures import catalogue
+from sfr_loc_map.metrics.figures.catalogue import (
     CATALOGUE,
     CLAUSES_OF_MEMORY,
     KINDS,
@@ -18,7 +16,9 @@ from sfr_loc_map.metrics.table.catalogue import (
     defines,
     statistic_title,
 )
-from sfr_loc_map.metrics.table.rows import NUMBERS
+from sfr_loc_map.metrics.figures.rows import NUMBERS
+from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
+from sfr_loc_map.metrics.judging.limited_value import EXPANSION
 from sfr_loc_map.suite.search.specification import CHOICES
 
 CLAUSES = {

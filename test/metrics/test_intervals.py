@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from campaigns.interval_coverage import coverage
+from sfr_loc_map.metrics.figures.details import column
 from sfr_loc_map.metrics.statistics.intervals import (
     MAX_BLOCKS,
     chi2_interval95,
@@ -16,7 +17,6 @@ from sfr_loc_map.metrics.statistics.intervals import (
     scatter_of_difference,
     student_quantile,
 )
-from sfr_loc_map.metrics.table.details import column
 
 
 def test_columns_are_rounded_and_undefined_where_not_finite() -> None:

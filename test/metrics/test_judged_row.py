@@ -7,11 +7,11 @@ from msgspec.structs import replace
 from helpers.made_scores import whole_score
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import Reading
+from sfr_loc_map.metrics.figures.row_part import POOLED
+from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.row_part import POOLED
-from sfr_loc_map.metrics.table.rows import figure_row
 
 LIMITS = {
     "trajectory": [{"condition": "distance=5", "position_p95_m": 1.0, "attitude_mean_plus_3sigma_deg": 1.0}],
@@ -25,7 +25,7 @@ LIMITS = {
 def test_verdicts_are_of_the_reading_that_is_judged_whatever_the_order_of_rows(reading: Reading) -> None:
     score = whole_score()
     assert score.association is not None
-    score = replace(score, association=replace(score.association, rebase=reading))
+    score = replace(score, association=replace(score.association, reading=reading))
     limits = parse_limits(LIMITS, "test")
     score = judged_by(score, limits)
     expected = [(item.name, item.part, item.value) for item in score.verdicts]

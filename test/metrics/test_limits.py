@@ -15,6 +15,10 @@ from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS, UNKNOWN_ITEMS, ShortfallKind
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.figures.details import Details
+from sfr_loc_map.metrics.figures.records import AnswerCounts, Association, ExternalScore, FindingKind, FindingRecord
+from sfr_loc_map.metrics.figures.row_part import RowPart
+from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, statistic_of
@@ -26,10 +30,6 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
 from sfr_loc_map.metrics.stored.related_rows import fault_of_related_rows
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, to_dict, to_json
-from sfr_loc_map.metrics.table.details import Details
-from sfr_loc_map.metrics.table.records import AnswerCounts, Association, ExternalScore, FindingKind, FindingRecord
-from sfr_loc_map.metrics.table.row_part import RowPart
-from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.report.verdict_view import unit_of
 
 LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5}]}

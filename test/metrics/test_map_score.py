@@ -14,9 +14,9 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.config import MapScoreConfig
 from sfr_loc_map.metrics.errors.map_score import score_map, score_nearest
 from sfr_loc_map.metrics.errors.pair_truth import PairTruth
+from sfr_loc_map.metrics.figures.row_part import POINTS
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.metrics.table.row_part import POINTS
 
 CONFIG = MapScoreConfig()
 

@@ -14,6 +14,8 @@ from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.map_score import score_map
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.figures.details import Details
+from sfr_loc_map.metrics.figures.records import AnswerCounts, ExternalScore
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
@@ -21,8 +23,6 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
 from sfr_loc_map.metrics.stored.related_rows import fault_of_related_rows
 from sfr_loc_map.metrics.stored.score_json import to_json
-from sfr_loc_map.metrics.table.details import Details
-from sfr_loc_map.metrics.table.records import AnswerCounts, ExternalScore
 
 LIMITS = {"trajectory": [{"condition": "distance=5", "position_p95_m": 1.0}]}
 

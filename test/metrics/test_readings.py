@@ -100,7 +100,7 @@ def test_each_reading_is_that_of_the_oracle(seed: int, condition: str, spacing: 
     for used in READINGS:
         config = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing, rebase=used)
         score = as_score(score_trajectory(Estimates.of(estimate), truth, config))
-        assert score.association.rebase is used
+        assert score.association.reading is used
         for reading in READINGS:
             for name, value in expected[reading].items():
                 row = score.figure(name, part=reading)

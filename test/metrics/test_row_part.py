@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.table.row_part import (
+from sfr_loc_map.metrics.figures.row_part import (
     Place,
     RowPart,
     distance_of,
@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.table.row_part import (
     range_of,
     range_part,
 )
-from sfr_loc_map.metrics.table.rows import figure_row, find_rows
+from sfr_loc_map.metrics.figures.rows import figure_row, find_rows
 
 PARTS = {
     None: RowPart(),

@@ -17,13 +17,13 @@ import sfr_loc_map
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.figures.details import CallHistogram, Columns, ErrorRows
+from sfr_loc_map.metrics.figures.records import InputFile, MethodKind, MethodRecord, Provenance
+from sfr_loc_map.metrics.figures.rows import COLUMNS, Figure, figure_row
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limit, LimitSection, Population
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, from_plain, hash_of_values, to_dict, to_json
-from sfr_loc_map.metrics.table.details import CallHistogram, Columns, ErrorRows
-from sfr_loc_map.metrics.table.records import InputFile, MethodKind, MethodRecord, Provenance
-from sfr_loc_map.metrics.table.rows import COLUMNS, Figure, figure_row
 
 NUMBERS = st.floats(-1e100, 1e100)
 WORDS = st.text(max_size=5)

@@ -11,6 +11,7 @@ from campaigns.tolerance_coverage import coverage
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.judging import judge, limits_file, reasons
 from sfr_loc_map.metrics.judging.proof import prove_sample
 from sfr_loc_map.metrics.score.limits import Population, Terms
@@ -18,7 +19,6 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics import tolerance
 from sfr_loc_map.metrics.statistics.tolerance import Sample
 from sfr_loc_map.metrics.stored.file_check import fault_of_verdicts
-from sfr_loc_map.metrics.table.rows import figure_row
 
 SHAPES = (1.0, 1.0, 1.0), (1.0, 0.3, 0.3), (1.0, 0.0, 0.0)
 RANDOM = np.random.default_rng(1)

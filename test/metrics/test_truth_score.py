@@ -67,8 +67,8 @@ def test_positions_alone_keep_the_chords_and_know_no_yaw(seed: int, yaw_deg: flo
     )
     full, plain, turned = scored(estimate, truth), scored(estimate, alone(truth)), scored(elsewhere, alone(truth))
     assert full.conditions == plain.conditions == turned.conditions
-    assume(plain.association.rebase is not Reading.ROTATION_ALIGNED)  # the drift of one seed in a thousand is a tilt
-    assert plain.association.rebase is Reading.YAW_ALIGNED
+    assume(plain.association.reading is not Reading.ROTATION_ALIGNED)  # the drift of one seed in a thousand is a tilt
+    assert plain.association.reading is Reading.YAW_ALIGNED
     assert {row.part for row in plain.rows("attitude")} & {"pose", "displacement", "position"} == set()
     assert not plain.rows("nees")
     for condition in full.conditions:
@@ -104,12 +104,12 @@ def test_an_estimate_that_begins_level_on_a_slope_is_fitted_with_its_tilt() -> N
         STAMPS, tilt.apply(estimate.positions), (tilt * Rotation.from_quat(estimate.quats_xyzw)).as_quat()
     )
     plain, found = scored(estimate, alone(truth)), scored(tilted, alone(truth))
-    assert (plain.association.rebase, found.association.rebase) == (Reading.YAW_ALIGNED, Reading.ROTATION_ALIGNED)
+    assert (plain.association.reading, found.association.reading) == (Reading.YAW_ALIGNED, Reading.ROTATION_ALIGNED)
     assert plain.truth.tilt_deg is None
     assert found.truth.tilt_deg == pytest.approx(6.7, abs=0.5)
     assert total(found) <= 1.1 * total(plain)
     line = replace(truth, positions=truth.positions * [1.0, 0.0, 0.0])
-    assert scored(line, alone(line)).association.rebase is Reading.YAW_ALIGNED
+    assert scored(line, alone(line)).association.reading is Reading.YAW_ALIGNED
     for noise_m in (0.0, 1e-3):  # what turns about the line is noise
         place = line.positions + np.random.default_rng(2).normal(0.0, noise_m, (COUNT, 3))
         sloped = replace(line, positions=Rotation.from_euler("ZY", [40.0, 6.0], degrees=True).apply(place))

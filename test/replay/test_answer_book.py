@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from sfr_loc_map.metrics.table.records import CallFinding, FindingKind
+from sfr_loc_map.metrics.figures.records import CallFinding, FindingKind
 from sfr_loc_map.replay.answer_book import EARLY_S, MAX_EARLY, MAX_IN_A_ROW, AnswerBook
 
 TIMEOUT_S = 1.0

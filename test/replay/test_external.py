@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.methods.method_call import MethodFailureError
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, converted
-from sfr_loc_map.metrics.table.records import FindingKind, FindingRecord
+from sfr_loc_map.metrics.figures.records import FindingKind, FindingRecord
 from sfr_loc_map.replay.answer_converters import CloudConverter, PoseConverter
 from sfr_loc_map.replay.external import ExternalNode
 from sfr_loc_map.replay.message_store import ExternalMaps, ReceivedDrive

@@ -13,7 +13,7 @@ from sfr_loc_map.errors import ConfigError, MetricsError, NodeError
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.metrics.table.records import AnswerCounts, ExternalScore, MethodKind, MethodRecord
+from sfr_loc_map.metrics.figures.records import AnswerCounts, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.replay import replay_command
 from sfr_loc_map.replay.files import ReplayFiles
 from sfr_loc_map.replay.message_store import Received

@@ -31,11 +31,7 @@ from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.config import ScoreConfig, score_config
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
-from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.score.limits import OF_MAP
-from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.stored.score_json import to_dict
-from sfr_loc_map.metrics.table.records import (
+from sfr_loc_map.metrics.figures.records import (
     REPLAY_RATE,
     AnswerCounts,
     ExternalScore,
@@ -44,6 +40,10 @@ from sfr_loc_map.metrics.table.records import (
     MethodKind,
     MethodRecord,
 )
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.score.limits import OF_MAP
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import to_dict
 from sfr_loc_map.replay.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.replay_score import score_replay

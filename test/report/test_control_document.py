@@ -13,10 +13,10 @@ from msgspec.structs import replace
 
 from helpers.cli_result import Sfr
 from helpers.made_scores import json_of, of_drive, whole_score
+from sfr_loc_map.metrics.figures.records import FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.metrics.judging.judge import judged_by, with_verdicts
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.records import FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.report.control_document import COLUMNS, control_csv
 from sfr_loc_map.report.score_tables import verdict_table
 from sfr_loc_map.tables.formats import to_csv

@@ -6,11 +6,7 @@ from msgspec.structs import replace
 
 from helpers.made_scores import whole_score
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judging.judge import judged_by
-from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.table.records import (
+from sfr_loc_map.metrics.figures.records import (
     FindingKind,
     FindingRecord,
     InputFile,
@@ -18,6 +14,10 @@ from sfr_loc_map.metrics.table.records import (
     MethodRecord,
     Provenance,
 )
+from sfr_loc_map.metrics.judging.judge import judged_by
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.summary import banner_of, look_first, restrictions_of, run_facts
 

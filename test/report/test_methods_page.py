@@ -12,11 +12,7 @@ from typer.testing import CliRunner
 from helpers.made_scores import HOSTILE, whole_score, without
 from sfr_loc_map.cli.main import app
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
-from sfr_loc_map.metrics.formulas import Statistics
-from sfr_loc_map.metrics.judging.judge import with_verdicts
-from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.stored.score_json import to_json
-from sfr_loc_map.metrics.table.records import (
+from sfr_loc_map.metrics.figures.records import (
     AnswerCounts,
     ExternalScore,
     FindingKind,
@@ -24,7 +20,11 @@ from sfr_loc_map.metrics.table.records import (
     MethodKind,
     MethodRecord,
 )
-from sfr_loc_map.metrics.table.rows import figure_row
+from sfr_loc_map.metrics.figures.rows import figure_row
+from sfr_loc_map.metrics.formulas import Statistics
+from sfr_loc_map.metrics.judging.judge import with_verdicts
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.report.methods_page import methods_plots, methods_tables
 from sfr_loc_map.report.plots import plain
 

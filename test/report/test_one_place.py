@@ -20,16 +20,16 @@ from helpers.made_scores import drive, json_of
 from helpers.made_suites import JOB
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.figures import catalogue
+from sfr_loc_map.metrics.figures.catalogue import OF_ERRORS, TOTAL, FigureKind, Subject
+from sfr_loc_map.metrics.figures.details import Details
+from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.judging import judge, limits_file
 from sfr_loc_map.metrics.score import limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.comparison import compare_scores
 from sfr_loc_map.metrics.stored.file_check import checked_score
 from sfr_loc_map.metrics.stored.score_json import from_dict
-from sfr_loc_map.metrics.table import catalogue
-from sfr_loc_map.metrics.table.catalogue import OF_ERRORS, TOTAL, FigureKind, Subject
-from sfr_loc_map.metrics.table.details import Details
-from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.nodes.score_messages import figure_topics, score_statuses
 from sfr_loc_map.report.comparison import comparison_tables
 from sfr_loc_map.report.junit import junit
@@ -106,8 +106,8 @@ def test_a_new_statistic_is_in_every_view(tmp_path: Path) -> None:
     """A 90 % quantile, whose column is a line of `metrics.formulas`, in a copy of the package."""
     package = Path(sfr_loc_map.__file__).parent
     copy = tmp_path / "sfr_loc_map"
-    folders = (Path(), Path("metrics"), Path("metrics", "table"))
-    copied = ("metrics", "table", "formulas.py", "catalogue.py")
+    folders = (Path(), Path("metrics"), Path("metrics", "figures"))
+    copied = ("metrics", "figures", "formulas.py", "catalogue.py")
     for folder in folders:
         (copy / folder).mkdir(parents=True)
         for path in (package / folder).iterdir():
@@ -117,7 +117,7 @@ def test_a_new_statistic_is_in_every_view(tmp_path: Path) -> None:
         "formulas.py": (
             ("    p95: float | None = None", "    p90: float | None = None\n    p95: float | None = None"),
         ),
-        "table/catalogue.py": (
+        "figures/catalogue.py": (
             (
                 'OF_ERRORS,\n        (TOTAL,),\n        topic="position"',
                 '(*OF_ERRORS, "p90"),\n        (TOTAL, "p90"),\n        topic="position"',

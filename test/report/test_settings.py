@@ -8,9 +8,9 @@ from msgspec.structs import replace
 from helpers.made_scores import whole_score
 from sfr_loc_map.configuration.parameters import flatten
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.figures.records import Provenance
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.settings import setting_text
 from sfr_loc_map.report.summary import run_facts

@@ -18,6 +18,8 @@ from helpers.cli_result import Sfr
 from helpers.made_scores import HOSTILE, calls, dig, half, json_of, of_drive, of_map, whole_score, without
 from sfr_loc_map.metrics.calls.call_score import score_target
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.figures.catalogue import CLAUSES
+from sfr_loc_map.metrics.figures.records import MethodKind, MethodRecord, TruthRecord
 from sfr_loc_map.metrics.judging.judge import judged_by, with_verdicts
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.several_scores import common_verdict, each_by_its_limits
@@ -25,8 +27,6 @@ from sfr_loc_map.metrics.score.caveats import truth_caveats
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.stored.score_json import load_score
-from sfr_loc_map.metrics.table.catalogue import CLAUSES
-from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TruthRecord
 from sfr_loc_map.report.deviations import deviations_of, is_of_stage
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import render_page

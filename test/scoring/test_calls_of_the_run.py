@@ -20,7 +20,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import SUFFIXES, save_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
-from sfr_loc_map.metrics.table.records import REPLAY_RATE
+from sfr_loc_map.metrics.figures.records import REPLAY_RATE
 from sfr_loc_map.scoring import load_drive
 from sfr_loc_map.scoring.inputs import Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run

@@ -19,12 +19,12 @@ from helpers.made_scores import of_map, whole_score
 from helpers.scored_drives import LOOSE, POSITION, limits, wandering
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
+from sfr_loc_map.metrics.figures.records import InputFile, Provenance
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.several_scores import difference_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_json, from_plain, to_json
-from sfr_loc_map.metrics.table.records import InputFile, Provenance
 from sfr_loc_map.report.deviations import deviations_of
 
 

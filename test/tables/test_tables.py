@@ -9,8 +9,8 @@ from msgspec import structs
 from rich.console import Console
 
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.figures.catalogue import Subject
 from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.table.catalogue import Subject
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.tables.formats import to_csv, to_html, to_markdown, to_rich
 from sfr_loc_map.tables.model import METRE, MIB, MILLISECOND, Cell, Column, Table, Unit, fitting, number

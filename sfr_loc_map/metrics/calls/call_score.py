@@ -23,12 +23,12 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE
 from sfr_loc_map.metrics.completeness.expected_items import calls_completeness
 from sfr_loc_map.metrics.config import CallKind, MappingState
-from sfr_loc_map.metrics.table.catalogue import Subject, clause_of
-from sfr_loc_map.metrics.table.details import CallHistogram, CallPlots, CallSeries, column
-from sfr_loc_map.metrics.table.records import CallRecords, ExternalScore, TargetRun
-from sfr_loc_map.metrics.table.results import CallsResult
-from sfr_loc_map.metrics.table.row_part import AFTER_FIRST, FIRST, Place, RowPart, Scope
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
+from sfr_loc_map.metrics.figures.catalogue import Subject, clause_of
+from sfr_loc_map.metrics.figures.details import CallHistogram, CallPlots, CallSeries, column
+from sfr_loc_map.metrics.figures.records import CallRecords, ExternalScore, TargetRun
+from sfr_loc_map.metrics.figures.results import CallsResult
+from sfr_loc_map.metrics.figures.row_part import AFTER_FIRST, FIRST, Place, RowPart, Scope
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.suite_names import Task
 
 UNKNOWN = "unknown"

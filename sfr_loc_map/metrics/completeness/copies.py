@@ -25,9 +25,9 @@ from sfr_loc_map.geometry.rotation import quat_conjugate, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.completeness.expected_items import share_of, share_rows
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.association import Frames, unique_rows
 from sfr_loc_map.metrics.frames.motion import least_by_rate, moving_steps, typical_speed
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 NOISES = 5.0  #: A true displacement is a motion if it exceeds this multiple of the scatter of the truth.
 DRIFT_SHARE = 0.02

@@ -38,11 +38,11 @@ from sfr_loc_map.metrics.completeness.gaps import (
 )
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import AssociationMode
+from sfr_loc_map.metrics.figures.catalogue import HIDDEN_CONDITIONS, IN_GAPS
+from sfr_loc_map.metrics.figures.row_part import DISTANCE, TIME, RowPart, Scope
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.association import Matching, nearness_ns
 from sfr_loc_map.metrics.frames.placement import PlacedFrames
-from sfr_loc_map.metrics.table.catalogue import HIDDEN_CONDITIONS, IN_GAPS
-from sfr_loc_map.metrics.table.row_part import DISTANCE, TIME, RowPart, Scope
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 DOUBLED_SHARE = 0.1  #: A file contains two runs if the fraction of repeated stamps with another position exceeds this.
 SPARSER = 1.5  #: The truth is sparser than the images if the ratio of their median periods exceeds this.

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.figures.catalogue import ANSWERED_TWICE, CALLS_MISSING, JUDGED, UNANSWERED, UNMEASURED
+from sfr_loc_map.metrics.figures.records import ExternalScore
+from sfr_loc_map.metrics.figures.row_part import COUNT, Place, RowPart, Scope
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.association import nearness_ns
-from sfr_loc_map.metrics.table.catalogue import ANSWERED_TWICE, CALLS_MISSING, JUDGED, UNANSWERED, UNMEASURED
-from sfr_loc_map.metrics.table.records import ExternalScore
-from sfr_loc_map.metrics.table.row_part import COUNT, Place, RowPart, Scope
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
 CALL_TOLERANCE_NS = 1000  #: Accepted difference between the stamps of a single call, the default of `tolerance_s`.

@@ -23,7 +23,7 @@ from enum import Enum, auto
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.table.catalogue import (
+from sfr_loc_map.metrics.figures.catalogue import (
     ANSWERED_TWICE,
     CALLS_MISSING,
     ERRORS_BEYOND,
@@ -34,7 +34,7 @@ from sfr_loc_map.metrics.table.catalogue import (
     UNANSWERED,
     UNMEASURED,
 )
-from sfr_loc_map.metrics.table.row_part import Scope
+from sfr_loc_map.metrics.figures.row_part import Scope
 
 
 class Finder(Enum):

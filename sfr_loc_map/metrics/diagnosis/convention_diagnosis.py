@@ -29,8 +29,8 @@ from sfr_loc_map.metrics.diagnosis.compared_poses import ComparedPoses, compared
 from sfr_loc_map.metrics.diagnosis.disagreement import disagreements, eighths
 from sfr_loc_map.metrics.diagnosis.mismatches import Mismatch, mismatches_of
 from sfr_loc_map.metrics.diagnosis.offset_search import best_offset, period_ns
+from sfr_loc_map.metrics.figures.records import Record
 from sfr_loc_map.metrics.frames.true_attitudes import incomplete_attitudes
-from sfr_loc_map.metrics.table.records import Record
 
 NEGLIGIBLE = 1e-3
 """Disagreement that requires no explanation: 0.1 % of the path, or 0.06 deg. The drift of visual odometry is larger

@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.completeness.expected_items import share_of
 from sfr_loc_map.metrics.errors.pair_truth import PairTruth
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 
 FOOTPRINTS = 2.0  #: Distance, in pixel footprints Z / f, within which a point of a fused cloud covers a true point.
 BATCH = 262144  #: Maximum number of true points in one search, which bounds the memory.

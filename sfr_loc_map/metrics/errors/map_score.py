@@ -26,11 +26,11 @@ from sfr_loc_map.metrics.errors.coverage import (
 )
 from sfr_loc_map.metrics.errors.pair_truth import PairTruth, check_points
 from sfr_loc_map.metrics.errors.point_errors import PointErrors, point_errors
-from sfr_loc_map.metrics.table.details import ErrorImage, MapDetails, PointRows, Triangulation, column
-from sfr_loc_map.metrics.table.records import CloudRecord
-from sfr_loc_map.metrics.table.results import MapResult
-from sfr_loc_map.metrics.table.row_part import POINTS, pair_part, range_part
-from sfr_loc_map.metrics.table.rows import Figure, figure_row, nees_row
+from sfr_loc_map.metrics.figures.details import ErrorImage, MapDetails, PointRows, Triangulation, column
+from sfr_loc_map.metrics.figures.records import CloudRecord
+from sfr_loc_map.metrics.figures.results import MapResult
+from sfr_loc_map.metrics.figures.row_part import POINTS, pair_part, range_part
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row, nees_row
 
 MOST_AT_TRUE_POINT = 10
 """Maximum number of points that count for one nearest true point, if their pixels are unknown. On average at most one

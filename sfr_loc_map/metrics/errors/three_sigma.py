@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.statistics.tolerance import THREE_SIGMA, Sample, confidence_of, moments
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 SHARES = (THREE_SIGMA, 0.95)  #: Fractions of the errors for which a report states the confidence of mean + 3 sigma.
 

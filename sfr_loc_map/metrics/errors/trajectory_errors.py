@@ -10,14 +10,14 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics import formulas, formulas_beside
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
+from sfr_loc_map.metrics.figures.catalogue import KINDS, FigureKind
+from sfr_loc_map.metrics.figures.row_part import distance_part
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.formulas import Lengths
 from sfr_loc_map.metrics.frames.association import StampedPoses
 from sfr_loc_map.metrics.frames.placement import PlacedFrames
 from sfr_loc_map.metrics.statistics.intervals import interval95
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
-from sfr_loc_map.metrics.table.catalogue import KINDS, FigureKind
-from sfr_loc_map.metrics.table.row_part import distance_part
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 """Path lengths for the error as a function of the distance travelled."""

@@ -34,15 +34,15 @@ from sfr_loc_map.metrics.errors.trajectory_errors import (
     overlap_of,
     select,
 )
+from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND, STANDING
+from sfr_loc_map.metrics.figures.details import ErrorRows, SubTrajectoryRows, TrajectoryDetails, column
+from sfr_loc_map.metrics.figures.records import Association, TruthRecord
+from sfr_loc_map.metrics.figures.results import TrajectoryResult
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.placement import PlacedFrames, placed_frames
 from sfr_loc_map.metrics.frames.truth_error import truth_error_rows, turn_rows
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
-from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, STANDING
-from sfr_loc_map.metrics.table.details import ErrorRows, SubTrajectoryRows, TrajectoryDetails, column
-from sfr_loc_map.metrics.table.records import Association, TruthRecord
-from sfr_loc_map.metrics.table.results import TrajectoryResult
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 
 def score_trajectory(
@@ -218,7 +218,7 @@ def association_record(placed: PlacedFrames, spacing: int, images: int | None) -
         **placed.states._asdict(),
         images=images,
         spacing_frames=spacing,
-        rebase=placed.reading,
+        reading=placed.reading,
         path_length_m=float(placed.length_m[-1]) if has_frames else 0.0,
         duration_s=int(stamps_ns[-1] - stamps_ns[0]) / NS_PER_S if has_frames else None,
     )

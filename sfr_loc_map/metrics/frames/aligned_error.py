@@ -27,13 +27,13 @@ from sfr_loc_map.geometry.trajectory import Trajectory, as_truth, at_point
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.config import AlignedErrorConfig
+from sfr_loc_map.metrics.figures.records import Alignment
+from sfr_loc_map.metrics.figures.row_part import ROTATION, TRANSLATION
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.formulas_beside import relative_motions
 from sfr_loc_map.metrics.frames.association import check_attitudes, unique_rows
 from sfr_loc_map.metrics.frames.true_attitudes import check_true_attitudes, incomplete_attitudes, known_attitudes
-from sfr_loc_map.metrics.table.records import Alignment
-from sfr_loc_map.metrics.table.row_part import ROTATION, TRANSLATION
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
 RANK_TOLERANCE = 1e-12

@@ -136,7 +136,7 @@ class Frames(NamedTuple):
 
 
 class Matching(NamedTuple):
-    """The settings of an association, and the numbers of poses in each category (`table.records.Association`)."""
+    """The settings of an association, and the numbers of poses in each category (`figures.records.Association`)."""
 
     mode: AssociationMode  #: `match` or `interpolate`.
     tolerance_s: float

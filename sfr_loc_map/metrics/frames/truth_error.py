@@ -15,9 +15,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.figures.row_part import ATTITUDE, TURN
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.association import unique_rows
-from sfr_loc_map.metrics.table.row_part import ATTITUDE, TURN
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 
 def truth_error_rows(truth: Truth, frames_ns: IntArray) -> Iterator[Figure]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from sfr_loc_map.metrics.figures.records import InputFile
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.records import InputFile
 
 DATA_SET_ROLES = {
     "truth": "the ground truth of the drive",

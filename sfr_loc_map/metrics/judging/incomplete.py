@@ -23,13 +23,8 @@ from sfr_loc_map.metrics.completeness.shortfall_kinds import (
 )
 from sfr_loc_map.metrics.conditions import Condition, label_of
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.judging.limit_scope import judged_parts, needed_part, tasks_of
-from sfr_loc_map.metrics.score.limits import Limit, LimitSection, meets
-from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, JUDGED, STANDING, Subject, statistic_title, title_of
-from sfr_loc_map.metrics.table.row_part import (
+from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND, JUDGED, STANDING, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.figures.row_part import (
     DISTANCE,
     MOVING,
     OTHER_FRAMES,
@@ -39,7 +34,12 @@ from sfr_loc_map.metrics.table.row_part import (
     RowPart,
     Scope,
 )
-from sfr_loc_map.metrics.table.rows import Figure
+from sfr_loc_map.metrics.figures.rows import Figure
+from sfr_loc_map.metrics.formulas import QUANTILES
+from sfr_loc_map.metrics.judging.limit_scope import judged_parts, needed_part, tasks_of
+from sfr_loc_map.metrics.score.limits import Limit, LimitSection, meets
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.score.verdict import Verdict
 
 NOT_DUE = "no result of the {part} is expected so far"
 NO_MESSAGE = "no message of the live run was received"

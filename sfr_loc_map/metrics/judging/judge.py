@@ -24,6 +24,8 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.completeness.shortfall_kinds import OF_LIMIT
 from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
+from sfr_loc_map.metrics.figures.catalogue import JUDGED, KINDS
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.judging.data_set import fault_of_data_set
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, incompleteness, text_of
 from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
@@ -31,8 +33,6 @@ from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
 from sfr_loc_map.metrics.score.limits import BOUND, Limit, LimitedNumber, Limits, LimitSection, Rules, margin_of, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import ProofRecord, Verdict, is_within_error
-from sfr_loc_map.metrics.table.catalogue import JUDGED, KINDS
-from sfr_loc_map.metrics.table.rows import Figure
 
 
 class ProvedBound(NamedTuple):

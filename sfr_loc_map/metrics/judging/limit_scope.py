@@ -7,11 +7,11 @@ from collections.abc import Collection
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.figures.catalogue import JUDGED, Subject
+from sfr_loc_map.metrics.figures.row_part import Place, RowPart, Scope
 from sfr_loc_map.metrics.judging.limited_value import value_of
 from sfr_loc_map.metrics.score.limits import OF_MAP, Limit, Limits, LimitSection
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import JUDGED, Subject
-from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
 
 
 def task_of(limit: Limit) -> Scope:

@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.metrics.config import Reading
+from sfr_loc_map.metrics.figures.catalogue import KINDS
+from sfr_loc_map.metrics.figures.row_part import ANY, ATTITUDE, TURN, RowPart
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
 from sfr_loc_map.metrics.score.limits import Limit, LimitSection
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import Interval, normal_quantile
-from sfr_loc_map.metrics.table.catalogue import KINDS
-from sfr_loc_map.metrics.table.row_part import ANY, ATTITUDE, TURN, RowPart
-from sfr_loc_map.metrics.table.rows import Figure
 
 EXPANSION = {"mean": 1.0, "sigma": 1.0, "rmse": 1.0, "mean_plus_3sigma": 3.0, "max": 3.0} | {
     name: float(math.ceil(NormalDist().inv_cdf(0.5 + percent / 200.0))) for name, percent in QUANTILES.items()

@@ -14,6 +14,7 @@ from sfr_loc_map.configuration.parameters import suggestion
 from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.figures.catalogue import TOTAL
 from sfr_loc_map.metrics.score.limits import (
     BOUND,
     CERTAIN_BOUND,
@@ -30,7 +31,6 @@ from sfr_loc_map.metrics.score.limits import (
     fault_of_bound,
     fault_of_terms,
 )
-from sfr_loc_map.metrics.table.catalogue import TOTAL
 
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: Keys of a requirement besides its limits.
 TERMS = Terms.__struct_fields__  #: Additional keys of a limit on a tolerance bound.

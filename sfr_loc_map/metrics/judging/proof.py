@@ -23,12 +23,12 @@ from msgspec.structs import asdict, replace
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.judging.sequential import sequential_test
 from sfr_loc_map.metrics.score.limits import Population, Terms
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import ProofRecord
 from sfr_loc_map.metrics.statistics.tolerance import BoundMethod, Sample, count_needed, tolerance_bound
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 SEQUENTIAL = "sequential"  #: Method of a verdict by a sequential test.
 SEED = 20240302  #: Seed of the choice of the sub-trajectory that represents a drive.

@@ -11,14 +11,14 @@ from sfr_loc_map.geometry.trajectory import Trajectory, as_truth
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind, label_of
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.figures.catalogue import KINDS
+from sfr_loc_map.metrics.figures.row_part import Scope
 from sfr_loc_map.metrics.formulas import DISTANCE_TOLERANCE_M
 from sfr_loc_map.metrics.frames.association import unique_rows
 from sfr_loc_map.metrics.judging.incomplete import incompleteness
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.table.catalogue import KINDS
-from sfr_loc_map.metrics.table.row_part import Scope
 
 
 def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple[str, ...]:
@@ -45,7 +45,7 @@ def unmet_conditions(score: Score, asked: Collection[Condition] = ()) -> dict[st
         return {}
     extent = DriveExtent(drive.matched, drive.path_length_m, drive.duration_s or 0.0)
     found: dict[str | None, str] = {}
-    for row in score.rows("position", part=drive.rebase):
+    for row in score.rows("position", part=drive.reading):
         if row.condition is None or row.n or row.unknown:
             continue
         condition = Condition.parse(row.condition)

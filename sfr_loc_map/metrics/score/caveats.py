@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.figures.records import TruthRecord
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.records import TruthRecord
 
 MAX_EXCESS = 0.05  #: Maximum fraction of the true path that is noise without a warning.
 

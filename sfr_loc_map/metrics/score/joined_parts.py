@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from sfr_loc_map.metrics.figures.details import Details
+from sfr_loc_map.metrics.figures.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.details import Details
-from sfr_loc_map.metrics.table.results import CallsResult, MapResult, TrajectoryResult
 
 
 def score_of_results(

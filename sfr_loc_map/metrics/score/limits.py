@@ -5,7 +5,7 @@ fraction `judged`. `metrics.judging.limits_file` reads a limits file, and `metri
 
 `LIMITED_NUMBERS` contains the number of each name. To add a limit:
 
-- on a figure of the trajectory, the map or calls: add the figure to `metrics.table.catalogue`. Its names follow.
+- on a figure of the trajectory, the map or calls: add the figure to `metrics.figures.catalogue`. Its names follow.
 - on completeness: add the shortfall to `metrics.completeness.shortfall_kinds`. Its name `FIGURE_max_share` follows.
 - on any other number: add its name to `LIMITED_NUMBERS`. A lower bound has a name that ends in `_min`.
 
@@ -27,11 +27,11 @@ import msgspec
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.conditions import is_written_condition
 from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.figures.catalogue import ALIGNED, CATALOGUE, JUDGED, KINDS, TOTAL, FigureKind, Subject
+from sfr_loc_map.metrics.figures.records import Record
+from sfr_loc_map.metrics.figures.row_part import Place, RowPart, Scope
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.statistics.tolerance import CONFIDENCE, THREE_SIGMA
-from sfr_loc_map.metrics.table.catalogue import ALIGNED, CATALOGUE, JUDGED, KINDS, TOTAL, FigureKind, Subject
-from sfr_loc_map.metrics.table.records import Record
-from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
 
 
 class LimitSection(StrEnum):

@@ -1,7 +1,7 @@
 """The score: a table of figures, a table of verdicts, and records of how both were made.
 
-A row of figures is defined in `metrics.table.rows`, a verdict in `metrics.score.verdict`, the records in
-`metrics.table.records`, and the data of the plots in `metrics.table.details`.
+A row of figures is defined in `metrics.figures.rows`, a verdict in `metrics.score.verdict`, the records in
+`metrics.figures.records`, and the data of the plots in `metrics.figures.details`.
 
 `Score.figure` finds a row of the table: `score.figure("position", condition="distance=5")`. msgspec writes and reads
 the JSON (`sfr-score/2`, `metrics.stored.score_json`). A field has the same name in the JSON, unless its declaration
@@ -21,11 +21,9 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.score.limits import Rules
-from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.table.catalogue import Subject
-from sfr_loc_map.metrics.table.details import Details, ErrorRows
-from sfr_loc_map.metrics.table.records import (
+from sfr_loc_map.metrics.figures.catalogue import Subject
+from sfr_loc_map.metrics.figures.details import Details, ErrorRows
+from sfr_loc_map.metrics.figures.records import (
     Alignment,
     Association,
     CallRecords,
@@ -40,8 +38,10 @@ from sfr_loc_map.metrics.table.records import (
     TargetRun,
     TruthRecord,
 )
-from sfr_loc_map.metrics.table.row_part import ANY, POOLED, RowPart
-from sfr_loc_map.metrics.table.rows import Figure, find_rows
+from sfr_loc_map.metrics.figures.row_part import ANY, POOLED, RowPart
+from sfr_loc_map.metrics.figures.rows import Figure, find_rows
+from sfr_loc_map.metrics.score.limits import Rules
+from sfr_loc_map.metrics.score.verdict import Verdict
 
 SCHEMA = "sfr-score/2"
 JUDGED_ROW = "*judged row"  #: Default of `part` in `Score.figure`, which selects the judged row. No part has this text.
@@ -122,7 +122,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     def judged_row(self, figure: str, *, subject: str = ANY, condition: str | Condition | None = ANY) -> Figure | None:
         """Return the judged row of a figure; None if no row is judged. Without `condition` the first condition is used.
 
-        Errors of sub-trajectories are judged by one reading of the specification (`association.rebase`), and in a
+        Errors of sub-trajectories are judged by one reading of the specification (`association.reading`), and in a
         suite over all drives (part `pooled`). For every other figure the row without a part is judged.
         """
         reading = self.reading
@@ -181,7 +181,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     @property
     def reading(self) -> str | None:
         """The reading of the requirements document that the verdicts use; None without a trajectory."""
-        return None if self.association is None else str(self.association.rebase)
+        return None if self.association is None else str(self.association.reading)
 
     @property
     def active_rules(self) -> Rules:

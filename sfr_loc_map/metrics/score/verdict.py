@@ -8,10 +8,10 @@ from typing import NamedTuple
 import msgspec
 
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.figures.catalogue import Subject
+from sfr_loc_map.metrics.figures.records import Record
 from sfr_loc_map.metrics.score.limits import Terms, is_lower_bound, is_on_target
 from sfr_loc_map.metrics.statistics.intervals import Interval
-from sfr_loc_map.metrics.table.catalogue import Subject
-from sfr_loc_map.metrics.table.records import Record
 
 
 class ProofRecord(Terms, frozen=True, kw_only=True):

@@ -24,15 +24,15 @@ from scipy.special import stdtr
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.metrics.errors.trajectory_errors import overlap_of
+from sfr_loc_map.metrics.figures.catalogue import KINDS, TOTAL, Subject
+from sfr_loc_map.metrics.figures.details import SubTrajectoryRows, Values
+from sfr_loc_map.metrics.figures.records import MethodRecord, Record
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.judging.incomplete import strictly_missing
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import Interval, holm, scatter_of_difference
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.metrics.table.catalogue import KINDS, TOTAL, Subject
-from sfr_loc_map.metrics.table.details import SubTrajectoryRows, Values
-from sfr_loc_map.metrics.table.records import MethodRecord, Record
-from sfr_loc_map.metrics.table.rows import Figure
 
 SCHEMA = "sfr-compare/1"
 SIGNIFICANT = 0.05  #: Significance level of the corrected p-value.
@@ -188,7 +188,7 @@ def _statistics_side_by_side(row: Figure) -> Sequence[str]:
 def _paired(first: Score, other: Score, name: str) -> Iterator[PairedDifference]:
     if first.association is None or other.association is None:  # a map score has no sub-trajectories
         return
-    readings = first.association.rebase, other.association.rebase
+    readings = first.association.reading, other.association.reading
     if readings[0] != readings[1]:
         used = f"'{name}' is re-based by {readings[1]}, the first score by {readings[0]}"
         raise MetricsError(f"{used}: score both with the same option rebase")

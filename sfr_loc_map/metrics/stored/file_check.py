@@ -15,6 +15,9 @@ from typing import Any
 from msgspec.structs import asdict, fields, replace
 
 from sfr_loc_map.metrics.conditions import is_written_condition
+from sfr_loc_map.metrics.figures.catalogue import KINDS, Subject, clause_of, is_fraction, unit_of_row
+from sfr_loc_map.metrics.figures.details import Details
+from sfr_loc_map.metrics.figures.rows import Figure, number_text
 from sfr_loc_map.metrics.formulas import QUANTILES, mean_plus_3sigma
 from sfr_loc_map.metrics.judging.data_set import fault_of_data_set
 from sfr_loc_map.metrics.judging.judge import with_verdicts
@@ -23,9 +26,6 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
 from sfr_loc_map.metrics.stored.related_rows import fault_of_related_rows
-from sfr_loc_map.metrics.table.catalogue import KINDS, Subject, clause_of, is_fraction, unit_of_row
-from sfr_loc_map.metrics.table.details import Details
-from sfr_loc_map.metrics.table.rows import Figure, number_text
 
 ROUNDING = 1e-9  #: Relative tolerance between a stored and a derived number.
 ASCENDING = ((*QUANTILES, "max"), ("mean", "rmse", "max"), ("low95", "high95"))

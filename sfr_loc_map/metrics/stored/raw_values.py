@@ -13,13 +13,13 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.errors.trajectory_errors import overlap_of
+from sfr_loc_map.metrics.figures.catalogue import KINDS
+from sfr_loc_map.metrics.figures.details import CallPlots, SubTrajectoryRows
+from sfr_loc_map.metrics.figures.row_part import Place, RowPart
+from sfr_loc_map.metrics.figures.rows import Figure, number_text
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import interval95
-from sfr_loc_map.metrics.table.catalogue import KINDS
-from sfr_loc_map.metrics.table.details import CallPlots, SubTrajectoryRows
-from sfr_loc_map.metrics.table.row_part import Place, RowPart
-from sfr_loc_map.metrics.table.rows import Figure, number_text
 
 EXACT = 1e-9  #: Relative tolerance of a recomputed statistic.
 RESAMPLED = 1e-6  #: Relative tolerance of a bound of an interval, which is a sum over many resampled series.

@@ -13,11 +13,9 @@ import numpy as np
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS, ShortfallKind
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.score.limits import LimitSection
-from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, JUDGED, STANDING, Subject
-from sfr_loc_map.metrics.table.details import Details
-from sfr_loc_map.metrics.table.row_part import (
+from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND, JUDGED, STANDING, Subject
+from sfr_loc_map.metrics.figures.details import Details
+from sfr_loc_map.metrics.figures.row_part import (
     AFTER_FIRST,
     COUNT,
     FIRST,
@@ -29,7 +27,9 @@ from sfr_loc_map.metrics.table.row_part import (
     Scope,
     is_of_pair,
 )
-from sfr_loc_map.metrics.table.rows import Figure, figure_row, number_text
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row, number_text
+from sfr_loc_map.metrics.score.limits import LimitSection
+from sfr_loc_map.metrics.score.score import Score
 
 ROUNDING_M = 1e-9  #: Largest error by rounding of errors that are differences of coordinates.
 EXACT = 1e-9  #: Relative tolerance of a number that follows from other rows.

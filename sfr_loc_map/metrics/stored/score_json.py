@@ -17,9 +17,9 @@ from msgspec.structs import replace
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
+from sfr_loc_map.metrics.figures.catalogue import Subject
 from sfr_loc_map.metrics.score.score import SCHEMA, Score
 from sfr_loc_map.metrics.stored.file_check import ContradictionError, checked_score
-from sfr_loc_map.metrics.table.catalogue import Subject
 
 T = TypeVar("T")
 HASH = "content_sha256"  #: Key of the hash of all other values.

@@ -18,13 +18,13 @@ from sfr_loc_map.latest import Latest
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.config import MappingState, VerdictState
 from sfr_loc_map.metrics.errors.pair_truth import PairTruth
+from sfr_loc_map.metrics.figures.results import MapResult
+from sfr_loc_map.metrics.figures.row_part import Scope
+from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limit_scope import task_of
 from sfr_loc_map.metrics.score.limits import Limits, LimitSection
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.results import MapResult
-from sfr_loc_map.metrics.table.row_part import Scope
-from sfr_loc_map.metrics.table.rows import figure_row
 
 MAX_KEPT = 2 * MAX_PAIRS  #: Maximum number of true points, poses and clouds that wait for their counterparts.
 OF_CLOUD = (LimitSection.MAP, LimitSection.COMPLETENESS)  #: Sections with the limits on a single map.

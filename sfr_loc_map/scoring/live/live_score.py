@@ -12,10 +12,10 @@ from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.calls.call_score import concatenated
 from sfr_loc_map.metrics.completeness.expected_items import live_completeness, settled
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.figures.records import Provenance
+from sfr_loc_map.metrics.figures.results import CallsResult, MapResult
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.records import Provenance
-from sfr_loc_map.metrics.table.results import CallsResult, MapResult
 from sfr_loc_map.scoring.assembly import score_of_parts, with_conditions
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import Run

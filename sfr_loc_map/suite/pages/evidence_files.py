@@ -21,9 +21,9 @@ from sfr_loc_map.evidence.derived_results import check_results, results_of_compa
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.figures.records import Provenance
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.stored.score_json import HASH, hash_of_values
-from sfr_loc_map.metrics.table.records import Provenance
-from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.test_report import AdditionalEvidence
 from sfr_loc_map.suite.pages.search_page import case_table
 from sfr_loc_map.suite.pages.tables import budget_tables

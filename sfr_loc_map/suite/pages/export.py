@@ -12,8 +12,8 @@ from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import MissingExtraError, OutputError
 from sfr_loc_map.message_text import counted, one_line
 from sfr_loc_map.metrics.conditions import label_of
+from sfr_loc_map.metrics.figures.rows import COLUMNS
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.metrics.table.rows import COLUMNS
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.summary import Summary

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from operator import itemgetter
 
 from sfr_loc_map.atomic import write_text
+from sfr_loc_map.metrics.figures.rows import Figure, find_rows
 from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.metrics.stored.score_json import json_line
-from sfr_loc_map.metrics.table.rows import Figure, find_rows
 from sfr_loc_map.report.page import render_overview, render_page
 from sfr_loc_map.report.plots import Plot, Values, axis, error_scale, largest, log_axis, marks, plain, scaled, span
 from sfr_loc_map.report.summary import Banner

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import CallKind, VerdictState
+from sfr_loc_map.metrics.figures.catalogue import KINDS, TOTAL, Subject, statistic_title
+from sfr_loc_map.metrics.figures.row_part import Scope
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.score.verdict import counts_of
-from sfr_loc_map.metrics.table.catalogue import KINDS, TOTAL, Subject, statistic_title
-from sfr_loc_map.metrics.table.row_part import Scope
-from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.suite.running.job import SHORT_KEY
 from sfr_loc_map.suite.running.job_outcome import WorkerRecord

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from sfr_loc_map.metrics.conditions import label_of
-from sfr_loc_map.metrics.table.catalogue import statistic_title, title_of
+from sfr_loc_map.metrics.figures.catalogue import statistic_title, title_of
 
 SCHEMA = "sfr-search/2"
 LOST_RATIO = 2.0

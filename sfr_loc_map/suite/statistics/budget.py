@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.figures.catalogue import KINDS
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import KINDS
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.variants import ALL, NONE, error_sources_of, variant_name
 from sfr_loc_map.suite.statistics.pooling import rows_by_axis

@@ -9,8 +9,8 @@ from itertools import chain
 
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.figures.catalogue import CATALOGUE, KINDS, TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import CATALOGUE, KINDS, TOTAL, Subject, statistic_title
 
 MAP_ERRORS = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and TOTAL in kind.compared]
 """Map errors that are compared."""

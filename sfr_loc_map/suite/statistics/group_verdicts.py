@@ -11,6 +11,8 @@ from collections.abc import Collection, Iterator, Sequence
 from msgspec.structs import asdict, replace
 
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.figures.catalogue import Subject
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.judging.judge import (
     finding_verdicts,
     judged_share_verdict,
@@ -27,8 +29,6 @@ from sfr_loc_map.metrics.score.limits import Limit, Limits, Population, Terms, m
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.statistics.tolerance import Sample
-from sfr_loc_map.metrics.table.catalogue import Subject
-from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.suite.statistics.pooling import DriveScore
 
 WORST_DRIVE = "worst drive"

@@ -10,10 +10,10 @@ from msgspec import Struct
 from sfr_loc_map import __version__
 from sfr_loc_map.metrics.completeness.expected_items import suite_completeness
 from sfr_loc_map.metrics.config import VerdictState, worst_of
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.score.limits import Limits, Rules
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.suite.running.job import GroupKey, Job
 from sfr_loc_map.suite.running.job_outcome import JobFailure, JobState, WorkerRecord
 from sfr_loc_map.suite.running.specification import Refusal

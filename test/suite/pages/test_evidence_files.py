@@ -19,9 +19,9 @@ from sfr_loc_map.evidence.agreement import Agreement, Differences, agreement_row
 from sfr_loc_map.evidence.calibration import CameraOffset, offset_rows
 from sfr_loc_map.evidence.overlap import Overlap, overlap_rows
 from sfr_loc_map.hashes import hash_path
+from sfr_loc_map.metrics.figures.records import InputFile
+from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.stored.score_json import HASH, hash_of_values, to_plain
-from sfr_loc_map.metrics.table.records import InputFile
-from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.suite.pages.evidence_files import read_evidence
 from sfr_loc_map.suite.pages.search_page import render_search

@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 
 from helpers.made_suites import JOB, recording
+from sfr_loc_map.metrics.figures.records import Association
+from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.records import Association
-from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.suite.pages.page import budget_plot
 from sfr_loc_map.suite.pages.tables import MAX_PAGES, linked, worst_first, worst_maps_first
 from sfr_loc_map.suite.statistics.budget import Budget, BudgetFigure, BudgetRow

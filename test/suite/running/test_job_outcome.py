@@ -4,7 +4,7 @@ import pytest
 
 from sfr_loc_map.errors import InputError, MetricsError, MissingExtraError, NodeError, OutputError, SfrError
 from sfr_loc_map.methods.method_call import MethodFailureError
-from sfr_loc_map.metrics.table.records import FindingKind
+from sfr_loc_map.metrics.figures.records import FindingKind
 from sfr_loc_map.suite.running.job_outcome import FailureCause
 
 

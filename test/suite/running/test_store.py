@@ -13,9 +13,9 @@ from msgspec.structs import replace as struct_replace
 from helpers.json_mutations import mutations
 from helpers.made_suites import JOB, recording
 from sfr_loc_map.errors import ConfigError, InputError, OutputError
+from sfr_loc_map.metrics.figures.records import Provenance
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import json_line, to_json
-from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.suite.run import PlannedRun
 from sfr_loc_map.suite.running import store as store_module
 from sfr_loc_map.suite.running.job import Job

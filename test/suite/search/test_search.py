@@ -10,10 +10,10 @@ import pytest
 import yaml
 
 from sfr_loc_map.errors import ConfigError, InputError, OutputError
+from sfr_loc_map.metrics.figures.records import Association, Provenance
+from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
-from sfr_loc_map.metrics.table.records import Association, Provenance
-from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.suite import run_search
 from sfr_loc_map.suite.pages.search_page import render_search
 from sfr_loc_map.suite.running.facts_cache import FactsCache

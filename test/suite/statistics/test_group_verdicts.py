@@ -7,12 +7,12 @@ from msgspec.structs import replace
 
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.figures.details import ErrorRows
+from sfr_loc_map.metrics.figures.records import MethodKind, MethodRecord
+from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.proof import sample_of
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.details import ErrorRows
-from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
-from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
 from sfr_loc_map.suite.statistics.pooling import DriveScore, pool
 

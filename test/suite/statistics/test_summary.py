@@ -14,10 +14,10 @@ from helpers.made_suites import JOB, recording
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.figures.records import InputFile, MethodKind, MethodRecord, Provenance
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
-from sfr_loc_map.metrics.table.records import InputFile, MethodKind, MethodRecord, Provenance
 from sfr_loc_map.suite.pages.tables import suite_tables
 from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.job_outcome import JobOutcome

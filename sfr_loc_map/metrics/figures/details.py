@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.metrics.table.records import Record
+from sfr_loc_map.metrics.figures.records import Record
 
 Values = tuple[float | None, ...]  #: One entry per row; None if the value is undefined.
 Integers = tuple[int, ...]

@@ -27,10 +27,7 @@ from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import CallKind, Reading
-from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.formulas_beside import chord_error
-from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
-from sfr_loc_map.metrics.table.row_part import (
+from sfr_loc_map.metrics.figures.row_part import (
     ATTITUDE,
     COUNT,
     DIRECTIONS,
@@ -42,6 +39,9 @@ from sfr_loc_map.metrics.table.row_part import (
     RowPart,
     distance_of,
 )
+from sfr_loc_map.metrics.formulas import QUANTILES
+from sfr_loc_map.metrics.formulas_beside import chord_error
+from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 
 
 class Subject(StrEnum):

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from sfr_loc_map.metrics.table.details import CallPlots, ErrorRows, MapDetails, TrajectoryDetails
-from sfr_loc_map.metrics.table.records import Alignment, Association, CallRecords, CloudRecord, TargetRun, TruthRecord
-from sfr_loc_map.metrics.table.rows import Figure
+from sfr_loc_map.metrics.figures.details import CallPlots, ErrorRows, MapDetails, TrajectoryDetails
+from sfr_loc_map.metrics.figures.records import Alignment, Association, CallRecords, CloudRecord, TargetRun, TruthRecord
+from sfr_loc_map.metrics.figures.rows import Figure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

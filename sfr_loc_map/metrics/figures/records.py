@@ -55,7 +55,7 @@ class Association(Record, frozen=True, kw_only=True, omit_defaults=False):
     #: `displacement` compares displacements in DS, and the changes of attitude and heading since N. `position` removes
     #: only the position at N. If the ground truth has no attitudes, the yaw (`yaw_aligned`) or the complete rotation
     #: (`rotation_aligned`) of the estimate is fitted over the drive, and then `position` is applied.
-    rebase: Reading = Reading.POSE
+    reading: Reading = msgspec.field(name="rebase", default=Reading.POSE)
 
 
 class TruthRecord(Record, frozen=True, kw_only=True, omit_defaults=False):
