@@ -21,7 +21,7 @@ LAYERS = {
     "metrics": ("configuration geometry", "The figures of the specification, and the verdicts by limits"),
     "faults": ("geometry io", "Faults that are injected into the stereo pairs of a source"),
     "simulation": ("configuration geometry io", "Stereo pairs of a Mars-like scene with exact truth"),
-    "tables": ("metrics", "The model of a table, and its formats: terminal, HTML, Markdown and CSV"),
+    "tables": ("", "The model of a table, and its formats: terminal, HTML, Markdown and CSV"),
     "report": (
         "configuration geometry metrics tables",
         "Views of scores and other results; a view computes no verdict",

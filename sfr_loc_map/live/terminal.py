@@ -24,8 +24,10 @@ from sfr_loc_map.live.shown_score import ShownScore
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.message_text import one_line, printable
 from sfr_loc_map.message_types import Level
+from sfr_loc_map.report.verdict_style import OPEN, style_of
+from sfr_loc_map.report.verdict_style import STYLES as VERDICT_STYLES
 from sfr_loc_map.tables.formats import to_rich
-from sfr_loc_map.tables.model import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number
+from sfr_loc_map.tables.model import ABSENT, METRE, MIB, MILLISECOND, Table, fitting, number
 
 PERIOD_S = 0.5  #: Period of the screen.
 LINE_PERIOD_S = 1.0  #: Period of the lines without a terminal.
@@ -38,7 +40,7 @@ STYLES = {
 }
 """Sign and style of each level."""
 LEVELS = {level.word: style for level, style in STYLES.items()}
-COLOURS = {style.css: style.colour for style in (*VERDICTS.values(), OPEN)} | {"stale": "bold yellow"}
+COLOURS = {style.css: style.colour for style in (*VERDICT_STYLES.values(), OPEN)} | {"stale": "bold yellow"}
 """Colour of each style of a headline."""
 WIDE = 80  #: Minimum width for all figures of a node, columns.
 
@@ -132,7 +134,7 @@ def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str, wid
         for name in ("value", "limit", "margin"):
             limits.add_column(name, justify="right", no_wrap=True)
         for bar in state.score.bars:
-            style = VERDICTS.get(bar.state, OPEN).colour
+            style = style_of(bar.state).colour
             limits.add_row(Text(f"{bar.icon} {bar.state}", style), bar.name, bar.value, bar.limit, bar.margin)
         yield limits
     yield from map(Text, _notes(state, live))

@@ -24,6 +24,7 @@ from sfr_loc_map.report.drive_plots import growth
 from sfr_loc_map.report.plotted_data import errors_by_range, path_errors, path_of
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text
 from sfr_loc_map.report.summary import banner_of
+from sfr_loc_map.report.verdict_style import verdict_cell
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.tables.model import (
     ABSENT,
@@ -171,7 +172,7 @@ def _memory_columns(scores: Sequence[Score]) -> Iterator[MethodColumn]:
 
 def _verdict(score: Score) -> Cell:
     state = banner_of(score).state
-    return Cell.verdict(f"{state}, partial" if score.is_judged and score.active_rules.partial else state)
+    return verdict_cell(f"{state}, partial" if score.is_judged and score.active_rules.partial else state)
 
 
 def _kind(score: Score) -> Cell:

@@ -24,6 +24,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report import notes
 from sfr_loc_map.report.deviations import deviations_beside_warnings
 from sfr_loc_map.report.glossary import glossary
+from sfr_loc_map.report.verdict_style import verdict_cell
 from sfr_loc_map.report.verdict_view import VerdictView, unit_of_numbers, verdict_views
 from sfr_loc_map.tables.formats import to_markdown
 from sfr_loc_map.tables.model import (
@@ -339,7 +340,7 @@ def verdict_table(score: Score) -> Table:
     has_ids = any(item.id for item in score.verdicts)
     for view in verdict_views(score):
         row = (
-            Cell.verdict(view.item.state.value, f"{view.key}.verdict"),
+            verdict_cell(view.item.state.value, f"{view.key}.verdict"),
             *([_requirement(view)] if has_ids else []),
             Cell.head(view.name),
             Cell(view.unit.symbol),

@@ -24,8 +24,9 @@ from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.report.notes import EXACT, truth_text
 from sfr_loc_map.report.plotted_data import error_sizes, plotted_conditions
 from sfr_loc_map.report.settings import changed_settings, has_all_settings, setting_text
+from sfr_loc_map.report.verdict_style import OPEN, style_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
-from sfr_loc_map.tables.model import METRE, OPEN, UNKNOWN, VERDICTS, fitting, number
+from sfr_loc_map.tables.model import METRE, UNKNOWN, fitting, number
 
 TRUTH_FILES, READ_ROLES = ("truth_file",), ("configuration", "calibration")
 TRUTH_ROLES, RESULT_ROLES = ("truth", "map_truth"), ("estimate", "cloud")
@@ -50,7 +51,7 @@ class Banner:
         """Return the banner of a verdict; None if there is no verdict."""
         if state is None:
             return cls.without_verdict(NO_VERDICT, text)
-        style = VERDICTS.get(state.value, OPEN)
+        style = style_of(state.value)
         return cls(state.value, text, style.css, style.icon)
 
     @classmethod

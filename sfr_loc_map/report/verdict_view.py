@@ -19,6 +19,7 @@ from sfr_loc_map.metrics.judging.reasons import why_open
 from sfr_loc_map.metrics.score.limits import BOUND
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
+from sfr_loc_map.report.verdict_style import style_of
 from sfr_loc_map.tables.model import (
     ABSENT,
     GB,
@@ -26,9 +27,7 @@ from sfr_loc_map.tables.model import (
     MIB,
     NONE,
     NOT_ENOUGH,
-    OPEN,
     PERCENT,
-    VERDICTS,
     Cell,
     Unit,
     VerdictStyle,
@@ -75,7 +74,7 @@ class VerdictView:
             unit=unit,
             name=name,
             title=printable(f"{item.id}: {name}" if item.id else name),
-            style=VERDICTS.get(item.state.value, OPEN),
+            style=style_of(item.state.value),
             value=Cell.number(item.value, f"{key}.value", unit, of_nothing, digits=digits),
             limit=Cell(f"{sign_of(item)} {exact_number(item.limit, unit)}", item.limit, f"{key}.limit"),
             margin=Cell(ABSENT) if item.margin is None else Cell.number(item.margin, f"{key}.margin", unit),

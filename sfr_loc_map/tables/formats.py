@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from sfr_loc_map.message_text import printable
-from sfr_loc_map.tables.model import OPEN, VERDICTS, Cell, CellKind, Column, Table
+from sfr_loc_map.tables.model import Cell, CellKind, Column, Table
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -54,7 +54,7 @@ def to_rich(table: Table) -> RichTable:
     for column in table.columns:
         shown.add_column(Text(column.heading), justify="left" if column.words else "right", overflow="fold")
     for row in table.rows:
-        styles = (VERDICTS.get(cell.text, OPEN).colour if cell.kind is CellKind.VERDICT else "" for cell in row)
+        styles = ("" if cell.style is None else cell.style.colour for cell in row)
         texts = (f"{cell.sign} {cell.text}" if cell.mark else cell.text for cell in row)
         shown.add_row(*(Text(text, style) for text, style in zip(texts, styles, strict=True)))
     return shown
@@ -82,9 +82,10 @@ def _html_cell(cell: Cell, column: Column, *, lean: bool) -> str:
         text = f'<a href="{escape(_url_of(cell.link))}">{text}</a>'
     if cell.kind is CellKind.HEAD:
         return f'<th scope="row">{text}</th>'
-    if cell.kind is CellKind.VERDICT:
-        css = VERDICTS.get(cell.text, OPEN).css
-        return f'<td class="verdict {css}"><span class="icon" aria-hidden="true">{cell.icon}</span> {text}</td>'
+    if cell.style is not None:
+        return (
+            f'<td class="verdict {cell.style.css}"><span class="icon" aria-hidden="true">{cell.icon}</span> {text}</td>'
+        )
     classes = " ".join(filter(None, ("words" if column.words else "", cell.mark)))
     attributes = f' class="{classes}"' if classes else ""
     if cell.key and not lean:

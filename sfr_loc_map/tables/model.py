@@ -13,8 +13,8 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from sfr_loc_map.message_text import printable
-from sfr_loc_map.metrics.statistics.intervals import Interval
 
+Bounds = tuple[float, float]  #: Lower and upper bound of an interval.
 UNKNOWN, NOT_ENOUGH, ABSENT = "unknown", "not enough data", "-"
 """Texts of an unknown fact, an undefined figure, and a figure that does not apply."""
 
@@ -123,7 +123,7 @@ class CellKind(StrEnum):
 
     PLAIN = ""
     HEAD = "head"
-    VERDICT = "verdict"
+    VERDICT = "verdict"  #: A verdict, which has a style.
     WORD = "word"  #: A word of the score, such as the identifier of a requirement, which CSV contains.
 
 
@@ -145,18 +145,30 @@ class Column:
         return f"{self.title}, {self.unit.symbol}" if self.unit.symbol else self.title
 
 
+class VerdictStyle(NamedTuple):
+    """Icon and colour of a verdict. The colour only repeats the word and the icon."""
+
+    icon: str
+    css: str  #: CSS class.
+    colour: str  #: Style of rich.
+
+
+MARKS = {"best": "★", "worst": "✕"}  #: Marks in a column. An arrow would suggest that larger is better.
+
+
 @dataclass(frozen=True, slots=True)
 class Cell:
     """One cell."""
 
     text: str
     #: Exact value in the unit of its source, or both bounds of an interval; None for words and undefined values.
-    value: float | int | Interval | None = None
+    value: float | int | Bounds | None = None
     #: Origin in the score, such as `figures.3.mean`; empty for text. For an interval, the row that has both bounds.
     key: str = ""
     kind: CellKind = CellKind.PLAIN
     link: str = ""  #: Relative link to a page about the cell; empty if there is none.
     mark: str = ""  #: One of `MARKS`; empty if there is none.
+    style: VerdictStyle | None = None  #: Style of a verdict; None for other cells.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "text", printable(self.text))
@@ -167,9 +179,9 @@ class Cell:
         return cls(text, kind=CellKind.HEAD)
 
     @classmethod
-    def verdict(cls, word: str, key: str = "") -> Cell:
-        """Return a verdict."""
-        return cls(word, key=key, kind=CellKind.VERDICT)
+    def verdict(cls, word: str, style: VerdictStyle, key: str = "") -> Cell:
+        """Return a verdict with its style."""
+        return cls(word, key=key, kind=CellKind.VERDICT, style=style)
 
     @classmethod
     def word(cls, text: str, key: str) -> Cell:
@@ -192,7 +204,7 @@ class Cell:
 
     @classmethod
     def interval(
-        cls, bounds: Interval | None, key: str = "", unit: Unit = NONE, undefined: str = ABSENT, *, signed: bool = False
+        cls, bounds: Bounds | None, key: str = "", unit: Unit = NONE, undefined: str = ABSENT, *, signed: bool = False
     ) -> Cell:
         """Return an interval, displayed in a unit."""
         if not bounds:
@@ -202,7 +214,7 @@ class Cell:
     @property
     def icon(self) -> str:
         """Icon of a verdict; empty for other cells."""
-        return VERDICTS.get(self.text, OPEN).icon if self.kind is CellKind.VERDICT else ""
+        return "" if self.style is None else self.style.icon
 
     @property
     def sign(self) -> str:
@@ -210,17 +222,6 @@ class Cell:
         return self.icon or MARKS.get(self.mark, "")
 
 
-class VerdictStyle(NamedTuple):
-    """Icon and colour of a verdict. The colour only repeats the word and the icon."""
-
-    icon: str
-    css: str
-    colour: str
-
-
-MARKS = {"best": "★", "worst": "✕"}  #: Marks in a column. An arrow would suggest that larger is better.
-VERDICTS = {"pass": VerdictStyle("✔", "pass", "green"), "fail": VerdictStyle("✖", "fail", "bold red")}
-OPEN = VerdictStyle("?", "open", "yellow")  #: Style of every other verdict.
 Row = tuple[Cell, ...]
 
 

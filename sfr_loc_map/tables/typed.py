@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
-from sfr_loc_map.metrics.statistics.intervals import Interval
-from sfr_loc_map.tables.model import ABSENT, NONE, Cell, Column, Table, Unit
+from sfr_loc_map.tables.model import ABSENT, NONE, Bounds, Cell, Column, Table, Unit
 
 Row = TypeVar("Row")
 RowUnit = Unit | Callable[[Row], Unit]
@@ -39,7 +38,7 @@ def numbers(
     return RowColumn(_column(title, unit), lambda row: Cell.number(of(row), "", _unit(unit, row), undefined))
 
 
-def intervals(title: str, of: Callable[[Row], Interval | None], unit: RowUnit[Row] = NONE) -> RowColumn[Row]:
+def intervals(title: str, of: Callable[[Row], Bounds | None], unit: RowUnit[Row] = NONE) -> RowColumn[Row]:
     """Return a column of intervals, which have no key in the JSON of a score."""
     return RowColumn(_column(title, unit), lambda row: Cell.interval(of(row), "", _unit(unit, row)))
 

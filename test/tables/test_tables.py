@@ -11,6 +11,7 @@ from rich.console import Console
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.figures.catalogue import Subject
 from sfr_loc_map.metrics.score.verdict import Verdict
+from sfr_loc_map.report.verdict_style import verdict_cell
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.tables.formats import to_csv, to_html, to_markdown, to_rich
 from sfr_loc_map.tables.model import METRE, MIB, MILLISECOND, Cell, Column, Table, Unit, fitting, number
@@ -25,9 +26,9 @@ TABLE = Table(
             Cell.head(HOSTILE),
             Cell.number(0.0123456, "timing.p50", MILLISECOND),
             Cell.interval((1.0, 2.5), "timing.ci95"),
-            Cell.verdict("pass"),
+            verdict_cell("pass"),
         ),
-        (Cell.head("none"), Cell.number(None, "timing.p95", MILLISECOND), Cell.interval(None), Cell.verdict("open")),
+        (Cell.head("none"), Cell.number(None, "timing.p95", MILLISECOND), Cell.interval(None), verdict_cell("open")),
     ),
     "A * note.",
 )
@@ -76,7 +77,7 @@ def test_no_renderer_lets_markup_controls_and_surrogates_through() -> None:
     for text in ("Time | of [bold]calls", HOSTILE, "12.35", "1 to 2.5", "A * note."):
         assert text in shown
     escape = "\x1b]0;title\x07\udc80"
-    cells = (Cell.head(escape), Cell(escape, 1.0, "key"), Cell.verdict(escape))
+    cells = (Cell.head(escape), Cell(escape, 1.0, "key"), verdict_cell(escape))
     table = Table("t", escape, (Column(escape), Column("b"), Column(escape)), (cells,), escape)
     for text in (terminal(table), to_markdown([table]), to_html(table), to_csv([table])):
         assert r"\x1b" in text

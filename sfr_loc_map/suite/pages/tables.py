@@ -14,6 +14,7 @@ from sfr_loc_map.metrics.figures.catalogue import KINDS, TOTAL, Subject, statist
 from sfr_loc_map.metrics.figures.row_part import Scope
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.score.verdict import counts_of
+from sfr_loc_map.report.verdict_style import verdict_cell
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.suite.running.job import SHORT_KEY
 from sfr_loc_map.suite.running.job_outcome import WorkerRecord
@@ -28,7 +29,7 @@ from sfr_loc_map.suite.statistics.history import Change, DeviationOfNights, Hist
 from sfr_loc_map.suite.statistics.night_comparison import MIN_REFERENCE
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 from sfr_loc_map.suite.statistics.summary import JobCounts, ReplacedTruth, Summary
-from sfr_loc_map.tables.model import MIB, MILLIMETRE, MILLISECOND, PERCENT, Cell, Column, Table, Unit, fitting, number
+from sfr_loc_map.tables.model import MIB, MILLIMETRE, MILLISECOND, PERCENT, Column, Table, Unit, fitting, number
 from sfr_loc_map.tables.typed import RowColumn, heads, intervals, numbers, table_of, words
 
 PAGES = "pages"  #: Folder of the pages of single results, beside the page of the suite.
@@ -84,7 +85,7 @@ class VerdictRow(NamedTuple):
 
 
 VERDICTS: tuple[RowColumn[VerdictRow], ...] = (
-    RowColumn(Column("verdict", words=True), lambda row: Cell.verdict(row.item.state.value)),
+    RowColumn(Column("verdict", words=True), lambda row: verdict_cell(row.item.state.value)),
     heads("group", lambda row: row.group.key.text, link=lambda row: SUITE_JSON),
     words("figure", lambda row: row.view.title),
     words("unit", lambda row: row.view.unit.symbol),
@@ -512,7 +513,7 @@ OBSERVED_DRIVES: tuple[RowColumn[DriveCount], ...] = (
     numbers("at the observed rate", lambda row: row.at_the_rate_seen, undefined=NO_NUMBER),
     numbers("if normal", lambda row: row.if_normal, undefined=NO_NUMBER),
     RowColumn(
-        Column("sequential test", words=True), lambda row: Cell.verdict(row.state or VerdictState.NOT_ENOUGH_DATA)
+        Column("sequential test", words=True), lambda row: verdict_cell(row.state or VerdictState.NOT_ENOUGH_DATA)
     ),
 )
 """Further columns of the table of the required numbers of drives, if a suite with limits is given."""
