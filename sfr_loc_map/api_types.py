@@ -39,7 +39,7 @@ from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.metrics.figures.catalogue import KINDS
 from sfr_loc_map.metrics.figures.details import columns_of
 from sfr_loc_map.metrics.figures.records import MethodRecord
-from sfr_loc_map.metrics.figures.row_part import ANY, RowPart
+from sfr_loc_map.metrics.figures.row_part import ANY
 from sfr_loc_map.metrics.figures.rows import COLUMNS, RowNumbers, find_rows
 from sfr_loc_map.metrics.figures.rows import Figure as Row
 from sfr_loc_map.metrics.formulas import STATISTICS
@@ -336,7 +336,7 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         *,
         subject: str = ANY,
         condition: str | Condition | None = ANY,
-        part: str | RowPart | None = score.JUDGED_ROW,
+        part: str | None = score.JUDGED_ROW,
     ) -> Row | None:
         """Return the row of a figure and a part, or without `part` the judged row; None if the score lacks the figure.
 
@@ -349,11 +349,11 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         self._check_keys(figure, {"subject": subject, "condition": condition, "part": part})
         return super().figure(figure, subject=subject, condition=condition, part=part)
 
-    def _check_keys(self, figure: str, keys: Mapping[str, str | Condition | RowPart | None]) -> None:
+    def _check_keys(self, figure: str, keys: Mapping[str, str | Condition | None]) -> None:
         """Raise ConfigError if no row of a figure has the given keys; a figure without rows is accepted."""
         rows = tuple(self.rows(figure))
         for name, given in keys.items():
-            if given is not None and not isinstance(given, str | Condition | RowPart):
+            if given is not None and not isinstance(given, str | Condition):
                 raise wrong_type(name, given, "a text")
             if given == score.JUDGED_ROW:
                 continue
@@ -370,7 +370,7 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         *,
         subject: str = ANY,
         condition: str | Condition | None = ANY,
-        part: str | RowPart | None = score.JUDGED_ROW,
+        part: str | None = score.JUDGED_ROW,
     ) -> float | None:
         """Return one statistic of a figure; None if it is undefined, or if the score lacks the figure.
 

@@ -264,12 +264,9 @@ MUTATIONS = (
     Mutation("metrics/statistics/intervals.py", "1.0 - lags / float(block * size)", "1.0 - lags / float(block)"),
     Mutation("metrics/statistics/intervals.py", "share *= 1.0 - 1.0 / independent\n    return", "return"),
     Mutation("metrics/stored/comparison.py", "difference = other - first", "difference = first - other"),
-    Mutation(
-        "metrics/figures/catalogue.py", 'return kind.clause if part == Place.TARGET else ""', "return kind.clause"
-    ),
+    Mutation("metrics/figures/catalogue.py", 'return kind.clause if part == ON_TARGET else ""', "return kind.clause"),
     Mutation("metrics/figures/catalogue.py", 'CallKind.MAPPING_CALL: "4.3.2"}', 'CallKind.MAPPING: "4.3.2"}'),
-    Mutation("report/deviations.py", "item.figure in STAGES or RowPart", "RowPart"),
-    Mutation("metrics/stored/raw_values.py", "(stored is None and name in STATISTICS)", "stored is None"),
+    Mutation("report/deviations.py", "item.figure in STAGES or (", "("),
     Mutation("metrics/score/score.py", "if row.part in ((reading, POOLED) if is_of_pieces else (None,)):", "if True:"),
     Mutation("metrics/frames/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),
     Mutation("metrics/frames/aligned_error.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
@@ -388,12 +385,6 @@ MUTATIONS = (
     Mutation(STORE, "elif hash_path(Path(file.path)) != file.sha256:", "elif False:"),
     Mutation(STORE, "if to_plain(limits_in(Path(suite))) != self._plan.limits:", "if False:"),
     # edited scores
-    Mutation("metrics/stored/related_rows.py", "    _required,\n", ""),
-    Mutation("metrics/stored/related_rows.py", "    _of_pairs,\n", ""),
-    Mutation("metrics/stored/related_rows.py", "    _of_first_calls,\n", ""),
-    Mutation("metrics/stored/related_rows.py", "    yield from _required_details(score)\n", ""),
-    Mutation("metrics/stored/raw_values.py", "        yield from _of_memory(score, kind, plots)\n", ""),
-    Mutation("metrics/stored/related_rows.py", 'for name in ("lost", "degraded"):', 'for name in ("degraded",):'),
     Mutation("scoring/input_files.py", "if _states_of(self.path) != self.states:", "if False:"),
     Mutation("scoring/provenance.py", "partial=rules.partial) != rules:", "partial=rules.partial) == rules:"),
     # inputs besides the poses
@@ -451,31 +442,9 @@ MUTATIONS = (
     Mutation("metrics/completeness/copies.py", "return found.where(is_moving)", "return found"),
     Mutation("metrics/completeness/copies.py", "resolution_of(true_pos) < resolution_m", "False"),
     Mutation("metrics/completeness/copies.py", "is_enough(slice(None))), is_copy)", "True), is_copy)"),
-    # the table against the raw values of a file
-    Mutation("metrics/stored/file_check.py", "    fault_of_raw_values,\n", ""),
+    # the check of a stored score
     Mutation("metrics/stored/file_check.py", "    fault_of_numbers,\n", ""),
     Mutation("metrics/stored/file_check.py", "    fault_of_data_set,\n", ""),
-    Mutation(
-        "metrics/stored/raw_values.py", "DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5", "DIGITS_M, POINT_DIGITS_M = 1e-2, 5e-2"
-    ),
-    Mutation("metrics/stored/raw_values.py", "EXACT = 1e-9", "EXACT = 1e-5"),
-    Mutation("metrics/stored/raw_values.py", "SIGMAS = 5.0", "SIGMAS = 50.0"),
-    Mutation("metrics/stored/raw_values.py", "max(times) != row.max", "max(times) < row.max"),
-    Mutation("metrics/stored/raw_values.py", "is_stated = score.external is not None", "is_stated = False"),
-    Mutation("metrics/stored/raw_values.py", "sizes.max() > row.max + rounding", "sizes.max() < row.max - rounding"),
-    Mutation(
-        "metrics/stored/raw_values.py",
-        "> row.n * (row.rmse + rounding) ** 2",
-        "> 1e9 * row.n * (row.rmse + rounding) ** 2",
-    ),
-    Mutation(
-        "metrics/stored/related_rows.py",
-        "abs(share.value * count.n - count.value) > EXACT",
-        "count.value - share.value * count.n > EXACT",
-    ),
-    Mutation(
-        "metrics/stored/related_rows.py", "if share.value is None:\n            yield", "if False:\n            yield"
-    ),
     Mutation("metrics/score/limits.py", "if item.section is LimitSection.TRAJECTORY]", "if item.terms is not None]"),
     # several scores, several drives
     Mutation("metrics/judging/several_scores.py", "if len(made) < len(scores):", "if not made:"),

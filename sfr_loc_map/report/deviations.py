@@ -30,7 +30,15 @@ from sfr_loc_map.metrics.figures.catalogue import (
     title_of,
 )
 from sfr_loc_map.metrics.figures.records import REPLAY_RATE, MethodKind
-from sfr_loc_map.metrics.figures.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope, range_of
+from sfr_loc_map.metrics.figures.row_part import (
+    COUNT,
+    MOVING,
+    OTHER_FRAMES,
+    SUB_TRAJECTORIES,
+    Scope,
+    calls_part,
+    range_of,
+)
 from sfr_loc_map.metrics.judging.incomplete import limits_missed_at_other_frames, statistic_of
 from sfr_loc_map.metrics.judging.limit_scope import tasks_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
@@ -220,7 +228,7 @@ def _calls(item: Verdict, score: Score) -> Iterator[str]:
 
 def is_of_stage(item: Verdict) -> bool:
     """Return whether a verdict is on the time or memory of a stage. For memory, the part of the row names the call."""
-    return item.figure in STAGES or RowPart.of(item.part).call in STAGES
+    return item.figure in STAGES or (item.part is not None and item.part.call in STAGES)
 
 
 def _name(item: Verdict) -> str:
@@ -270,7 +278,7 @@ def _lost_and_degraded(score: Score) -> Iterator[str]:
 
 def _unmatched_estimates(score: Score) -> Iterator[str]:
     """Yield the number of estimates without a true pose."""
-    if score.association is not None and (unmatched := score.number("unmatched", part="count")):
+    if score.association is not None and (unmatched := score.number("unmatched", part=COUNT)):
         yield f"{unmatched:.0f} estimates have no truth or are not the nearest to an image, and are not judged."
 
 
@@ -328,10 +336,10 @@ def _duplicates(score: Score) -> Iterator[str]:
 
 def _unjudged_map(score: Score) -> Iterator[str]:
     """Yield the mapping pairs without points, and the number of points without a true surface."""
-    without_cloud = score.figure("pairs_without_cloud", part="count")
+    without_cloud = score.figure("pairs_without_cloud", part=COUNT)
     if without_cloud is not None and without_cloud.value:
         yield f"{without_cloud.value:.0f} of {without_cloud.n} mapping pairs have no point in the cloud."
-    if without_truth := score.number("points_without_truth", part="count"):
+    if without_truth := score.number("points_without_truth", part=COUNT):
         yield f"{without_truth:.0f} points have no ground truth and are not judged."
 
 
@@ -362,7 +370,7 @@ def _unknown_calls(score: Score) -> Iterator[str]:
         return
     for task in tasks_of(score):
         name = TASK_NAMES[task]
-        found = [score.figure(JUDGED, part=RowPart(Scope.CALLS, kind)) for kind in KINDS_OF[task]]
+        found = [score.figure(JUDGED, part=calls_part(Scope.CALLS, kind)) for kind in KINDS_OF[task]]
         judged = [row.value for row in found if row is not None]
         if not judged:
             without = UNKNOWN_WITHOUT_CALLS[task]

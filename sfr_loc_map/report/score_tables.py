@@ -15,9 +15,9 @@ import msgspec
 
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.conditions import label_of
-from sfr_loc_map.metrics.config import CallKind, Reading
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.figures.catalogue import ALIGNED, KINDS, Subject, statistic_title, title_of
-from sfr_loc_map.metrics.figures.row_part import AFTER_FIRST, DIRECTIONS, FIRST, Place
+from sfr_loc_map.metrics.figures.row_part import AFTER_FIRST, DIRECTIONS, FIRST, READING_PARTS, Place
 from sfr_loc_map.metrics.figures.rows import NUMBERS, Figure
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score.score import Score
@@ -81,7 +81,7 @@ def is_limited(score: Score, row: Figure) -> bool:
 
 def is_of_a_reading(score: Score, row: Figure) -> bool:
     """Return whether a row has the errors of sub-trajectories by one reading of the specification."""
-    return row.subject is Subject.TRAJECTORY and row.condition is not None and row.part in [*Reading]
+    return row.subject is Subject.TRAJECTORY and row.condition is not None and row.part in READING_PARTS
 
 
 def is_growth(score: Score, row: Figure) -> bool:

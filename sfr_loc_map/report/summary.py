@@ -17,6 +17,7 @@ from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.figures.catalogue import Subject
+from sfr_loc_map.metrics.figures.row_part import POSE
 from sfr_loc_map.metrics.score.caveats import caveats_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import counts_of
@@ -238,7 +239,7 @@ def _open_limits(score: Score) -> Iterator[LookFirst]:
 
 def _inconsistent_covariance(score: Score) -> Iterator[LookFirst]:
     """Yield each condition over which the mean NEES is outside of its interval."""
-    for row in score.rows("nees", subject=Subject.CONSISTENCY, part="pose"):
+    for row in score.rows("nees", subject=Subject.CONSISTENCY, part=POSE):
         if row.mean is None or row.interval is None or row.interval[0] <= row.mean <= row.interval[1]:
             continue
         size = "large" if row.mean < row.interval[0] else "small"

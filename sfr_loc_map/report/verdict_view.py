@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.conditions import label_of
-from sfr_loc_map.metrics.config import Reading, VerdictState
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.figures.catalogue import KINDS, clause_of, defines, is_fraction, statistic_title, title_of
+from sfr_loc_map.metrics.figures.row_part import READING_PARTS
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.judging.reasons import why_open
 from sfr_loc_map.metrics.score.limits import BOUND
@@ -37,7 +38,10 @@ from sfr_loc_map.tables.model import (
     number,
 )
 
-WITHOUT_NAME = (None, *Reading)  #: Parts that are omitted in the name of a limit: the readings of the specification.
+WITHOUT_NAME = (
+    None,
+    *READING_PARTS,
+)  #: Parts that are omitted in the name of a limit: the readings of the specification.
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ def complete() -> tuple[Figure, ...]:
     """Return the rows of a score in which a drive, a map and all calls are complete."""
     parts = ["drive", "map", *(f"{what} {kind}" for what in ("calls", "memory") for kind in CallKind)]
     parts += [f"target {part}" for part in parts[2:]]
-    rows = [expected_row(RowPart.of(part), 1, 1) for part in parts]
+    rows = [expected_row(RowPart(part), 1, 1) for part in parts]
     kinds = [f"{place}{kind}" for place in ("", "target ") for kind in CallKind]
     names = [each.figure for each in SHORTFALLS if each.scope in (Scope.CALLS, Scope.MEMORY)]
     return (*rows, *(figure_row(name, part=kind, n=1, value=0.0) for kind in kinds for name in names))

@@ -22,13 +22,12 @@ from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, statistic_of
-from sfr_loc_map.metrics.judging.judge import judged_by, overall_verdict
+from sfr_loc_map.metrics.judging.judge import judged_by, overall_verdict, with_verdicts
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
 from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limits, LimitSection, Rules
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
-from sfr_loc_map.metrics.stored.related_rows import fault_of_related_rows
+from sfr_loc_map.metrics.stored.file_check import fault_of_verdicts
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, to_dict, to_json
 from sfr_loc_map.report.verdict_view import unit_of
 
@@ -110,7 +109,7 @@ def test_each_name_of_a_limit_finds_its_number() -> None:
             row = figure_row(
                 limited.figure,
                 "distance=5" if part is LimitSection.TRAJECTORY else None,
-                "pose" if part is LimitSection.TRAJECTORY else limited.part and limited.part.text,
+                "pose" if part is LimitSection.TRAJECTORY else limited.part,
                 n=50,
                 **{statistic: 0.25},
             )
@@ -297,14 +296,17 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
     assert bounds[0] is not None
     assert bounds[0] == bounds[1]
     for score in found:
-        assert fault_of_raw_values(score) is None
-        row = score.judged_row("horizontal")
-        assert row is not None
-        assert row.rmse is not None
-        smaller = replace(row, rmse=0.9 * row.rmse)
-        rows = tuple(smaller if each is row else each for each in score.figures)
-        assert "'rmse' of 'horizontal" in (fault_of_raw_values(replace(score, figures=rows)) or "")
-        assert "its errors are absent" in (fault_of_related_rows(replace(score, errors=(), details=None)) or "")
+        assert fault_of_verdicts(score, with_verdicts(score)) is None
+        without_errors = replace(score, errors=(), details=None)
+        assert fault_of_verdicts(score, with_verdicts(without_errors)) is not None
+
+
+def test_the_errors_of_each_limited_figure_of_a_drive_are_kept() -> None:
+    content = {
+        "trajectory": [{"condition": "distance=5", "position_p95_m": 1.0}],
+        "timing": {"localisation_max_s": 1.0},
+    }
+    assert parse_limits(content, "limits").figures_with_all_errors == {("position", "distance=5")}
 
 
 def test_a_limit_on_horizontal_errors_is_judged_by_each_reading() -> None:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 from msgspec.structs import replace
+from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
+from sfr_loc_map.metrics.stored.related_rows import fault_of_related_rows
 
 from helpers.cli_result import Sfr
 from helpers.made_scores import calls, cloud, drive
@@ -20,8 +22,6 @@ from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
-from sfr_loc_map.metrics.stored.related_rows import fault_of_related_rows
 from sfr_loc_map.metrics.stored.score_json import to_json
 
 LIMITS = {"trajectory": [{"condition": "distance=5", "position_p95_m": 1.0}]}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -9,41 +11,56 @@ from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.figures.row_part import (
     Place,
     RowPart,
+    calls_part,
     distance_of,
     distance_part,
-    is_of_pair,
     pair_part,
     range_of,
     range_part,
 )
-from sfr_loc_map.metrics.figures.rows import figure_row, find_rows
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row, find_rows
+from sfr_loc_map.metrics.stored.score_json import RecordError, from_plain, to_plain
 
-PARTS = {
-    None: RowPart(),
-    "pose": RowPart("pose"),
-    "0-4 m": RowPart("0-4 m"),
-    "drive": RowPart("drive"),
-    "first call": RowPart("first call"),
-    "localisation": RowPart(call=CallKind.LOCALISATION),
-    "target": RowPart(place=Place.TARGET),
-    "target after the first call": RowPart("after the first call", place=Place.TARGET),
-    "stated mapping_call": RowPart(call=CallKind.MAPPING_CALL, place=Place.STATED),
-    "memory localisation": RowPart("memory", CallKind.LOCALISATION),
-    "target calls fusion": RowPart("calls", CallKind.FUSION, Place.TARGET),
+PARTS: dict[str, tuple[str, CallKind | None, Place]] = {
+    "pose": ("pose", None, Place.HOST),
+    "0-4 m": ("0-4 m", None, Place.HOST),
+    "drive": ("drive", None, Place.HOST),
+    "first call": ("first call", None, Place.HOST),
+    "localisation": ("", CallKind.LOCALISATION, Place.HOST),
+    "target": ("", None, Place.TARGET),
+    "target after the first call": ("after the first call", None, Place.TARGET),
+    "stated mapping_call": ("", CallKind.MAPPING_CALL, Place.STATED),
+    "memory localisation": ("memory", CallKind.LOCALISATION, Place.HOST),
+    "target calls fusion": ("calls", CallKind.FUSION, Place.TARGET),
 }
 
 
-@pytest.mark.parametrize(("text", "part"), PARTS.items())
-def test_a_text_is_a_part_and_the_part_is_the_text(text: str | None, part: RowPart) -> None:
-    assert RowPart.of(text) == part
-    assert part.text == text
+@pytest.mark.parametrize(("text", "content"), PARTS.items())
+def test_a_part_is_its_text_and_states_what_the_text_states(
+    text: str, content: tuple[str, CallKind | None, Place]
+) -> None:
+    part = RowPart(text)
+    assert part == text
+    assert (part.what, part.call, part.place) == content
+    assert calls_part(*content) == text
+    copied = pickle.loads(pickle.dumps(part))
+    assert (copied, copied.what, copied.call, copied.place) == (text, *content)
 
 
-@pytest.mark.parametrize(("text", "part"), PARTS.items())
-def test_a_row_is_made_and_found_by_its_part_or_by_the_text_of_the_part(text: str | None, part: RowPart) -> None:
-    row = figure_row("peak", part=part, value=1.0)
-    assert row == figure_row("peak", part=text, value=1.0)
-    assert [*find_rows((row,), "peak", part=part)] == [*find_rows((row,), "peak", part=text)] == [row]
+@pytest.mark.parametrize("text", PARTS)
+def test_a_row_is_found_by_its_part_and_reads_back(text: str) -> None:
+    row = figure_row("peak", part=text, value=1.0)
+    assert [*find_rows((row,), "peak", part=RowPart(text))] == [*find_rows((row,), "peak", part=text)] == [row]
+    read = from_plain(Figure, to_plain(row))
+    assert read == row
+    assert read.part is not None
+    assert read.part.place is row.place
+
+
+@pytest.mark.parametrize("part", [1, 1.5, ["pose"], {}])
+def test_the_part_of_a_row_is_a_text(part: object) -> None:
+    with pytest.raises(RecordError, match="part"):
+        from_plain(Figure, {"subject": "memory", "figure": "peak", "unit": "bytes", "part": part})
 
 
 def test_parts_with_a_number_are_read_as_they_are_written() -> None:
@@ -54,14 +71,11 @@ def test_parts_with_a_number_are_read_as_they_are_written() -> None:
     assert range_of("near-far m") is None
     assert range_of(pair_part(3)) is None
     assert distance_of(distance_part(5.0)) == 5.0
-    assert is_of_pair(pair_part(12))
-    assert not any(map(is_of_pair, (None, "pair", "pairs 0", range_part(0.0, 4.0))))
 
 
 @pytest.mark.parametrize("text", ["on  two", "a stage of mapping", "host", "targeted", "call"])
-def test_the_name_of_a_stage_is_written_as_it_was(text: str) -> None:
-    assert RowPart.of(text).text == text
-    assert RowPart.of(text).place is Place.HOST
+def test_the_name_of_a_stage_is_no_place(text: str) -> None:
+    assert RowPart(text).place is Place.HOST
 
 
 def test_a_row_has_place_and_kind_of_call() -> None:

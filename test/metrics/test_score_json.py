@@ -19,6 +19,7 @@ from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.figures.details import CallHistogram, Columns, ErrorRows
 from sfr_loc_map.metrics.figures.records import InputFile, MethodKind, MethodRecord, Provenance
+from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.rows import COLUMNS, Figure, figure_row
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limit, LimitSection, Population
@@ -41,6 +42,7 @@ SCALARS: dict[Any, st.SearchStrategy[Any]] = {
             ErrorRows(figure="position", condition="time=5", errors=((0.1,), (0.2,), (0.3,))),
         ]
     ),
+    RowPart: WORDS.map(RowPart),
     Any: st.one_of(WORDS, st.integers(-(2**62), 2**62), st.lists(NUMBERS, max_size=2)),
 }
 

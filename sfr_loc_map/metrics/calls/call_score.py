@@ -302,7 +302,7 @@ def at_place(row: Figure, place: Place) -> Figure:
 
     The specification defines the times of calls on the target [4.2.1, 4.3.1].
     """
-    part = RowPart.of(row.part).at(place).text
+    part = (row.part or RowPart("")).at(place)
     return replace_row(row, part=part, clause=clause_of(row.figure, part))
 
 
@@ -327,7 +327,7 @@ def stage_of(figure: str) -> str | None:
     if found is None:
         return None
     name = found[1]
-    is_reserved = name in (FIRST, AFTER_FIRST) or RowPart.of(name) != RowPart(name)
+    is_reserved = name in (FIRST, AFTER_FIRST) or RowPart(name).what != name
     return f"'{name}'" if is_reserved else name
 
 

@@ -23,7 +23,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.figures.catalogue import ANSWERED_TWICE, CALLS_MISSING, JUDGED, UNANSWERED, UNMEASURED
 from sfr_loc_map.metrics.figures.records import ExternalScore
-from sfr_loc_map.metrics.figures.row_part import COUNT, Place, RowPart, Scope
+from sfr_loc_map.metrics.figures.row_part import COUNT, Place, RowPart, Scope, calls_part
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.association import nearness_ns
 from sfr_loc_map.stamp_pairing import nearest_stamps
@@ -138,7 +138,7 @@ def calls_completeness(
     the pair count as duplicates.
     """
     for scope, measured in values.items():
-        part = RowPart(scope, kind, place)
+        part = calls_part(scope, kind, place)
         if expected_ns is None or not len(expected_ns):
             yield expected_row(part, 0, None)
             continue
@@ -146,7 +146,7 @@ def calls_completeness(
         expected = np.unique(expected_ns)
         judged, many = judged_calls(kind, given, expected)
         yield expected_row(part, judged, many)
-        calls = part.of_calls
+        calls = calls_part("", kind, place)
         missing = UNMEASURED if scope is Scope.MEMORY else CALLS_MISSING
         yield figure_row(missing, part=calls, n=many, value=share_of(many - judged, many))
         if scope is Scope.CALLS:
@@ -188,14 +188,14 @@ def answers_completeness(node: ExternalScore) -> Iterator[Figure]:
     missing = answers.missing, answers.pairs
     other = answers.other_stamp, received
     doubled = answers.doubled, received
-    yield expected_row(RowPart(Scope.CALLS, kind), answers.answered, answers.pairs)
+    yield expected_row(calls_part(Scope.CALLS, kind), answers.answered, answers.pairs)
     counts = {CALLS_MISSING: missing, "calls_other": other, "calls_doubled": doubled}
     counts |= {UNANSWERED: missing, ANSWERED_TWICE: doubled}
     for figure, (count, total) in counts.items():
         yield figure_row(figure, part=kind, n=total, value=share_of(count, total))
     if node.process is not None:  # memory of all its processes over the complete run
         measured = int(node.process.peak_rss_bytes > 0)
-        yield expected_row(RowPart(Scope.MEMORY, kind), measured, 1)
+        yield expected_row(calls_part(Scope.MEMORY, kind), measured, 1)
         yield figure_row(UNMEASURED, part=kind, n=1, value=1 - measured)
 
 

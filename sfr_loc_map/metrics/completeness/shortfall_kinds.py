@@ -95,7 +95,6 @@ class ShortfallKind(NamedTuple):
     accepted_by: tuple[AcceptedBy, ...] = ()  #: Limits that accept the shortfall, besides the limit on its figure.
     partial: bool = True  #: Whether `--partial` accepts the shortfall: missing data, but not wrong data.
     is_limited: bool = True  #: Whether a limits file can have a limit on the figure.
-    is_of_expected: bool = False  #: Whether the figure is a fraction of the expected items, as the row `judged`.
     of_node: CallKind | None = None  #: Calls of the external node whose answers the figure counts; None for others.
     #: Why the scope is incomplete if the figure is a fraction of 0 items; empty if it is complete then, because nothing
     #: of this kind can be missing or wrong.
@@ -167,7 +166,7 @@ def answered_twice(scope: Scope, node: CallKind) -> ShortfallKind:
 
 SHORTFALLS = (
     # ---- drives
-    ShortfallKind("missing", Scope.DRIVE, IMAGES, 0.0, finder=Finder.GAPS, is_of_expected=True),
+    ShortfallKind("missing", Scope.DRIVE, IMAGES, 0.0, finder=Finder.GAPS),
     ShortfallKind(  # not 0 without limits, because the last images of a recording are often not processed
         IN_GAPS,
         Scope.DRIVE,
@@ -208,7 +207,6 @@ SHORTFALLS = (
         "true pose at their stamp (option frames=images interpolates the truth)",
         # if the images are unknown, this figure counts estimates without truth, which this limit also judges
         accepted_by=(AcceptedBy("unmatched_max_share", Allowance.ANY, only_without_images=True),),
-        is_of_expected=True,
     ),
     ShortfallKind("lost", Scope.DRIVE, "frames", None, partial=False),
     ShortfallKind("degraded", Scope.DRIVE, "frames", None, partial=False),
@@ -278,7 +276,6 @@ SHORTFALLS = (
         0.0,
         "{percent} % of the mapping pairs have no point in the cloud",
         is_required_without_limits=True,
-        is_of_expected=True,
     ),
     ShortfallKind(  # not 0, because points at the edge of the sky may have no truth
         "points_without_truth", Scope.MAP, "map points", 0.01, "{percent} % of the map points have no ground truth"
@@ -302,14 +299,7 @@ SHORTFALLS = (
     ),
     answered_twice(Scope.MAP, CallKind.MAPPING),
     # ---- calls
-    ShortfallKind(
-        CALLS_MISSING,
-        Scope.CALLS,
-        "pairs",
-        0.0,
-        "{percent} % of the pairs have no measured {part} call",
-        is_of_expected=True,
-    ),
+    ShortfallKind(CALLS_MISSING, Scope.CALLS, "pairs", 0.0, "{percent} % of the pairs have no measured {part} call"),
     ShortfallKind(
         "calls_other",
         Scope.CALLS,
@@ -334,17 +324,9 @@ SHORTFALLS = (
         "the memory of {percent} % of the {part} calls was not measured",
         accepted_by=(AcceptedBy("calls_missing_max_share", Allowance.BOUND),),
         is_limited=False,
-        is_of_expected=True,
     ),
     # ---- live runs
-    ShortfallKind(
-        "dropped",
-        Scope.LIVE,
-        "messages",
-        0.0,
-        "{percent} % of the messages of the live run were dropped",
-        is_of_expected=True,
-    ),
+    ShortfallKind("dropped", Scope.LIVE, "messages", 0.0, "{percent} % of the messages of the live run were dropped"),
     ShortfallKind("restarts", Scope.LIVE, "runs", 0.0, "the live score restarted {value} times", is_limited=False),
 )
 """The kinds of shortfalls, by subject."""

@@ -32,6 +32,7 @@ from sfr_loc_map.metrics.figures.row_part import (
     COUNT,
     DIRECTIONS,
     MOVING,
+    ON_TARGET,
     OTHER_FRAMES,
     ROTATION,
     TIME,
@@ -309,14 +310,14 @@ CATALOGUE = (
 )
 KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
 """The catalogue by the unique names of its figures."""
-FITTED = tuple(reading for reading in Reading if reading.is_fit)  #: Readings after an alignment of the drive.
+FITTED = tuple(RowPart(reading) for reading in Reading if reading.is_fit)  #: Readings after an alignment of the drive.
 CLAUSES_OF_MEMORY = {CallKind.LOCALISATION: "4.2.2", CallKind.MAPPING_CALL: "4.3.2"}  #: Clauses by the kind of call.
 DEFINED = {Subject.TRAJECTORY: ("mean", "sigma", TOTAL), Subject.MAP: ()}
 """Statistics that the specification defines, by subject: none for the point error. For calls any statistic is
 allowed."""
 
 
-UNITS_OF_PARTS = {
+UNITS_OF_PARTS: dict[tuple[str, RowPart | None], str] = {
     ("ape", ROTATION): "deg",
     ("rpe", ROTATION): "deg",
     ("longest_gap", TIME): "s",
@@ -325,12 +326,12 @@ UNITS_OF_PARTS = {
 """Units of parts whose unit differs from that of their figure."""
 
 
-def unit_of_row(figure: str, part: str | None) -> str:
+def unit_of_row(figure: str, part: RowPart | None) -> str:
     """Return the unit of the row of a figure and a part."""
-    return UNITS_OF_PARTS.get((figure, part or ""), KINDS[figure].unit)
+    return UNITS_OF_PARTS.get((figure, part), KINDS[figure].unit)
 
 
-def clause_of(figure: str, part: str | None) -> str:
+def clause_of(figure: str, part: RowPart | None) -> str:
     """Return the clause that defines a figure of a part; empty if the specification does not define the figure.
 
     4.2.1 and 4.3.1 define the time of a call on the target, 4.2.2 and 4.3.2 the memory of a call. The specification
@@ -339,20 +340,20 @@ def clause_of(figure: str, part: str | None) -> str:
     direction. It does not define the parts `moving`, `other frames` and a distance (`5 m`) either, because their
     sub-trajectories are chosen by other rules.
     """
-    of_row = RowPart.of(part)
-    if figure not in KINDS or part in DIRECTIONS or part in FITTED or of_row.place is Place.STATED:
+    place = Place.HOST if part is None else part.place
+    if figure not in KINDS or part in DIRECTIONS or part in FITTED or place is Place.STATED:
         return ""
     kind = KINDS[figure]
     if kind.subject is Subject.TRAJECTORY and (part in (MOVING, OTHER_FRAMES) or distance_of(part) is not None):
         return ""
     if kind.subject is Subject.TIMING:
-        return kind.clause if part == Place.TARGET else ""
+        return kind.clause if part == ON_TARGET else ""
     if kind.subject is Subject.MEMORY:
-        return "" if of_row.call is None else CLAUSES_OF_MEMORY.get(of_row.call, "")
+        return "" if part is None or part.call is None else CLAUSES_OF_MEMORY.get(part.call, "")
     return kind.clause
 
 
-def defines(figure: str, part: str | None, statistic: str) -> bool:
+def defines(figure: str, part: RowPart | None, statistic: str) -> bool:
     """Return whether the specification defines this statistic of a figure."""
     if not clause_of(figure, part):
         return False

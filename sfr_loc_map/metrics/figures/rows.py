@@ -41,7 +41,7 @@ class Figure(RowNumbers, frozen=True):
     #: `along`), a range (`0-4 m`), a pair (`pair 0`), a kind or stage of calls, a distance (`5 m`), the number of items
     #: instead of their fraction (`count`), or other errors than the judged ones (`moving`, `other frames`, `pooled`).
     #: The part of calls that were not measured on the host begins with `target` or `stated`.
-    part: str | None = None
+    part: RowPart | None = None
 
     @property
     def keys(self) -> tuple[str | None, ...]:
@@ -51,12 +51,14 @@ class Figure(RowNumbers, frozen=True):
     @property
     def place(self) -> Place:
         """Where the calls of the row were measured."""
-        return RowPart.of(self.part).place
+        return Place.HOST if self.part is None else self.part.place
 
     @property
     def call(self) -> CallKind | None:
         """Kind of call that the row is about, None if the row is not about calls."""
-        return CallKind(self.figure) if self.figure in [*CallKind] else RowPart.of(self.part).call
+        if self.figure in [*CallKind]:
+            return CallKind(self.figure)
+        return None if self.part is None else self.part.call
 
     @property
     def interval(self) -> Interval | None:
@@ -102,23 +104,23 @@ NUMBERS = (*STATISTICS, "value")
 def figure_row(
     figure: str,
     condition: str | None = None,
-    part: str | RowPart | None = None,
+    part: str | None = None,
     statistics: Statistics | None = None,
     **numbers: float | None,
 ) -> Figure:
     """Return the row of a figure of the catalogue, with its clause, its subject and its unit."""
     kind = KINDS[figure]
-    text = RowPart.text_of(part)
+    of_row = RowPart.of(part)
     row: dict[str, Any] = {} if statistics is None else msgspec.structs.asdict(statistics)
     for name, value in numbers.items():
         row[name] = None if value is None else int(value) if name == "n" else float(value)
     return Figure(
-        clause=clause_of(kind.name, text),
+        clause=clause_of(kind.name, of_row),
         subject=kind.subject,
         condition=condition,
-        part=text,
+        part=of_row,
         figure=kind.name,
-        unit=unit_of_row(kind.name, text),
+        unit=unit_of_row(kind.name, of_row),
         **row,
     )
 
@@ -149,7 +151,7 @@ def find_rows(
     *,
     subject: str = ANY,
     condition: str | Condition | None = ANY,
-    part: str | RowPart | None = ANY,
+    part: str | None = ANY,
 ) -> Iterator[Figure]:
     """Yield the rows that have these keys, in the order of the table.
 
@@ -157,7 +159,6 @@ def find_rows(
     """
     if figure != ANY and figure not in KINDS and not any(row.figure == figure for row in figures):
         raise ConfigError(f"there is no figure '{figure}'{suggestion(figure, KINDS)}: give one that exists")
-    text = RowPart.text_of(part)
     if isinstance(condition, Condition):
         condition = condition.setting
     elif condition is not None and condition != ANY:
@@ -167,7 +168,7 @@ def find_rows(
             figure in (ANY, row.figure),
             subject in (ANY, row.subject),
             condition in (ANY, row.condition),
-            text in (ANY, row.part),
+            part in (ANY, row.part),
         )
         if all(fits):
             yield row

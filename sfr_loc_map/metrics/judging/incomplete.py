@@ -33,6 +33,7 @@ from sfr_loc_map.metrics.figures.row_part import (
     Place,
     RowPart,
     Scope,
+    calls_part,
 )
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.formulas import QUANTILES
@@ -81,7 +82,7 @@ class Shortfall(NamedTuple):
             name=self.kind.limit_name or self.kind.figure,
             row=self.row,
             subject=Subject.COMPLETENESS,
-            part=self.part.text if self.kind.scope is None else None,
+            part=self.part if self.kind.scope is None else None,
             figure=self.kind.figure,
             statistic="value",
             limit=self.most,
@@ -175,7 +176,7 @@ def unknown_states(kind: ShortfallKind, score: Score) -> Iterator[Shortfall]:
 
 def above_most(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
     """Yield a shortfall if the figure of a kind exceeds its largest complete value, or is unknown."""
-    calls = part.of_calls.text if kind.of_node is None else kind.of_node.value
+    calls = part.of_calls if kind.of_node is None else kind.of_node
     row = score.figure(kind.figure, subject=Subject.COMPLETENESS, part=calls)
     if row is None:
         return
@@ -308,9 +309,9 @@ def statistic_of(limit: Limit) -> str:
 def why_unknown(part: RowPart, row: Figure | None) -> str:
     """Return why the judged fraction of a part is unknown."""
     if row is None and part.call is not None:
-        return NO_CALL[part.place].format(part=part.at(Place.HOST).of_calls.words)
+        return NO_CALL[part.place].format(part=calls_part("", part.call).words)
     if row is not None and part.place is Place.TARGET:
-        return NO_STAMP.format(part=part.of_calls.words)
+        return NO_STAMP.format(part=calls_part("", part.call, part.place).words)
     if row is not None and row.n == 0:
         return NO_MESSAGE if part.what == Scope.LIVE else NOT_DUE.format(part=part.words)
     return UNKNOWN.format(part=part.words)

@@ -25,6 +25,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.completeness.shortfall_kinds import OF_LIMIT
 from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
 from sfr_loc_map.metrics.figures.catalogue import JUDGED, KINDS
+from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.judging.data_set import fault_of_data_set
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, incompleteness, text_of
@@ -243,11 +244,9 @@ def verdict_of(
     )
 
 
-def part_of(limited: LimitedNumber, row: Figure | None) -> str | None:
+def part_of(limited: LimitedNumber, row: Figure | None) -> RowPart | None:
     """Return the part of the limited row, or if there is no such row, the part that the limit names."""
-    if row is not None:
-        return row.part
-    return None if limited.part is None else limited.part.text
+    return limited.part if row is None else row.part
 
 
 def _by_reading(limit: Limit, score: Score, limits: Limits) -> dict[str, VerdictState]:

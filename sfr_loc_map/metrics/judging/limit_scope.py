@@ -8,7 +8,7 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.figures.catalogue import JUDGED, Subject
-from sfr_loc_map.metrics.figures.row_part import Place, RowPart, Scope
+from sfr_loc_map.metrics.figures.row_part import Place, RowPart, Scope, calls_part
 from sfr_loc_map.metrics.judging.limited_value import value_of
 from sfr_loc_map.metrics.score.limits import OF_MAP, Limit, Limits, LimitSection
 from sfr_loc_map.metrics.score.score import Score
@@ -48,7 +48,7 @@ def needed_part(limit: Limit) -> RowPart | None:
     limited = limit.limited
     measured = Scope.CALLS if limited.subject is Subject.TIMING else Scope.MEMORY
     place = Place.TARGET if limit.section is LimitSection.TARGET else Place.HOST
-    return RowPart(measured, limited.call, place)
+    return calls_part(measured, limited.call, place)
 
 
 def judged_parts(limits: Limits, score: Score) -> list[RowPart]:
@@ -69,4 +69,4 @@ def lacks_calls(limit: Limit, part: RowPart, score: Score) -> bool:
     is_on_calls = limit.section in (LimitSection.TIMING, LimitSection.MEMORY, LimitSection.TARGET)
     if not is_on_calls or task_of(limit) not in tasks_of(score):
         return False
-    return score.figure(JUDGED, part=part._replace(what=Scope.CALLS)) is None
+    return score.figure(JUDGED, part=calls_part(Scope.CALLS, part.call, part.place)) is None

@@ -29,7 +29,7 @@ from sfr_loc_map.metrics.conditions import is_written_condition
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.figures.catalogue import ALIGNED, CATALOGUE, JUDGED, KINDS, TOTAL, FigureKind, Subject
 from sfr_loc_map.metrics.figures.records import Record
-from sfr_loc_map.metrics.figures.row_part import Place, RowPart, Scope
+from sfr_loc_map.metrics.figures.row_part import Place, RowPart, Scope, calls_part
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.statistics.tolerance import CONFIDENCE, THREE_SIGMA
 
@@ -113,7 +113,7 @@ class LimitedNumber(NamedTuple):
 
     def of_target(self) -> LimitedNumber:
         """Return this number for the calls that were measured on a target."""
-        return self._replace(part=(self.part or RowPart()).at(Place.TARGET))
+        return self._replace(part=(self.part or RowPart("")).at(Place.TARGET))
 
     @property
     def call(self) -> CallKind | None:
@@ -147,7 +147,7 @@ TIMES = {
     **names_of([KINDS[kind] for kind in CallKind]),
 }
 PEAKS = {
-    f"{call}_{kind.name}_bytes": LimitedNumber(Subject.MEMORY, kind.name, "value", RowPart(call=call))
+    f"{call}_{kind.name}_bytes": LimitedNumber(Subject.MEMORY, kind.name, "value", calls_part("", call))
     for call in (CallKind.LOCALISATION, CallKind.MAPPING, CallKind.MAPPING_CALL)
     for kind in CATALOGUE
     if kind.subject is Subject.MEMORY

@@ -38,7 +38,7 @@ from sfr_loc_map.metrics.figures.records import (
     TargetRun,
     TruthRecord,
 )
-from sfr_loc_map.metrics.figures.row_part import ANY, POOLED, RowPart
+from sfr_loc_map.metrics.figures.row_part import ANY, POOLED
 from sfr_loc_map.metrics.figures.rows import Figure, find_rows
 from sfr_loc_map.metrics.score.limits import Rules
 from sfr_loc_map.metrics.score.verdict import Verdict
@@ -84,12 +84,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     content_sha256: str | None = None  #: Hash of all other values of a file; null for a score in memory.
 
     def rows(
-        self,
-        figure: str = ANY,
-        *,
-        subject: str = ANY,
-        condition: str | Condition | None = ANY,
-        part: str | RowPart | None = ANY,
+        self, figure: str = ANY, *, subject: str = ANY, condition: str | Condition | None = ANY, part: str | None = ANY
     ) -> list[Figure]:
         """Return the rows of the table of figures that have these keys, in the order of the table.
 
@@ -98,12 +93,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return list(find_rows(self.figures, figure, subject=subject, condition=condition, part=part))
 
     def figure(
-        self,
-        figure: str,
-        *,
-        subject: str = ANY,
-        condition: str | Condition | None = ANY,
-        part: str | RowPart | None = JUDGED_ROW,
+        self, figure: str, *, subject: str = ANY, condition: str | Condition | None = ANY, part: str | None = JUDGED_ROW
     ) -> Figure | None:
         """Return the row of a figure and a part, or without `part` the judged row; None if there is no such row.
 
@@ -139,7 +129,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         *,
         subject: str = ANY,
         condition: str | Condition | None = ANY,
-        part: str | RowPart | None = JUDGED_ROW,
+        part: str | None = JUDGED_ROW,
     ) -> float | None:
         """Return one statistic of a figure, None if it is undefined or there is no such row, as for an unknown part.
 

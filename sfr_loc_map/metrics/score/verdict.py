@@ -10,6 +10,7 @@ import msgspec
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.figures.catalogue import Subject
 from sfr_loc_map.metrics.figures.records import Record
+from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.score.limits import Terms, is_lower_bound, is_on_target
 from sfr_loc_map.metrics.statistics.intervals import Interval
 
@@ -57,7 +58,7 @@ class Verdict(Record, frozen=True, kw_only=True):
     row: int | None = None
     subject: Subject | None = None  #: Subject of the figure.
     condition: str | None = None  #: Condition of the sub-trajectories; null outside the trajectory.
-    part: str | None = None  #: Part of the figure.
+    part: RowPart | None = None  #: Part of the figure.
     figure: str | None = None  #: Name of the figure.
     statistic: str | None = None  #: Column of the row; `bound` for a tolerance bound.
     limit: float  #: Upper bound (`coverage_min`, `judged`: lower bound) in the unit of the name.

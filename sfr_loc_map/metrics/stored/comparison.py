@@ -27,6 +27,7 @@ from sfr_loc_map.metrics.errors.trajectory_errors import overlap_of
 from sfr_loc_map.metrics.figures.catalogue import KINDS, TOTAL, Subject
 from sfr_loc_map.metrics.figures.details import SubTrajectoryRows, Values
 from sfr_loc_map.metrics.figures.records import MethodRecord, Record
+from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.judging.incomplete import strictly_missing
@@ -83,7 +84,7 @@ class SideBySide(Record, frozen=True, kw_only=True, omit_defaults=False):
     values: tuple[float | None, ...]
     figure: str = msgspec.field(name="kind")  #: Figure of the catalogue.
     condition: str | None = None
-    part: str | None = None
+    part: RowPart | None = None
     statistic: str
 
 

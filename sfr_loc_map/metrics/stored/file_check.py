@@ -1,9 +1,9 @@
 """Check that a stored score does not contradict itself.
 
-The statistics of a row must be possible for some values, and its keys and unit must be those of a figure of the
-catalogue. No two rows may have the same keys. Mean + 3 sigma must follow from mean and sigma, the figures from the raw
-values (`raw_values`) and related rows (`related_rows`), and tolerance bounds and verdicts from figures and rules.
-`score_json` also compares the hash of the values of a file.
+Tolerance bounds and verdicts must follow from the figures and the rules. The keys and the unit of a row must be those
+of a figure of the catalogue, no two rows may have the same keys, and the statistics of a row must be possible for some
+values. Whether the figures follow from the inputs is not checked. `score_json` compares the hash of all values of a
+file, which detects any other edit.
 """
 
 from __future__ import annotations
@@ -24,8 +24,6 @@ from sfr_loc_map.metrics.judging.judge import with_verdicts
 from sfr_loc_map.metrics.score.limits import BOUND
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
-from sfr_loc_map.metrics.stored.related_rows import fault_of_related_rows
 
 ROUNDING = 1e-9  #: Relative tolerance between a stored and a derived number.
 ASCENDING = ((*QUANTILES, "max"), ("mean", "rmse", "max"), ("low95", "high95"))
@@ -182,12 +180,5 @@ def _text(value: object) -> str:
     return "null" if value is None else f"'{value}'" if isinstance(value, str) else f"{value}"
 
 
-CHECKS = (
-    fault_of_rows,
-    fault_of_counts,
-    fault_of_raw_values,
-    fault_of_related_rows,
-    fault_of_numbers,
-    fault_of_data_set,
-)
+CHECKS = (fault_of_rows, fault_of_counts, fault_of_numbers, fault_of_data_set)
 """The checks of the figures and of the data set, in the order in which their faults are reported."""

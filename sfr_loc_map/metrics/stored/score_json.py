@@ -18,6 +18,7 @@ from msgspec.structs import replace
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.figures.catalogue import Subject
+from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.score.score import SCHEMA, Score
 from sfr_loc_map.metrics.stored.file_check import ContradictionError, checked_score
 
@@ -48,9 +49,14 @@ def from_plain(kind: type[T], value: Any, name: str = "") -> T:  # noqa: ANN401 
     RecordError, with a message of one line, if a key is missing or unknown or a value has another type.
     """
     try:
-        return msgspec.convert(value, kind)
+        return converted(kind, value)
     except (msgspec.ValidationError, ValueError) as error:
         raise RecordError(f"{name}: {error}" if name else str(error)) from error
+
+
+def converted(kind: type[T], value: Any) -> T:  # noqa: ANN401 - any JSON
+    """Return the value of a type from its JSON; ValueError if a key is missing or unknown or a type differs."""
+    return msgspec.convert(value, kind, dec_hook=_part_of_text)
 
 
 def to_dict(score: Score) -> dict[str, Any]:
@@ -110,7 +116,7 @@ def from_dict(
     score_again, give_score = advice or SCORE_AGAIN, advice or GIVE_SCORE
     _check_schema(content, origin, score_again, give_score)
     try:
-        score = msgspec.convert(content, Score)
+        score = converted(Score, content)
     except (msgspec.ValidationError, ValueError) as error:
         reason = " ".join(str(error).split())  # keys of the file may contain line breaks
         raise InputError(f"{origin} does not match {SCHEMA}: {reason}; {give_score}") from error
@@ -143,9 +149,23 @@ def _check_schema(content: object, origin: str, score_again: str, give_score: st
 
 def _encoded(value: Any) -> bytes:  # noqa: ANN401 - any record
     try:
-        return msgspec.json.encode(value)
+        return msgspec.json.encode(value, enc_hook=_text_of_part)
     except UnicodeEncodeError:  # file names may contain bytes that are not UTF-8
-        return msgspec.json.encode(_readable(msgspec.to_builtins(value)))
+        return msgspec.json.encode(_readable(msgspec.to_builtins(value, enc_hook=_text_of_part)))
+
+
+def _text_of_part(value: object) -> str:
+    """Return the JSON of the part of a row, its text; NotImplementedError for a value that JSON does not have."""
+    if not isinstance(value, RowPart):
+        raise NotImplementedError(f"{type(value)} is not a value of JSON")
+    return str(value)
+
+
+def _part_of_text(kind: type[Any], value: Any) -> RowPart:  # noqa: ANN401 - any JSON
+    """Return the part of a row from its JSON; ValueError if the JSON is no text."""
+    if kind is not RowPart or not isinstance(value, str):
+        raise ValueError(f"a text is required, found {type(value).__name__}")
+    return RowPart(value)
 
 
 def _readable(value: Any) -> Any:  # noqa: ANN401 - any JSON value

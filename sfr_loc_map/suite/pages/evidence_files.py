@@ -23,7 +23,7 @@ from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.figures.records import Provenance
 from sfr_loc_map.metrics.figures.rows import Figure
-from sfr_loc_map.metrics.stored.score_json import HASH, hash_of_values
+from sfr_loc_map.metrics.stored.score_json import HASH, converted, hash_of_values
 from sfr_loc_map.report.test_report import AdditionalEvidence
 from sfr_loc_map.suite.pages.search_page import case_table
 from sfr_loc_map.suite.pages.tables import budget_tables
@@ -182,7 +182,7 @@ def read_file(path: Path) -> CheckFile | BudgetFile | SearchFile:
             raise ValueError(f"its schema is {schema!r}: one of {', '.join(KINDS)} is required")
         if kind is CheckFile and content.get(HASH) != hash_of_values(content):
             raise ValueError(f"its values do not have the hash in {HASH}: repeat the check")
-        return msgspec.convert(content, kind)
+        return converted(kind, content)
     except (OSError, ValueError) as error:
         problem = error.strerror if isinstance(error, OSError) else error
         advice = "give the JSON of sfr check, suite.json or search.json"

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import CallKind, VerdictState
 from sfr_loc_map.metrics.figures.catalogue import KINDS, TOTAL, Subject, statistic_title
-from sfr_loc_map.metrics.figures.row_part import Scope
+from sfr_loc_map.metrics.figures.row_part import COUNT, Scope
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.report.verdict_style import verdict_cell
@@ -346,7 +346,7 @@ OF_MAPS: tuple[RowColumn[ScoredJob], ...] = (numbers("coverage", lambda row: row
 OF_TRAJECTORIES: tuple[RowColumn[ScoredJob], ...] = (
     numbers("covered", lambda row: row.score.number("judged", part=Scope.DRIVE), PERCENT),
     numbers("n", lambda row: row.score.number("position", "n")),
-    numbers("lost", lambda row: row.score.number("lost", part="count")),
+    numbers("lost", lambda row: row.score.number("lost", part=COUNT)),
     numbers("call p95", lambda row: row.score.number("localisation", "p95", part=None), MILLISECOND),
     numbers("peak", lambda row: row.score.number("peak", part=CallKind.LOCALISATION), MIB),
 )

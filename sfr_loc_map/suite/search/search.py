@@ -256,4 +256,4 @@ def _part_of(number: LimitedNumber) -> str:
     """Return the part of a limited number of a localised drive; empty for the judged row."""
     if number.is_of_worst_call:
         return CallKind.LOCALISATION  # the only kind of call of the drive
-    return "" if number.part is None else number.part.text or ""
+    return number.part or ""
