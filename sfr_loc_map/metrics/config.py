@@ -9,6 +9,7 @@ from enum import StrEnum
 from sfr_loc_map.configuration.parameters import build, check_parameters, param
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
+from sfr_loc_map.suite_names import Task
 
 SPACING_FRAMES = 10  #: Frames from one start of a sub-trajectory to the next, as the specification recommends [4.1.1].
 
@@ -52,6 +53,11 @@ class CallKind(StrEnum):
     def words(self) -> str:
         """The displayed name."""
         return self.replace("_", " ")
+
+    @property
+    def task(self) -> Task:
+        """The task that the call is made for."""
+        return Task.LOCALISATION if self is CallKind.LOCALISATION else Task.MAPPING
 
 
 class MappingState(StrEnum):

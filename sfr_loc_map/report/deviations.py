@@ -20,25 +20,10 @@ from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.conditions import Condition, label_of
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, CloudKind, MapScoreConfig, Reading
-from sfr_loc_map.metrics.figures.catalogue import (
-    ERRORS_BEYOND,
-    JUDGED,
-    STANDING,
-    TOTAL,
-    Subject,
-    statistic_title,
-    title_of,
-)
+from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND, JUDGED, STANDING, TOTAL, statistic_title, title_of
 from sfr_loc_map.metrics.figures.records import REPLAY_RATE, MethodKind
-from sfr_loc_map.metrics.figures.row_part import (
-    COUNT,
-    MOVING,
-    OTHER_FRAMES,
-    SUB_TRAJECTORIES,
-    Scope,
-    calls_part,
-    range_of,
-)
+from sfr_loc_map.metrics.figures.row_part import COUNT, MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, calls_part, range_of
+from sfr_loc_map.metrics.figures.subjects import Scope, Subject
 from sfr_loc_map.metrics.judging.incomplete import limits_missed_at_other_frames, statistic_of
 from sfr_loc_map.metrics.judging.limit_scope import tasks_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
@@ -48,18 +33,21 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.report.settings import changed_settings, has_all_settings, setting_text
 from sfr_loc_map.report.verdict_view import VerdictView
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.tables.model import METRE, exact_number, fitting, number
 
 PATH_WITHOUT_IMAGES = 0.01
 """Fraction of the true path without images that is accepted, because the truth begins and ends near an image."""
 MAX_STANDING = 0.1  #: Accepted fraction of sub-trajectories with a stationary rover.
 STAGES = (CallKind.MAPPING, CallKind.FUSION)  #: Calls that are stages of the mapping call of the specification.
-TASK_NAMES = {Scope.DRIVE: "localisation", Scope.MAP: "mapping"}
-KINDS_OF = {Scope.DRIVE: (CallKind.LOCALISATION,), Scope.MAP: (CallKind.MAPPING_CALL, CallKind.MAPPING)}
+CALLS_WITH_FINDINGS = {
+    Task.LOCALISATION: (CallKind.LOCALISATION,),
+    Task.MAPPING: (CallKind.MAPPING_CALL, CallKind.MAPPING),
+}
 """Calls of each task. Findings are recorded with calls, and the states of poses with the calls of a localiser."""
 UNKNOWN_WITHOUT_CALLS = {
-    Scope.DRIVE: "Failures of the method in these calls, and which poses are lost or degraded,",
-    Scope.MAP: "Failures of the method in these calls",
+    Task.LOCALISATION: "Failures of the method in these calls, and which poses are lost or degraded,",
+    Task.MAPPING: "Failures of the method in these calls",
 }
 
 SECTIONS_OF_READING = ("topics", "frames", "calibration", "extrinsics", "sync")
@@ -369,16 +357,15 @@ def _unknown_calls(score: Score) -> Iterator[str]:
     if not score.verdicts:
         return
     for task in tasks_of(score):
-        name = TASK_NAMES[task]
-        found = [score.figure(JUDGED, part=calls_part(Scope.CALLS, kind)) for kind in KINDS_OF[task]]
+        found = [score.figure(JUDGED, part=calls_part(Scope.CALLS, kind)) for kind in CALLS_WITH_FINDINGS[task]]
         judged = [row.value for row in found if row is not None]
         if not judged:
             without = UNKNOWN_WITHOUT_CALLS[task]
-            yield f"The {name} calls of the run are unknown (option stats). {without} are therefore unknown."
+            yield f"The {task} calls of the run are unknown (option stats). {without} are therefore unknown."
         elif None in judged:
-            yield f"It is unknown whether all pairs have a {name} call, because the expected pairs are unknown."
+            yield f"It is unknown whether all pairs have a {task} call, because the expected pairs are unknown."
         elif (share := 1.0 - max(value for value in judged if value is not None)) > 0.0:
-            text = f"{100.0 * share:.3g} % of the pairs have no measured {name} call."
+            text = f"{100.0 * share:.3g} % of the pairs have no measured {task} call."
             yield f"{text} Failures of the method and states of poses at these pairs are unknown."
 
 

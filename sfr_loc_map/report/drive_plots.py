@@ -8,10 +8,11 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from sfr_loc_map.metrics.conditions import label_of
-from sfr_loc_map.metrics.figures.catalogue import TOTAL, Subject, statistic_title
+from sfr_loc_map.metrics.figures.catalogue import TOTAL, statistic_title
 from sfr_loc_map.metrics.figures.details import PathRows, SubTrajectoryRows
 from sfr_loc_map.metrics.figures.row_part import DIRECTIONS, distance_of
 from sfr_loc_map.metrics.figures.rows import Figure
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.limit_lines import error_axis, limit_lines
 from sfr_loc_map.report.plots import (

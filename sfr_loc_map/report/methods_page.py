@@ -11,9 +11,10 @@ from typing import NamedTuple
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.figures.catalogue import KINDS, OF_CALLS, TOTAL, FigureKind, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.figures.catalogue import KINDS, OF_CALLS, TOTAL, FigureKind, statistic_title, title_of
 from sfr_loc_map.metrics.figures.row_part import ANY
 from sfr_loc_map.metrics.figures.rows import Figure
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.judging.incomplete import strictly_missing
 from sfr_loc_map.metrics.score.score import Score

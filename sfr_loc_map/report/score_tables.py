@@ -16,9 +16,10 @@ import msgspec
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.figures.catalogue import ALIGNED, KINDS, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.figures.catalogue import ALIGNED, KINDS, statistic_title, title_of
 from sfr_loc_map.metrics.figures.row_part import AFTER_FIRST, DIRECTIONS, FIRST, READING_PARTS, Place
 from sfr_loc_map.metrics.figures.rows import NUMBERS, Figure
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report import notes

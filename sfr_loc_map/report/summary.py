@@ -16,8 +16,8 @@ from sfr_loc_map.configuration.parameters import flatten
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.figures.catalogue import Subject
 from sfr_loc_map.metrics.figures.row_part import POSE
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.score.caveats import caveats_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import counts_of

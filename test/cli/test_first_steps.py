@@ -15,8 +15,9 @@ from sfr_loc_map.configuration.parameters import parameters
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.metrics.figures.subjects import LimitSection
 from sfr_loc_map.metrics.judging.limits_file import load_limits
-from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, LimitSection
+from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS
 from sfr_loc_map.metrics.stored.score_json import to_json
 
 TUM = "".join(f"{k} {k} 0 0 0 0 0 1\n" for k in range(60))

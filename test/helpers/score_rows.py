@@ -5,8 +5,9 @@ from typing import Any
 from sfr_loc_map.metrics.completeness.expected_items import expected_row
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.figures.row_part import RowPart, Scope
+from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
+from sfr_loc_map.metrics.figures.subjects import Scope
 
 
 def row(score: Any, figure: str, **where: Any) -> dict[str, Any]:

@@ -24,7 +24,8 @@ from sfr_loc_map.metrics.calls.call_score import (
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness, calls_completeness
 from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.figures.records import AnswerCounts, ExternalScore, ProcessUsage
-from sfr_loc_map.metrics.figures.row_part import RowPart, Scope
+from sfr_loc_map.metrics.figures.row_part import RowPart
+from sfr_loc_map.metrics.figures.subjects import Scope
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.suite_names import Task

@@ -22,8 +22,8 @@ from sfr_loc_map.metrics.completeness.expected_items import (
 from sfr_loc_map.metrics.completeness.gaps import TruePath, path_without_images, true_path
 from sfr_loc_map.metrics.config import AssociationConfig, CallKind, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
-from sfr_loc_map.metrics.figures.row_part import Scope
 from sfr_loc_map.metrics.figures.rows import Figure
+from sfr_loc_map.metrics.figures.subjects import Scope
 from sfr_loc_map.metrics.frames.association import Estimates, associate
 from sfr_loc_map.metrics.frames.truth_error import interpolation_errors
 from sfr_loc_map.metrics.judging.judge import judged_by

@@ -19,13 +19,14 @@ from sfr_loc_map.metrics.figures.details import Details
 from sfr_loc_map.metrics.figures.records import AnswerCounts, Association, ExternalScore, FindingKind, FindingRecord
 from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.rows import figure_row
+from sfr_loc_map.metrics.figures.subjects import LimitSection
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, statistic_of
 from sfr_loc_map.metrics.judging.judge import judged_by, overall_verdict, with_verdicts
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
-from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limits, LimitSection, Rules
+from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limits, Rules
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.file_check import fault_of_verdicts
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, to_dict, to_json

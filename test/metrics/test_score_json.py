@@ -21,8 +21,9 @@ from sfr_loc_map.metrics.figures.details import CallHistogram, Columns, ErrorRow
 from sfr_loc_map.metrics.figures.records import InputFile, MethodKind, MethodRecord, Provenance
 from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.rows import COLUMNS, Figure, figure_row
+from sfr_loc_map.metrics.figures.subjects import LimitSection
 from sfr_loc_map.metrics.judging.judge import judged_by
-from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limit, LimitSection, Population
+from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limit, Population
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, from_plain, hash_of_values, to_dict, to_json
 

@@ -21,9 +21,10 @@ from helpers.made_suites import JOB
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.figures import catalogue
-from sfr_loc_map.metrics.figures.catalogue import OF_ERRORS, TOTAL, FigureKind, Subject
+from sfr_loc_map.metrics.figures.catalogue import OF_ERRORS, TOTAL, FigureKind
 from sfr_loc_map.metrics.figures.details import Details
 from sfr_loc_map.metrics.figures.rows import figure_row
+from sfr_loc_map.metrics.figures.subjects import LimitSection, Subject
 from sfr_loc_map.metrics.judging import judge, limits_file
 from sfr_loc_map.metrics.score import limits
 from sfr_loc_map.metrics.score.score import Score
@@ -193,7 +194,7 @@ def with_slip(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -
     if getattr(request, "param", "scalars") == "vectors":
         kind = SLIP._replace(compute_errors=lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2])
     monkeypatch.setitem(catalogue.KINDS, SLIP.name, kind)
-    names = limits.LIMITED_NUMBERS[limits.LimitSection.TRAJECTORY]
+    names = limits.LIMITED_NUMBERS[LimitSection.TRAJECTORY]
     for name, limited in limits.names_of([kind]).items():
         monkeypatch.setitem(names, name, limited)
 

@@ -6,9 +6,9 @@ from msgspec.structs import replace
 from helpers.made_scores import calls, dig, json_of, place_of, whole_score, without
 from sfr_loc_map.metrics.calls.call_score import score_target
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.figures.catalogue import Subject
 from sfr_loc_map.metrics.figures.records import Association
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score

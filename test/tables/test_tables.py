@@ -9,7 +9,7 @@ from msgspec import structs
 from rich.console import Console
 
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.figures.catalogue import Subject
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.report.verdict_style import verdict_cell
 from sfr_loc_map.report.verdict_view import VerdictView

@@ -23,12 +23,13 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE
 from sfr_loc_map.metrics.completeness.expected_items import calls_completeness
 from sfr_loc_map.metrics.config import CallKind, MappingState
-from sfr_loc_map.metrics.figures.catalogue import Subject, clause_of
+from sfr_loc_map.metrics.figures.catalogue import clause_of
 from sfr_loc_map.metrics.figures.details import CallHistogram, CallPlots, CallSeries, column
 from sfr_loc_map.metrics.figures.records import CallRecords, ExternalScore, TargetRun
 from sfr_loc_map.metrics.figures.results import CallsResult
-from sfr_loc_map.metrics.figures.row_part import AFTER_FIRST, FIRST, Place, RowPart, Scope
+from sfr_loc_map.metrics.figures.row_part import AFTER_FIRST, FIRST, Place, RowPart
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
+from sfr_loc_map.metrics.figures.subjects import Scope, Subject
 from sfr_loc_map.suite_names import Task
 
 UNKNOWN = "unknown"
@@ -43,7 +44,7 @@ STATE_KINDS: dict[str, CallKind] = {
 LOCALISER_STATES = ("", "initialising", "tracking", "degraded", "lost")
 """States of a call of a localiser; empty for an unknown state (`localisation.estimate.TrackingState`)."""
 KNOWN_STATES = (*LOCALISER_STATES, *STATE_KINDS)
-KINDS_OF = {Task.LOCALISATION: (CallKind.LOCALISATION,), Task.MAPPING: tuple(STATE_KINDS.values())}
+KINDS_OF = {task: tuple(kind for kind in CallKind if kind.task is task) for task in Task}
 """Kinds of calls by their task."""
 HOST_CLOCKS: Mapping[CallKind, str] = MappingProxyType(dict.fromkeys(CallKind, HOST_CLOCK))
 """Clock of each kind of call if all calls were measured on this host."""
@@ -177,11 +178,10 @@ def completeness_rows(
         mine = np.flatnonzero(kinds == kind)
         if not len(mine):
             continue
-        task = Task.LOCALISATION if kind is CallKind.LOCALISATION else Task.MAPPING
         values = {Scope.CALLS: calls.seconds[mine]}
         if (memory := measured_memory(calls, mine)) is not None:
             values[Scope.MEMORY] = memory
-        yield from calls_completeness(kind, calls.stamps_ns[mine], expected_ns.get(task), values, place)
+        yield from calls_completeness(kind, calls.stamps_ns[mine], expected_ns.get(kind.task), values, place)
 
 
 def measured_memory(calls: Calls, mine: NDArray[np.intp]) -> FloatArray | None:

@@ -39,8 +39,9 @@ from sfr_loc_map.metrics.completeness.gaps import (
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import AssociationMode
 from sfr_loc_map.metrics.figures.catalogue import HIDDEN_CONDITIONS, IN_GAPS
-from sfr_loc_map.metrics.figures.row_part import DISTANCE, TIME, RowPart, Scope
+from sfr_loc_map.metrics.figures.row_part import DISTANCE, TIME, RowPart
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
+from sfr_loc_map.metrics.figures.subjects import Scope
 from sfr_loc_map.metrics.frames.association import Matching, nearness_ns
 from sfr_loc_map.metrics.frames.placement import PlacedFrames
 

@@ -23,8 +23,9 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.figures.catalogue import ANSWERED_TWICE, CALLS_MISSING, JUDGED, UNANSWERED, UNMEASURED
 from sfr_loc_map.metrics.figures.records import ExternalScore
-from sfr_loc_map.metrics.figures.row_part import COUNT, Place, RowPart, Scope, calls_part
+from sfr_loc_map.metrics.figures.row_part import COUNT, Place, RowPart, calls_part
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
+from sfr_loc_map.metrics.figures.subjects import Scope
 from sfr_loc_map.metrics.frames.association import nearness_ns
 from sfr_loc_map.stamp_pairing import nearest_stamps
 

@@ -12,8 +12,8 @@ of a test report and the table of docs/metrics.md follow from `SHORTFALLS`.
 To add a shortfall, add its line to `SHORTFALLS` and its figure to `catalogue`, and compute the row of the figure in
 `expected_items`, or for a drive in `drive`, `copies`, `errors.other_frames` or `errors.standing`.
 
-To add a scope, add it to `row_part.Scope`, compute its row `judged` in `expected_items`, and state in
-`judging.limit_scope` which limits require the scope.
+To add a scope, add it to `figures.subjects.Scope`, compute its row `judged` in `expected_items`, and state in
+`figures.subjects.SUBJECTS` which limits require the scope.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from sfr_loc_map.metrics.figures.catalogue import (
     UNANSWERED,
     UNMEASURED,
 )
-from sfr_loc_map.metrics.figures.row_part import Scope
+from sfr_loc_map.metrics.figures.subjects import Scope
 
 
 class Finder(Enum):

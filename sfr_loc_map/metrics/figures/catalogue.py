@@ -22,7 +22,6 @@ all other tests changes.
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import StrEnum
 from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -40,22 +39,10 @@ from sfr_loc_map.metrics.figures.row_part import (
     RowPart,
     distance_of,
 )
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.formulas_beside import chord_error
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
-
-
-class Subject(StrEnum):
-    """Subject of a figure."""
-
-    TRAJECTORY = "trajectory"
-    MAP = "map"
-    TIMING = "timing"
-    MEMORY = "memory"
-    COMPLETENESS = "completeness"
-    CONSISTENCY = "consistency"
-    EVIDENCE = "evidence"
-
 
 CLAUSES = {
     "4.1.1": "Sub-trajectories from frame N to the frame N+x at which the condition is met",

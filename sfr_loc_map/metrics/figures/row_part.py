@@ -30,20 +30,10 @@ from enum import StrEnum
 from typing import Self
 
 from sfr_loc_map.metrics.config import CallKind, Reading
+from sfr_loc_map.metrics.figures.subjects import Scope
 
 ANY = "*"  #: Accepts every value of a key in a look-up of rows; `score.JUDGED_ROW` selects the judged row instead.
 NUMBER = r"(\d+(?:\.\d+)?(?:e[+-]\d+)?|inf)"  #: Pattern of a number >= 0 in the format `g`.
-
-
-class Scope(StrEnum):
-    """A part of a score that has expected items. The comments name the part and, after a colon, these items."""
-
-    DRIVE = "drive"  #: The trajectory: images, or true poses if the images are unknown.
-    MAP = "map"  #: The cloud: mapping pairs.
-    CALLS = "calls"  #: The times of the calls of one kind: pairs.
-    MEMORY = "memory"  #: The memory of the calls of one kind: pairs.
-    LIVE = "live"  #: The messages of a live run.
-    SUITE = "suite"  #: The results of a suite.
 
 
 class Place(StrEnum):

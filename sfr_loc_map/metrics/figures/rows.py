@@ -13,8 +13,9 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.figures.catalogue import KINDS, Subject, clause_of, unit_of_row
+from sfr_loc_map.metrics.figures.catalogue import KINDS, clause_of, unit_of_row
 from sfr_loc_map.metrics.figures.row_part import ANY, Place, RowPart
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.formulas import STATISTICS, Statistics
 from sfr_loc_map.metrics.statistics.intervals import Interval, chi2_interval95
 

@@ -23,7 +23,7 @@ from sfr_loc_map.metrics.completeness.shortfall_kinds import (
 )
 from sfr_loc_map.metrics.conditions import Condition, label_of
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND, JUDGED, STANDING, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND, JUDGED, STANDING, statistic_title, title_of
 from sfr_loc_map.metrics.figures.row_part import (
     DISTANCE,
     MOVING,
@@ -32,13 +32,13 @@ from sfr_loc_map.metrics.figures.row_part import (
     TIME,
     Place,
     RowPart,
-    Scope,
     calls_part,
 )
 from sfr_loc_map.metrics.figures.rows import Figure
+from sfr_loc_map.metrics.figures.subjects import LimitSection, Scope, Subject
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.judging.limit_scope import judged_parts, needed_part, tasks_of
-from sfr_loc_map.metrics.score.limits import Limit, LimitSection, meets
+from sfr_loc_map.metrics.judging.limit_scope import judged_parts, needed_part, parts_of_tasks
+from sfr_loc_map.metrics.score.limits import Limit, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 
@@ -95,7 +95,7 @@ class Shortfall(NamedTuple):
 def incompleteness(score: Score) -> list[Shortfall]:
     """Return what makes a score incomplete by its rules."""
     rules = score.active_rules
-    parts = judged_parts(rules, score) if rules.limits else [RowPart(task) for task in tasks_of(score)]
+    parts = judged_parts(rules, score) if rules.limits else parts_of_tasks(score)
     return [item for part in parts for item in shortfalls_of(part, score)]
 
 

@@ -27,11 +27,12 @@ from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
 from sfr_loc_map.metrics.figures.catalogue import JUDGED, KINDS
 from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.rows import Figure
+from sfr_loc_map.metrics.figures.subjects import LimitSection
 from sfr_loc_map.metrics.judging.data_set import fault_of_data_set
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, incompleteness, text_of
 from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
-from sfr_loc_map.metrics.score.limits import BOUND, Limit, LimitedNumber, Limits, LimitSection, Rules, margin_of, meets
+from sfr_loc_map.metrics.score.limits import BOUND, Limit, LimitedNumber, Limits, Rules, margin_of, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import ProofRecord, Verdict, is_within_error
 

@@ -1,4 +1,4 @@
-"""The scope that each limit requires to be complete, and the tasks that limits and scores are about."""
+"""The task that a limit is about, and the part of a score that must be complete for its pass (`figures.subjects`)."""
 
 from __future__ import annotations
 
@@ -6,54 +6,56 @@ from collections.abc import Collection
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.figures.catalogue import JUDGED, Subject
-from sfr_loc_map.metrics.figures.row_part import Place, RowPart, Scope, calls_part
+from sfr_loc_map.metrics.figures.catalogue import JUDGED
+from sfr_loc_map.metrics.figures.row_part import Place, RowPart, calls_part
+from sfr_loc_map.metrics.figures.subjects import SCOPE_OF, SUBJECT_OF, LimitSection, Scope, Subject
 from sfr_loc_map.metrics.judging.limited_value import value_of
-from sfr_loc_map.metrics.score.limits import OF_MAP, Limit, Limits, LimitSection
+from sfr_loc_map.metrics.score.limits import OF_MAP, Limit, Limits
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.suite_names import Task
 
 
-def task_of(limit: Limit) -> Scope:
-    """Return the task that a limit is about: `drive` (localisation) or `map`."""
+def task_of(limit: Limit) -> Task:
+    """Return the task that a limit is about."""
     limited = limit.limited
     if limited.call is not None:
-        return Scope.DRIVE if limited.call is CallKind.LOCALISATION else Scope.MAP
-    return Scope.MAP if limited.subject is Subject.MAP or limited.figure in OF_MAP else Scope.DRIVE
+        return limited.call.task
+    is_of_map = limited.subject is Subject.MAP or limited.figure in OF_MAP
+    return Task.MAPPING if is_of_map else Task.LOCALISATION
 
 
-def tasks_of(score: Score) -> list[Scope]:
-    """Return the tasks that a score is about: `drive`, `map`, or both."""
-    found = []
-    for scope, subject in ((Scope.DRIVE, Subject.TRAJECTORY), (Scope.MAP, Subject.MAP)):
-        if score.has(subject) or score.figure(JUDGED, part=scope) is not None:
-            found.append(scope)
-    return found
+def tasks_of(score: Score) -> list[Task]:
+    """Return the tasks that a score is about."""
+    return [
+        task
+        for task, (subject, _, scope, _) in SUBJECT_OF.items()
+        if score.has(subject) or score.figure(JUDGED, part=scope) is not None
+    ]
 
 
-def limits_about(limits: Limits | None, tasks: Collection[str]) -> Limits | None:
-    """Return the limits about the given tasks (`drive`, `map`); None if there is no such limit."""
+def limits_about(limits: Limits | None, tasks: Collection[Task]) -> Limits | None:
+    """Return the limits about the given tasks; None if there is no such limit."""
     chosen = () if limits is None else tuple(limit for limit in limits.limits if task_of(limit) in tasks)
     return struct_replace(limits, limits=chosen) if limits is not None and chosen else None
 
 
 def needed_part(limit: Limit) -> RowPart | None:
-    """Return the scope that must be complete for a pass, as in a row `judged`; None for limits on completeness."""
-    if limit.section is LimitSection.TRAJECTORY:
-        return RowPart(Scope.DRIVE)
-    if limit.section is LimitSection.MAP:
-        return RowPart(Scope.MAP)
-    if limit.section is LimitSection.COMPLETENESS:
+    """Return what must be complete for a pass, as the part of a row `judged`; None for limits on completeness."""
+    scope = SCOPE_OF[limit.limited.subject]
+    if scope is None:
         return None
-    limited = limit.limited
-    measured = Scope.CALLS if limited.subject is Subject.TIMING else Scope.MEMORY
-    place = Place.TARGET if limit.section is LimitSection.TARGET else Place.HOST
-    return calls_part(measured, limited.call, place)
+    return calls_part(scope, limit.limited.call, Place.TARGET if limit.section is LimitSection.TARGET else Place.HOST)
+
+
+def parts_of_tasks(score: Score) -> list[RowPart]:
+    """Return what must be complete in a score without limits, as the parts of rows `judged`."""
+    scopes = [SUBJECT_OF[task].scope for task in tasks_of(score)]
+    return [RowPart(scope) for scope in scopes if scope is not None]
 
 
 def judged_parts(limits: Limits, score: Score) -> list[RowPart]:
-    """Return the scopes of a score that limits judge, as in the rows `judged`."""
-    found = [RowPart(task) for task in tasks_of(score)]
+    """Return what must be complete in a score with limits, as the parts of rows `judged`."""
+    found = parts_of_tasks(score)
     found += [RowPart(Scope.LIVE)] if score.figure(JUDGED, part=Scope.LIVE) else []
     for limit in limits.limits:
         part = needed_part(limit)
@@ -66,7 +68,6 @@ def judged_parts(limits: Limits, score: Score) -> list[RowPart]:
 
 def lacks_calls(limit: Limit, part: RowPart, score: Score) -> bool:
     """Return whether a limit is on time or memory of calls, but the score has no such call."""
-    is_on_calls = limit.section in (LimitSection.TIMING, LimitSection.MEMORY, LimitSection.TARGET)
-    if not is_on_calls or task_of(limit) not in tasks_of(score):
+    if limit.limited.subject not in (Subject.TIMING, Subject.MEMORY) or task_of(limit) not in tasks_of(score):
         return False
     return score.figure(JUDGED, part=calls_part(Scope.CALLS, part.call, part.place)) is None

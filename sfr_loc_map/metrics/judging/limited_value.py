@@ -12,8 +12,9 @@ from sfr_loc_map.metrics.config import Reading
 from sfr_loc_map.metrics.figures.catalogue import KINDS
 from sfr_loc_map.metrics.figures.row_part import ANY, ATTITUDE, TURN, RowPart
 from sfr_loc_map.metrics.figures.rows import Figure
+from sfr_loc_map.metrics.figures.subjects import LimitSection
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
-from sfr_loc_map.metrics.score.limits import Limit, LimitSection
+from sfr_loc_map.metrics.score.limits import Limit
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import Interval, normal_quantile
 

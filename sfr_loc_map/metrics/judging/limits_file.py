@@ -15,6 +15,7 @@ from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.figures.catalogue import TOTAL
+from sfr_loc_map.metrics.figures.subjects import LimitSection
 from sfr_loc_map.metrics.score.limits import (
     BOUND,
     CERTAIN_BOUND,
@@ -25,7 +26,6 @@ from sfr_loc_map.metrics.score.limits import (
     OF_MAP,
     Limit,
     Limits,
-    LimitSection,
     Population,
     Terms,
     fault_of_bound,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 
-from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, MINIMUM_COUNT, MINIMUM_INDEPENDENT, LimitSection
+from sfr_loc_map.metrics.figures.subjects import LimitSection
+from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, MINIMUM_COUNT, MINIMUM_INDEPENDENT
 
 LIMITS_HEAD = """\
 # Limits: PLACEHOLDERS, replace them by the limits of your own document. Limits are upper bounds, except coverage_min.

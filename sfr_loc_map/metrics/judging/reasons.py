@@ -12,7 +12,7 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind, label_of
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.figures.catalogue import KINDS
-from sfr_loc_map.metrics.figures.row_part import Scope
+from sfr_loc_map.metrics.figures.subjects import Scope
 from sfr_loc_map.metrics.formulas import DISTANCE_TOLERANCE_M
 from sfr_loc_map.metrics.frames.association import unique_rows
 from sfr_loc_map.metrics.judging.incomplete import incompleteness

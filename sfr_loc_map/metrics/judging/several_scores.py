@@ -10,13 +10,13 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.figures.records import InputFile, MethodRecord, Provenance
-from sfr_loc_map.metrics.figures.row_part import Scope
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limit_scope import task_of, tasks_of
 from sfr_loc_map.metrics.judging.limited_value import value_of
 from sfr_loc_map.metrics.score.limits import Limit
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
+from sfr_loc_map.suite_names import Task
 
 
 class Common(NamedTuple):
@@ -29,8 +29,8 @@ class Common(NamedTuple):
     requirement is closed."""
 
 
-SETTINGS_OF = {Scope.DRIVE: ("trajectory", "localisation"), Scope.MAP: ("map", "mapping")}
-"""Prefixes of the names of settings that apply to a drive or a map."""
+SETTINGS_OF = {Task.LOCALISATION: ("trajectory", "localisation"), Task.MAPPING: ("map", "mapping")}
+"""Prefixes of the names of the settings of a task and of its score."""
 
 INPUTS_OF_RUN = {
     "truth": "ground truths",
@@ -99,14 +99,14 @@ def undeclared_items(undeclared: Sequence[Score], declared: Sequence[Score]) -> 
     `declared` are the scores of the configurations of a suite. The other scores must have an item and configuration of
     these, or, without declared scores, one item and configuration. A missing item under test counts as an item.
     """
-    for task in Scope:
+    for task in Task:
         given, known = (_methods_of(scores, task) for scores in (undeclared, declared))
         if given.keys() - known.keys() and len(given | known) > 1:
             return tuple(sorted(_title(method) for method in (given | known).values()))
     return ()
 
 
-def _methods_of(scores: Sequence[Score], task: Scope) -> dict[object, MethodRecord | None]:
+def _methods_of(scores: Sequence[Score], task: Task) -> dict[object, MethodRecord | None]:
     """Return the methods of a task by item and configuration."""
     methods = [score.method for score in scores if task in tasks_of(score)]
     return {(_item(method), _configuration(method)): method for method in methods}

@@ -27,22 +27,12 @@ import msgspec
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.conditions import is_written_condition
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.figures.catalogue import ALIGNED, CATALOGUE, JUDGED, KINDS, TOTAL, FigureKind, Subject
+from sfr_loc_map.metrics.figures.catalogue import ALIGNED, CATALOGUE, JUDGED, KINDS, TOTAL, FigureKind
 from sfr_loc_map.metrics.figures.records import Record
-from sfr_loc_map.metrics.figures.row_part import Place, RowPart, Scope, calls_part
+from sfr_loc_map.metrics.figures.row_part import Place, RowPart, calls_part
+from sfr_loc_map.metrics.figures.subjects import LimitSection, Scope, Subject
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.statistics.tolerance import CONFIDENCE, THREE_SIGMA
-
-
-class LimitSection(StrEnum):
-    """Section of a limits file, named after the subject of its limits."""
-
-    COMPLETENESS = "completeness"
-    TRAJECTORY = "trajectory"
-    MAP = "map"
-    TIMING = "timing"
-    MEMORY = "memory"
-    TARGET = "target"
 
 
 class Population(StrEnum):

@@ -21,7 +21,6 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.figures.catalogue import Subject
 from sfr_loc_map.metrics.figures.details import Details, ErrorRows
 from sfr_loc_map.metrics.figures.records import (
     Alignment,
@@ -40,6 +39,7 @@ from sfr_loc_map.metrics.figures.records import (
 )
 from sfr_loc_map.metrics.figures.row_part import ANY, POOLED
 from sfr_loc_map.metrics.figures.rows import Figure, find_rows
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.score.limits import Rules
 from sfr_loc_map.metrics.score.verdict import Verdict
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import msgspec
 
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.figures.catalogue import Subject
 from sfr_loc_map.metrics.figures.records import Record
 from sfr_loc_map.metrics.figures.row_part import RowPart
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.score.limits import Terms, is_lower_bound, is_on_target
 from sfr_loc_map.metrics.statistics.intervals import Interval
 

@@ -24,11 +24,12 @@ from scipy.special import stdtr
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.metrics.errors.trajectory_errors import overlap_of
-from sfr_loc_map.metrics.figures.catalogue import KINDS, TOTAL, Subject
+from sfr_loc_map.metrics.figures.catalogue import KINDS, TOTAL
 from sfr_loc_map.metrics.figures.details import SubTrajectoryRows, Values
 from sfr_loc_map.metrics.figures.records import MethodRecord, Record
 from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.rows import Figure
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.judging.incomplete import strictly_missing
 from sfr_loc_map.metrics.score.score import Score

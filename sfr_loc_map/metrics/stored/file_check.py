@@ -15,9 +15,10 @@ from typing import Any
 from msgspec.structs import asdict, fields, replace
 
 from sfr_loc_map.metrics.conditions import is_written_condition
-from sfr_loc_map.metrics.figures.catalogue import KINDS, Subject, clause_of, is_fraction, unit_of_row
+from sfr_loc_map.metrics.figures.catalogue import KINDS, clause_of, is_fraction, unit_of_row
 from sfr_loc_map.metrics.figures.details import Details
 from sfr_loc_map.metrics.figures.rows import Figure, number_text
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.formulas import QUANTILES, mean_plus_3sigma
 from sfr_loc_map.metrics.judging.data_set import fault_of_data_set
 from sfr_loc_map.metrics.judging.judge import with_verdicts

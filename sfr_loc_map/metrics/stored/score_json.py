@@ -17,8 +17,8 @@ from msgspec.structs import replace
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
-from sfr_loc_map.metrics.figures.catalogue import Subject
 from sfr_loc_map.metrics.figures.row_part import RowPart
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.score.score import SCHEMA, Score
 from sfr_loc_map.metrics.stored.file_check import ContradictionError, checked_score
 

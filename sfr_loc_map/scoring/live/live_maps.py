@@ -19,12 +19,13 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.config import MappingState, VerdictState
 from sfr_loc_map.metrics.errors.pair_truth import PairTruth
 from sfr_loc_map.metrics.figures.results import MapResult
-from sfr_loc_map.metrics.figures.row_part import Scope
 from sfr_loc_map.metrics.figures.rows import figure_row
+from sfr_loc_map.metrics.figures.subjects import LimitSection
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limit_scope import task_of
-from sfr_loc_map.metrics.score.limits import Limits, LimitSection
+from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.suite_names import Task
 
 MAX_KEPT = 2 * MAX_PAIRS  #: Maximum number of true points, poses and clouds that wait for their counterparts.
 OF_CLOUD = (LimitSection.MAP, LimitSection.COMPLETENESS)  #: Sections with the limits on a single map.
@@ -152,7 +153,7 @@ class LiveMaps:
     def __init__(self, limits: Limits | None, *, partial: bool) -> None:
         """Start a run that has no maps yet. Each map is judged by those of the `limits` that apply to a map."""
         chosen = () if limits is None else limits.limits
-        chosen = tuple(each for each in chosen if each.section in OF_CLOUD and task_of(each) is Scope.MAP)
+        chosen = tuple(each for each in chosen if each.section in OF_CLOUD and task_of(each) is Task.MAPPING)
         self._limits = None if limits is None else struct_replace(limits, limits=chosen)
         self._partial = partial
         self._count = 0

@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import CallKind, VerdictState
-from sfr_loc_map.metrics.figures.catalogue import KINDS, TOTAL, Subject, statistic_title
-from sfr_loc_map.metrics.figures.row_part import COUNT, Scope
+from sfr_loc_map.metrics.figures.catalogue import KINDS, TOTAL, statistic_title
+from sfr_loc_map.metrics.figures.row_part import COUNT
 from sfr_loc_map.metrics.figures.rows import Figure
+from sfr_loc_map.metrics.figures.subjects import Scope, Subject
 from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.report.verdict_style import verdict_cell
 from sfr_loc_map.report.verdict_view import VerdictView

@@ -16,7 +16,8 @@ from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, LimitedNumber, LimitSection, fault_of_bound
+from sfr_loc_map.metrics.figures.subjects import LimitSection
+from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, LimitedNumber, fault_of_bound
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobState

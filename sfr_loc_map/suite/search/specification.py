@@ -16,8 +16,9 @@ from sfr_loc_map.faults.kinds import FaultKind, parse_fault, with_amount
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import CallKind, Reading, TrajectoryScoreConfig
-from sfr_loc_map.metrics.figures.catalogue import ALIGNED, CATALOGUE, KINDS, UNANSWERED, FigureKind, Subject
+from sfr_loc_map.metrics.figures.catalogue import ALIGNED, CATALOGUE, KINDS, UNANSWERED, FigureKind
 from sfr_loc_map.metrics.figures.row_part import DIRECTIONS, MOVING, OTHER_FRAMES, distance_of
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score.limits import OF_MAP
 from sfr_loc_map.metrics.score.score import JUDGED_ROW, Score

@@ -11,8 +11,8 @@ from collections.abc import Collection, Iterator, Sequence
 from msgspec.structs import asdict, replace
 
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.figures.catalogue import Subject
 from sfr_loc_map.metrics.figures.rows import Figure
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.judging.judge import (
     finding_verdicts,
     judged_share_verdict,
@@ -30,6 +30,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.statistics.tolerance import Sample
 from sfr_loc_map.suite.statistics.pooling import DriveScore
+from sfr_loc_map.suite_names import Task
 
 WORST_DRIVE = "worst drive"
 ALL_DRIVES = "all drives"
@@ -46,22 +47,22 @@ def verdicts_over(
     limits: Limits | None,
     results: Sequence[DriveScore],
     pooled: tuple[Figure, ...],
-    suite_subjects: Collection[str] = (),
+    suite_tasks: Collection[Task] = (),
     next_drive: str | None = None,
     suite_items: int = 0,
 ) -> Iterator[GroupVerdict]:
     """Yield the verdicts over drives with equal settings: first those without a limit, then one for each limit.
 
-    `suite_subjects` are the subjects of all results of the suite. A limit on a subject of other groups is omitted. A
-    limit on a subject that the suite lacks has the verdict "not enough data" in each group. `next_drive` is the key of
+    `suite_tasks` are the tasks of all results of the suite. A limit on a task of other groups is omitted. A limit on
+    a task that the suite lacks has the verdict "not enough data" in each group. `next_drive` is the key of
     the first drive without a result, in the order of the keys. `suite_items` is the number of items under test of the
     suite if the suite does not declare all of them; otherwise 0.
     """
     scores = [result.score for result in results]
     yield from _verdicts_without_limit(results, suite_items)
-    group_subjects = {subject for score in scores for subject in tasks_of(score)}
+    group_tasks = {task for score in scores for task in tasks_of(score)}
     for limit in () if limits is None else limits.limits:
-        if task_of(limit) not in group_subjects and task_of(limit) in suite_subjects:
+        if task_of(limit) not in group_tasks and task_of(limit) in suite_tasks:
             continue
         if limit.terms is not None:
             yield proof_over_drives(limit, limit.terms, results, next_drive)

@@ -47,7 +47,7 @@ def groups_of(
     depend on the order of the suite's file. `unfinished` are the jobs without a result.
     Without `is_pooled`, the groups have no pooled errors, which the verdicts of sequential tests do not need.
     """
-    suite_subjects = {subject for result in results for subject in tasks_of(result.score)}
+    suite_tasks = {task for result in results for task in tasks_of(result.score)}
     several = len(undeclared_items_in(results))
     for key, unsorted in by_group(results).items():
         in_group = sorted(unsorted, key=lambda item: (item.job.drive_key, item.job.key))
@@ -66,7 +66,7 @@ def groups_of(
             lost=sum(item.lost or 0 for item in trajectories),
             matched=sum(item.matched for item in trajectories),
             figures=pooled,
-            verdicts=tuple(verdicts_over(limits, of_drives, pooled, suite_subjects, next_drive, suite_items)),
+            verdicts=tuple(verdicts_over(limits, of_drives, pooled, suite_tasks, next_drive, suite_items)),
         )
 
 

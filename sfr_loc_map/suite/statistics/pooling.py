@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.figures.catalogue import KINDS, FigureKind, Subject
+from sfr_loc_map.metrics.figures.catalogue import KINDS, FigureKind
 from sfr_loc_map.metrics.figures.row_part import POOLED
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.formulas import mean_plus_3sigma
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width

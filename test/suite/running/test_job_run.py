@@ -13,8 +13,9 @@ import pytest
 
 from helpers.made_suites import JOB, recording
 from sfr_loc_map.errors import InputError, NodeError, SfrError
+from sfr_loc_map.metrics.figures.subjects import LimitSection
 from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
-from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, LimitSection
+from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.suite.running import job_run
