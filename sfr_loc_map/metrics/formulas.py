@@ -165,7 +165,10 @@ def call_time_s(called_ns: int, returned_ns: int) -> float:
 
 
 def memory_above_idle(peak_bytes: int, idle_bytes: int) -> int:
-    """Return the memory of a call [4.2.2, 4.3.2]: its peak resident memory above that of the idle process, bytes."""
+    """Return the memory of a call [4.2.2, 4.3.2]: its peak resident memory above that of the idle process, bytes.
+
+    The result is 0 if the peak is below the idle memory, because the process released memory before the call.
+    """
     return max(peak_bytes - idle_bytes, 0)
 
 
@@ -242,8 +245,8 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, 
 
     The size of an error is its absolute value, or the norm of an error vector. Every score contains each statistic of
     this struct, and each can be limited, except the numbers of values. `FigureKind.shown` selects the statistics in
-    tables and topics of the monitor, `FigureKind.compared` those in comparisons, histories and suites. `QUANTILES` has
-    the percentage of each quantile.
+    tables and topics of the monitor, `FigureKind.compared` those of runs side by side, and `FigureKind.tested` those
+    whose differences are tested. `QUANTILES` has the percentage of each quantile.
     """
 
     n: int | None = None  #: Number of known values.
@@ -268,7 +271,8 @@ def statistics(errors: NDArray[np.floating]) -> Statistics:
     """Return the statistics of errors `(n,)` or of error vectors `(n, 3)`.
 
     They are undefined if an error is unknown (not finite). Mean, sigma and mean + 3 sigma are those of the
-    specification, which defines them for trajectories. The other statistics are those of the sizes.
+    specification, which defines them for sub-trajectories [4.1.1] and not for map points [4.3.4]. The other statistics
+    are those of the sizes.
     """
     given = np.asarray(errors, np.float64)
     is_vector = given.ndim == 2

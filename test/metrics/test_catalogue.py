@@ -88,7 +88,7 @@ def test_every_list_of_statistics_follows_the_columns_of_the_table() -> None:
 def test_the_catalogue_names_each_figure_once_and_statistics_that_exist() -> None:
     assert len(KINDS) == len(CATALOGUE)
     for kind in CATALOGUE:
-        assert {*kind.shown, *kind.compared} <= set(NUMBERS), kind.name
+        assert {*kind.shown, *kind.compared, *kind.tested} <= set(NUMBERS), kind.name
 
 
 def test_a_quantile_is_named_by_its_percentage(monkeypatch: pytest.MonkeyPatch) -> None:

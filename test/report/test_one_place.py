@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import os
 import subprocess
@@ -51,11 +52,12 @@ from sfr_loc_map.tables.model import Table
 SLIP = FigureKind(
     "slip",
     Subject.TRAJECTORY,
-    "4.2.3.1",
-    "m",
     "slip error",
+    clause="4.2.3.1",
+    unit="m",
     shown=OF_ERRORS,
     compared=(TOTAL,),
+    tested=(TOTAL,),
     topic="slip",
     compute_errors=lambda sub_trajectories: np.abs(sub_trajectories.errors.position_m[:, 0]),
 )
@@ -98,7 +100,9 @@ def test_a_statistic_of_a_figure_is_in_every_view(monkeypatch: pytest.MonkeyPatc
     without = made_score(position_mean_plus_3sigma_m=1.0)
     assert "p99" not in titles(table_named(summary_tables(without), "headline"))
     assert "metrics/position/p99" not in figure_topics()
-    added = kind._replace(shown=(*kind.shown, "p99"), compared=(*kind.compared, "p99"))
+    added = dataclasses.replace(
+        kind, shown=(*kind.shown, "p99"), compared=(*kind.compared, "p99"), tested=(*kind.tested, "p99")
+    )
     monkeypatch.setitem(catalogue.KINDS, "position", added)
     check_every_view("p99")
 
@@ -119,10 +123,9 @@ def test_a_new_statistic_is_in_every_view(tmp_path: Path) -> None:
             ("    p95: float | None = None", "    p90: float | None = None\n    p95: float | None = None"),
         ),
         "figures/catalogue.py": (
-            (
-                'OF_ERRORS,\n        (TOTAL,),\n        topic="position"',
-                '(*OF_ERRORS, "p90"),\n        (TOTAL, "p90"),\n        topic="position"',
-            ),
+            ('OF_ERRORS = ("mean", "sigma", TOTAL)', 'OF_ERRORS = ("mean", "sigma", "p90", TOTAL)'),
+            ("COMPARED = (TOTAL,)", 'COMPARED = (TOTAL, "p90")'),
+            ("TESTED = (TOTAL,)", 'TESTED = (TOTAL, "p90")'),
         ),
     }
     for name, replaced in changes.items():
@@ -192,7 +195,9 @@ def with_slip(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -
     """A figure that the catalogue has since a moment ago, of scalars or of vectors."""
     kind = SLIP
     if getattr(request, "param", "scalars") == "vectors":
-        kind = SLIP._replace(compute_errors=lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2])
+        kind = dataclasses.replace(
+            SLIP, compute_errors=lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2]
+        )
     monkeypatch.setitem(catalogue.KINDS, SLIP.name, kind)
     names = limits.LIMITED_NUMBERS[LimitSection.TRAJECTORY]
     for name, limited in limits.names_of([kind]).items():

@@ -15,14 +15,15 @@ separately:
 - the other plots, which draw mean, mean + 3 sigma, p50 and p95,
 - the quantiles over the drives of a suite, which is judged by its worst drive.
 
-A statistic that is added to `compared` adds a test to comparisons of suites and to histories, so the Holm correction of
-all other tests changes.
+`shown`, `compared` and `tested` are independent. A statistic that is added to `tested` adds a test to comparisons of
+suites and to histories. The paired test of two scores is that of mean + 3 sigma alone, because its interval
+(`statistics.intervals`) is that of this statistic.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import KW_ONLY, dataclass
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import CallKind, Reading
@@ -62,17 +63,22 @@ OF_SUB_TRAJECTORIES = ("4.1.1", "4.1.2")  #: Clauses that apply to every error o
 STANDARD_DEVIATION = "4.1.3"
 
 
-class FigureKind(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class FigureKind:
     """A figure of the catalogue."""
 
     name: str  #: Name in the rows of the score.
     subject: Subject
-    clause: str  #: Clause of the specification; empty if the specification does not define the figure. See `clause_of`.
-    unit: str  #: `m`, `deg`, `px`, `s`, `bytes`, or `1` for counts and fractions.
     title: str  #: Displayed name.
+    _: KW_ONLY
+    clause: str = ""  #: Clause of the specification, see `clause_of`; empty if the specification does not define it.
+    unit: str = "1"  #: `m`, `deg`, `px`, `s`, `bytes`, or `1` for counts and fractions.
     #: Statistics of the complete figure that every view shows; if empty, only the detailed tables have the figure.
     shown: tuple[str, ...] = ()
-    compared: tuple[str, ...] = ()  #: Statistics by which runs are compared; the first statistic ranks them.
+    compared: tuple[str, ...] = ()  #: Statistics of runs that are displayed side by side.
+    #: Statistics whose differences between runs are tested, and by the first of which maps are ranked. All tests of a
+    #: comparison form one family, so that each further statistic raises the corrected p-values of the others (Holm).
+    tested: tuple[str, ...] = ()
     topic: str = ""  #: Topic below `metrics/` on which the monitor publishes the shown statistics; empty for none.
     is_unsigned: bool = False  #: Whether the errors cannot be negative, so their distribution is skewed.
     is_one_number: bool = False  #: Whether its rows have one number (`value`) instead of the statistics of many values.
@@ -89,7 +95,7 @@ class FigureKind(NamedTuple):
 
 def of_completeness(name: str, title: str, *, unit: str = "1", is_count: bool = False) -> FigureKind:
     """Return a figure of completeness, which is one number and is not in the specification."""
-    return FigureKind(name, Subject.COMPLETENESS, "", unit, title, is_count=is_count, is_one_number=True)
+    return FigureKind(name, Subject.COMPLETENESS, title, unit=unit, is_count=is_count, is_one_number=True)
 
 
 JUDGED = "judged"  #: Fraction of the expected items of a scope that is judged.
@@ -106,6 +112,8 @@ ALIGNED = ("ape", "rpe")  #: Figures of the aligned estimate, which cannot be li
 REVISITED_PLACES = "revisited places"  #: Label of a comparison that has no condition, in place of the condition.
 TOTAL = "mean_plus_3sigma"  #: The statistic that the specification limits.
 OF_ERRORS = ("mean", "sigma", TOTAL)  #: Displayed statistics of errors and of the times of API calls.
+COMPARED = (TOTAL,)  #: Statistics of errors that are displayed side by side.
+TESTED = (TOTAL,)  #: Statistics of errors whose differences between runs are tested.
 OF_CALLS = ("mean", "p50", "p95")
 ONE_NUMBER = ("value",)
 CATALOGUE = (
@@ -113,11 +121,12 @@ CATALOGUE = (
     FigureKind(
         "position",
         Subject.TRAJECTORY,
-        "4.2.3.1",
-        "m",
         "position error",
-        OF_ERRORS,
-        (TOTAL,),
+        clause="4.2.3.1",
+        unit="m",
+        shown=OF_ERRORS,
+        compared=COMPARED,
+        tested=TESTED,
         topic="position",
         compute_errors=lambda sub_trajectories: sub_trajectories.errors.position_m,
         axes=("x", "y", "z"),
@@ -125,11 +134,12 @@ CATALOGUE = (
     FigureKind(
         "attitude",
         Subject.TRAJECTORY,
-        "4.2.3.2",
-        "deg",
         "attitude error",
-        OF_ERRORS,
-        (TOTAL,),
+        clause="4.2.3.2",
+        unit="deg",
+        shown=OF_ERRORS,
+        compared=COMPARED,
+        tested=TESTED,
         topic="attitude",
         is_unsigned=True,
         compute_errors=lambda sub_trajectories: sub_trajectories.errors.attitude_deg,
@@ -137,20 +147,20 @@ CATALOGUE = (
     FigureKind(
         "heading",
         Subject.TRAJECTORY,
-        "4.2.3.3",
-        "deg",
         "heading error",
-        OF_ERRORS,
-        (TOTAL,),
+        clause="4.2.3.3",
+        unit="deg",
+        shown=OF_ERRORS,
+        compared=COMPARED,
+        tested=TESTED,
         topic="heading",
         compute_errors=lambda sub_trajectories: sub_trajectories.errors.heading_deg,
     ),
     FigureKind(
         "horizontal",
         Subject.TRAJECTORY,
-        "",
-        "m",
         "horizontal position error",
+        unit="m",
         compute_errors=lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2],
         axes=("x", "y"),
         is_without_height=True,
@@ -158,64 +168,116 @@ CATALOGUE = (
     FigureKind(
         "chord",
         Subject.TRAJECTORY,
-        "",
-        "m",
         "chord error",
+        unit="m",
         compute_errors=lambda sub_trajectories: chord_error(
             sub_trajectories.poses, sub_trajectories.starts, sub_trajectories.ends
         ),
         is_of_all_readings=True,
     ),
-    FigureKind("ape", Subject.TRAJECTORY, "", "m", "absolute pose error (APE)"),
-    FigureKind("rpe", Subject.TRAJECTORY, "", "m", "relative pose error (RPE)"),
+    FigureKind("ape", Subject.TRAJECTORY, "absolute pose error (APE)", unit="m"),
+    FigureKind("rpe", Subject.TRAJECTORY, "relative pose error (RPE)", unit="m"),
     # the map; of these figures the specification defines only the point error
-    FigureKind("point_error", Subject.MAP, "4.3.4", "m", "point error", OF_ERRORS, (TOTAL,), topic="point"),
-    FigureKind("nearest_distance", Subject.MAP, "", "m", "distance to the nearest true point", OF_ERRORS, (TOTAL,)),
-    FigureKind("disparity_error", Subject.MAP, "", "px", "disparity error"),
     FigureKind(
-        "nmad", Subject.MAP, "", "m", "height error, normalised median absolute deviation (NMAD)", is_one_number=True
+        "point_error",
+        Subject.MAP,
+        "point error",
+        clause="4.3.4",
+        unit="m",
+        shown=OF_ERRORS,
+        compared=COMPARED,
+        tested=TESTED,
+        topic="point",
     ),
-    FigureKind("le90", Subject.MAP, "", "m", "height error, 90 % (LE90)", is_one_number=True),
-    FigureKind("ce90", Subject.MAP, "", "m", "horizontal error, 90 % (CE90)", is_one_number=True),
+    FigureKind(
+        "nearest_distance",
+        Subject.MAP,
+        "distance to the nearest true point",
+        unit="m",
+        shown=OF_ERRORS,
+        compared=COMPARED,
+        tested=TESTED,
+    ),
+    FigureKind("disparity_error", Subject.MAP, "disparity error", unit="px"),
+    FigureKind(
+        "nmad", Subject.MAP, "height error, normalised median absolute deviation (NMAD)", unit="m", is_one_number=True
+    ),
+    FigureKind("le90", Subject.MAP, "height error, 90 % (LE90)", unit="m", is_one_number=True),
+    FigureKind("ce90", Subject.MAP, "horizontal error, 90 % (CE90)", unit="m", is_one_number=True),
     FigureKind(
         "coverage",
         Subject.MAP,
-        "",
-        "1",
         "coverage",
-        ONE_NUMBER,
-        ONE_NUMBER,
+        shown=ONE_NUMBER,
+        compared=ONE_NUMBER,
         is_one_number=True,
         is_better_if_larger=True,
     ),
-    FigureKind(
-        "points", Subject.MAP, "", "1", "points of the cloud", (), ONE_NUMBER, is_count=True, is_one_number=True
-    ),
-    FigureKind("pairs", Subject.MAP, "", "1", "mapping pairs of the ground truth", is_count=True, is_one_number=True),
-    FigureKind("maps", Subject.MAP, "", "1", "maps of the live run", is_count=True, is_one_number=True),
+    FigureKind("points", Subject.MAP, "points of the cloud", compared=ONE_NUMBER, is_count=True, is_one_number=True),
+    FigureKind("pairs", Subject.MAP, "mapping pairs of the ground truth", is_count=True, is_one_number=True),
+    FigureKind("maps", Subject.MAP, "maps of the live run", is_count=True, is_one_number=True),
     # calls; the specification defines the time on the target, and leaves the method of measuring memory to the supplier
-    FigureKind("localisation", Subject.TIMING, "4.2.1", "s", "localisation time", OF_ERRORS, OF_CALLS),
-    FigureKind("mapping_call", Subject.TIMING, "4.3.1", "s", "mapping call time", OF_ERRORS, OF_CALLS),
-    FigureKind("mapping", Subject.TIMING, "", "s", "mapping time", (), OF_CALLS),
-    FigureKind("fusion", Subject.TIMING, "", "s", "fusion time", (), OF_CALLS),
-    FigureKind("period", Subject.TIMING, "", "s", "period of the pairs", is_one_number=True),
-    FigureKind("within_period", Subject.TIMING, "", "1", "fraction of calls within the period", is_one_number=True),
     FigureKind(
-        "processor_share", Subject.TIMING, "", "1", "mean time of a call divided by the period", is_one_number=True
+        "localisation",
+        Subject.TIMING,
+        "localisation time",
+        clause="4.2.1",
+        unit="s",
+        shown=OF_ERRORS,
+        compared=OF_CALLS,
     ),
+    FigureKind(
+        "mapping_call",
+        Subject.TIMING,
+        "mapping call time",
+        clause="4.3.1",
+        unit="s",
+        shown=OF_ERRORS,
+        compared=OF_CALLS,
+    ),
+    FigureKind("mapping", Subject.TIMING, "mapping time", unit="s", compared=OF_CALLS),
+    FigureKind("fusion", Subject.TIMING, "fusion time", unit="s", compared=OF_CALLS),
+    FigureKind("period", Subject.TIMING, "period of the pairs", unit="s", is_one_number=True),
+    FigureKind("within_period", Subject.TIMING, "fraction of calls within the period", is_one_number=True),
+    FigureKind("processor_share", Subject.TIMING, "mean time of a call divided by the period", is_one_number=True),
     FigureKind(
         "above_idle",
         Subject.MEMORY,
-        "4.2.2",
-        "bytes",
         "peak memory above the idle process",
-        ONE_NUMBER,
-        ONE_NUMBER,
+        clause="4.2.2",
+        unit="bytes",
+        shown=ONE_NUMBER,
+        compared=ONE_NUMBER,
         is_one_number=True,
     ),
-    FigureKind("peak", Subject.MEMORY, "4.2.2", "bytes", "peak memory", ONE_NUMBER, ONE_NUMBER, is_one_number=True),
-    FigureKind("heap_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the heap", (), ONE_NUMBER, is_one_number=True),
-    FigureKind("stack_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the stack", (), ONE_NUMBER, is_one_number=True),
+    FigureKind(
+        "peak",
+        Subject.MEMORY,
+        "peak memory",
+        clause="4.2.2",
+        unit="bytes",
+        shown=ONE_NUMBER,
+        compared=ONE_NUMBER,
+        is_one_number=True,
+    ),
+    FigureKind(
+        "heap_peak",
+        Subject.MEMORY,
+        "peak of the heap",
+        clause="4.2.2",
+        unit="bytes",
+        compared=ONE_NUMBER,
+        is_one_number=True,
+    ),
+    FigureKind(
+        "stack_peak",
+        Subject.MEMORY,
+        "peak of the stack",
+        clause="4.2.2",
+        unit="bytes",
+        compared=ONE_NUMBER,
+        is_one_number=True,
+    ),
     # completeness, and the consistency of the covariance: not in the specification
     of_completeness(JUDGED, "judged fraction of the expected items"),
     of_completeness("missing", "missing"),
@@ -246,63 +308,52 @@ CATALOGUE = (
     of_completeness(ANSWERED_TWICE, "answers to pairs that were answered before"),
     of_completeness("dropped", "messages dropped"),
     of_completeness("restarts", "restarts of the live score", is_count=True),
-    FigureKind("truth_error", Subject.CONSISTENCY, "", "m", "error of the ground truth", is_one_number=True),
-    FigureKind("nees", Subject.CONSISTENCY, "", "1", "normalised error squared (NEES)"),
+    FigureKind("truth_error", Subject.CONSISTENCY, "error of the ground truth", unit="m", is_one_number=True),
+    FigureKind("nees", Subject.CONSISTENCY, "normalised error squared (NEES)"),
     FigureKind(
-        "nees_not_usable",
-        Subject.CONSISTENCY,
-        "",
-        "1",
-        "sub-trajectories whose covariance cannot be tested",
-        is_one_number=True,
+        "nees_not_usable", Subject.CONSISTENCY, "sub-trajectories whose covariance cannot be tested", is_one_number=True
     ),
     FigureKind(
-        "nees_from_steps",
-        Subject.CONSISTENCY,
-        "",
-        "1",
-        "sub-trajectories tested by the covariance of steps",
-        is_one_number=True,
+        "nees_from_steps", Subject.CONSISTENCY, "sub-trajectories tested by the covariance of steps", is_one_number=True
     ),
     # confidence of the figures (metrics.errors.three_sigma): not in the specification
-    FigureKind("confidence", Subject.EVIDENCE, "", "1", "confidence of mean + 3 sigma"),
-    FigureKind("shape", Subject.EVIDENCE, "", "1", "relative sigma of position errors"),
-    FigureKind("normality", Subject.EVIDENCE, "", "1", "p-value of the normality of position errors"),
+    FigureKind("confidence", Subject.EVIDENCE, "confidence of mean + 3 sigma"),
+    FigureKind("shape", Subject.EVIDENCE, "relative sigma of position errors"),
+    FigureKind("normality", Subject.EVIDENCE, "p-value of the normality of position errors"),
     # evidence without a ground truth (package `evidence`): not in the specification
-    FigureKind("difference", Subject.EVIDENCE, "", "m", "difference of positions"),
-    FigureKind("attitude_difference", Subject.EVIDENCE, "", "deg", "difference of attitudes"),
-    FigureKind("difference_nees", Subject.EVIDENCE, "", "1", "normalised difference squared (NEES)"),
-    FigureKind("error_at_least", Subject.EVIDENCE, "", "m", "minimum error (rmse) of one of the two runs"),
-    FigureKind("agreement", Subject.EVIDENCE, "", "1", "p-value of the difference by the covariances"),
-    FigureKind("revisited_path", Subject.EVIDENCE, "", "m", "path between two visits of a place"),
-    FigureKind("misclosure", Subject.EVIDENCE, "", "m", "misclosure of the position at a revisited place"),
-    FigureKind("misclosure_of_path", Subject.EVIDENCE, "", "1", "misclosure divided by the path"),
-    FigureKind("misclosure_nees", Subject.EVIDENCE, "", "1", "normalised misclosure squared (NEES)"),
-    FigureKind("overlap", Subject.EVIDENCE, "", "1", "overlap of two mapping pairs"),
-    FigureKind("overlap_difference", Subject.EVIDENCE, "", "m", "range difference where two maps overlap (robust rms)"),
-    FigureKind("overlap_ratio", Subject.EVIDENCE, "", "1", "ratio of the range difference to the expected difference"),
+    FigureKind("difference", Subject.EVIDENCE, "difference of positions", unit="m"),
+    FigureKind("attitude_difference", Subject.EVIDENCE, "difference of attitudes", unit="deg"),
+    FigureKind("difference_nees", Subject.EVIDENCE, "normalised difference squared (NEES)"),
+    FigureKind("error_at_least", Subject.EVIDENCE, "minimum error (rmse) of one of the two runs", unit="m"),
+    FigureKind("agreement", Subject.EVIDENCE, "p-value of the difference by the covariances"),
+    FigureKind("revisited_path", Subject.EVIDENCE, "path between two visits of a place", unit="m"),
+    FigureKind("misclosure", Subject.EVIDENCE, "misclosure of the position at a revisited place", unit="m"),
+    FigureKind("misclosure_of_path", Subject.EVIDENCE, "misclosure divided by the path"),
+    FigureKind("misclosure_nees", Subject.EVIDENCE, "normalised misclosure squared (NEES)"),
+    FigureKind("overlap", Subject.EVIDENCE, "overlap of two mapping pairs"),
     FigureKind(
-        "overlap_grey", Subject.EVIDENCE, "", "1", "ratio of the grey level difference to that of shifted images"
+        "overlap_difference", Subject.EVIDENCE, "range difference where two maps overlap (robust rms)", unit="m"
     ),
-    FigureKind("predicted", Subject.EVIDENCE, "", "m", "position error by the covariance (rms)"),
-    FigureKind("predicted_share", Subject.EVIDENCE, "", "1", "fraction of the mean square position error"),
-    FigureKind("predicted_attitude", Subject.EVIDENCE, "", "deg", "attitude error by the covariance (rms)"),
-    FigureKind("right_camera", Subject.EVIDENCE, "", "px", "offset of the right camera from its calibration"),
-    FigureKind("right_camera_spread", Subject.EVIDENCE, "", "px", "difference between runs of the offset"),
-    FigureKind("depth_error", Subject.EVIDENCE, "", "m", "error of depth by the offset in yaw"),
-    FigureKind("calibration_cost", Subject.EVIDENCE, "", "m", "change of positions by a corrected calibration (rmse)"),
-    FigureKind("scale", Subject.EVIDENCE, "", "1", "excess of length"),
-    FigureKind("hat_sigma", Subject.EVIDENCE, "", "m", "sigma by the three-cornered hat"),
-    FigureKind("bound", Subject.EVIDENCE, "", "1", "tolerance bound"),
+    FigureKind("overlap_ratio", Subject.EVIDENCE, "ratio of the range difference to the expected difference"),
+    FigureKind("overlap_grey", Subject.EVIDENCE, "ratio of the grey level difference to that of shifted images"),
+    FigureKind("predicted", Subject.EVIDENCE, "position error by the covariance (rms)", unit="m"),
+    FigureKind("predicted_share", Subject.EVIDENCE, "fraction of the mean square position error"),
+    FigureKind("predicted_attitude", Subject.EVIDENCE, "attitude error by the covariance (rms)", unit="deg"),
+    FigureKind("right_camera", Subject.EVIDENCE, "offset of the right camera from its calibration", unit="px"),
+    FigureKind("right_camera_spread", Subject.EVIDENCE, "difference between runs of the offset", unit="px"),
+    FigureKind("depth_error", Subject.EVIDENCE, "error of depth by the offset in yaw", unit="m"),
+    FigureKind("calibration_cost", Subject.EVIDENCE, "change of positions by a corrected calibration (rmse)", unit="m"),
+    FigureKind("scale", Subject.EVIDENCE, "excess of length"),
+    FigureKind("hat_sigma", Subject.EVIDENCE, "sigma by the three-cornered hat", unit="m"),
+    FigureKind("bound", Subject.EVIDENCE, "tolerance bound"),
 )
 KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
 """The catalogue by the unique names of its figures."""
 FITTED = tuple(RowPart(reading) for reading in Reading if reading.is_fit)  #: Readings after an alignment of the drive.
 CLAUSES_OF_MEMORY = {CallKind.LOCALISATION: "4.2.2", CallKind.MAPPING_CALL: "4.3.2"}  #: Clauses by the kind of call.
 DEFINED = {Subject.TRAJECTORY: ("mean", "sigma", TOTAL), Subject.MAP: ()}
-"""Statistics that the specification defines, by subject: none for the point error. For calls any statistic is
-allowed."""
-
+"""Statistics that the specification defines, by subject; any for other subjects. Clause 4.3.4 ends with the error of
+one point and defines no statistic. The mean and the standard deviation of 4.1.1 are those of sub-trajectories."""
 
 UNITS_OF_PARTS: dict[tuple[str, RowPart | None], str] = {
     ("ape", ROTATION): "deg",

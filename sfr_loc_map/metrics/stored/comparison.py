@@ -234,7 +234,7 @@ def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) 
     overlap = _overlap(np.array(mine.start_frame)[rows.first], np.array(mine.end_frame)[rows.first])
     for kind in KINDS.values():
         columns, other_columns = mine.error_columns(kind.name), theirs.error_columns(kind.name)
-        if TOTAL not in kind.compared or not columns or not other_columns:
+        if TOTAL not in kind.tested or not columns or not other_columns:
             continue
         found = PairedDifference(
             name=name,
