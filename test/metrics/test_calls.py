@@ -68,6 +68,29 @@ def calls(
     return Calls(np.arange(len(states)), np.array(seconds), states, peaks, peaks / 10.0, named)
 
 
+@pytest.mark.parametrize(("failing", "is_peak_known"), [("mark_idle", True), ("measure", False)])
+def test_memory_is_unknown_if_the_mark_cannot_be_reset(
+    monkeypatch: pytest.MonkeyPatch, failing: str, *, is_peak_known: bool
+) -> None:
+    """Memory that is not known is null, never the complete resident memory or the peak of an earlier call."""
+    meter = CallMeter()
+    if meter.method == METHOD_UNAVAILABLE:
+        pytest.skip("this system has no resettable high-water mark")
+    with monkeypatch.context() as patched:
+        patched.setattr(call_meter, "reset_peak", lambda process: None)
+        if failing == "mark_idle":
+            meter.mark_idle()
+            patched.undo()
+        with meter.measure() as usage:
+            pass
+    assert (usage.peak_rss_bytes is not None) is is_peak_known
+    assert usage.above_idle_bytes is None
+    meter.mark_idle()
+    with meter.measure() as usage:
+        pass
+    assert usage.above_idle_bytes is not None
+
+
 @pytest.mark.parametrize(
     ("columns", "words"),
     [

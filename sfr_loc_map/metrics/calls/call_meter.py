@@ -42,20 +42,25 @@ class CallMeter:
         self.mark_idle()
 
     def mark_idle(self) -> None:
-        """Set the reference of the memory above the idle process again, after start and warm-up."""
-        self._idle_bytes = (reset_peak("self") or 0) if self._available else 0
+        """Set the reference of the memory above the idle process again, after start and warm-up.
+
+        The reference is unknown if the mark cannot be reset; the memory above the idle process is then None.
+        """
+        self._idle_bytes = reset_peak("self") if self._available else None
 
     @contextmanager
     def measure(self) -> Iterator[CallUsage]:
-        """Measure the `with` block. The usage is filled in at its end, even if the block raises."""
+        """Measure the `with` block. The usage is filled in at its end, even if the block raises.
+
+        The memory is None if the mark cannot be reset before the call or read after the call.
+        """
         usage = CallUsage()
-        if self._available:
-            reset_peak("self")
+        is_reset = self._available and reset_peak("self") is not None
         called_ns = self._clock_ns()
         try:
             yield usage
         finally:
             usage.processing_time_s = formulas.call_time_s(called_ns, self._clock_ns())
-            if self._available and (peak_bytes := peak_of("self")) is not None:
-                usage.peak_rss_bytes = peak_bytes
-                usage.above_idle_bytes = formulas.memory_above_idle(peak_bytes, self._idle_bytes)
+            usage.peak_rss_bytes = peak_of("self") if is_reset else None
+            if usage.peak_rss_bytes is not None and self._idle_bytes is not None:
+                usage.above_idle_bytes = formulas.memory_above_idle(usage.peak_rss_bytes, self._idle_bytes)
