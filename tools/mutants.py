@@ -443,8 +443,8 @@ MUTATIONS = (
     Mutation("metrics/completeness/copies.py", "resolution_of(true_pos) < resolution_m", "False"),
     Mutation("metrics/completeness/copies.py", "is_enough(slice(None))), is_copy)", "True), is_copy)"),
     # the check of a stored score
-    Mutation("metrics/stored/file_check.py", "    fault_of_numbers,\n", ""),
-    Mutation("metrics/stored/file_check.py", "    fault_of_data_set,\n", ""),
+    Mutation("metrics/stored/file_check.py", "fault_of_counts, fault_of_numbers,", "fault_of_counts,"),
+    Mutation("metrics/stored/file_check.py", ", fault_of_data_set)", ")"),
     Mutation("metrics/score/limits.py", "if item.section is LimitSection.TRAJECTORY]", "if item.terms is not None]"),
     # several scores, several drives
     Mutation("metrics/judging/several_scores.py", "if len(made) < len(scores):", "if not made:"),
@@ -462,7 +462,7 @@ MUTATIONS = (
     Mutation(
         "metrics/calls/call_score.py", "if row.call in kinds else row for", "if row.figure in kinds[:1] else row for"
     ),
-    Mutation("metrics/figures/catalogue.py", " or of_row.place is Place.STATED:", ":"),
+    Mutation("metrics/figures/catalogue.py", " or place is Place.STATED:", ":"),
     Mutation("metrics/errors/map_score.py", "len(xyz) - len(np.unique(xyz, axis=0)),", "0,"),
     Mutation("metrics/errors/map_score.py", "len(xyz) - pixels, crowded)", "0, crowded)"),
     Mutation("metrics/errors/map_score.py", "len(xyz) - pixels, crowded)", "len(xyz) - pixels, 0)"),

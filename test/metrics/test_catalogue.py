@@ -16,6 +16,7 @@ from sfr_loc_map.metrics.figures.catalogue import (
     defines,
     statistic_title,
 )
+from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.rows import NUMBERS
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
 from sfr_loc_map.metrics.judging.limited_value import EXPANSION
@@ -69,7 +70,7 @@ CLAUSES = {
 @pytest.mark.clause("4.2.1", "4.2.2", "4.2.3.1", "4.2.3.2", "4.2.3.3", "4.3.1", "4.3.2", "4.3.4")
 @pytest.mark.parametrize(("figure", "part"), CLAUSES)
 def test_clause_of_a_figure(figure: str, part: str | None) -> None:
-    assert clause_of(figure, part) == CLAUSES[figure, part]
+    assert clause_of(figure, RowPart.of(part)) == CLAUSES[figure, part]
 
 
 def test_every_clause_of_the_catalogue_has_a_text() -> None:
@@ -97,8 +98,8 @@ def test_a_quantile_is_named_by_its_percentage(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_the_document_defines_mean_and_sigma_of_its_figures_and_no_bound_or_direction() -> None:
-    assert defines("position", "pose", "mean_plus_3sigma")
-    assert defines("localisation", "target", "p95")
+    assert defines("position", RowPart("pose"), "mean_plus_3sigma")
+    assert defines("localisation", RowPart("target"), "p95")
     for figure, part, statistic in (
         ("position", "pose", "p95"),
         ("position", "pose", "bound"),
@@ -106,4 +107,4 @@ def test_the_document_defines_mean_and_sigma_of_its_figures_and_no_bound_or_dire
         ("point_error", None, "mean_plus_3sigma"),
         ("chord", "pose", "mean"),
     ):
-        assert not defines(figure, part, statistic), (figure, part, statistic)
+        assert not defines(figure, RowPart.of(part), statistic), (figure, part, statistic)

@@ -7,6 +7,7 @@ from helpers.made_scores import calls, dig, json_of, place_of, whole_score, with
 from sfr_loc_map.metrics.calls.call_score import score_target
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.figures.records import Association
+from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.judging.judge import judged_by
@@ -84,8 +85,10 @@ def test_the_summary_shows_a_completeness_without_any_value() -> None:
 
 
 def test_every_row_of_the_score_is_in_a_table_and_an_unknown_one_in_the_last() -> None:
-    strange = Figure(subject=Subject.MAP, figure="roughness", unit="m", part="all", n=3, mean=0.25, value=7.0)
-    stranger = Figure(subject=Subject.TRAJECTORY, figure="slip", unit="1", condition="turn=3", part="left", value=0.5)
+    strange = Figure(subject=Subject.MAP, figure="roughness", unit="m", part=RowPart("all"), n=3, mean=0.25, value=7.0)
+    stranger = Figure(
+        subject=Subject.TRAJECTORY, figure="slip", unit="1", condition="turn=3", part=RowPart("left"), value=0.5
+    )
     score = replace(whole_score(), figures=(*whole_score().figures, strange, stranger))
     shown = {
         cell.key.split(".")[1]
