@@ -9,11 +9,13 @@ from itertools import chain
 
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.figures.catalogue import CATALOGUE, KINDS, TOTAL, Subject, statistic_title
+from sfr_loc_map.metrics.figures.catalogue import CATALOGUE, KINDS, TOTAL, statistic_title
+from sfr_loc_map.metrics.figures.row_part import COUNT, POSE
+from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.score.score import Score
 
-MAP_ERRORS = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and TOTAL in kind.compared]
-"""Map errors that are compared."""
+MAP_ERRORS = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and TOTAL in kind.tested]
+"""Map errors whose differences are tested."""
 LEAST_ERROR = 1e-6
 """Minimum compared error, in its unit (m, deg or relative), because the logarithms of errors are compared."""
 LEAST_SHARE = 1e-4  #: Minimum uncovered fraction of a map, because the logarithms of fractions are compared.
@@ -79,20 +81,20 @@ def _trajectory_figures(score: Score) -> Iterator[tuple[ComparedFigure, float | 
     for condition in score.conditions:
         over = label_of(condition)
         for kind in errors:
-            for statistic in kind.compared:
+            for statistic in kind.tested:
                 name = f"{_compared_title(kind.name, statistic)} over {over}, {kind.unit}"
                 figure = ComparedFigure(ComparedKind.ACCURACY, name, kind.name, statistic, condition)
                 yield figure, score.number(kind.name, statistic, condition=condition)
-        nees = score.figure("nees", condition=condition, part="pose")
+        nees = score.figure("nees", condition=condition, part=POSE)
         name = f"NEES over {over}, relative to the expected NEES"
         relative = None if nees is None or nees.mean is None or not nees.value else nees.mean / nees.value
-        yield ComparedFigure(ComparedKind.NEES, name, "nees", "mean", condition, "pose"), relative
+        yield ComparedFigure(ComparedKind.NEES, name, "nees", "mean", condition, POSE), relative
 
 
 def _map_figures(score: Score) -> Iterator[tuple[ComparedFigure, float | None]]:
     """Yield the errors of a map, and the fraction of the truth that the map does not cover."""
     for kind in MAP_ERRORS:
-        for statistic in kind.compared:
+        for statistic in kind.tested:
             name = f"map {_compared_title(kind.title, statistic)}, {kind.unit}"
             figure = ComparedFigure(ComparedKind.ACCURACY, name, kind.name, statistic)
             yield figure, score.number(kind.name, statistic, part=None)
@@ -113,15 +115,15 @@ def _call_figures(score: Score) -> Iterator[tuple[ComparedFigure, float | None]]
 def _counts(score: Score) -> Iterator[tuple[ComparedFigure, float | None]]:
     """Yield the numbers of lost, degraded and missing frames of a trajectory."""
     if (drive := score.association) is not None:
-        missing = score.number("missing", part="count")
+        missing = score.number("missing", part=COUNT)
         counts = {ComparedKind.LOST: drive.lost, ComparedKind.DEGRADED: drive.degraded, ComparedKind.MISSING: missing}
         for kind, count in counts.items():
-            yield ComparedFigure(kind, f"{kind}, frames", kind.value, "value", part="count"), count
+            yield ComparedFigure(kind, f"{kind}, frames", kind.value, "value", part=COUNT), count
 
 
 def map_error_of(score: Score) -> float | None:
     """Return the map error by which results are ranked; None if it is unknown."""
-    errors = (score.number(kind.name, kind.compared[0], part=None) for kind in MAP_ERRORS)
+    errors = (score.number(kind.name, kind.tested[0], part=None) for kind in MAP_ERRORS)
     return next((error for error in errors if error is not None), None)
 
 
