@@ -34,7 +34,7 @@ from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.disparity_states import MeasuredDisparity
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.search_range import search_range_of
 from sfr_loc_map.runs.drive_start import start_pose
@@ -45,12 +45,12 @@ TILE = 64
 """Side of an image part, px, in which the disparities are assumed to be a stationary field."""
 
 
-def estimated(pair: StereoPair, rig: StereoRig) -> DisparityMap:
+def estimated(pair: StereoPair, rig: StereoRig) -> MeasuredDisparity:
     """Return the mapper's disparities of a pair."""
     return estimate_disparity(pair, rig.camera, search_range_of(rig, MappingConfig()).count)
 
 
-def noise_of(disparity: DisparityMap) -> float:
+def noise_of(disparity: MeasuredDisparity) -> float:
     """Return the noise of one image, grey levels, from residuals, which have the noise of two images."""
     return disparity.noise_grey / np.sqrt(2.0)
 

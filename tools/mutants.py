@@ -593,7 +593,7 @@ MUTATIONS = (
     Mutation("localisation/frontend/patch_slopes.py", "patch[2, k] + slope_v * by_x", "patch[2, k]"),
     Mutation("localisation/frontend/feature_detection.py", "mean - np.sqrt(", "mean + np.sqrt("),
     # maps
-    Mutation("mapping/mapper.py", "warnings=warnings_of_pairs(maps) + fused.warnings", "warnings=fused.warnings"),
+    Mutation("mapping/mapper.py", "warnings=warnings + fused.warnings", "warnings=fused.warnings"),
     Mutation(
         "mapping/reprojection.py",
         "length * depth * depth / scale * sigma_px[i, j]",
@@ -613,8 +613,8 @@ MUTATIONS = (
     ),
     Mutation(
         "mapping/disparity/right_camera.py",
-        "error_px = -px_per_row * rows_below_centre",
-        "error_px = px_per_row * rows_below_centre",
+        "return -px_per_row * rows_below_centre",
+        "return px_per_row * rows_below_centre",
     ),
     Mutation(HOLES, "unsaturated & has_new_hypotheses & ~scene.valid", "has_new_hypotheses & ~scene.valid"),
     Mutation(HOLES, "NEARBY_PX) < MAX_DEPTH_RATIO", "NEARBY_PX) < F(100.0) * MAX_DEPTH_RATIO"),

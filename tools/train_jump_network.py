@@ -1,4 +1,4 @@
-"""Train the network that classifies pixels near disparity jumps; see `mapping/disparity/wrong_surface.py`.
+"""Train the network that classifies pixels near disparity jumps; see `mapping/disparity/jump_network.py`.
 
     python tools/train_jump_network.py sfr_loc_map/mapping/disparity/jump_network.json SOURCE ...
 
@@ -13,31 +13,27 @@ import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
-from sfr_loc_map.geometry.camera import StereoCamera
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity import matching_cost, surfaces, wrong_surface
-from sfr_loc_map.mapping.disparity.cell_field import cells_from_disparity, disparity_from_cells
-from sfr_loc_map.mapping.disparity.pixel_status import is_valid
-from sfr_loc_map.mapping.disparity.right_image_correction import correct_right_image
-from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
-from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import status_before_wrong_surface
-from sfr_loc_map.mapping.disparity.variational_refinement import refine_disparity
-from sfr_loc_map.mapping.disparity.wrong_surface import (
+from sfr_loc_map.mapping.disparity import jump_network, matching_cost, surfaces
+from sfr_loc_map.mapping.disparity.jump_network import (
     JumpFeatures,
     JumpNetwork,
     JumpScene,
-    beside_jump,
+    classified_pixels,
     jump_features,
     network_input,
 )
+from sfr_loc_map.mapping.disparity.pair_refinement import refine_pair
+from sfr_loc_map.mapping.disparity.pixel_status import is_valid
+from sfr_loc_map.mapping.disparity.validity import jump_scene, status_before_wrong_surface
 from sfr_loc_map.mapping.filters import local_variance
 from sfr_loc_map.mapping.search_range import search_range_of
 
@@ -62,6 +58,8 @@ JUMP_CONSTANTS = (
     "MIN_RELATIVE_COST",
     "WINDOW_MARGIN_SCALE",
 )
+REFERENCE = Path(__file__).resolve().parents[1] / "sample" / "spirit-1"
+"""Pair whose inputs are stored with the weights. A test compares them with those of the code."""
 Images = tuple[np.ndarray, np.ndarray]
 
 
@@ -90,30 +88,32 @@ def true_disparity(posed: PosedStereoPair, rig: StereoRig) -> np.ndarray:
 def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the network inputs `(N, 13)` and disparity errors `(N,)`, pixels, of each variant of each pair."""
     panorama = panorama_of(open_source(source))
-    count = search_range_of(panorama.rig, MappingConfig()).count
     for posed in panorama.pairs():
         truth = true_disparity(posed, panorama.rig)
         for images in changed(posed.pair.left.astype(float), posed.pair.right.astype(float), random):
             left, right = (np.clip(np.rint(x), 0, 255).astype(np.uint8) for x in images)
-            scene = scene_of(left, right, panorama.rig.camera, count)
-            chosen = np.flatnonzero(beside_jump(scene.disparity) & scene.valid & np.isfinite(truth))
+            scene = scene_of(StereoPair(posed.pair.stamp_ns, left, right), panorama.rig)
+            classified = classified_pixels(scene)
+            chosen = classified[np.isfinite(truth.flat[classified])]
             inputs = network_input(jump_features(scene, chosen))
             error_px = np.abs((scene.disparity - truth).flat[chosen])
             some = random.permutation(len(chosen))[:MOST]
             yield inputs[some].astype(float), error_px[some]
 
 
-def scene_of(left: np.ndarray, right: np.ndarray, camera: StereoCamera, count: int) -> JumpScene:
-    """Return the input of the network as `estimate_disparity` computes it."""
-    initial_px = semi_global_matching(left, right, count)
-    initial_cells = cells_from_disparity(initial_px)
-    left_grey = left.astype(np.float32)
-    dense_px = disparity_from_cells(initial_cells, left.shape)
-    right_grey = correct_right_image(left_grey, right.astype(np.float32), dense_px, camera).image
-    refined = refine_disparity(left_grey, right_grey, initial_cells)
-    valid = is_valid(status_before_wrong_surface(left_grey, local_variance(left_grey), right_grey, initial_px, refined))
-    sigma_px = disparity_sigma(refined)
-    return JumpScene(left_grey, right_grey, refined.disparity_px, np.isfinite(initial_px), valid, sigma_px)
+def scene_of(pair: StereoPair, rig: StereoRig) -> JumpScene:
+    """Return the input of the network as the mapper computes it with default parameters."""
+    refined = refine_pair(pair, rig.camera, search_range_of(rig, MappingConfig()).count)
+    status = status_before_wrong_surface(refined, local_variance(refined.left))
+    return jump_scene(refined, is_valid(status))
+
+
+def reference_inputs() -> dict[str, Any]:
+    """Return the number of classified pixels of the reference pair, and the means of their inputs `(13,)`."""
+    panorama = panorama_of(open_source(REFERENCE))
+    scene = scene_of(next(iter(panorama.pairs())).pair, panorama.rig)
+    inputs = network_input(jump_features(scene, classified_pixels(scene)))
+    return {"pixels": len(inputs), "mean_inputs": np.round(inputs.mean(axis=0, dtype=float), 4).tolist()}
 
 
 def train(features: np.ndarray, error_px: np.ndarray, random: np.random.Generator) -> dict[str, np.ndarray]:
@@ -155,7 +155,7 @@ def train(features: np.ndarray, error_px: np.ndarray, random: np.random.Generato
 
 def feature_constants() -> dict[str, float]:
     """Return the constants of the features by name, except those of sigma and slopes."""
-    modules = {matching_cost: WINDOW_CONSTANTS, surfaces: ("SURFACE_JUMP_PX",), wrong_surface: JUMP_CONSTANTS}
+    modules = {matching_cost: WINDOW_CONSTANTS, surfaces: ("SURFACE_JUMP_PX",), jump_network: JUMP_CONSTANTS}
     found = {name: getattr(module, name) for module, names in modules.items() for name in names}
     return {name: round(float(value), 4) for name, value in found.items()}
 
@@ -167,7 +167,7 @@ def main(out: Path, sources: list[Path]) -> None:
     features, error_px = (np.concatenate(parts) for parts in zip(*found, strict=True))
     print(f"{len(error_px)} pixels, {100 * (error_px > WRONG_PX).mean():.1f} % of them on the wrong surface")
     weights = train(features, error_px, random)
-    lines = [f'"constants": {json.dumps(feature_constants())}']
+    lines = [f'"constants": {json.dumps(feature_constants())}', f'"reference": {json.dumps(reference_inputs())}']
     lines += [f'"{name}": {json.dumps(np.round(value, 4).tolist())}' for name, value in weights.items()]
     out.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 

@@ -10,23 +10,24 @@ The stages of `Mapper.process`, with their modules and results:
 
 1. `check_pose`, `check_images` (`checks`): a pose is refused if its rotation is invalid, or if it is far from the
    origin of LM. Images are refused if they are textureless, identical, or not of the rig's size.
-2. `estimate_disparity` (`disparity/estimation`) -> `DisparityMap`: disparity, sigma and status of each pixel of the
-   left image, and the fraction of the textured pixels that are measured.
+2. `estimate_disparity` (`disparity/estimation`) -> `MeasuredDisparity`: disparity, sigma and status of each pixel of
+   the left image, and the fraction of the textured pixels that are measured.
 3. `check_matches` (`checks`): a pair is refused if too few of its textured pixels are measured.
 4. `measure_right_rotation` (`disparity/right_camera`) -> `CameraRotation`: yaw, pitch and roll of the right camera
-   relative to its calibration, from the vertical disparity at measured pixels. This stage precedes `fill_holes` because
-   filled pixels are not measured.
-5. `fill_holes` (`disparity/hole_filling`) -> `DisparityMap`: invalid pixels are filled from a surface beside them if
+   relative to its calibration, from the vertical disparity at measured pixels.
+5. `fill_holes` (`disparity/hole_filling`) -> `FilledDisparity`: invalid pixels are filled from a surface beside them if
    both images support it.
-6. `without_roll` (`disparity/right_camera`) -> `DisparityMap`: the effect of the roll of the right camera is removed
-   from the disparities.
-7. `within_range` (`disparity/validity`) -> `DisparityMap`: pixels beyond the maximum depth become invalid.
-8. `view_of_pair` (`reprojection`) -> `PairView`: the valid disparities are reprojected to points in LM.
-9. `sigma_of_calibration` (`calibration_sigma`) -> `CalibrationSigma`: the uncertainty of the calibration given the
+6. `final_disparity` (`disparity/final_disparity`) -> `FinalDisparity`: the effect of the roll of the right camera is
+   removed from the disparities, and pixels beyond the maximum depth become invalid.
+7. `view_of_pair` (`reprojection`) -> `PairView`: the valid disparities are reprojected to points in LM.
+8. `sigma_of_calibration` (`calibration_sigma`) -> `CalibrationSigma`: the uncertainty of the calibration given the
    measured rotation of the right camera.
+9. `findings_of_pair` (`pair_findings`) -> `Findings`: statistics and warnings.
 10. `sigma_of_view` (`point_sigma`) -> `PointSigma`: sigma of the points. Saturation increases the random part, and the
     total also includes the uncertainty of the calibration.
-11. `findings_of_pair` (`pair_findings`) -> `Findings`: statistics and warnings.
+
+The results of stages 7 to 9 are a `PairEstimate` (`maps`), the input of the fusion. `Mapper.map` omits stage 10, whose
+result is only part of the map of a pair.
 
 The stages of `Mapper.fuse`:
 
@@ -34,19 +35,19 @@ The stages of `Mapper.fuse`:
    removed.
 2. `register_views` (`multiview/registration`), on request -> views and `Findings`: later pairs are moved to agree with
    the earlier pairs.
-3. `fuse_views` (`multiview/fusion`, `multiview/projection`, `multiview/pose_agreement`) -> `FusedViews`: points on
-   which pairs agree move along their rays to the inverse-variance weighted mean. Of several points that are compared
-   and sample the same spot, one is kept. A point is dropped if a pair with a larger weight observes a surface behind
-   the point. The `Findings` contain the agreement of the poses where pairs overlap.
-4. `sigma_of_points` (`point_sigma`) -> `PointSigma`: sigma of the fused points, as for one pair.
+3. `fuse_views` (`multiview/fusion`, `multiview/projection`) -> `FusedViews`: points on which pairs agree move along
+   their rays to the inverse-variance weighted mean. Of several compared points at the same position in an image, one is
+   kept. A point is dropped if a pair with a larger weight observes a surface behind the point.
+4. `agreement_of_poses` (`multiview/pose_agreement`) -> `Findings`: the agreement of the poses where pairs overlap, from
+   the observations of stage 3.
+5. `sigma_of_points` (`point_sigma`) -> `PointSigma`: sigma of the fused points, as for one pair.
 
 To add
 
 - a validity test of the pixels of one pair: the docstring of `disparity/validity` lists the steps.
-- another filter or correction of the disparities of one pair: a function that takes and returns a `DisparityMap`, and
-  its call in `Mapper.process` between `fill_holes` and `without_roll`. Before `without_roll`, disparities still fit the
-  right image. `within_range` tests the filtered disparities, and all later stages use them. The fraction of measured
-  pixels is computed earlier.
+- another filter of the disparities of one pair: a function that takes and returns a `FilledDisparity`, and its call in
+  `Mapper._estimate` between `fill_holes` and `final_disparity`. A correction after which disparities no longer fit the
+  right image is a step of `final_disparity`. The fraction of measured pixels is computed earlier.
 - a contribution to sigma: the docstring of `point_sigma` lists the steps.
 - a test of points across pairs: a flag of `Judgement` (`multiview/fusion`), which drops points, or a stage of
   `Mapper.fuse` that takes and returns views, like `without_fixed_content`.
@@ -74,6 +75,7 @@ from sfr_loc_map.mapping.checks import (
     check_images,
     check_index,
     check_items,
+    check_maps,
     check_matches,
     check_pair,
     check_pair_count,
@@ -81,12 +83,13 @@ from sfr_loc_map.mapping.checks import (
 )
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
+from sfr_loc_map.mapping.disparity.final_disparity import final_disparity
 from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
-from sfr_loc_map.mapping.disparity.right_camera import measure_right_rotation, without_roll
-from sfr_loc_map.mapping.disparity.validity import within_range
-from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairMap, fusion_input_of, warnings_of_pairs
+from sfr_loc_map.mapping.disparity.right_camera import measure_right_rotation
+from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairEstimate, warnings_of_pairs
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
+from sfr_loc_map.mapping.multiview.pose_agreement import agreement_of_poses
 from sfr_loc_map.mapping.multiview.registration import register_views
 from sfr_loc_map.mapping.pair_findings import findings_of_pair
 from sfr_loc_map.mapping.point_sigma import sigma_of_points, sigma_of_view
@@ -128,7 +131,7 @@ class Mapper:
         mapper.fuse([pair_map, pair_map])
 
     def map(self, pairs: Sequence[PosedStereoPair]) -> FusedMap:
-        """Return one cloud from one to three pairs: the mapping call of the specification [1.3], for Python users.
+        """Return one cloud from one to three pairs: the mapping call of clause 1.3 of the specification.
 
         The result contains the warnings of the pairs and of the fusion, but only the statistics of the fusion. Call
         `process` and `fuse` to obtain the statistics of the pairs, too.
@@ -137,9 +140,10 @@ class Mapper:
         """
         check_items(pairs, PosedStereoPair, "PosedStereoPair")
         check_pair_count(len(pairs))
-        maps = [self.process(posed.pair, posed.T_lm_navsb, index) for index, posed in enumerate(pairs)]
-        fused = self.fuse(maps)
-        return replace(fused, warnings=warnings_of_pairs(maps) + fused.warnings)
+        estimates = [self._estimate(posed.pair, posed.T_lm_navsb) for posed in pairs]
+        fused = self._fuse(estimates)
+        warnings = warnings_of_pairs([item.findings.warnings for item in estimates])
+        return replace(fused, warnings=warnings + fused.warnings)
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int = 0) -> MappedPair:
         """Return the map of a pair; `index`, 0 to 2, becomes the pair index of the points.
@@ -152,43 +156,43 @@ class Mapper:
         size, an image is textureless, both images are identical, or they do not match (`check_matches`).
         """
         check_index(index)
-        check_pair(pair)
-        check_pose(pair.stamp_ns, T_lm_navsb)
-        check_images(pair, self._rig)
-        estimated = estimate_disparity(pair, self._rig.camera, self._search.count)
-        check_matches(pair, estimated, self._search.count)
-        rotation = measure_right_rotation(estimated, self._rig)
-        filled = fill_holes(estimated)
-        levelled = without_roll(filled, rotation, self._rig)
-        final = within_range(levelled, self._search.min_disparity_px)
-        view = view_of_pair(final, self._rig, T_lm_navsb @ self._rig.T_sb_left)
-        calibration = sigma_of_calibration(rotation, self._rig, self._config.calibration)
-        sigma = sigma_of_view(view, calibration, self._rig)
-        findings = findings_of_pair(final, rotation, self._rig, self._config.calibration, self._search)
-        return MappedPair.of(
-            stamp_ns=pair.stamp_ns,
-            index=index,
-            rig=self._rig,
-            disparity_map=final,
-            view=view,
-            sigma=sigma,
-            calibration=calibration,
-            findings=findings,
-        )
+        estimate = self._estimate(pair, T_lm_navsb)
+        return MappedPair(estimate, index, sigma_of_view(estimate.view, estimate.calibration, self._rig))
 
     def fuse(self, maps: Sequence[MappedPair]) -> FusedMap:
         """Return one cloud from up to three pairs; the pair index of a point is the index of its map in `maps`.
 
         The poses of the result are in the order of the maps.
 
-        Raises MappingError if the argument is not a sequence of maps, for zero or more than three maps, for a map that
-        `process` did not create, for a map whose stamp is not an integer, for a map whose cloud, random sigma, pose or
-        disparities were replaced, and for a map of other cameras than those of this mapper.
+        Raises MappingError if the argument is not a sequence of maps that `process` returned, for zero or more than
+        three maps, and for a map of other cameras than those of this mapper.
         """
-        check_items(maps, PairMap, "maps that `Mapper.process` returned")
-        check_pair_count(len(maps))
-        inputs = [fusion_input_of(item, self._rig) for item in maps]
-        cleaned = without_fixed_content([item.view for item in inputs], self._rig)
+        check_maps(maps, self._rig)
+        return self._fuse([item.estimate for item in maps])
+
+    def _estimate(self, pair: StereoPair, T_lm_navsb: Transform) -> PairEstimate:
+        """Return the estimate of one pair: stages 1 to 9 of `process`."""
+        check_pair(pair)
+        check_pose(pair.stamp_ns, T_lm_navsb)
+        check_images(pair, self._rig)
+        measured = estimate_disparity(pair, self._rig.camera, self._search.count)
+        check_matches(pair, measured, self._search.count)
+        rotation = measure_right_rotation(measured, self._rig)
+        filled = fill_holes(measured)
+        final = final_disparity(filled, rotation, self._rig, self._search.min_disparity_px)
+        prior = self._config.calibration
+        return PairEstimate(
+            stamp_ns=pair.stamp_ns,
+            rig=self._rig,
+            view=view_of_pair(measured, final, self._rig, T_lm_navsb @ self._rig.T_sb_left),
+            calibration=sigma_of_calibration(rotation, self._rig, prior),
+            pixel_status=final.status,
+            findings=findings_of_pair(measured, final, rotation, self._rig, prior, self._search),
+        )
+
+    def _fuse(self, estimates: Sequence[PairEstimate]) -> FusedMap:
+        """Return one cloud from the estimates of up to three pairs: the stages of `fuse`."""
+        cleaned = without_fixed_content([item.view for item in estimates], self._rig)
         views = cleaned.views
         findings = cleaned.findings
         if self._config.refine_poses:
@@ -196,12 +200,13 @@ class Mapper:
             views = registered.views
             findings += registered.findings
         fused = fuse_views(views, self._rig)
-        largest_calibration = largest_of(item.calibration for item in inputs)
-        sigma = sigma_of_points(fused.points, fused.pair_index, views, largest_calibration, self._rig)
-        stamps_ns = tuple(item.stamp_ns for item in maps)
-        findings += fused.findings
+        findings += fused.findings + agreement_of_poses(views, fused.overlaps)
+        calibration = largest_of(item.calibration for item in estimates)
+        sigma = sigma_of_points(fused.points, fused.pair_index, views, calibration, self._rig)
+        stamps_ns = tuple(item.stamp_ns for item in estimates)
+        is_fused = len(estimates) > 1
         return FusedMap(
-            cloud=fused.points.to_cloud(sigma.total, fused.pair_index, fused=len(maps) > 1, pair_stamps_ns=stamps_ns),
+            cloud=fused.points.to_cloud(sigma.total, fused.pair_index, fused=is_fused, pair_stamps_ns=stamps_ns),
             random_sigma=sigma.random,
             poses_lm_left=tuple(view.T_lm_left for view in views),
             statistics=findings.statistics,

@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage, read_only
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma
-from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.pixel_status import StatusImage
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.pair_view import PairView
@@ -36,108 +34,58 @@ class PairMap:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FusionInput:
-    """Data of one pair that the fusion uses, and the values of the map that follow from these data."""
+class PairEstimate:
+    """What the mapper estimates from one pair: the input of the fusion, and the content of the map of the pair.
 
+    The arrays are writable, because the kernels are compiled for writable arrays. The kernels do not change them.
+    """
+
+    stamp_ns: int  #: Stamp of the pair.
     rig: StereoRig  #: Rig of the pair.
     view: PairView  #: Points with their fusion sigma, disparities, pose and saturation.
     calibration: CalibrationSigma  #: Uncertainty of the calibration given the measurements in this pair.
-    cloud: PointCloud  #: `PairMap.cloud` of the map.
-    random_sigma: FloatArray32  #: `PairMap.random_sigma` of the map.
-    disparity_px: FloatImage  #: `PairMap.disparity_px` of the map.
+    pixel_status: StatusImage  #: `(H, W)` uint8, the `PixelStatus` of each pixel.
+    findings: Findings  #: Statistics and warnings of the pair.
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class MappedPair(PairMap):
     """The map of one stereo pair by `Mapper.process`, which `Mapper.fuse` accepts.
 
-    The arrays of the map are read-only, so that an attempt to change them in place fails. The arrays of `fusion_input`
-    share this memory and are writable, because the kernels are compiled for writable arrays. Only the fusion may use
-    them.
+    The map is given by its estimate, its index and its sigma. All other fields are read-only views of these values.
+    They are not parameters, so that `dataclasses.replace` cannot replace a field that the fusion would then ignore.
     """
 
+    stamp_ns: int = field(init=False)
+    cloud: PointCloud = field(init=False)
+    random_sigma: FloatArray32 = field(init=False)
+    T_lm_left: Transform = field(init=False)
+    disparity_px: FloatImage = field(init=False)
+    statistics: Mapping[str, float] = field(init=False)
+    warnings: tuple[str, ...] = field(init=False)
     #: `(H, W)` uint8, the `PixelStatus` of each pixel: measured, filled, or the reason why it has no disparity.
-    pixel_status: StatusImage
-    fusion_input: FusionInput
+    pixel_status: StatusImage = field(init=False)
+    estimate: PairEstimate  #: Input of the fusion.
+    index: int  #: Pair index of the points.
+    sigma: PointSigma  #: Standard deviations of the points.
 
-    @classmethod
-    def of(
-        cls,
-        *,
-        stamp_ns: int,
-        index: int,
-        rig: StereoRig,
-        disparity_map: DisparityMap,
-        view: PairView,
-        sigma: PointSigma,
-        calibration: CalibrationSigma,
-        findings: Findings,
-    ) -> MappedPair:
-        """Return the map of a pair from the results of the stages of `Mapper.process`."""
-        pair_index = np.full(view.points.size, index, np.uint8)
-        cloud = view.points.to_cloud(sigma.total, pair_index, fused=False)
-        disparity_px = read_only(view.images.disparity)
-        fusion_input = FusionInput(
-            rig=rig,
-            view=view,
-            calibration=calibration,
-            cloud=cloud,
-            random_sigma=sigma.random,
-            disparity_px=disparity_px,
-        )
-        return cls(
-            stamp_ns=stamp_ns,
-            cloud=cloud,
-            random_sigma=sigma.random,
-            T_lm_left=view.T_lm_left,
-            disparity_px=disparity_px,
-            pixel_status=read_only(disparity_map.status),
-            fusion_input=fusion_input,
-            statistics=findings.statistics,
-            warnings=findings.warnings,
-        )
-
-    @property
-    def is_as_made(self) -> bool:
-        """Whether points, sigmas, pose and disparities are those that `Mapper.process` returned.
-
-        The map and its arrays are read-only, so that these values can only be replaced by other objects
-        (`dataclasses.replace`). The objects are therefore compared, and not their values.
-        """
-        made = self.fusion_input
-        return (
-            self.cloud is made.cloud
-            and self.random_sigma is made.random_sigma
-            and self.T_lm_left is made.view.T_lm_left
-            and self.disparity_px is made.disparity_px
-        )
-
-
-def fusion_input_of(pair_map: PairMap, rig: StereoRig) -> FusionInput:
-    """Return the input of the fusion that `Mapper.process` stored in a map.
-
-    Raises MappingError for a map of another method, which only callers without type checks can give, for a stamp that
-    is not an integer, and for a map of other cameras. A map whose points, sigmas, pose or disparities were replaced is
-    refused as well, because the fusion uses the stored input and would ignore the new values.
-    """
-    if not isinstance(pair_map, MappedPair):
-        raise MappingError(
-            f"the map of stamp {pair_map.stamp_ns} was not made by `Mapper.process`: only such maps can be fused"
-        )
-    if isinstance(pair_map.stamp_ns, bool) or not isinstance(pair_map.stamp_ns, int | np.integer):
-        raise MappingError(f"the stamp of a map is {pair_map.stamp_ns!r}: an integer number of nanoseconds is required")
-    found = pair_map.fusion_input
-    if not found.rig.same_cameras(rig):
-        raise MappingError(
-            f"the map of stamp {pair_map.stamp_ns} is from other cameras than those of this mapper: fuse maps of "
-            "one rig"
-        )
-    if not pair_map.is_as_made:
-        raise MappingError(
-            f"the cloud, sigma, pose or disparities of the map of stamp {pair_map.stamp_ns} were replaced after "
-            "`Mapper.process`: fuse maps as they were made, and select or move points afterwards"
-        )
-    return found
+    def __post_init__(self) -> None:
+        """Set the fields that follow from the estimate, the index and the sigma."""
+        estimate = self.estimate
+        points = estimate.view.points
+        pair_index = np.full(points.size, self.index, np.uint8)
+        derived = {
+            "stamp_ns": estimate.stamp_ns,
+            "cloud": points.to_cloud(self.sigma.total, pair_index, fused=False),
+            "random_sigma": self.sigma.random,
+            "T_lm_left": estimate.view.T_lm_left,
+            "disparity_px": read_only(estimate.view.images.disparity),
+            "statistics": estimate.findings.statistics,
+            "warnings": estimate.findings.warnings,
+            "pixel_status": read_only(estimate.pixel_status),
+        }
+        for name, value in derived.items():
+            object.__setattr__(self, name, value)  # the dataclass is frozen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,6 +102,6 @@ class FusedMap:
     warnings: tuple[str, ...] = ()
 
 
-def warnings_of_pairs(maps: Sequence[PairMap]) -> tuple[str, ...]:
-    """Return the warnings of the maps of a set of pairs, one line each, with the index of the pair."""
-    return tuple(f"pair {index}: {line}" for index, item in enumerate(maps) for line in item.warnings)
+def warnings_of_pairs(warnings: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return the warnings of each pair of a set, one line each, with the index of the pair."""
+    return tuple(f"pair {index}: {line}" for index, lines in enumerate(warnings) for line in lines)

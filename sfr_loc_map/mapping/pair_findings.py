@@ -10,8 +10,8 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.calibration_sigma import is_yaw_significant
 from sfr_loc_map.mapping.checks import MIN_MEASURED_FRACTION
 from sfr_loc_map.mapping.config import CalibrationPrior
-from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
+from sfr_loc_map.mapping.disparity.disparity_states import FinalDisparity, MeasuredDisparity
+from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, StatusImage, is_valid
 from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.search_range import SearchRange
@@ -49,35 +49,44 @@ lower threshold would warn of single bright stones, and at a higher threshold th
 
 
 def findings_of_pair(
-    disparity_map: DisparityMap, rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior, search: SearchRange
+    measured: MeasuredDisparity,
+    final: FinalDisparity,
+    rotation: CameraRotation,
+    rig: StereoRig,
+    prior: CalibrationPrior,
+    search: SearchRange,
 ) -> Findings:
-    """Return the findings of a pair's map after all stages, given the search and the uncertainty of the calibration."""
-    correction = disparity_map.correction
-    status = disparity_map.status
-    point_count = int(np.count_nonzero(disparity_map.valid))
-    filled_count = int(np.count_nonzero(status == np.uint8(PixelStatus.FILLED)))
+    """Return the findings of a pair, given the search range and the uncertainty of the calibration."""
+    correction = measured.correction
+    point_count = int(np.count_nonzero(is_valid(final.status)))
+    filled_count = _count(final.status, PixelStatus.FILLED)
     statistics = {
         "points": float(point_count),
-        "density": point_count / status.size,
+        "density": point_count / final.status.size,
         "filled_share": filled_count / max(point_count, 1),
-        "noise_grey": disparity_map.noise_grey,
+        "noise_grey": measured.noise_grey,
         "gain": correction.exposure.gain,
         "offset_grey": correction.exposure.offset_grey,
         "vertical_offset_px": correction.vertical.constant,
         "vertical_offset_largest_px": correction.vertical_largest_px,
-        "matched_share": disparity_map.measured_textured_fraction,
+        "matched_share": measured.measured_textured_fraction,
         "right_yaw_deg": math.degrees(rotation.yaw_rad) if rotation.is_measured else math.nan,
         "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if rotation.is_measured else math.nan,
         # Finite even if the rotation is not measured: the roll of the vertical disparity that was removed.
         "right_roll_deg": math.degrees(rotation.roll_rad),
-        "saturated_share": disparity_map.saturation.fraction,
+        "saturated_share": measured.saturation.fraction,
     }
     warnings = (
-        _warnings_of_points(disparity_map, search)
-        + _warnings_of_images(disparity_map, prior)
-        + _warnings_of_rotation(rotation, rig, prior)
+        *_warnings_of_points(final, point_count, search),
+        *_warnings_of_images(measured, prior),
+        *_warnings_of_rotation(rotation, rig, prior),
     )
     return Findings(statistics, warnings)
+
+
+def _count(status: StatusImage, value: PixelStatus) -> int:
+    """Return the number of pixels with a status."""
+    return int(np.count_nonzero(status == np.uint8(value)))
 
 
 def vertical_warning_px(prior: CalibrationPrior) -> float:
@@ -85,39 +94,38 @@ def vertical_warning_px(prior: CalibrationPrior) -> float:
     return max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * prior.distortion_px)
 
 
-def _warnings_of_points(disparity_map: DisparityMap, search: SearchRange) -> tuple[str, ...]:
+def _warnings_of_points(final: FinalDisparity, point_count: int, search: SearchRange) -> list[str]:
     """Return warnings if the map has no points, or if the configured range probably excludes many."""
-    beyond_count = int(np.count_nonzero(disparity_map.status == np.uint8(PixelStatus.BEYOND_RANGE)))
-    point_count = int(np.count_nonzero(disparity_map.valid))
-    if point_count:
-        warnings = []
-        measured_px = disparity_map.px[disparity_map.status == np.uint8(PixelStatus.MEASURED)]
-        near_count = int(np.count_nonzero(measured_px > NEAR_LIMIT * search.count))
-        if near_count > MAX_NEAR_LIMIT_FRACTION * len(measured_px):
-            warnings.append(
-                f"{100 * near_count / len(measured_px):.0f} % of the measured pixels are near the largest disparity of "
-                "the search: nearer surfaces are probably not mapped; reduce min_range_m"
-            )
-        beyond_fraction = beyond_count / (beyond_count + point_count)
-        if beyond_fraction > MAX_BEYOND_FRACTION:
-            warnings.append(
-                f"{100 * beyond_fraction:.0f} % of the pixels with a disparity are beyond the maximum depth and have "
-                "no point; increase max_range_m, or check the baseline"
-            )
-        return tuple(warnings)
-    if not beyond_count:
-        return ("the map has no points: no pixel has a valid disparity; check the images",)
-    return (
-        f"the map has no points: all {beyond_count} pixels with a disparity are beyond the maximum depth; increase "
-        "max_range_m, or check the baseline",
-    )
+    beyond_count = _count(final.status, PixelStatus.BEYOND_RANGE)
+    if point_count == 0 and beyond_count == 0:
+        return ["the map has no points: no pixel has a valid disparity; check the images"]
+    if point_count == 0:
+        return [
+            f"the map has no points: all {beyond_count} pixels with a disparity are beyond the maximum depth; increase "
+            "max_range_m, or check the baseline"
+        ]
+    warnings = []
+    measured_px = final.px[final.status == np.uint8(PixelStatus.MEASURED)]
+    near_count = int(np.count_nonzero(measured_px > NEAR_LIMIT * search.count))
+    if near_count > MAX_NEAR_LIMIT_FRACTION * len(measured_px):
+        warnings.append(
+            f"{100 * near_count / len(measured_px):.0f} % of the measured pixels are near the largest disparity of "
+            "the search: nearer surfaces are probably not mapped; reduce min_range_m"
+        )
+    beyond_fraction = beyond_count / (beyond_count + point_count)
+    if beyond_fraction > MAX_BEYOND_FRACTION:
+        warnings.append(
+            f"{100 * beyond_fraction:.0f} % of the pixels with a disparity are beyond the maximum depth and have "
+            "no point; increase max_range_m, or check the baseline"
+        )
+    return warnings
 
 
-def _warnings_of_images(disparity_map: DisparityMap, prior: CalibrationPrior) -> tuple[str, ...]:
+def _warnings_of_images(measured: MeasuredDisparity, prior: CalibrationPrior) -> list[str]:
     """Return warnings about matches, rectification, exposure and saturation."""
-    fraction = disparity_map.measured_textured_fraction
-    correction = disparity_map.correction
-    saturated = disparity_map.saturation.fraction
+    fraction = measured.measured_textured_fraction
+    correction = measured.correction
+    saturated = measured.saturation.fraction
     warnings = []
     if math.isnan(fraction):
         warnings.append("too few pixels have texture above the noise: whether the images match is unknown")
@@ -141,16 +149,16 @@ def _warnings_of_images(disparity_map: DisparityMap, prior: CalibrationPrior) ->
             f"{100 * saturated:.0f} % of the pixels are saturated: saturated regions have no points, and sigma is "
             "larger beside them; change the exposure"
         )
-    return tuple(warnings)
+    return warnings
 
 
-def _warnings_of_rotation(rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior) -> tuple[str, ...]:
+def _warnings_of_rotation(rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior) -> list[str]:
     """Return a warning if the right camera has a significant yaw relative to its calibration."""
     if not is_yaw_significant(rotation, rig, prior):
-        return ()
+        return []
     yaw_deg = math.degrees(rotation.yaw_rad)
     side = "right" if yaw_deg > 0 else "left"
-    return (
+    return [
         f"the right camera is probably rotated by {abs(yaw_deg):.3f} deg to the {side} (vertical disparity has the "
-        "shape that a yaw causes): all depths share an error, and sigma is increased; calibrate the cameras",
-    )
+        "shape that a yaw causes): all depths share an error, and sigma is increased; calibrate the cameras"
+    ]

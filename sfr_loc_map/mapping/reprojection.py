@@ -1,4 +1,4 @@
-"""Reprojection of a disparity map to points in LM."""
+"""Reprojection of disparities to points in LM."""
 
 from __future__ import annotations
 
@@ -10,15 +10,14 @@ from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
-from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.disparity_states import FinalDisparity, MeasuredDisparity
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 
-def view_of_pair(disparity_map: DisparityMap, rig: StereoRig, T_lm_left: Transform) -> PairView:
-    """Return the view of the valid disparities."""
-    valid_px = np.where(disparity_map.valid, disparity_map.px, F(np.nan))
-    points = points_from_disparity(valid_px, disparity_map.sigma_px, disparity_map.left, rig, T_lm_left)
-    return PairView.of(points, valid_px, T_lm_left, disparity_map.noise_grey, disparity_map.saturation)
+def view_of_pair(measured: MeasuredDisparity, final: FinalDisparity, rig: StereoRig, T_lm_left: Transform) -> PairView:
+    """Return the view of the final disparities, with the grey levels, noise and saturation of the measured images."""
+    points = points_from_disparity(final.px, final.sigma_px, measured.left, rig, T_lm_left)
+    return PairView.of(points, final.px, T_lm_left, measured.noise_grey, measured.saturation)
 
 
 def points_from_disparity(

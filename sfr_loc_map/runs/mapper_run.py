@@ -53,7 +53,7 @@ class MapRun:
     @property
     def warnings(self) -> list[str]:
         """Warnings about each pair and about the fusion, one line each."""
-        return [*warnings_of_pairs(self.maps), *self.fused.warnings]
+        return [*warnings_of_pairs([item.warnings for item in self.maps]), *self.fused.warnings]
 
 
 def run_mapper(

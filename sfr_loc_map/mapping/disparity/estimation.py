@@ -1,4 +1,6 @@
-"""Estimation of the disparity map of a stereo pair, before invalid pixels are filled.
+"""Measurement of the disparities of a stereo pair, before invalid pixels are filled.
+
+`refine_pair` (`pair_refinement`) calls steps 1 to 5. The result, `RefinedPair`, has no judged pixels yet.
 
 The steps of `estimate_disparity`, with their modules in `disparity` and their results:
 
@@ -24,44 +26,32 @@ The steps of `estimate_disparity`, with their modules in `disparity` and their r
 
 from __future__ import annotations
 
-from sfr_loc_map.geometry.arrays import F
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.stereo import StereoPair
-from sfr_loc_map.mapping.disparity.cell_field import cells_from_disparity, disparity_from_cells
-from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.disparity_states import MeasuredDisparity
+from sfr_loc_map.mapping.disparity.pair_refinement import refine_pair
 from sfr_loc_map.mapping.disparity.pixel_status import is_valid
-from sfr_loc_map.mapping.disparity.right_image_correction import correct_right_image
 from sfr_loc_map.mapping.disparity.saturation import measure_saturation
-from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 from sfr_loc_map.mapping.disparity.texture import measured_textured_fraction
-from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
 from sfr_loc_map.mapping.disparity.validity import judge_pixels
-from sfr_loc_map.mapping.disparity.variational_refinement import refine_disparity
 from sfr_loc_map.mapping.filters import local_variance
 
 
-def estimate_disparity(pair: StereoPair, camera: StereoCamera, disparity_count: int) -> DisparityMap:
-    """Return the disparity map of a pair from a search over `disparity_count` integer disparities from 0."""
-    left = pair.left.astype(F, order="C")  # the kernels are compiled for this order
-    initial_px = semi_global_matching(pair.left, pair.right, disparity_count)
-    initial_cells = cells_from_disparity(initial_px)
-    dense_px = disparity_from_cells(initial_cells, left.shape)
-    corrected = correct_right_image(left, pair.right.astype(F, order="C"), dense_px, camera)
-    right = corrected.image
-    refined = refine_disparity(left, right, initial_cells)
-    sigma_px = disparity_sigma(refined)
-    saturation = measure_saturation(pair.left, pair.right, refined.disparity_px)
-    left_variance = local_variance(left)
-    status = judge_pixels(left, left_variance, right, initial_px, refined, sigma_px, saturation)
-    return DisparityMap(
-        px=refined.disparity_px,
-        sigma_px=sigma_px,
+def estimate_disparity(pair: StereoPair, camera: StereoCamera, disparity_count: int) -> MeasuredDisparity:
+    """Return the measured disparities of a pair from a search over `disparity_count` integer disparities from 0."""
+    refined = refine_pair(pair, camera, disparity_count)
+    saturation = measure_saturation(pair.left, pair.right, refined.px)
+    left_variance = local_variance(refined.left)
+    status = judge_pixels(refined, left_variance, saturation)
+    return MeasuredDisparity(
+        px=refined.px,
+        sigma_px=refined.sigma_px,
         status=status,
-        initial_px=initial_px,
-        left=left,
-        right=right,
-        correction=corrected.correction,
+        initial_px=refined.initial_px,
+        left=refined.left,
+        right=refined.right,
+        correction=refined.correction,
         saturation=saturation,
         noise_grey=refined.noise_grey,
-        measured_textured_fraction=measured_textured_fraction(left, left_variance, is_valid(status)),
+        measured_textured_fraction=measured_textured_fraction(refined.left, left_variance, is_valid(status)),
     )

@@ -27,7 +27,6 @@ Limits and alternatives are described in measurements/mapper_trials.md.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
@@ -36,7 +35,7 @@ from numba import prange
 
 from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, IntArray, Mask
 from sfr_loc_map.jit import interleaved_row, jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.disparity_states import FilledDisparity, MeasuredDisparity
 from sfr_loc_map.mapping.disparity.hole_hypotheses import (
     DIRECTION_COUNT,
     REACH,
@@ -100,25 +99,21 @@ class HypothesisCosts(NamedTuple):
     effective_pixels: FloatArray32  #: As in `PlaneCost`.
 
 
-def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
-    """Return the disparity map with filled holes; completely saturated neighbourhoods stay invalid.
+def fill_holes(measured: MeasuredDisparity) -> FilledDisparity:
+    """Return the disparities with filled holes; completely saturated neighbourhoods stay invalid.
 
-    The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`. The map is returned unchanged if
-    fewer than `MIN_SAMPLES` samples are available for the maximum cost.
+    The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`. No hole is filled if fewer
+    than `MIN_SAMPLES` samples are available for the maximum cost.
     """
-    was_valid = disparity_map.valid
+    was_valid = measured.valid
     scene = HoleScene(
-        left=disparity_map.left,
-        right=disparity_map.right,
-        disparity=disparity_map.px,
-        valid=was_valid,
-        initial=disparity_map.initial_px,
+        left=measured.left, right=measured.right, disparity=measured.px, valid=was_valid, initial=measured.initial_px
     )
     cost_limit = _cost_limit(scene)
     if cost_limit is None:
-        return disparity_map
-    min_margin = F(MARGIN_SIGMAS * disparity_map.noise_grey)
-    unsaturated = ~disparity_map.saturation.square_saturated
+        return FilledDisparity(measured.px, measured.sigma_px, measured.status)
+    min_margin = F(MARGIN_SIGMAS * measured.noise_grey)
+    unsaturated = ~measured.saturation.square_saturated
     newly_valid = was_valid
     for _ in range(PASSES):
         has_new_hypotheses = dilated(newly_valid, REACH)
@@ -131,11 +126,10 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     # Depths are compared after all passes. A rejected pixel may therefore have provided a hypothesis in a later pass.
     has_similar_depth = depth_ratio(np.where(valid, px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
     is_filled = valid & ~was_valid & has_similar_depth
-    return replace(
-        disparity_map,
-        px=np.where(is_filled, px, disparity_map.px),
-        sigma_px=np.where(is_filled, np.maximum(disparity_map.sigma_px, MIN_FILLED_SIGMA_PX), disparity_map.sigma_px),
-        status=np.where(is_filled, np.uint8(PixelStatus.FILLED), disparity_map.status),
+    return FilledDisparity(
+        px=np.where(is_filled, px, measured.px),
+        sigma_px=np.where(is_filled, np.maximum(measured.sigma_px, MIN_FILLED_SIGMA_PX), measured.sigma_px),
+        status=np.where(is_filled, np.uint8(PixelStatus.FILLED), measured.status),
     )
 
 

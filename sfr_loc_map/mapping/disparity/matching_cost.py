@@ -2,7 +2,7 @@
 
 The weight of a pixel increases with the similarity of its grey level to that of the centre and with its proximity to
 the centre (Yoon and Kweon 2006), so that the window covers mostly the surface of its centre. Beside jumps, the
-disparity is constant over the window (`constant_cost`), as in the training of the network (`wrong_surface`). In holes,
+disparity is constant over the window (`constant_cost`), as in the training of the network (`jump_network`). In holes,
 the disparity is a plane (`plane_cost`).
 
 The mapper uses three matching costs: the cost of OpenCV's matcher for the initial disparity (`semi_global_matching`),
@@ -21,7 +21,7 @@ from sfr_loc_map.jit import jit_rows_inline
 from sfr_loc_map.mapping.disparity.interpolation import linear
 
 # `WINDOW_RADIUS`, `MAX_DIFFERENCE`, `GREY_SCALE` and `DISTANCE_SCALE_PX` are chosen by hand. Other values require a new
-# training of the network that classifies pixels beside jumps (`wrong_surface`).
+# training of the network that classifies pixels beside jumps (`jump_network`).
 WINDOW_RADIUS = 4  #: Half the side of the window, pixels.
 MAX_DIFFERENCE = F(30.0)
 """Absolute differences are truncated to this, grey levels, so that single occluded pixels do not decide the cost."""
@@ -53,7 +53,7 @@ class ConstantCost(NamedTuple):
 
     cost: np.float32  #: Weighted mean absolute difference, grey levels; `NO_COST` outside the right image.
     #: Mean absolute difference of 3 x 3 pixels, grey levels; `NO_COST` if the window is outside the right image. It is
-    #: 0 if a part of the window is inside but none of the 3 x 3 pixels is (`wrong_surface`).
+    #: 0 if a part of the window is inside but none of the 3 x 3 pixels is (`jump_network`).
     close_cost: np.float32
     effective_pixels: np.float32  #: Number of equally weighted pixels whose mean has the same variance.
 

@@ -20,7 +20,7 @@ class PixelStatus(IntEnum):
 
     The status is that of one pair, and the fusion does not change it. A valid pixel may therefore have no point in a
     fused cloud: `multiview.fixed_content` removes content that is fixed to the image, and `multiview.fusion` drops
-    points that conflict with another pair or sample the same spot. `multiview.projection` compares points only with
+    points that conflict with a point of another pair or duplicate it. `multiview.projection` compares points only with
     pixels whose neighbours are valid and on one surface.
     """
 

@@ -25,9 +25,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import F
+from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.disparity_states import MeasuredDisparity
 from sfr_loc_map.mapping.disparity.vertical_disparity import (
     ALL_TERMS,
     VerticalFit,
@@ -72,28 +72,28 @@ class CameraRotation:
         return math.isfinite(self.yaw_sigma_rad)
 
 
-def measure_right_rotation(disparity_map: DisparityMap, rig: StereoRig) -> CameraRotation:
+def measure_right_rotation(measured: MeasuredDisparity, rig: StereoRig) -> CameraRotation:
     """Return the rotation that explains the vertical disparity of a pair.
 
     The vertical disparity is the sum of the part that the correction has removed from the right image and of the part
-    that remains, which is fitted at valid pixels.
+    that remains, which is fitted at measured pixels.
     """
-    removed = disparity_map.correction.vertical
+    removed = measured.correction.vertical
     fit = fit_vertical_disparity(
-        disparity_map.left,
-        disparity_map.right,
-        disparity_map.px,
+        measured.left,
+        measured.right,
+        measured.px,
         rig.camera,
         term_count=ALL_TERMS,
         min_count=MIN_ROTATION_COUNT,
-        used=disparity_map.valid,
+        used=measured.valid,
     )
     if fit is None:
         return _rotation_of(removed, math.inf, rig)
     rotation = _rotation_of(removed.plus(fit.polynomial), fit.sigmas.saddle / rig.fy, rig)
     if rotation.distortion_rms_px < MIN_ROTATION_PX:
         return rotation
-    repeated = _repeated_fit(disparity_map, rig)
+    repeated = _repeated_fit(measured, rig)
     if repeated is None:
         return rotation
     rotation = _rotation_of(removed.plus(repeated.polynomial), repeated.sigmas.saddle / rig.fy, rig)
@@ -101,14 +101,14 @@ def measure_right_rotation(disparity_map: DisparityMap, rig: StereoRig) -> Camer
     return replace(rotation, yaw_sigma_rad=sigma_rad)
 
 
-def _repeated_fit(disparity_map: DisparityMap, rig: StereoRig) -> VerticalFit | None:
-    """Return the vertical disparity that remains in a map, fitted beside its disparities; None if a step fails."""
+def _repeated_fit(measured: MeasuredDisparity, rig: StereoRig) -> VerticalFit | None:
+    """Return the vertical disparity that remains in a pair, fitted beside its disparities; None if a step fails."""
     remaining = VerticalPolynomial()
     sigmas = VerticalPolynomial()
     for _ in range(REPEATED_STEPS):
-        right = without_vertical_disparity(disparity_map.right, remaining, rig.camera)
+        right = without_vertical_disparity(measured.right, remaining, rig.camera)
         step = fit_beside_disparity(
-            disparity_map.left, right, disparity_map.px, rig.camera, disparity_map.valid, min_count=MIN_ROTATION_COUNT
+            measured.left, right, measured.px, rig.camera, measured.valid, min_count=MIN_ROTATION_COUNT
         )
         if step is None:
             return None
@@ -134,15 +134,14 @@ def _rotation_of(vertical: VerticalPolynomial, yaw_sigma_rad: float, rig: Stereo
     )
 
 
-def without_roll(disparity_map: DisparityMap, rotation: CameraRotation, rig: StereoRig) -> DisparityMap:
-    """Return the map without the error `-roll fx y` that a roll of the right camera causes in the disparities.
+def roll_error_px(rotation: CameraRotation, rig: StereoRig) -> FloatImage:
+    """Return the error `-roll fx y` that a roll of the right camera causes in the disparities of each row `(H, 1)`.
 
-    The result contains the disparities of a right camera without roll, which no longer fit the right image. A roll that
-    shifts the rows by less than `MIN_ROTATION_PX` at the image edge is not compensated.
+    A roll that shifts the rows by less than `MIN_ROTATION_PX` at the image edge counts as 0. Disparities without this
+    error are those of a right camera without roll, and no longer fit the right image.
     """
+    rows_below_centre = (np.arange(rig.height, dtype=np.float64) - rig.cy).astype(F)[:, None]
     if abs(rotation.roll_rad) * 0.5 * rig.width * (rig.fy / rig.fx) < MIN_ROTATION_PX:
-        return disparity_map
-    rows_below_centre = (np.arange(rig.height, dtype=np.float64) - rig.cy).astype(F)
+        return np.zeros_like(rows_below_centre)
     px_per_row = F(rotation.roll_rad * (rig.fx / rig.fy))
-    error_px = -px_per_row * rows_below_centre[:, None]
-    return replace(disparity_map, px=np.asarray(disparity_map.px - error_px, F))
+    return -px_per_row * rows_below_centre

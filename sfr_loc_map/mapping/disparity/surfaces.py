@@ -7,7 +7,7 @@ function                       result
 =============================  =========================================================================================
 surfaces.occlusion_mask        whether that pixel is outside the right image or belongs to a nearer surface
 hole_filling._is_contradicted  the same for a hypothesis, which is also contradicted by a farther surface
-wrong_surface._occluder        how much nearer the nearest surface at that column is, pixels: a feature of the network
+jump_network._occluder         how much nearer the nearest surface at that column is, pixels: a feature of the network
 =============================  =========================================================================================
 """
 
@@ -25,9 +25,9 @@ from sfr_loc_map.mapping.filters import square_element
 
 SURFACE_JUMP_PX = F(1.0)
 """Neighbouring disparities that differ by more than this belong to two surfaces, pixels: the disparity of ground
-changes by less from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera. A difference of
-exactly this value is neither evidence for one surface (`<`) nor for two (`>`), except in `segments` (one surface) and
-in `wrong_surface` (two surfaces)."""
+changes by less from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera. Pixels count as
+one surface if the difference is smaller (`<`), and as two surfaces if it is larger (`>`). At exactly this value neither
+is assumed, except in `segments` (one surface) and in `jump_network` (two surfaces)."""
 MIN_DIVISOR_DISPARITY_PX = F(0.3)
 """Lower bound of disparities for ratios of depths, pixels. Chosen by hand: the error of a smaller disparity may be as
 large as the disparity."""

@@ -12,8 +12,8 @@ The tests in the order of the calls, with the `PixelStatus` of the pixels that f
 7. WRONG_SURFACE: the pixel is beside a jump and probably has the disparity of the wrong side (`wrong_surface`).
 8. NOT_A_SURFACE, again: test 7 may have reduced a segment to a small one.
 9. SATURATED: the neighbourhood of the pixel is completely saturated (`saturation`).
-10. BEYOND_RANGE: the point is beyond the maximum depth. `Mapper.process` calls this test (`within_range`) after holes
-    are filled and the roll is removed, so that it applies to the final disparities.
+10. BEYOND_RANGE: the point is beyond the maximum depth. `final_disparity` applies this test after holes are filled and
+    the roll is removed.
 
 The reason for an invalid pixel is the first test that it fails. `hole_filling` may make any invalid pixel valid again,
 except in saturated neighbourhoods (`Saturation.square_saturated`).
@@ -34,20 +34,18 @@ and `multiview.fusion` drops points.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.geometry.robust_statistics import mad_sigma
-from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.jump_network import JumpScene
+from sfr_loc_map.mapping.disparity.pair_refinement import RefinedPair
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, StatusImage, is_valid, with_reason
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.disparity.segments import not_a_surface_mask
 from sfr_loc_map.mapping.disparity.surfaces import occlusion_mask, right_surfaces, slope_along_rows
-from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
-from sfr_loc_map.mapping.disparity.wrong_surface import JumpScene, wrong_surface_mask
+from sfr_loc_map.mapping.disparity.wrong_surface import wrong_surface_mask
 from sfr_loc_map.mapping.filters import box_mean
 
 MAX_CHI2_PER_DOF = F(4.0)
@@ -76,59 +74,46 @@ ray of the right camera, so that a steep ramp joins two surfaces across an occlu
 the density by 0.001 (measurements/mapper_trials.md)."""
 
 
-def judge_pixels(
-    left: FloatImage,
-    left_variance: FloatImage,
-    right: FloatImage,
-    initial_px: FloatImage,
-    refined: RefinedDisparity,
-    sigma_px: FloatImage,
-    saturation: Saturation,
-) -> StatusImage:
+def judge_pixels(pair: RefinedPair, left_variance: FloatImage, saturation: Saturation) -> StatusImage:
     """Return the status of each pixel: measured, or the reason why its disparity is invalid.
 
     `left_variance` is the local variance of the left image (`filters.local_variance`), for the test of the residuals.
-
-    The tests before the wrong-surface test are a separate function, because the network of the wrong-surface test is
-    trained with the pixels that pass the earlier tests.
     """
-    disparity_px = refined.disparity_px
-    status = status_before_wrong_surface(left, left_variance, right, initial_px, refined)
-    scene = JumpScene(
-        left=left,
-        right=right,
-        disparity=disparity_px,
-        has_initial=np.isfinite(initial_px),
-        valid=is_valid(status),
-        sigma=sigma_px,
-    )
-    status = with_reason(status, wrong_surface_mask(scene), PixelStatus.WRONG_SURFACE)
+    status = status_before_wrong_surface(pair, left_variance)
+    wrong_surface = wrong_surface_mask(jump_scene(pair, is_valid(status)))
+    status = with_reason(status, wrong_surface, PixelStatus.WRONG_SURFACE)
     # The wrong-surface test may have reduced a segment to a small one.
-    not_a_surface = not_a_surface_mask(left, right, disparity_px, is_valid(status))
+    not_a_surface = not_a_surface_mask(pair.left, pair.right, pair.px, is_valid(status))
     status = with_reason(status, not_a_surface, PixelStatus.NOT_A_SURFACE)
     return with_reason(status, saturation.square_saturated, PixelStatus.SATURATED)
 
 
-def status_before_wrong_surface(
-    left: FloatImage, left_variance: FloatImage, right: FloatImage, initial_px: FloatImage, refined: RefinedDisparity
-) -> StatusImage:
-    """Return the status of each pixel after the tests that precede the wrong-surface test."""
-    disparity_px = refined.disparity_px
-    measured = np.full(disparity_px.shape, PixelStatus.MEASURED, np.uint8)
-    status = with_reason(measured, np.isnan(initial_px), PixelStatus.UNMATCHED)
-    status = with_reason(status, _changed_mask(initial_px, disparity_px), PixelStatus.CHANGED)
-    occluded = occlusion_mask(disparity_px, right_surfaces(disparity_px, is_valid(status)))
+def status_before_wrong_surface(pair: RefinedPair, left_variance: FloatImage) -> StatusImage:
+    """Return the status of each pixel after tests 1 to 6.
+
+    These tests are a separate function, because the network of test 7 is trained with the pixels that pass them.
+    """
+    measured = np.full(pair.px.shape, PixelStatus.MEASURED, np.uint8)
+    status = with_reason(measured, np.isnan(pair.initial_px), PixelStatus.UNMATCHED)
+    status = with_reason(status, _changed_mask(pair.initial_px, pair.px), PixelStatus.CHANGED)
+    occluded = occlusion_mask(pair.px, right_surfaces(pair.px, is_valid(status)))
     status = with_reason(status, occluded, PixelStatus.OCCLUDED)
-    status = with_reason(status, _mismatch_mask(left_variance, refined), PixelStatus.MISMATCHED)
-    status = with_reason(status, _ramp_mask(disparity_px), PixelStatus.RAMP)
-    not_a_surface = not_a_surface_mask(left, right, disparity_px, is_valid(status))
+    status = with_reason(status, _mismatch_mask(pair, left_variance), PixelStatus.MISMATCHED)
+    status = with_reason(status, _ramp_mask(pair.px), PixelStatus.RAMP)
+    not_a_surface = not_a_surface_mask(pair.left, pair.right, pair.px, is_valid(status))
     return with_reason(status, not_a_surface, PixelStatus.NOT_A_SURFACE)
 
 
-def within_range(disparity_map: DisparityMap, min_disparity_px: float) -> DisparityMap:
-    """Return the map with invalid pixels beyond the maximum depth, where the disparity is below `min_disparity_px`."""
-    is_beyond = disparity_map.px < min_disparity_px
-    return replace(disparity_map, status=with_reason(disparity_map.status, is_beyond, PixelStatus.BEYOND_RANGE))
+def jump_scene(pair: RefinedPair, valid: Mask) -> JumpScene:
+    """Return the input of the wrong-surface test; `valid` `(H, W)` is the mask of the pixels that pass tests 1 to 6."""
+    return JumpScene(
+        left=pair.left,
+        right=pair.right,
+        disparity=pair.px,
+        has_initial=np.isfinite(pair.initial_px),
+        valid=valid,
+        sigma=pair.sigma_px,
+    )
 
 
 def _changed_mask(initial_px: FloatImage, disparity_px: FloatImage) -> Mask:
@@ -141,15 +126,15 @@ def _changed_mask(initial_px: FloatImage, disparity_px: FloatImage) -> Mask:
     return changed
 
 
-def _mismatch_mask(left_variance: FloatImage, refined: RefinedDisparity) -> Mask:
+def _mismatch_mask(pair: RefinedPair, left_variance: FloatImage) -> Mask:
     """Return the mask of the pixels `(H, W)` with residuals above the noise and similar to the contrast of the image.
 
     Residuals are normalised by the noise of each cell. Multiplied by the median noise of the pair, they are
     approximately in grey levels: too small in bright regions and too large in dark regions, because noise grows with
     the light.
     """
-    chi2_per_dof = box_mean(np.fmin(np.square(refined.normalised_residual), MAX_CHI2), CHI2_WINDOW)
-    squared_residual = chi2_per_dof * F(refined.noise_grey * refined.noise_grey)
+    chi2_per_dof = box_mean(np.fmin(np.square(pair.normalised_residual), MAX_CHI2), CHI2_WINDOW)
+    squared_residual = chi2_per_dof * F(pair.noise_grey * pair.noise_grey)
     is_suspicious = chi2_per_dof > MAX_CHI2_PER_DOF
     mismatch: Mask = is_suspicious & (squared_residual > MAX_CONTRAST_RATIO * left_variance)
     return mismatch

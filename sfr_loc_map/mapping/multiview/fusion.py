@@ -9,9 +9,9 @@ agreement with a third pair, because a missing point is preferred to a wrong poi
 
 The remaining points are kept, each on the ray of its own pixel. At grazing angles, the rows of one image are
 centimetres apart on the ground, and the rows of another pair are between them, so keeping all points increases
-the density there. If two points agree and sample the same spot, the point with the larger weight is kept. Beside holes
-and disparity jumps, where a pair is not compared (`projection`), both are kept: the same map given three times has 2 %
-more points than once.
+the density there. If two points agree and are at the same position in an image (`SAME_POSITION_PX`), the point with the
+larger weight is kept. Beside holes and disparity jumps, where a pair is not compared (`projection`), both are kept: the
+same map given three times has 2 % more points than once.
 
 A pair that observes a point from much farther away than the point's own pair (`MAX_RANGE_FACTOR`) is ignored at that
 point. The surface of the distant pair is smoothed over a larger part of the ground, for example over the edges of
@@ -24,7 +24,7 @@ metres apart, converting the difference reduces the error by at most 5 % (measur
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -33,8 +33,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import F, FloatArray32, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.pose_agreement import agreement_findings
-from sfr_loc_map.mapping.multiview.projection import Observations, point_weights, project_into_view
+from sfr_loc_map.mapping.multiview.projection import Observations, Overlap, overlap_of, point_weights, project_into_view
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 AGREE_SIGMAS = 3.0
@@ -49,9 +48,9 @@ MAX_RANGE_FACTOR = F(1.25)
 """A view is ignored at a point if the range from the camera of the view exceeds this multiple of the range from the
 point's own camera. In a panorama, no view is ignored. With this limit, the fusion of pairs that are 1.5 to 4 m apart
 does not increase the error of near points (measurements/mapper_trials.md)."""
-SAME_SAMPLE_PX = F(0.02)
-"""Points closer than this in an image sample the same spot, pixels. This occurs if images have the same pose; rounding
-moves points by less."""
+SAME_POSITION_PX = F(0.02)
+"""Points closer than this in an image are at the same position, pixels. This occurs if images have the same pose;
+rounding moves points by less."""
 
 
 class FusedViews(NamedTuple):
@@ -59,16 +58,18 @@ class FusedViews(NamedTuple):
 
     points: ViewPoints  #: N points of all views.
     pair_index: NDArray[np.uint8]  #: `(N,)`, index of the pair of each point.
-    findings: Findings
+    findings: Findings  #: Numbers of points before and after the fusion.
+    #: Overlap of view i with view j by (i, j), for the comparison of the poses (`pose_agreement`).
+    overlaps: Mapping[tuple[int, int], Overlap]
 
 
-class FusedView(NamedTuple):
+class ComparedPoints(NamedTuple):
     """The points of one view after their comparison with all other views."""
 
-    points: ViewPoints  #: The kept points, at the weighted means of their ranges.
+    kept: ViewPoints  #: The kept points, at the weighted means of their ranges.
     agreeing_count: int  #: Number of points with which another view agrees, including dropped points.
     conflict_count: int  #: Number of points that are dropped because of a conflict.
-    agreement: Findings  #: Agreement of the poses with those of the other views.
+    overlaps: Mapping[int, Overlap]  #: Overlap with each other view, by its index.
 
 
 class PointRanges(NamedTuple):
@@ -90,18 +91,14 @@ class Judgement(NamedTuple):
     difference: FloatArray32  #: Observed range minus the range of the point, metres; 0 if the ranges do not agree.
     sigma: FloatArray32  #: Standard deviation of the observed range, metres.
     agrees: Mask  #: Whether the ranges agree.
-    is_duplicate: Mask  #: Whether the other view is preferred and samples the same spot.
+    is_duplicate: Mask  #: Whether the other view is preferred and has a point at the same position in its image.
     is_conflict: Mask  #: Whether the other view is preferred and observes a farther surface.
 
 
 def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
-    """Return the points of all views in LM, moved along their rays to the weighted mean of the views that agree.
-
-    The findings contain the number of points before and after the fusion, and the agreement of the poses.
-    """
-    parts = [_fuse_view(index, views, rig) for index in range(len(views))]
-    points = ViewPoints.concatenated([part.points for part in parts])
-    pair_index = np.repeat(np.arange(len(views), dtype=np.uint8), [part.points.size for part in parts])
+    """Return the points of all views in LM, moved along their rays to the weighted mean of the views that agree."""
+    parts = [_compare_points(index, views, rig) for index in range(len(views))]
+    points = ViewPoints.concatenated([part.kept for part in parts])
     statistics = {
         "points_in": float(sum(view.points.size for view in views)),
         "merged": float(sum(part.agreeing_count for part in parts)),
@@ -111,37 +108,38 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
         "fused": float(len(views) > 1),
     }
     warnings = () if points.size else ("the fused cloud has no points: the other warnings state the causes",)
-    findings = Findings(statistics, warnings)
-    for part in parts:
-        findings += part.agreement
-    return FusedViews(points, pair_index, findings)
+    return FusedViews(
+        points=points,
+        pair_index=np.repeat(np.arange(len(views), dtype=np.uint8), [part.kept.size for part in parts]),
+        findings=Findings(statistics, warnings),
+        overlaps={(i, j): overlap for i, part in enumerate(parts) for j, overlap in part.overlaps.items()},
+    )
 
 
-def _fuse_view(index: int, views: Sequence[PairView], rig: StereoRig) -> FusedView:
+def _compare_points(index: int, views: Sequence[PairView], rig: StereoRig) -> ComparedPoints:
     """Return the points of a view that are kept, fused with the observations of all other views.
 
     To add a test of points across pairs, add a flag to `Judgement`, set the flag in `_judge`, and drop the points here.
     """
-    view = views[index]
-    points = view.points
-    own = _ranges_of_points(view)
+    points = views[index].points
+    own = _ranges_of_points(views[index])
     judgements = []
-    agreement = Findings()
+    overlaps = {}
     for other_index, other in enumerate(views):
         if other_index == index:
             continue
         observed = project_into_view(points.xyz, other.T_lm_left, other.images, rig)
         judgements.append(_judge(observed, own, is_earlier=other_index < index))
-        agreement += agreement_findings(index, other_index, views, observed)
+        overlaps[other_index] = overlap_of(observed)
     agrees = _any_of((judgement.agrees for judgement in judgements), points.size)
     is_duplicate = _any_of((judgement.is_duplicate for judgement in judgements), points.size)
     is_conflict = _any_of((judgement.is_conflict for judgement in judgements), points.size)
     fused = _at_weighted_mean(points, own, judgements, agrees)
-    return FusedView(
-        points=fused.select(~(is_duplicate | is_conflict)),
+    return ComparedPoints(
+        kept=fused.select(~(is_duplicate | is_conflict)),
         agreeing_count=int(np.count_nonzero(agrees)),
         conflict_count=int(np.count_nonzero(is_conflict)),
-        agreement=agreement,
+        overlaps=overlaps,
     )
 
 
@@ -173,7 +171,7 @@ def _judge(observed: Observations, own: PointRanges, *, is_earlier: bool) -> Jud
         difference=np.where(agrees, observed.difference, F(0.0)),
         sigma=observed.fusion_sigma,
         agrees=agrees,
-        is_duplicate=agrees & is_preferred & (observed.sample_distance_px < SAME_SAMPLE_PX),
+        is_duplicate=agrees & is_preferred & (observed.sample_distance_px < SAME_POSITION_PX),
         is_conflict=is_farther & is_preferred,
     )
 

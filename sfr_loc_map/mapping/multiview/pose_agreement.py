@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray32, median
 from sfr_loc_map.geometry.robust_statistics import mad_sigma, spread
 from sfr_loc_map.mapping.disparity.texture import TEXTURE_SIGMAS
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, SHIFT_PX, Observations
+from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, SHIFT_PX, Overlap
 from sfr_loc_map.mapping.pair_view import PairView
 
-AGREEMENT_STRIDE = 4  #: The agreement is measured on every fourth common point, which is enough for medians.
 MAX_RANGE_RATIO = 1.8
 """Poses disagree if the ratio of measured to expected range differences exceeds this. Correct poses have a ratio of 1
 or less (docs/mapping.md)."""
@@ -50,52 +48,50 @@ def pose_disagreement(range_ratio: float, grey_ratio: float) -> str:
     return ", and ".join(clauses)
 
 
-def agreement_findings(i: int, j: int, views: Sequence[PairView], observed: Observations) -> Findings:
-    """Return the agreement of view i with view j, which observes points of view i, and a warning if they disagree.
+def agreement_of_poses(views: Sequence[PairView], overlaps: Mapping[tuple[int, int], Overlap]) -> Findings:
+    """Return the agreement of the poses of each two views, and a warning for each two views that disagree.
 
-    Two views are compared twice, once with the points of each view. Only the comparison with the points of the earlier
-    view issues the warning.
+    `overlaps[i, j]` is the overlap of view i with view j, which observes points of view i. Two views are compared
+    twice, once with the points of each view. The warning follows from the points of the earlier view.
     """
-    indices = observed.indices
-    common = len(indices)
-    overlap = {f"overlap_{i}_{j}": common / max(views[i].points.size, 1)}
-    if common == 0:
-        return Findings(overlap)
-    agreement = _pose_agreement(views[i], views[j], observed, indices[::AGREEMENT_STRIDE])
-    statistics = overlap | {
-        f"difference_median_m_{i}_{j}": agreement.difference_median_m,
-        f"difference_spread_m_{i}_{j}": agreement.difference_spread_m,
-        f"difference_over_sigma_{i}_{j}": agreement.range_ratio,
-        f"grey_difference_over_beside_{i}_{j}": agreement.grey_ratio,
-    }
-    disagreement = pose_disagreement(agreement.range_ratio, agreement.grey_ratio)
-    if i > j or common < MIN_OVERLAP or not disagreement:
-        return Findings(statistics)
-    warning = (
-        f"pairs {i} and {j} disagree where they overlap: {disagreement}; check the baseline, their poses and whether "
-        "their exposures are equal, or register them (refine_poses)"
-    )
-    return Findings(statistics, (warning,))
+    statistics = {}
+    warnings = []
+    for (i, j), overlap in overlaps.items():
+        statistics[f"overlap_{i}_{j}"] = overlap.count / max(views[i].points.size, 1)
+        if overlap.count == 0:
+            continue
+        agreement = _pose_agreement(views[i], views[j], overlap)
+        statistics |= {
+            f"difference_median_m_{i}_{j}": agreement.difference_median_m,
+            f"difference_spread_m_{i}_{j}": agreement.difference_spread_m,
+            f"difference_over_sigma_{i}_{j}": agreement.range_ratio,
+            f"grey_difference_over_beside_{i}_{j}": agreement.grey_ratio,
+        }
+        disagreement = pose_disagreement(agreement.range_ratio, agreement.grey_ratio)
+        if i < j and overlap.count >= MIN_OVERLAP and disagreement:
+            warnings.append(
+                f"pairs {i} and {j} disagree where they overlap: {disagreement}; check the baseline, their poses and "
+                "whether their exposures are equal, or register them (refine_poses)"
+            )
+    return Findings(statistics, tuple(warnings))
 
 
-def _pose_agreement(
-    view: PairView, other: PairView, observed: Observations, indices: NDArray[np.intp]
-) -> PoseAgreement:
-    """Return the agreement of a view with another view at points that the other view observes, given by their indices.
+def _pose_agreement(view: PairView, other: PairView, overlap: Overlap) -> PoseAgreement:
+    """Return the agreement of a view with another view at the sampled points of their overlap.
 
     Range differences are compared with those expected for correct sigmas and poses. Grey level differences are compared
     with those at an offset of `SHIFT_PX`, because they reveal a wrong yaw on any texture.
     """
-    samples = observed.select(indices)
-    expected = samples.difference_sigma(view.points.fusion_sigma[indices])
-    own_grey = view.points.intensity[indices]
-    grey = _spread_of_finite(samples.grey - own_grey)
-    grey_shifted = _spread_of_finite(samples.grey_shifted - own_grey)
+    observed = overlap.observed
+    expected = observed.difference_sigma(view.points.fusion_sigma[overlap.indices])
+    own_grey = view.points.intensity[overlap.indices]
+    grey = _spread_of_finite(observed.grey - own_grey)
+    grey_shifted = _spread_of_finite(observed.grey_shifted - own_grey)
     is_textured = grey_shifted > TEXTURE_SIGMAS * max(view.noise_grey, other.noise_grey)
     return PoseAgreement(
-        difference_median_m=median(samples.difference),
-        difference_spread_m=spread(samples.difference),
-        range_ratio=mad_sigma(samples.difference / expected),
+        difference_median_m=median(observed.difference),
+        difference_spread_m=spread(observed.difference),
+        range_ratio=mad_sigma(observed.difference / expected),
         grey_ratio=grey / grey_shifted if is_textured else math.nan,
     )
 

@@ -23,8 +23,9 @@ SHIFT_PX = 8
 """Offset along both axes at which grey levels are also compared, pixels. This offset corresponds to a pose error of
 about 0.5 deg at a focal length of 800 pixels."""
 MIN_OVERLAP = 1000
-"""Minimum number of common points for judging poses. The robust spread of every fourth point (`AGREEMENT_STRIDE`) is
-then accurate to 7 %."""
+"""Minimum number of common points for judging poses. The robust spread of every fourth point (`OVERLAP_STRIDE`) is then
+accurate to 7 %."""
+OVERLAP_STRIDE = 4  #: Poses are compared by every fourth common point, which is enough for medians.
 MIN_DEPTH_M = 1e-3  #: Minimum depth of a projected point, metres: points behind the camera are ignored.
 
 
@@ -63,9 +64,24 @@ class Observations(NamedTuple):
         return Observations._make(values.take(indices, axis=0) for values in self)
 
 
+class Overlap(NamedTuple):
+    """Points of a view that another view observes, and n samples of these points."""
+
+    count: int  #: Number of points that the other view observes.
+    indices: NDArray[np.intp]  #: `(n,)`, indices of the samples in the points of the view.
+    observed: Observations  #: Observations of the samples by the other view, `(n,)` each.
+
+
 def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> Observations:
     """Return the observations of points `(N, 3)` in LM by a view whose left camera has the pose `T_lm_left`."""
     return _observe(xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
+
+
+def overlap_of(observed: Observations) -> Overlap:
+    """Return the overlap of a view with the view that observes its points."""
+    indices = observed.indices
+    sampled = indices[::OVERLAP_STRIDE]
+    return Overlap(len(indices), sampled, observed.select(sampled))
 
 
 def point_weights(view: PairView) -> FloatArray32:

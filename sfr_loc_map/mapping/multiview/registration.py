@@ -62,22 +62,11 @@ class RegisteredViews(NamedTuple):
     findings: Findings  #: Motions, and poses that could not be registered or were not changed.
 
 
-class RegistrationSize(NamedTuple):
-    """Rotation angle and distance of a motion."""
+class RegisteredView(NamedTuple):
+    """Result of the registration of one view."""
 
-    rotation_deg: float
-    translation_m: float
-
-    @classmethod
-    def of(cls, motion: Transform) -> RegistrationSize:
-        """Return the size of a motion."""
-        rotation_deg = float(np.rad2deg(np.linalg.norm(rotvec_from_matrix(motion.rotation))))
-        return cls(rotation_deg, float(np.linalg.norm(motion.translation)))
-
-    @property
-    def is_accepted(self) -> bool:
-        """Whether the motion is small enough to be applied."""
-        return self.rotation_deg <= MAX_ROTATION_DEG and self.translation_m <= MAX_TRANSLATION_M
+    view: PairView  #: The view at its registered pose, or as given if the pose is not changed.
+    findings: Findings  #: Size of the motion, and a warning if the pose is not changed.
 
 
 def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews:
@@ -86,32 +75,30 @@ def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews
     findings = Findings()
     for index, view in enumerate(views[1:], start=1):
         motion = _estimate_motion(registered, view, rig)
-        findings += _findings_of_motion(index, motion)
-        if motion is None or not RegistrationSize.of(motion).is_accepted:
-            registered.append(view)
-        else:
-            registered.append(view.with_pose(view.T_lm_left @ motion))
+        result = _apply_motion(motion, view, index)
+        registered.append(result.view)
+        findings += result.findings
     return RegisteredViews(registered, findings)
 
 
-def _findings_of_motion(index: int, motion: Transform | None) -> Findings:
-    """Return the size of the motion of a pair, and a warning if its pose is not changed."""
+def _apply_motion(motion: Transform | None, view: PairView, index: int) -> RegisteredView:
+    """Return the view moved by a motion; unchanged if the motion is unknown or exceeds the limits."""
     if motion is None:
         warning = (
             f"pair {index} has too few points in common with the earlier pairs to be registered: its pose is left as "
             "given"
         )
-        return Findings(warnings=(warning,))
-    size = RegistrationSize.of(motion)
-    statistics = {f"pose_turned_deg_{index}": size.rotation_deg, f"pose_moved_m_{index}": size.translation_m}
-    if size.is_accepted:
-        return Findings(statistics)
+        return RegisteredView(view, Findings(warnings=(warning,)))
+    rotation_deg = float(np.rad2deg(np.linalg.norm(rotvec_from_matrix(motion.rotation))))
+    translation_m = float(np.linalg.norm(motion.translation))
+    statistics = {f"pose_turned_deg_{index}": rotation_deg, f"pose_moved_m_{index}": translation_m}
+    if rotation_deg <= MAX_ROTATION_DEG and translation_m <= MAX_TRANSLATION_M:
+        return RegisteredView(view.with_pose(view.T_lm_left @ motion), Findings(statistics))
     warning = (
-        f"pair {index} would agree with the earlier pairs if moved by {size.rotation_deg:.1f} deg and "
-        f"{size.translation_m:.2f} m: this exceeds {MAX_ROTATION_DEG} deg or {MAX_TRANSLATION_M} m, and its pose is "
-        "left as given"
+        f"pair {index} would agree with the earlier pairs if moved by {rotation_deg:.1f} deg and {translation_m:.2f} "
+        f"m: this exceeds {MAX_ROTATION_DEG} deg or {MAX_TRANSLATION_M} m, and its pose is left as given"
     )
-    return Findings(statistics, (warning,))
+    return RegisteredView(view, Findings(statistics, (warning,)))
 
 
 def _estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) -> Transform | None:

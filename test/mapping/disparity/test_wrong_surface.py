@@ -1,22 +1,47 @@
-"""The network beside jumps belongs to the constants that its features are made with."""
+"""The network beside jumps belongs to the constants, the features and the pixels that it was trained with."""
 
+import importlib.util
 import json
 from importlib.resources import files
+from types import ModuleType
+from typing import Any
 
-from sfr_loc_map.mapping.disparity import matching_cost, surfaces, wrong_surface
+import numpy as np
+import pytest
+
+from helpers import ROOT
+from sfr_loc_map.mapping.disparity import jump_network
 
 
-def test_the_network_was_trained_with_the_constants_of_the_code() -> None:
-    """After a change of one of them: tools/train_jump_network.py."""
-    stored = files("sfr_loc_map.mapping.disparity").joinpath("jump_network.json").read_text(encoding="utf-8")
-    trained = json.loads(stored)["constants"]
-    present = vars(matching_cost) | vars(surfaces) | vars(wrong_surface)
-    assert len(trained) == 14
-    assert {name: round(float(present[name]), 4) for name in trained} == trained
+@pytest.fixture(scope="module")
+def trainer() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("train", ROOT / "tools" / "train_jump_network.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def stored() -> Any:
+    text = files("sfr_loc_map.mapping.disparity").joinpath("jump_network.json").read_text(encoding="utf-8")
+    return json.loads(text)
+
+
+def test_the_network_was_trained_with_the_constants_of_the_code(trainer: ModuleType, stored: Any) -> None:
+    assert trainer.feature_constants() == stored["constants"]
+
+
+def test_the_network_was_trained_with_the_features_and_pixels_of_the_code(trainer: ModuleType, stored: Any) -> None:
+    """Processors round differently, so that single pixels may differ."""
+    found = trainer.reference_inputs()
+    assert found["pixels"] == pytest.approx(stored["reference"]["pixels"], rel=2e-3)
+    np.testing.assert_allclose(found["mean_inputs"], stored["reference"]["mean_inputs"], atol=5e-3)
 
 
 def test_the_network_has_an_input_for_each_feature() -> None:
-    network = wrong_surface.jump_network()
-    count = len(wrong_surface.JumpFeatures._fields)
+    network = jump_network.jump_network()
+    count = len(jump_network.JumpFeatures._fields)
     assert network.low.shape == network.high.shape == (count,)
     assert network.hidden.shape == (len(network.output), count)

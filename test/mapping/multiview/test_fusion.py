@@ -1,5 +1,6 @@
 """Fusion: the inverse-variance mean of planes, independent of order; agreement, conflict, duplicates."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations
 from typing import Any
@@ -11,7 +12,9 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.disparity.saturation import measure_saturation
+from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.fusion import COMMON_VARIANCE, FusedViews, fuse_views
+from sfr_loc_map.mapping.multiview.pose_agreement import agreement_of_poses
 from sfr_loc_map.mapping.multiview.projection import FEATHER_PX, point_weights, project_into_view
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 from sfr_loc_map.mapping.reprojection import points_from_disparity
@@ -36,6 +39,10 @@ def inner(points: ViewPoints) -> ViewPoints:
     rows, cols = INNER
     inside = (points.v >= rows.start) & (points.v < rows.stop) & (points.u >= cols.start) & (points.u < cols.stop)
     return points.select(inside)
+
+
+def agreement(views: Sequence[PairView], rig: StereoRig) -> Findings:
+    return agreement_of_poses(views, fuse_views(views, rig).overlaps)
 
 
 def inner_of_pair(fused: FusedViews, index: int) -> ViewPoints:
@@ -111,25 +118,27 @@ def test_a_view_from_farther_away_changes_no_point_and_is_changed_itself(behind_
 
 def test_fused_points_are_nearer_to_the_truth_than_either_pair(two_views: Any) -> None:
     views = two_views.views
-    points, _, findings = fuse_views(views, two_views.rig)
+    points, _, findings, overlaps = fuse_views(views, two_views.rig)
     assert points.size < 1.05 * max(view.points.size for view in views)
     assert findings.statistics["merged"] > 1.8 * views[0].points.size * 0.9
     singles = [np.abs(two_views.depth_errors(view.points)).mean() for view in views]
     assert np.abs(two_views.depth_errors(points)).mean() < min(singles)
-    assert not findings.warnings
+    assert not (findings + agreement_of_poses(views, overlaps)).warnings
 
 
 def test_one_pair_and_pairs_that_do_not_overlap_stay_as_they_are(two_views: Any) -> None:
     first, second = two_views.views
-    points, _, findings = fuse_views([first], two_views.rig)
+    points, _, findings, overlaps = fuse_views([first], two_views.rig)
     np.testing.assert_array_equal(points.xyz, first.points.xyz)
     np.testing.assert_array_equal(points.fusion_sigma, first.points.fusion_sigma)
     assert [findings.statistics[name] for name in ("fused", "pairs", "merged")] == [0.0, 1.0, 0.0]
+    assert not overlaps
     away = Transform(second.T_lm_left.rotation, second.T_lm_left.translation + np.array([0.0, 500.0, 0.0]))
-    points, pair_index, findings = fuse_views([first, second.with_pose(away)], two_views.rig)
+    views = [first, second.with_pose(away)]
+    points, pair_index, _, overlaps = fuse_views(views, two_views.rig)
     assert points.size == first.points.size + second.points.size
     np.testing.assert_array_equal(pair_index, np.repeat([0, 1], [first.points.size, second.points.size]))
-    assert findings.statistics["overlap_0_1"] == 0.0
+    assert agreement_of_poses(views, overlaps).statistics == {"overlap_0_1": 0.0, "overlap_1_0": 0.0}
 
 
 @pytest.mark.parametrize("degrees", [-1.0, 1.0])
@@ -138,7 +147,7 @@ def test_a_pose_one_degree_off_is_named(two_views: Any, axis: int, degrees: floa
     first, second = two_views.views
     error = matrix_from_rotvec(np.deg2rad(degrees) * np.eye(3)[axis])
     wrong = second.with_pose(second.T_lm_left @ Transform(error, np.zeros(3)))
-    assert any("their poses" in line for line in fuse_views([first, wrong], two_views.rig).findings.warnings)
+    assert any("their poses" in line for line in agreement([first, wrong], two_views.rig).warnings)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +163,7 @@ def test_the_warning_names_only_the_differences_that_exceed_their_limit(
     depth_m: float, aside_m: float, noise_grey: float, ranges: bool, greys: bool
 ) -> None:
     first, second = plane_view(4.0, 0.01), plane_view(depth_m, 0.01, (aside_m, 0.0))
-    found = fuse_views([first, replace(second, noise_grey=noise_grey)], RIG).findings
+    found = agreement([first, replace(second, noise_grey=noise_grey)], RIG)
     warning = " ".join(found.warnings)
     assert ("range differences" in warning) == ranges
     assert ("grey level differences" in warning) == greys
