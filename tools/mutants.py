@@ -629,9 +629,9 @@ MUTATIONS = (
     Mutation(
         "mapping/terrain/elevation.py", "variance_of_points = count / weights", "variance_of_points = 1.0 / weights"
     ),
-    Mutation(TERRAIN_GRID, "high - outer.low[i, j] - rise", "high - outer.low[i, j] + rise"),
-    Mutation(TERRAIN_GRID, "outer.high[i, j] - low - rise", "outer.high[i, j] - low + rise"),
-    Mutation(TERRAIN_GRID, "if n < MIN_FOOTPRINT_FRACTION * size", "if n < size"),
+    Mutation(TERRAIN_GRID, "high - raw.low[i, j] - rise", "high - raw.low[i, j] + rise"),
+    Mutation(TERRAIN_GRID, "raw.high[i, j] - low - rise", "raw.high[i, j] - low + rise"),
+    Mutation(TERRAIN_GRID, "if n < MIN_KNOWN_FRACTION * size", "if n < size"),
     Mutation(TERRAIN_GRID, "cov_xx * cov_yy - cov_xy * cov_xy", "cov_xx * cov_yy"),
     # simulated drives
     Mutation("simulation/drive.py", "grip = 1.0 - min(max(", "grip = 1.0 + min(max("),

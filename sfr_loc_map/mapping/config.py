@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from sfr_loc_map.configuration.parameters import param
 
-MAX_PAIRS = 3  #: Maximum number of stereo pairs of one map [1.3].
+MAX_PAIRS = 3  #: Maximum number of stereo pairs of one map: clause 1.3 of the specification.
 
 
 @dataclass(frozen=True, slots=True)

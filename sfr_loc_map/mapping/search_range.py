@@ -23,9 +23,9 @@ class SearchRange:
     #: Limit that the search must reach: the smaller of the disparity at `min_range_m` and half the image width. Larger
     #: disparities that are found are kept. In ROS, `stereo_msgs/DisparityImage` states this limit.
     max_disparity_px: float
-    #: Number of searched integer disparities, counted from 0: the smallest multiple of `DISPARITY_STEP` that includes
-    #: the limit. In wide images, `semi_global_matching` rounds the number up to a multiple of `2 * DISPARITY_STEP` and
-    #: searches every second disparity, so the largest disparity may be missed.
+    #: Number of searched integer disparities from 0 on: the smallest multiple of `DISPARITY_STEP` that includes the
+    #: limit. Wide images are matched at half their width (`semi_global_matching`). The matcher then searches only even
+    #: disparities and may miss the limit by up to one pixel.
     count: int
 
 

@@ -19,8 +19,8 @@ LEVELS = 3
 cell."""
 MEAN_RADIUS_CELLS = 3
 """Half the side of the window of the edge-preserving mean, cells. A window of 14 pixels averages the noise of the
-matcher, which has steps of 1/16 or 1/8 pixel. With a radius of 2 or 5 cells, the errors of three pairs change by up to
-2 % (measurements/mapper_trials.md)."""
+matcher, which has steps of 1/16 or 1/8 pixel. With a radius of 2 or 5 cells, the errors of Teddy,
+KITTI 2015 and the sample change by up to 2 % (measurements/mapper_trials.md)."""
 MEAN_TOLERANCES_PX = (F(1.5), F(0.7))
 """Tolerances of the first and the second mean, pixels: cells that differ by less are averaged. The first tolerance
 exceeds the matcher's noise in noisy images. The second tolerance preserves edges that the first mean reveals, and its

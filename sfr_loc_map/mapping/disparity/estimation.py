@@ -10,7 +10,7 @@ The steps of `estimate_disparity`, with their modules in `disparity` and their r
    disparity of the farther neighbour along the row. `disparity_from_cells` interpolates the field at each pixel.
 3. `correct_right_image` (`right_image_correction`, `exposure`, `vertical_disparity`) -> `CorrectedImage`: exposure and
    vertical disparity of the right image are measured and removed.
-4. `refine_disparity` (`variational_refinement`, `photometric_residual`, `image_noise`, `roughness`,
+4. `refine_disparity` (`variational_refinement`, `photometric_residual`, `image_noise`, `cauchy_scale`,
    `smoothness`, `conjugate_gradients`) -> `RefinedDisparity`: one disparity field is fitted to both images by
    photometric residuals and weighted second differences over the whole image (variational, after Horn and Schunck
    1981), solved coarse to fine by conjugate gradients.

@@ -62,8 +62,8 @@ BESIDE_HOLE_PX = 3
 COST_STRIDE = 5  #: Every fifth valid pixel beside holes is used for the percentile: thousands of samples suffice.
 MIN_SAMPLES = 50  #: Minimum number of samples for the percentile: three or four of the samples then exceed it.
 MARGIN_SIGMAS = 1.5
-"""Required cost margin to other hypotheses, in standard deviations of the noise of one pixel. Chosen on two real pairs
-and on rendered ground (measurements/mapper_trials.md)."""
+"""Required cost margin to other hypotheses, in standard deviations of the noise of one pixel. Chosen on Teddy,
+Motorcycle and rendered ground (measurements/mapper_trials.md)."""
 ALTERNATIVE_PX = F(2.0)
 """A hypothesis without other confirmation must match better than disparities at this offset on either side, pixels,
 because noise matches any surface. Chosen by hand: twice `SURFACE_JUMP_PX`."""
@@ -74,15 +74,15 @@ third of the squared error that filling added (measurements/mapper_trials.md).""
 MIN_FILLED_SIGMA_PX = F(0.5)
 """Minimum standard deviation of a filled disparity, pixels. The sigma of the refined field can be too small in a hole,
 because the field does not contain the surface of the hole. For filled disparities, the RMS of the errors below 3 px was
-0.3 px on rendered ground and 0.8 to 1.0 px on real pairs, where the sigma of the field is 1.2 px
+0.3 px on rendered ground and 0.8 to 1.0 px on the real pairs, where the sigma of the field is 1.2 px
 (measurements/mapper_trials.md)."""
 MAX_DEPTH_RATIO = F(4.0)
 """A pixel is not filled if its depth would be at least this many times the depth of a nearby surface, for example
 behind the rim of a crater. One wrong pixel of this kind in ten thousand would dominate the error of a map. Chosen by
 hand."""
 NEARBY_PX = 7
-"""Distance within which depths are compared, rows or columns. With 3 or 15 the density of five pairs changes by 0.0004
-or less (measurements/mapper_trials.md)."""
+"""Distance within which depths are compared, rows or columns. With 3 or 15 the density of the five pairs changes by
+0.0004 or less (measurements/mapper_trials.md)."""
 
 
 class FilledPixels(NamedTuple):

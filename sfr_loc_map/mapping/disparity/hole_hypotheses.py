@@ -11,8 +11,8 @@ from sfr_loc_map.jit import jit_rows_inline
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
 REACH = 12
-"""Maximum distance over which a plane is extrapolated, rows or columns. With 6 or 24 the density of five pairs changes
-by 0.0015 or less (measurements/mapper_trials.md)."""
+"""Maximum distance over which a plane is extrapolated, rows or columns. With 6 or 24 the density of the five pairs
+changes by 0.0015 or less (measurements/mapper_trials.md)."""
 SLOPE_PX = 2  #: Distance over which the slope of a surface is measured, pixels: one cell of the refined field.
 DIRECTIONS = np.array([[0, 1], [0, -1], [1, 0], [-1, 0], [1, 1], [-1, -1], [1, -1], [-1, 1]])
 """Row and column step of each direction; opposite directions follow each other."""

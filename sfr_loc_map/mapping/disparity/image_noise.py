@@ -41,7 +41,7 @@ DEFAULT_VARIANCE = F(25.0)
 noisy camera. Only images of less than 13 000 pixels and images that hardly overlap have too few residuals."""
 NOISE_BINS = 8
 """Ranges of the grey level in which the noise is measured, with equal numbers of residuals. With half or twice as many,
-the MAE of three pairs changes by less than 1 % (measurements/mapper_trials.md)."""
+the MAE of Teddy, KITTI 2015 and the sample changes by less than 1 % (measurements/mapper_trials.md)."""
 MIN_PER_BIN = 50  #: Minimum number of residuals in each range: the variance is then accurate to 33 %.
 SAMPLED_PIXELS = np.s_[::8, ::4]
 """Pixels whose residuals are used to measure the noise: 30 000 of 1 megapixel. Chosen by hand: fewer samples make the

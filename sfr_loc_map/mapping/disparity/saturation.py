@@ -25,8 +25,11 @@ SATURATED_GREY_LEVELS = np.where(np.isin(np.arange(256), (0, 255)), 255, 0).asty
 class Saturation:
     """Saturation of a pair around each pixel of the left image."""
 
-    square_saturated: Mask  #: `(H, W)`, whether the square around the pixel is completely saturated in either image.
-    nearby_fraction_255: GreyImage  #: `(H, W)`, saturated fraction of the square around the pixel, times 255.
+    #: `(H, W)`, whether the square of `SATURATED_SQUARE_PX` around the pixel is completely saturated in either image.
+    square_saturated: Mask
+    #: `(H, W)`, saturated fraction of the square of `NEARBY_SIDE_PX` around the pixel as an 8-bit number: 0 is no
+    #: saturated pixel, and 255 is a completely saturated square.
+    nearby_fraction_255: GreyImage
     fraction: float  #: Fraction of the pixels that are saturated in either image.
 
 

@@ -62,7 +62,7 @@ this. Uncorrelated images have a ratio of 2. A threshold of 1.2 changes the dens
 (measurements/mapper_trials.md)."""
 MAX_CHANGE_PX = 1.5
 """A change of the disparity by the refinement is always accepted up to this limit, pixels. With a larger limit, more
-pixels of real pairs are valid, but a larger fraction of them is wrong. Rendered pairs hardly change
+pixels of the real pairs are valid, but a larger fraction of them is wrong. Rendered pairs hardly change
 (measurements/mapper_trials.md)."""
 MAX_CHANGE_SIGMAS = 5.0
 """Larger changes are accepted up to this many standard deviations of all changes, because the noise of the matcher is

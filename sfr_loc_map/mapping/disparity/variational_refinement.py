@@ -6,7 +6,7 @@ The field is represented by cells of 2 x 2 pixels, because a surface is smooth o
 
 with r the warped right image minus the left image, g the slope along the row, and s the change of the field. All cells
 are solved together, coupled by the smoothness of the ground, instead of in windows that assume a plane. The noise of
-the images and the roughness of the ground are measured in each pair, so that the smoothing adapts to both. Second
+the images and the shape of the ground are measured in each pair, so that the smoothing adapts to both. Second
 differences far above the typical size, for example at the edges of rocks, have less weight (Cauchy). Each iteration
 warps the right image again and solves on three grids, coarse to fine, by conjugate gradients.
 """
@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
+from sfr_loc_map.mapping.disparity.cauchy_scale import GRID_FACTOR, cauchy_scale_of
 from sfr_loc_map.mapping.disparity.cell_field import LEVELS, disparity_from_cells, padded, pixels_from_cells
 from sfr_loc_map.mapping.disparity.conjugate_gradients import conjugate_gradient_step
 from sfr_loc_map.mapping.disparity.image_noise import (
@@ -35,14 +36,13 @@ from sfr_loc_map.mapping.disparity.photometric_residual import (
     photometric_residual,
     slopes,
 )
-from sfr_loc_map.mapping.disparity.roughness import GRID_FACTOR, roughness_of_field
 from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, smoothness_weights
 from sfr_loc_map.mapping.filters import box_mean, downsample_mean, upsample_bilinear, upsample_nearest
 
-WARPS = 3
-"""Number of iterations. More iterations change the error on rendered ground by less than 5 %
-(measurements/mapper_trials.md)."""
-EXTRA_WARPS = 2
+ITERATIONS = 3
+"""Number of iterations, each of which warps the right image. More iterations change the error on rendered ground by less
+than 5 % (measurements/mapper_trials.md)."""
+EXTRA_ITERATIONS = 2
 """Additional iterations if the noise is large, because the initial field is then farther from the minimum
 (measurements/mapper_trials.md)."""
 NOISY_PX = 1.2
@@ -55,8 +55,8 @@ the finest grid. Half as many iterations are nearly as good on rendered pairs, a
 2015 (measurements/mapper_trials.md)."""
 WINDOW_CELLS = 9
 """Side of the window over which quantities of cells are averaged, cells. The mean square of the 324 residuals in a
-window has a relative standard deviation of 8 %. Smaller windows are better on real pairs, and larger windows are better
-on smooth ground (measurements/mapper_trials.md)."""
+window has a relative standard deviation of 8 %. Smaller windows are better on the real pairs, and larger windows are
+better on smooth ground (measurements/mapper_trials.md)."""
 DATA_HALF_WEIGHT_SIGMAS = 5.0
 """Residuals of this many standard deviations have half the weight in the data term, so that noise has almost full
 weight. The optimum is flat (measurements/mapper_trials.md)."""
@@ -68,9 +68,9 @@ TEMPLATE_SIGMAS = 4.0
 """Where the residual exceeds this many standard deviations, only the left image is used for the template, because the
 right image shows another surface there. The optimum is flat (measurements/mapper_trials.md)."""
 MIN_WEIGHT = F(0.1)
-"""Lower bound of the mean weight that divides the squared residuals of a cell. The bound limits the inflation of the
-variance where nearly all residuals around a cell are outliers. With half or twice the value, the MAE of three pairs
-changes by less than 0.1 % (measurements/mapper_trials.md)."""
+"""Lower bound of the mean robust weight around a cell, a divisor in the inflation of the variance (`linearise`). The
+bound has an effect where nearly all residuals around a cell are outliers. With half or twice the value, the MAE of
+Teddy, KITTI 2015 and the sample changes by less than 0.1 % (measurements/mapper_trials.md)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,8 +122,8 @@ def refine_disparity(left: FloatImage, right: FloatImage, initial_cells: FloatIm
     padded_right = padded(right)
     cells = initial_cells
     data_term = linearise(reference, padded_right, cells)
-    for warp in range(WARPS + EXTRA_WARPS):
-        if warp == WARPS and not _is_noisy(data_term):
+    for iteration in range(ITERATIONS + EXTRA_ITERATIONS):
+        if iteration == ITERATIONS and not _is_noisy(data_term):
             break
         cells, weights = _coarse_to_fine_solve(cells, data_term)
         data_term = linearise(reference, padded_right, cells)
@@ -184,7 +184,7 @@ def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> Solved
 
     After each coarse step, the information vector of the remaining change is reduced by the information times the step.
     """
-    roughness = roughness_of_field(cells)
+    scale = cauchy_scale_of(cells)
     information = data_term.information
     information_vector = data_term.information_vector
     for level in range(LEVELS - 1, 0, -1):
@@ -193,8 +193,8 @@ def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> Solved
         coarse_cells = downsample_mean(cells, factor)
         weights = smoothness_weights(
             coarse_cells,
-            downsample_mean(roughness.along_x, factor),
-            downsample_mean(roughness.along_y, factor),
+            downsample_mean(scale.along_x, factor),
+            downsample_mean(scale.along_y, factor),
             F(GRID_FACTOR**level),
         )
         coarse_step = conjugate_gradient_step(
@@ -207,6 +207,6 @@ def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> Solved
         step = upsample_bilinear(coarse_step, cells.shape)
         cells = cells + step
         information_vector = information_vector - information * step
-    weights = smoothness_weights(cells, roughness.along_x, roughness.along_y, F(1.0))
+    weights = smoothness_weights(cells, scale.along_x, scale.along_y, F(1.0))
     step = conjugate_gradient_step(cells, information, information_vector, weights, SOLVER_ITERATIONS[0])
     return SolvedField(cells + step, weights)

@@ -104,12 +104,11 @@ def fit_vertical_disparity(
     if len(row) < min_count:
         return None
     r = residual[sampled][usable].astype(np.float64)
-    slope = _sampled_slopes(left, residual)[usable].astype(np.float64)
+    slope = _sampled_slopes(_mean_image(left, residual))[usable].astype(np.float64)
     right_column = np.float64(SAMPLING_STRIDE) * column - disparity_px[sampled][usable].astype(np.float64)
     right_row = np.float64(SAMPLING_STRIDE) * row
     sigma = mad_sigma(r) + MIN_GREY_SIGMA
-    x, y = _normalised(right_column, right_row, camera)
-    terms = np.column_stack((np.ones(len(x)), x, y, x * y, y * y)[:term_count])
+    terms = _terms(right_column, right_row, camera, term_count)
     return _solved(terms * slope[:, None], cauchy_weight(r, HALF_WEIGHT_SIGMAS * sigma), r, sigma)
 
 
@@ -137,15 +136,24 @@ def fit_beside_disparity(
     sigma = mad_sigma(r) + MIN_GREY_SIGMA
     weight = np.zeros(left.shape)
     weight[usable] = cauchy_weight(r, HALF_WEIGHT_SIGMAS * sigma)
-    mean = cv2.scaleAdd(cv2.patchNaNs(residual, 0.0), 0.5, left)
+    mean = _mean_image(left, residual)
     slope_x = np.asarray(cv2.Sobel(mean, cv2.CV_64F, 1, 0, scale=SOBEL_SCALE), np.float64)
     slope_y = np.asarray(cv2.Sobel(mean, cv2.CV_64F, 0, 1, scale=SOBEL_SCALE), np.float64)
     common = _block_sums(weight * slope_x * slope_y) / (_block_sums(weight * slope_x * slope_x) + MIN_SLOPE_SUM)
     slope_y[:height, :width] -= common * slope_x[:height, :width]
-    right_column = column.astype(np.float64) - disparity_px[usable]
-    x, y = _normalised(right_column, row.astype(np.float64), camera)
-    terms = np.column_stack((np.ones(len(x)), x, y, x * y, y * y))
+    terms = _terms(column.astype(np.float64) - disparity_px[usable], row.astype(np.float64), camera, ALL_TERMS)
     return _solved(terms * slope_y[usable][:, None], weight[usable], r, sigma)
+
+
+def _terms(column: FloatArray, row: FloatArray, camera: StereoCamera, count: int) -> FloatArray:
+    """Return the first terms of a `VerticalPolynomial` `(N, count)`, without coefficients, at pixels of the right image."""
+    x, y = _normalised(column, row, camera)
+    return np.column_stack((np.ones(len(x)), x, y, x * y, y * y)[:count])
+
+
+def _mean_image(left: FloatImage, residual: FloatImage) -> FloatImage:
+    """Return the mean of the left image and the warped right image; the left image where the residual is NaN."""
+    return np.asarray(cv2.scaleAdd(cv2.patchNaNs(residual.copy(), 0.0), 0.5, left), F)
 
 
 def _block_sums(values: FloatArray) -> FloatArray:
@@ -176,15 +184,13 @@ def without_vertical_disparity(image: FloatImage, vertical: VerticalPolynomial, 
     return shift_rows(image, vertical.at_pixels(columns, rows, camera).astype(F))
 
 
-def _sampled_slopes(left: FloatImage, residual: FloatImage) -> FloatImage:
-    """Return the slope along the column of the mean of both images at the samples, grey levels per pixel.
+def _sampled_slopes(image: FloatImage) -> FloatImage:
+    """Return the slope along the column at the samples, grey levels per pixel.
 
-    Outside the right image, where the residual is NaN, the mean is the left image.
+    The slopes are those of the Sobel operator, computed only on the rows of the samples.
     """
-    known = cv2.patchNaNs(residual.copy(), 0.0)
-    mean = cv2.scaleAdd(known, 0.5, left)
-    rows = np.pad(np.arange(len(mean)), 1, mode="reflect")  # the image is mirrored at its border
+    rows = np.pad(np.arange(len(image)), 1, mode="reflect")  # the image is mirrored at its border
     rows_above = rows[:-2:SAMPLING_STRIDE]
     rows_below = rows[2::SAMPLING_STRIDE]
-    difference = mean.take(rows_below, axis=0) - mean.take(rows_above, axis=0)
+    difference = image.take(rows_below, axis=0) - image.take(rows_above, axis=0)
     return np.asarray(cv2.filter2D(difference, -1, SMOOTHING)[:, ::SAMPLING_STRIDE], F)

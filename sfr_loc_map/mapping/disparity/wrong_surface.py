@@ -15,7 +15,7 @@ from sfr_loc_map.mapping.disparity.surfaces import depth_ratio
 LOG_ODDS_AT_1_PX = F(3.3)
 """Log odds above which a pixel is invalid if the median sigma of the pair is 1 pixel. The threshold is this value plus
 the logarithm of the median sigma in pixels, because a single outlier dominates the error of a precise map. For a median
-sigma of 0.05 pixels the threshold is 0.3. Chosen on rendered ground and two real pairs
+sigma of 0.05 pixels the threshold is 0.3. Chosen on rendered ground, Teddy and Motorcycle
 (measurements/mapper_trials.md)."""
 DEPTH_POWER = F(2.0)
 """The odds are multiplied by this power of the depth ratio, because the error in metres of a disparity on the wrong
