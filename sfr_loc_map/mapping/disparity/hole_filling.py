@@ -2,25 +2,34 @@
 
 A hole is a region of invalid pixels. The hypotheses of a pixel are the nearest surfaces along eight directions,
 extrapolated as planes (`hole_hypotheses`). Each hypothesis has a matching cost over the neighbourhood of the pixel, in
-which invalid pixels have a larger weight than valid pixels. A pixel is filled if all of these conditions are met, in
-the order of their evaluation:
+which invalid pixels have a larger weight than valid pixels. A pixel is filled if all of these conditions are met.
 
-1. The neighbourhood of the pixel is not completely saturated (`fill_holes`).
+Each pass of `fill_holes` selects the pixels that may be filled:
+
+1. The neighbourhood of the pixel is not completely saturated.
 2. A measured pixel is within `REACH`, or in later passes a pixel that was filled in the previous pass. The hypotheses
-   of all other pixels are those of the previous pass (`fill_holes`).
+   of all other pixels are those of the previous pass.
+
+`_propose` chooses a hypothesis (`_best_hypothesis`):
+
 3. A hypothesis is possible: the corresponding pixel is inside the right image and belongs to no other surface
-   (`_is_contradicted`). The possible hypothesis with the lowest cost is chosen (`_best_hypothesis`).
+   (`_is_contradicted`). The possible hypothesis with the lowest cost is chosen.
 4. Its cost is at most the `COST_PERCENTILE` of the costs of valid pixels beside holes in the same pair (`_cost_limit`).
 5. Every hypothesis of another surface costs more by a margin of `MARGIN_SIGMAS`, divided by the root of the effective
    number of pixels. Hypotheses that are not possible count, too: if the images also match on such a surface, the
    matching costs are ambiguous, and the pixel is not filled.
-6. The hypothesis is confirmed: its surface is on opposite sides of the pixel, or the matcher agrees, or its cost is
-   lower by the margin than at disparities `ALTERNATIVE_PX` to either side (`_is_confirmed`).
+6. The hypothesis is confirmed (`_is_confirmed`): its surface is on opposite sides of the pixel, or the matcher agrees,
+   or its cost is lower by the margin than at disparities `ALTERNATIVE_PX` to either side.
+
+`_accept` compares the proposals with their neighbours:
+
 7. At least `MIN_SAME_SURFACE` of the eight neighbours of the pixel are on the surface of the hypothesis. Neighbours
    count if they are valid or proposed in the same pass. The corresponding pixel in the right image belongs to no other
-   surface, even if all proposed pixels are included (`_on_their_surface`).
-8. After all passes, the depth of the pixel is less than `MAX_DEPTH_RATIO` times the depth of the nearest surface within
-   `NEARBY_PX` (`fill_holes`).
+   surface, even if all proposed pixels are included.
+
+After all passes, `fill_holes` compares depths:
+
+8. The depth of the pixel is less than `MAX_DEPTH_RATIO` times the depth of the nearest surface within `NEARBY_PX`.
 
 Limits and alternatives are described in measurements/mapper_trials.md.
 """
@@ -85,13 +94,6 @@ NEARBY_PX = 7
 0.0004 or less (measurements/mapper_trials.md)."""
 
 
-class FilledPixels(NamedTuple):
-    """Result of a pass, `(H, W)` each."""
-
-    px: FloatImage  #: Disparities after the pass, pixels.
-    accepted: Mask  #: Pixels that the pass has filled.
-
-
 class HypothesisCosts(NamedTuple):
     """Matching costs of the hypotheses of a pixel, `(8,)` each."""
 
@@ -102,8 +104,8 @@ class HypothesisCosts(NamedTuple):
 def fill_holes(measured: MeasuredDisparity) -> FilledDisparity:
     """Return the disparities with filled holes; completely saturated neighbourhoods stay invalid.
 
-    The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`. No hole is filled if fewer
-    than `MIN_SAMPLES` samples are available for the maximum cost.
+    The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`. No hole is filled if fewer than
+    `MIN_SAMPLES` samples are available for the maximum cost.
     """
     was_valid = measured.valid
     scene = HoleScene(
@@ -118,9 +120,11 @@ def fill_holes(measured: MeasuredDisparity) -> FilledDisparity:
     for _ in range(PASSES):
         has_new_hypotheses = dilated(newly_valid, REACH)
         fillable = unsaturated & has_new_hypotheses & ~scene.valid
-        filled = _filled(scene, fillable, cost_limit, min_margin)
-        scene = scene._replace(disparity=filled.px, valid=scene.valid | filled.accepted)
-        newly_valid = filled.accepted
+        proposed_px = _propose(scene, fillable, cost_limit, min_margin)
+        newly_valid = _accept(scene, proposed_px)
+        scene = scene._replace(
+            disparity=np.where(newly_valid, proposed_px, scene.disparity), valid=scene.valid | newly_valid
+        )
     px = scene.disparity
     valid = scene.valid
     # Depths are compared after all passes. A rejected pixel may therefore have provided a hypothesis in a later pass.
@@ -133,18 +137,6 @@ def fill_holes(measured: MeasuredDisparity) -> FilledDisparity:
     )
 
 
-def _filled(scene: HoleScene, fillable: Mask, cost_limit: np.float32, min_margin: np.float32) -> FilledPixels:
-    """Return the disparities and the accepted pixels of one pass; `fillable` is the mask of the pixels to fill."""
-    distance = np.asarray(cv2.distanceTransform((~scene.valid).astype(np.uint8), cv2.DIST_C, 3), F)
-    surfaces = right_surfaces(scene.disparity, scene.valid)
-    proposed_px = _fill_pass(scene, fillable, distance, surfaces, cost_limit, min_margin)
-    is_proposed = np.isfinite(proposed_px)
-    px = np.where(is_proposed, proposed_px, scene.disparity)
-    valid = scene.valid | is_proposed
-    accepted = _on_their_surface(px, valid, is_proposed, right_surfaces(px, valid))
-    return FilledPixels(np.where(accepted, proposed_px, scene.disparity), accepted)
-
-
 def _cost_limit(scene: HoleScene) -> np.float32 | None:
     """Return the maximum matching cost of a filled pixel, grey levels; None if too few pixels are beside holes."""
     beside_holes = np.flatnonzero(dilated(~scene.valid, BESIDE_HOLE_PX) & scene.valid)
@@ -154,8 +146,27 @@ def _cost_limit(scene: HoleScene) -> np.float32 | None:
     return F(np.percentile(costs, COST_PERCENTILE))
 
 
+def _propose(scene: HoleScene, fillable: Mask, cost_limit: np.float32, min_margin: np.float32) -> FloatImage:
+    """Return the disparities `(H, W)` that a pass proposes for fillable pixels, NaN elsewhere.
+
+    `cost_limit` is the maximum cost of a filled pixel, and `min_margin` the required margin to other hypotheses for a
+    window of one effective pixel, both in grey levels.
+    """
+    distance = np.asarray(cv2.distanceTransform((~scene.valid).astype(np.uint8), cv2.DIST_C, 3), F)
+    surfaces = right_surfaces(scene.disparity, scene.valid)
+    return _best_hypotheses(scene, fillable, distance, surfaces, cost_limit, min_margin)
+
+
+def _accept(scene: HoleScene, proposed_px: FloatImage) -> Mask:
+    """Return the mask of the pixels `(H, W)` whose proposed disparity is accepted."""
+    is_proposed = np.isfinite(proposed_px)
+    px = np.where(is_proposed, proposed_px, scene.disparity)
+    valid = scene.valid | is_proposed
+    return _on_their_surface(px, valid, is_proposed, right_surfaces(px, valid))
+
+
 @jit_rows
-def _fill_pass(
+def _best_hypotheses(
     scene: HoleScene,
     fillable: Mask,
     distance: FloatImage,
@@ -163,11 +174,10 @@ def _fill_pass(
     cost_limit: np.float32,
     min_margin: np.float32,
 ) -> FloatImage:
-    """Return the disparities `(H, W)` that one pass proposes for fillable pixels, NaN elsewhere.
+    """Return the disparities of the best hypotheses `(H, W)` of fillable pixels, NaN if none meets the conditions.
 
     `distance` `(H, W)` is the distance to the nearest valid pixel, rows or columns. `surfaces` are the surfaces of the
-    valid pixels in the right image. `cost_limit` is the maximum cost of a filled pixel, and `min_margin` the required
-    margin to other hypotheses for a window of one effective pixel, both in grey levels.
+    valid pixels in the right image.
     """
     rows, cols = scene.disparity.shape
     out = np.full((rows, cols), F(np.nan))

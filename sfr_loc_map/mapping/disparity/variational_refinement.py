@@ -40,8 +40,8 @@ from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, smoothne
 from sfr_loc_map.mapping.filters import box_mean, downsample_mean, upsample_bilinear, upsample_nearest
 
 ITERATIONS = 3
-"""Number of iterations, each of which warps the right image. More iterations change the error on rendered ground by less
-than 5 % (measurements/mapper_trials.md)."""
+"""Number of iterations, each of which warps the right image. More iterations change the error on rendered ground by
+less than 5 % (measurements/mapper_trials.md)."""
 EXTRA_ITERATIONS = 2
 """Additional iterations if the noise is large, because the initial field is then farther from the minimum
 (measurements/mapper_trials.md)."""

@@ -146,7 +146,10 @@ def fit_beside_disparity(
 
 
 def _terms(column: FloatArray, row: FloatArray, camera: StereoCamera, count: int) -> FloatArray:
-    """Return the first terms of a `VerticalPolynomial` `(N, count)`, without coefficients, at pixels of the right image."""
+    """Return the first terms of a `VerticalPolynomial` without their coefficients `(N, count)`.
+
+    The N columns and rows are those of pixels of the right image.
+    """
     x, y = _normalised(column, row, camera)
     return np.column_stack((np.ones(len(x)), x, y, x * y, y * y)[:count])
 
