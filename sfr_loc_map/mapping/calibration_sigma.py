@@ -76,7 +76,7 @@ def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, prior: Calibr
     """Return the uncertainty of the calibration given the rotation of the right camera that is measured in a pair.
 
     A significant yaw is added to the configured uncertainty in quadrature and is not compensated. A vertical offset
-    above `_pitch_threshold_px` is added as a pitch and is not reported. Roll is compensated (`without_roll`).
+    above `_pitch_threshold_px` is added as a pitch and is not reported. Roll is compensated (`final_disparity`).
 
     Residual distortion causes an error along rows that is about as large as the vertical disparity:
 

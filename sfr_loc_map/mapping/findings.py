@@ -2,8 +2,8 @@
 
 Add a new finding of one pair to `pair_findings`, and a new finding of a set of pairs to the result of its stage in
 `multiview`. `Mapper.fuse` combines the findings of all stages. The names of statistics are public and therefore fixed:
-`share` means a fraction, `matched_share` is `DisparityMap.measured_textured_fraction`, and `merged` is the number of
-points with which another pair agrees, including dropped points.
+`share` means a fraction, `matched_share` is `MeasuredDisparity.measured_textured_fraction`, and `merged` is the number
+of points with which another pair agrees, including dropped points.
 """
 
 from __future__ import annotations

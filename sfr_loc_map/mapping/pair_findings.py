@@ -105,12 +105,13 @@ def _warnings_of_points(final: FinalDisparity, point_count: int, search: SearchR
             "max_range_m, or check the baseline"
         ]
     warnings = []
-    measured_px = final.px[final.status == np.uint8(PixelStatus.MEASURED)]
-    near_count = int(np.count_nonzero(measured_px > NEAR_LIMIT * search.count))
-    if near_count > MAX_NEAR_LIMIT_FRACTION * len(measured_px):
+    is_measured = final.status == np.uint8(PixelStatus.MEASURED)
+    measured_count = int(np.count_nonzero(is_measured))
+    near_count = int(np.count_nonzero(is_measured & (final.px > NEAR_LIMIT * search.count)))
+    if near_count > MAX_NEAR_LIMIT_FRACTION * measured_count:
         warnings.append(
-            f"{100 * near_count / len(measured_px):.0f} % of the measured pixels are near the largest disparity of "
-            "the search: nearer surfaces are probably not mapped; reduce min_range_m"
+            f"{100 * near_count / measured_count:.0f} % of the measured pixels are near the largest disparity of the "
+            "search: nearer surfaces are probably not mapped; reduce min_range_m"
         )
     beyond_fraction = beyond_count / (beyond_count + point_count)
     if beyond_fraction > MAX_BEYOND_FRACTION:
