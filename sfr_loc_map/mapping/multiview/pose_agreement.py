@@ -57,8 +57,8 @@ def agreement_of_poses(views: Sequence[PairView], overlaps: Mapping[tuple[int, i
     statistics = {}
     warnings = []
     for (i, j), overlap in overlaps.items():
-        statistics[f"overlap_{i}_{j}"] = overlap.count / max(views[i].points.size, 1)
-        if overlap.count == 0:
+        statistics[f"overlap_{i}_{j}"] = overlap.common / max(views[i].points.size, 1)
+        if overlap.common == 0:
             continue
         agreement = _pose_agreement(views[i], views[j], overlap)
         statistics |= {
@@ -68,7 +68,7 @@ def agreement_of_poses(views: Sequence[PairView], overlaps: Mapping[tuple[int, i
             f"grey_difference_over_beside_{i}_{j}": agreement.grey_ratio,
         }
         disagreement = pose_disagreement(agreement.range_ratio, agreement.grey_ratio)
-        if i < j and overlap.count >= MIN_OVERLAP and disagreement:
+        if i < j and overlap.common >= MIN_OVERLAP and disagreement:
             warnings.append(
                 f"pairs {i} and {j} disagree where they overlap: {disagreement}; check the baseline, their poses and "
                 "whether their exposures are equal, or register them (refine_poses)"

@@ -67,7 +67,7 @@ class Observations(NamedTuple):
 class Overlap(NamedTuple):
     """Points of a view that another view observes, and n samples of these points."""
 
-    count: int  #: Number of points that the other view observes.
+    common: int  #: Number of points that the other view observes.
     indices: NDArray[np.intp]  #: `(n,)`, indices of the samples in the points of the view.
     observed: Observations  #: Observations of the samples by the other view, `(n,)` each.
 
