@@ -95,7 +95,7 @@ def _by_content(jobs: Sequence[Job], *, has_same_code: bool) -> Mapping[str, Job
 
 def _without_paths(source: PlannedSource, drive: str) -> PlannedSource:
     """Return a source without paths and states of files, and with the given drive."""
-    known = struct_replace(source, path="", entry="", drive=drive)
+    known = struct_replace(source, path="", entry=0, drive=drive)
     if isinstance(known, Simulation):
         return known
     if isinstance(known, Estimate):

@@ -56,9 +56,9 @@ def read_entry(entry: object, folder: Path, origin: str) -> Iterator[StatedSourc
             yield from _stated_recordings(entry, folder)
         case {"estimate": str(estimate), "truth": str(truth), **others} if not others:
             path = str(folder / estimate)
-            yield StatedEstimate(name=last_part(path), entry=str(entry), location=path, truth=str(folder / truth))
+            yield StatedEstimate(name=last_part(path), location=path, truth=str(folder / truth))
         case {"simulate": str(scenario), **others}:
-            yield from _stated_simulations(str(entry), folder / scenario, scenario, others, origin)
+            yield from _stated_simulations(scenario, folder, others, origin)
         case _:
             raise ConfigError(
                 f"{origin}: a path, a URL, 'simulate: SCENARIO', or 'estimate: EST' with 'truth: TRUTH' is required"
@@ -71,7 +71,7 @@ def _stated_remotes(url: str) -> Iterator[StatedRemote]:
     if not urls:
         raise InputError(f"source '{url}': no match; give an existing URL or glob")
     for match in urls:
-        yield StatedRemote(name=last_part(match), entry=url, location=match)
+        yield StatedRemote(name=last_part(match), location=match)
 
 
 def _stated_recordings(entry: str, folder: Path) -> Iterator[StatedRecording]:
@@ -82,13 +82,14 @@ def _stated_recordings(entry: str, folder: Path) -> Iterator[StatedRecording]:
     if not paths:
         raise InputError(f"source '{entry}': no match in '{folder}'; give an existing path or glob")
     for path in paths:
-        yield StatedRecording(name=last_part(path), entry=entry, location=path)
+        yield StatedRecording(name=last_part(path), location=path)
 
 
 def _stated_simulations(
-    entry: str, scenario: Path, stated_scenario: str, others: Mapping[Any, Any], origin: str
+    stated_scenario: str, folder: Path, others: Mapping[Any, Any], origin: str
 ) -> Iterator[StatedSimulation]:
     """Yield a simulation of a scenario for each seed; `others` are the other keys of the entry."""
+    scenario = folder / stated_scenario
     seeds, stated = others.get("seeds", [0]), others.get("set", {})
     is_whole = isinstance(seeds, list) and all(type(seed) is int for seed in seeds)
     if set(others) - {"seeds", "set"} or not is_whole or not seeds or not isinstance(stated, Mapping):
@@ -103,7 +104,7 @@ def _stated_simulations(
         raise InputError(f"source 'simulate: {stated_scenario}': '{scenario}' is missing; give a scenario file")
     settings = changed_scenario(scenario, changes, f"{origin}: 'set'")
     for seed in seeds:
-        yield stated_simulation(scenario, settings, seed, f"{origin}: 'seeds'", entry=entry)
+        yield stated_simulation(scenario, settings, seed, f"{origin}: 'seeds'")
 
 
 def scenario_settings(scenario: Path) -> dict[str, object]:
@@ -116,18 +117,11 @@ def changed_scenario(scenario: Path, changes: Mapping[str, object], origin: str)
     return flatten(build(SimulationConfig, {**scenario_settings(scenario), **changes}, origin=origin))
 
 
-def stated_simulation(
-    scenario: Path, settings: Mapping[str, object], seed: int, origin: str, *, entry: str = ""
-) -> StatedSimulation:
+def stated_simulation(scenario: Path, settings: Mapping[str, object], seed: int, origin: str) -> StatedSimulation:
     """Return the simulation of one seed of a scenario; raise ConfigError if the settings are invalid."""
     complete = flatten(build(SimulationConfig, {**settings, "seed": seed}, origin=origin))
     return StatedSimulation(
-        name=f"{scenario.stem}-{seed}",
-        entry=entry,
-        location=str(scenario),
-        settings=complete,
-        sha256=digest(complete),
-        seed=seed,
+        name=f"{scenario.stem}-{seed}", location=str(scenario), settings=complete, sha256=digest(complete), seed=seed
     )
 
 

@@ -23,7 +23,7 @@ class _Stated:
     """What the stated sources of all kinds have. Their data were not read."""
 
     name: str  #: Short name, unique in the suite; the variants of an error budget share the name of their simulation.
-    entry: str  #: The entry of `sources` in the suite's file; empty for a source of a search.
+    entry: int = 0  #: Number of the entry of `sources` in the suite's file, from 1; 0 for a source of a search.
     location: str  #: Path or URL of a recording, path of a scenario or of an estimate.
 
 
@@ -62,7 +62,7 @@ class _Planned(Struct, frozen=True, kw_only=True, tag_field="kind"):
     """What the planned sources of all kinds have."""
 
     name: str  #: Name of the stated source.
-    entry: str = ""  #: Entry of the stated source.
+    entry: int = 0  #: Number of the entry of the stated source.
     path: str  #: Path of the recording, of the scenario or of the estimate.
     sha256: str  #: Hash of the data, or of the settings of a simulation: part of the key of a job.
     drive: str  #: Hash that identifies the drive; copies and parts of one drive share the hash.

@@ -68,12 +68,12 @@ class Refusal:
 
     path: str  #: Displayed name of what is refused: an entry, path or URL; or the name of a source, or with its task.
     reason: str
-    entry: str = ""  #: Entry of `sources` in the suite's file; empty for a source that is no longer part of the suite.
+    entry: int = 0  #: Number of the entry of `sources`, from 1; 0 for a source that is no longer part of the suite.
     source: str = ""  #: Location of the source (`StatedSource.location`); empty for the complete entry.
     task: str = ""  #: Task for which the source has no data; empty for all tasks.
 
     @property
-    def subject(self) -> tuple[str, str, str]:
+    def subject(self) -> tuple[int, str, str]:
         """What is refused, by which the refusals of two plans are compared."""
         return self.entry, self.source, self.task
 
@@ -204,9 +204,10 @@ def _sources(entries: Sequence[object], path: Path) -> tuple[list[StatedSource],
     refusals: list[Refusal] = []
     for number, entry in enumerate(entries, 1):
         try:
-            sources += read_entry(entry, path.absolute().parent, f"{path}: source {number}")
+            found = list(read_entry(entry, path.absolute().parent, f"{path}: source {number}"))
+            sources += [replace(source, entry=number) for source in found]
         except InputError as error:
-            refusals.append(Refusal(str(entry), str(error), entry=str(entry)))
+            refusals.append(Refusal(str(entry), str(error), entry=number))
     if not sources:
         raise InputError(refusals[0].reason)
     return with_unique_names(sources), refusals

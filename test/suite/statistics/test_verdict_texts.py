@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
+from helpers.cli_result import Sfr
 from helpers.made_suites import made_suite
 from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.suite import Store, Summary, load_specification, make_plan, summarise
@@ -12,11 +15,14 @@ from sfr_loc_map.suite.running.job_outcome import JobOutcome
 from sfr_loc_map.suite.running.job_run import run_job
 from sfr_loc_map.suite.statistics.verdict_texts import verdict_texts_of
 
+LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 1.0}]}
+
 
 def summary_of(suite: Path, out: Path) -> Summary:
     store = Store(out)
-    jobs, _ = make_plan(load_specification(suite), FactsCache(store.cache).facts_of, store.cache)
-    store.save_plan(jobs, limits=load_specification(suite).stated_limits)
+    specification = load_specification(suite)
+    jobs, _ = make_plan(specification, FactsCache(store.cache).facts_of, store.cache)
+    store.save_plan(jobs, limits=specification.stated_limits, files=specification.files)
     for job in jobs:
         store.save(job, JobOutcome(result=to_json(run_job(job, out, store.cache))))
     return summarise(store)
@@ -27,6 +33,17 @@ def test_a_condition_that_no_drive_has_is_reported(tmp_path: Path) -> None:
     texts = verdict_texts_of(summary_of(made_suite(tmp_path, 1, conditions=conditions), tmp_path / "out"))
     (text,) = texts.without_drives
     assert "distance=1000" in text
+
+
+@pytest.mark.parametrize(("content", "code"), [({}, 3), ({"limits": LIMITS}, 0)], ids=["no limits", "pass"])
+def test_a_condition_that_no_drive_has_is_not_judged(
+    sfr: Sfr, tmp_path: Path, content: dict[str, object], code: int
+) -> None:
+    """A suite that passes by its limits has no limit on the condition."""
+    suite = made_suite(tmp_path, 2, conditions=["distance=1000", "distance=1"], **content)
+    summary_of(suite, tmp_path / "out")
+    assert sfr("suite", "report", tmp_path / "out").code == code
+    assert sfr("suite", "report", tmp_path / "out", "--lenient").code == 0
 
 
 def test_the_reason_of_an_incomplete_drive_is_reported(tmp_path: Path) -> None:
