@@ -16,6 +16,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.clouds.fields import MAX_PAIR_STAMPS
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MappingConfig
@@ -43,7 +44,6 @@ ERRORS = (
     ("heading", "heading_deg", Unit("deg")),
 )
 """Errors of a drive: figure of the score, key in the JSON, and displayed unit."""
-MAX_MAPPED_PAIRS = 256  #: Number of pairs that the pair index of a point (uint8) can distinguish.
 
 Item = TypeVar("Item")
 Opened = TypeVar("Opened", bound=IsolatedMethod)
@@ -219,9 +219,9 @@ class MapperTrial(Trial[PosedStereoPair, IsolatedMapper, PointCloud]):
         Raises InputError for too many pairs.
         """
         truths = [PairTruth.of(item, sequence.rig) for item in sequence.pairs()]
-        if len(truths) > MAX_MAPPED_PAIRS:
+        if len(truths) > MAX_PAIR_STAMPS:
             raise InputError(
-                f"the source has {len(truths)} mapping pairs: at most {MAX_MAPPED_PAIRS} are allowed in a benchmark"
+                f"the source has {len(truths)} mapping pairs: at most {MAX_PAIR_STAMPS} are allowed in a benchmark"
             )
         disparities = search_range_of(sequence.rig, config).count
         return cls(sequence=sequence, disparities=disparities, truths=truths, hidden=hidden)
