@@ -95,7 +95,7 @@ def info(
         raise InputError(facts.problem)
     shown = {"configuration": None if path is None else str(path)} | facts.json_values
     if not facts.problem:
-        inputs = data_set_of(open_source(source, how), how)
+        inputs = data_set_of(open_source(source, how))
         shown |= {f"{role}_sha256": file.sha256 for role, file in inputs.items()}
     start = ["--start", "truth"] if seen.truth_has_attitude else []
     after = ["sfr", "replay", str(source), *given_words(context, "config"), *start, "--out", "out"]

@@ -20,7 +20,6 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth
 from sfr_loc_map.hashes import hash_arrays, hash_path
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.metrics.figures.records import InputFile, Provenance
 from sfr_loc_map.metrics.judging.data_set import fault_of_inputs
 from sfr_loc_map.metrics.judging.limits_file import load_limits
@@ -134,13 +133,13 @@ def hash_of_images(stamps_ns: IntArray, rig: StereoRig | None) -> str:
     return hash_arrays(values)
 
 
-def data_set_of(source: Source, how: SourceConfig) -> dict[str, InputFile]:
+def data_set_of(source: Source) -> dict[str, InputFile]:
     """Return the inputs of a source that a score states, by role; limits can name their hashes."""
     has_truth = source.loc is not None and source.loc.ground_truth is not None
     files = read_files(
         {
             "truth": source.path if has_truth else None,
-            "truth_file": how.truth.file,
+            "truth_file": source.config.truth.file,
             "map_truth": None if source.nav is None else source.path,
         }
     )
@@ -159,7 +158,7 @@ def provenance_of_source(
 
     The inputs are those that a score of the source has, so that a report can compare them, and the complete source.
     """
-    inputs = data_set_of(source, source.config)
+    inputs = data_set_of(source)
     files = {"source": source.path, "configuration": source.config.configuration.path}
     files |= {f"estimate {name}": path for name, path in estimates.items()}
     for role, path in files.items():
@@ -172,6 +171,6 @@ def check_data_set(source: Source, limits: Limits | None) -> None:
     """Raise InputError if limits name another data set by its hashes, before the source is run."""
     if limits is None or not limits.data_set_sha256:
         return
-    fault = fault_of_inputs(limits.data_set_sha256, data_set_of(source, source.config))
+    fault = fault_of_inputs(limits.data_set_sha256, data_set_of(source))
     if fault is not None:
         raise InputError(fault)

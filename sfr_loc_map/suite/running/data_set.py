@@ -51,4 +51,4 @@ def _inputs_of(source: Recording | Estimate) -> Mapping[str, InputFile]:
     from sfr_loc_map.io.registry import open_source  # slow import
 
     opened = open_source(path)
-    return data_set_of(opened, opened.config)
+    return data_set_of(opened)

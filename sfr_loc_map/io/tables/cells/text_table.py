@@ -208,19 +208,8 @@ class _BlockReader:
         """Return the rows with these line numbers; InputError if a row is invalid, unless `tolerant`."""
         try:
             stamps_ns, values = self._all_at_once(rows)
-        except (ValueError, ArithmeticError) as error:
-            results = [
-                (line, self._one(row, line)) for line, row in zip(lines.tolist(), rows.splitlines(), strict=True)
-            ]
-            invalid = [result for _, result in results if isinstance(result, str)]
-            if invalid and not self.tolerant:
-                raise InputError(f"{self.name} {invalid[0]}; correct or remove the line") from error
-            valid = [(line, result) for line, result in results if isinstance(result, tuple)]
-            skipped = [line for line, result in results if not isinstance(result, tuple)]
-            lines = np.array([line for line, _ in valid], np.int64)
-            stamps_ns = np.array([stamp_ns for _, (stamp_ns, _) in valid] if self.form.parse_stamp else [], np.int64)
-            values = np.array([numbers for _, (_, numbers) in valid], np.float64).reshape(-1, self.form.value_count)
-            return _BlockRows(lines, stamps_ns, values, invalid, skipped)
+        except (ValueError, ArithmeticError):
+            return self._one_by_one(rows, lines)
         self.marks.add_numbers(values)
         return _BlockRows(lines, stamps_ns, values)
 
@@ -236,6 +225,21 @@ class _BlockReader:
             return np.zeros(0, np.int64), grid.numbers(columns)
         stamps_ns = parse_stamps(grid.texts(columns[0], STAMP_LENGTH), form.parse_stamp)
         return stamps_ns, grid.numbers(columns[1:])
+
+    def _one_by_one(self, rows: bytes, lines: IntArray) -> _BlockRows:
+        """Return the rows with these line numbers, which are read one after the other."""
+        results = [(line, self._one(row, line)) for line, row in zip(lines.tolist(), rows.splitlines(), strict=True)]
+        invalid = [result for _, result in results if isinstance(result, str)]
+        if invalid and not self.tolerant:
+            raise InputError(f"{self.name} {invalid[0]}; correct or remove the line")
+        valid = [(line, result) for line, result in results if isinstance(result, tuple)]
+        return _BlockRows(
+            np.array([line for line, _ in valid], np.int64),
+            np.array([stamp_ns for _, (stamp_ns, _) in valid] if self.form.parse_stamp else [], np.int64),
+            np.array([numbers for _, (_, numbers) in valid], np.float64).reshape(-1, self.form.value_count),
+            invalid,
+            skipped=[line for line, result in results if not isinstance(result, tuple)],
+        )
 
     def _one(self, row: bytes, line: int) -> tuple[int, list[float]] | str | None:
         """Return the stamp and numbers of a row, or the error in the row, or None if a value is missing."""

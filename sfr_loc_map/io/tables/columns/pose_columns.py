@@ -126,8 +126,8 @@ class PoseColumns:
         """The format with these columns, with or without a header; COLUMNS if the format has no name of its own."""
         stated = self.stated
         if stated.is_matrix:
-            has_numbers = stated.stamp_key is not None or FRAME in stated
-            return TrajectoryFormat.MATRIX if has_numbers else TrajectoryFormat.KITTI
+            is_kitti = stated.stamp_key is None and FRAME not in stated
+            return TrajectoryFormat.KITTI if is_kitti else TrajectoryFormat.MATRIX
         known = next((known for known in _ORDERS if stated.has_order_of(known)), TrajectoryFormat.COLUMNS)
         is_other_unit = known is TrajectoryFormat.EUROC and self.units[STAMP] != "ns"
         return TrajectoryFormat.COLUMNS if is_other_unit else known
@@ -155,8 +155,8 @@ class PoseColumns:
     def _allows_more(self, columns: list[int]) -> bool:
         """Return whether rows may have more columns than those that are read.
 
-        This is so for named columns, and for layouts of which some columns are not read. Rows of the csv of the suite
-        without further columns have exactly the columns of its header.
+        Named columns may be followed by others, and so may those of a layout of which some columns are not read. Rows
+        of the csv of the suite have exactly the columns of its header.
         """
         if self.format is TrajectoryFormat.CSV and not self.stated.ignored:
             return False
