@@ -570,3 +570,19 @@ def test_drift_corrections_before_a_pose_from_outside_leave_its_attitude_certain
     further = replace(followed, drift=DriftEstimate(total_px=30.0))
     path = move(path, 5, 3.0 * STEP, further)
     assert attitude(path, further) - after == pytest.approx(per_px2 * 10.0**2, rel=0.05)
+
+
+def test_the_terms_of_a_straight_path_are_those_of_the_example() -> None:
+    """The example in the docstring of `uncertainty`: 10 m ahead, with a yaw that is known to 0.02 px."""
+    rig = StereoRig(640, 480, 500.0, 500.0, 320.0, 240.0, 0.2, Transform.identity())
+    rig = replace(rig, T_rb_sb=rig.T_sb_left.inverse())
+    known = OnlineCalibration(rig.camera, (rig.height, rig.width), 7, yaw=YawEstimate(0.0, 0.02**2))
+    path = begun(rig)
+    for number in range(1, 101):
+        path = move(path, number, np.array([0.1 * number, 0.0, 0.0]), known, rig)
+    terms = pose_terms(path.errors, path.last.T_world_left.translation, known, model_of(rig))
+    sigmas = {name: np.sqrt(np.diag(term)) for name, term in terms._asdict().items()}
+    assert sigmas["this_pair"][[0, 3]] == pytest.approx([3.0e-4, 60e-6], rel=0.01)
+    assert sigmas["correlated"][[1, 5]] == pytest.approx([3.5e-4, 70e-6], rel=0.02)
+    assert sigmas["disparity"][:2] == pytest.approx([0.0112, 0.0], rel=0.01)
+    assert sigmas["attitude"][3] == pytest.approx(10e-6)

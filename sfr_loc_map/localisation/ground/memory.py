@@ -44,7 +44,8 @@ class EarlierImage(NamedTuple):
     image: FloatImage  #: Pyramid level `LEVEL` of a left image.
     pose: Pose  #: Pose of the left camera at that image.
     #: Number of pairs by which the next pair is later than the image. Refused pairs do not count, unless the memory
-    #: learns from them. The image motion from which outliers are ignored is `thresholds.FAR_RATIO` times the age.
+    #: learns from them. Outliers are ignored if they move by more than `thresholds.FAR_RATIO` of the width times the
+    #: age.
     age: int = 1
 
     def older(self) -> EarlierImage:
@@ -81,8 +82,9 @@ class GroundMemory:
     | `rows_stale` | stale rows are detected in a pair, before its other changes |
     | `window_failed` | a textured pair has too few landmarks for a window |
 
-    The changes by `selected` and `unselected` depend on the verdict on the pair, too (`NextMemory`): they are discarded
-    after a refused pair, and the earlier image is replaced after a pair that may be a reference.
+    The changes by `selected` and `unselected` depend on the verdict on the pair, too (`NextMemory`). They are discarded
+    after a refused pair, unless they outlast a refusal (`cases.Rule`). The earlier image may be replaced only by a pair
+    that can be a reference.
     """
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.

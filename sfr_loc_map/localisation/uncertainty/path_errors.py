@@ -147,7 +147,7 @@ class PathErrors:
     | component | `accepted` | `kept` | `adjusted` | `window_begun` | `reset` | `anchored` |
     |---|---|---|---|---|---|---|
     | `origin` | `external` = `external_of_next` | | | `external_of_next` = `external` | = new | = new |
-    | `before_window` | | | | + all below and first image | 0 | |
+    | `before_window` | | | | + `in_window`, `this_pair`, `kept_motion`, first image | 0 | |
     | `in_window` | | | = keyframe | = keyframe | 0 | |
     | `of_landmarks` | = tracks | | 0 | 0 | 0 | 0 at the last pair |
     | `blur` | = image | | | = first image | 0 | 0 at the last pair |
