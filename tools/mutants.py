@@ -248,8 +248,10 @@ MUTATIONS = (
     Mutation(INCOMPLETE, "return self.limit == limit", "return True"),
     Mutation(INCOMPLETE, "if judged is None or not meets(limit, judged):", "if judged is None:"),
     Mutation("geometry/trajectory.py", "level[:, 2] = 0.0", "level[:, 2] *= 1.0"),
-    Mutation("metrics/frames/truth_error.py", "np.hypot(noise_deg, interpolation_deg)", "np.hypot(noise_deg, 0.0)"),
-    Mutation("metrics/frames/truth_error.py", "np.hypot(of_noise_m, of_interpolation_m)", "of_noise_m"),
+    Mutation(
+        "metrics/errors/truth_error_rows.py", "np.hypot(noise_deg, interpolation_deg)", "np.hypot(noise_deg, 0.0)"
+    ),
+    Mutation("metrics/errors/truth_error_rows.py", "np.hypot(of_noise_m, of_interpolation_m)", "of_noise_m"),
     Mutation(SHORTFALLS, '"map points", 0.01', '"map points", 0.1'),
     Mutation("metrics/config.py", "return min(states, key", "return max(states, key"),
     Mutation("metrics/score/limits.py", "count >= self.minimum_count", "count > self.minimum_count"),
@@ -269,7 +271,7 @@ MUTATIONS = (
     Mutation("report/deviations.py", "item.figure in STAGES or (", "("),
     Mutation("metrics/score/score.py", "if row.part in ((reading, POOLED) if is_of_pieces else (None,)):", "if True:"),
     Mutation("metrics/frames/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),
-    Mutation("metrics/frames/aligned_error.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
+    Mutation("metrics/frames/umeyama.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
     # limits and limits files
     Mutation("metrics/score/limits.py", "not 0 <= bound < math.inf", "not 0 <= bound <= math.inf"),
     Mutation("metrics/score/limits.py", '.unit == "1" and bound > 1:', '.unit == "1" and bound > 100:'),

@@ -37,6 +37,7 @@ from sfr_loc_map.metrics.config import (
     MapScoreConfig,
     TrajectoryScoreConfig,
 )
+from sfr_loc_map.metrics.errors.aligned_error import aligned_errors
 from sfr_loc_map.metrics.errors.map_score import score_map, score_nearest
 from sfr_loc_map.metrics.errors.pair_truth import PairTruth
 from sfr_loc_map.metrics.errors.point_errors import typical_pixel_offset
@@ -45,7 +46,6 @@ from sfr_loc_map.metrics.figures.records import Association, MethodKind, TargetR
 from sfr_loc_map.metrics.figures.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.figures.row_part import Place
 from sfr_loc_map.metrics.figures.rows import Figure
-from sfr_loc_map.metrics.frames.aligned_error import aligned_errors
 from sfr_loc_map.metrics.score.caveats import truth_caveats
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, TargetCalls
@@ -94,13 +94,10 @@ def drive_result(
         in_flight_ns=in_flight_ns,
         kept_errors=kept_errors,
     )
-    association, truth = scored.association, scored.truth
-    assert association is not None  # every scored trajectory has an association
-    assert truth is not None
     warnings = [] if finding is None else [finding.text]
-    warnings += _sparse_truth(drive, association)
-    warnings += truth_caveats(truth)
-    caveats = (*drive.caveats, *_uneven_estimates(drive, association))
+    warnings += _sparse_truth(drive, scored.association)
+    warnings += truth_caveats(scored.truth)
+    caveats = (*drive.caveats, *_uneven_estimates(drive, scored.association))
     contradiction = finding.text if finding is not None and finding.prevents_verdict else None
     return replace(scored, warnings=tuple(warnings), caveats=caveats, contradiction=contradiction)
 

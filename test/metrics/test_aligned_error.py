@@ -15,7 +15,8 @@ from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.metrics.frames.aligned_error import aligned_errors, umeyama
+from sfr_loc_map.metrics.errors.aligned_error import aligned_errors
+from sfr_loc_map.metrics.frames.umeyama import umeyama
 from sfr_loc_map.metrics.score.score import Score
 
 ALIGNMENTS = ("none", "origin", "se3", "sim3")

@@ -16,8 +16,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig, Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.diagnosis.convention_diagnosis import diagnose
+from sfr_loc_map.metrics.errors.aligned_error import aligned_errors
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
-from sfr_loc_map.metrics.frames.aligned_error import aligned_errors
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.judging.judge import judged_by

@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.metrics.completeness.expected_items import share_of
 from sfr_loc_map.metrics.completeness.shortfall_kinds import BEYOND, BEYOND_MOST
 from sfr_loc_map.metrics.conditions import label_of
-from sfr_loc_map.metrics.errors.trajectory_errors import error_figures, error_row, errors_of
+from sfr_loc_map.metrics.errors.trajectory_errors import all_error_figures, error_figures, error_row, errors_of
 from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND, FigureKind
 from sfr_loc_map.metrics.figures.row_part import OTHER_FRAMES
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
@@ -83,7 +83,7 @@ def unjudged_frames(
 ) -> Iterator[str]:
     """Yield a warning that names the other frames with a far larger error, if their fraction exceeds `BEYOND_MOST`."""
     many = {row.part for row in rows if row.figure == ERRORS_BEYOND and (row.value or 0.0) > BEYOND_MOST}
-    kinds = [kind for kind in error_figures(has_height=False) if kind.name in many]
+    kinds = [kind for kind in all_error_figures() if kind.name in many]
     if not kinds:
         return
     found = others.ends[np.logical_or.reduce([beyond_the_judged(kind, others, judged) for kind in kinds])]

@@ -27,16 +27,20 @@ proportional to the length, because overlapping sub-trajectories add little info
 DISTANCES_MAX_STARTS = 5000  #: Sub-trajectories with more starts within them are ignored: the rover was stationary.
 
 
+def all_error_figures() -> list[FigureKind]:
+    """Return all figures of sub-trajectories; those of a ground truth without heights are the last."""
+    kinds = (kind for kind in KINDS.values() if kind.compute_errors is not None)
+    return sorted(kinds, key=lambda kind: kind.is_without_height)
+
+
 def error_figures(*, has_height: bool) -> list[FigureKind]:
     """Return the figures of sub-trajectories for a ground truth with or without heights."""
-    kinds = [kind for kind in KINDS.values() if kind.compute_errors is not None]
-    without_height = [] if has_height else [kind for kind in kinds if kind.is_without_height]
-    return [kind for kind in kinds if not kind.is_without_height] + without_height
+    return [kind for kind in all_error_figures() if not (has_height and kind.is_without_height)]
 
 
 def errors_of(kind: FigureKind, sub_trajectories: SubTrajectories) -> FloatArray:
     """Return the errors of a figure of sub-trajectories."""
-    assert kind.compute_errors is not None  # as in all `error_figures`
+    assert kind.compute_errors is not None  # as of all `all_error_figures`
     return kind.compute_errors(sub_trajectories)
 
 

@@ -26,7 +26,7 @@ from sfr_loc_map.metrics.errors.plot_columns import path_rows, sub_trajectory_ro
 from sfr_loc_map.metrics.errors.standing import rows_of_moving
 from sfr_loc_map.metrics.errors.three_sigma import confidence_rows
 from sfr_loc_map.metrics.errors.trajectory_errors import (
-    error_figures,
+    all_error_figures,
     error_rows,
     errors_of,
     growth_rows,
@@ -34,14 +34,14 @@ from sfr_loc_map.metrics.errors.trajectory_errors import (
     overlap_of,
     select,
 )
+from sfr_loc_map.metrics.errors.truth_error_rows import truth_error_rows, turn_rows
 from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND, STANDING
 from sfr_loc_map.metrics.figures.details import ErrorRows, SubTrajectoryRows, TrajectoryDetails, column
 from sfr_loc_map.metrics.figures.records import Association, TruthRecord
-from sfr_loc_map.metrics.figures.results import TrajectoryResult
+from sfr_loc_map.metrics.figures.results import ScoredTrajectory
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.placement import PlacedFrames, placed_frames
-from sfr_loc_map.metrics.frames.truth_error import truth_error_rows, turn_rows
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 
 
@@ -55,7 +55,7 @@ def score_trajectory(
     is_live: bool = False,
     in_flight_ns: int = 0,
     kept_errors: Collection[tuple[str, str]] = (),
-) -> TrajectoryResult:
+) -> ScoredTrajectory:
     """Return the score of a trajectory, given as poses of RB in DS in any order.
 
     An estimate has to cover the images, or the true poses if the stamps of the images are unknown. Results of the last
@@ -84,11 +84,11 @@ def score_trajectory(
     figures += growth_rows(placed, config.spacing)
     figures += truth_error_rows(placed.truth, interpolated_stamps(placed))
     figures += drive.rows
-    frames = placed.known_frames
+    frames = placed.frames if placed.truth.has_height else placed.frames.without_heights()
     figures += copy_rows(frames, placed.truth, placed.is_reported, interpolated=placed.matching.interpolated > 0)
     figures.append(judged_of_truth(frames, [(each.starts, each.ends) for each in judged.values()]))
     path = path_rows(placed.estimates, placed.frames, placed.length_m) if details else None
-    return TrajectoryResult(
+    return ScoredTrajectory(
         figures=tuple(figures),
         association=association_record(placed, config.spacing, drive.images),
         truth=truth_record(placed),
@@ -188,7 +188,7 @@ def error_columns(
     condition: str, sub_trajectories: SubTrajectories, kept_errors: Collection[tuple[str, str]]
 ) -> Iterator[ErrorRows]:
     """Yield all errors of the figures in `kept_errors` over a condition."""
-    for kind in error_figures(has_height=False):
+    for kind in all_error_figures():
         if (kind.name, condition) in kept_errors:
             columns = tuple(column(values, None) for values in np.atleast_2d(errors_of(kind, sub_trajectories).T))
             yield ErrorRows(figure=kind.name, condition=condition, errors=columns)

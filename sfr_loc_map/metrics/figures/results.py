@@ -37,6 +37,14 @@ class TrajectoryResult(PartResult):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ScoredTrajectory(TrajectoryResult):
+    """The result of a trajectory with estimates."""
+
+    association: Association
+    truth: TruthRecord
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MapResult(PartResult):
     """The part of a score from the map."""
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import slerp, unit_quats
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Trajectory, horizontal
 from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
@@ -28,7 +28,7 @@ IMAGE_PERIOD_SHARE = 0.4  #: Maximum difference to the stamp of the image, in me
 ROUNDED_NS = NS_PER_MS
 """Largest difference of the stamps of an estimate and its image that is attributed to rounding in a file."""
 MATCHES_PER_STAMP = 4  #: `auto` selects `match` if at least one in four stamps coincides.
-STATES = ("lost", "degraded", "is_lost_known", "is_degraded_known")  #: Columns of `Estimates` with Booleans.
+STATE_COLUMNS = ("lost", "degraded", "is_lost_known", "is_degraded_known")  #: Columns of `Estimates` with Booleans.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,13 +53,16 @@ class Estimates:
     def __post_init__(self) -> None:
         """Check the shapes of the columns, and that the states are Booleans; MetricsError if not."""
         count = len(self.trajectory)
-        shapes = dict.fromkeys(STATES, (count,)) | {"covariance": (count, COVARIANCE_SIZE), "steps": (count, STEP_SIZE)}
+        shapes = dict.fromkeys(STATE_COLUMNS, (count,)) | {
+            "covariance": (count, COVARIANCE_SIZE),
+            "steps": (count, STEP_SIZE),
+        }
         for name, shape in shapes.items():
             values = getattr(self, name)
             if values is not None and np.shape(values) != shape:
                 needed = f"{shape} is required for {counted(count, 'pose')}"
                 raise MetricsError(f"'{name}' of an estimate has the shape {np.shape(values)}: {needed}")
-            if name in STATES and values.dtype != np.bool_:
+            if name in STATE_COLUMNS and values.dtype != np.bool_:
                 raise MetricsError(f"'{name}' of an estimate has the type {values.dtype}: true or false is required")
 
     @classmethod
@@ -123,6 +126,10 @@ class Frames(NamedTuple):
     position: FloatArray
     attitude: FloatArray
     estimate_rows: Rows
+
+    def without_heights(self) -> Frames:
+        """Return the frames of a truth without heights, whose true heights are 0, with estimated heights of 0."""
+        return self._replace(position=horizontal(self.position))
 
     @property
     def truth(self) -> StampedPoses:

@@ -16,14 +16,14 @@ import numpy as np
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_multiply
-from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth, at_point, horizontal
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth, at_point
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.config import AssociationConfig, Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses
-from sfr_loc_map.metrics.frames.aligned_error import umeyama
 from sfr_loc_map.metrics.frames.association import Estimates, Frames, Matching, StateCounts, associate, check_attitudes
 from sfr_loc_map.metrics.frames.true_attitudes import check_true_attitudes, known_attitudes
+from sfr_loc_map.metrics.frames.umeyama import umeyama
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 
 ERROR_FUNCTIONS: dict[Reading, ErrorFunction] = {
@@ -53,21 +53,25 @@ class Placement(NamedTuple):
 
 
 class PlacedFrames(NamedTuple):
-    """Stamps with an estimate and a true pose in common axes, and the reading of the specification that judges them."""
+    """Stamps with an estimate and a true pose in common axes, and the reading of the specification that judges them.
+
+    If the truth has no heights (`truth.has_height`), its heights are 0 in `truth` and `frames`, so that lengths are
+    horizontal. They are NaN in `poses`, so that errors of the height are unknown.
+    """
 
     frames: Frames
     matching: Matching
     estimates: Estimates
-    truth: Truth  #: The truth; unknown heights are 0.
-    rebase: Reading  #: Reading of the settings, which judges estimates that were not aligned.
+    truth: Truth
+    configured_reading: Reading  #: Reading of the setting `rebase`, which judges estimates that were not aligned.
     placement: Placement | None  #: The alignment with a truth without attitudes; None for other truths.
-    poses: Poses  #: Poses of all frames; unknown true heights are NaN.
+    poses: Poses  #: Poses of all frames, by which the errors are computed.
     length_m: Lengths  #: Length of the true path up to each frame.
 
     @property
     def reading(self) -> Reading:
         """The judged reading of the specification."""
-        return self.rebase if self.placement is None else self.placement.reading
+        return self.configured_reading if self.placement is None else self.placement.reading
 
     @property
     def states(self) -> StateCounts:
@@ -78,13 +82,6 @@ class PlacedFrames(NamedTuple):
     def is_reported(self) -> Mask:
         """Whether the pose of each frame `(F,)` is reported as lost or degraded."""
         return self.estimates.unreliable[self.frames.estimate_rows]
-
-    @property
-    def known_frames(self) -> Frames:
-        """The frames with the components that the truth knows: without true heights, all heights are 0."""
-        if self.truth.has_height:
-            return self.frames
-        return self.frames._replace(position=horizontal(self.frames.position))
 
     @property
     def readings(self) -> list[Reading]:
@@ -135,7 +132,7 @@ def placed_frames(
         matching=matching,
         estimates=estimates,
         truth=truth,
-        rebase=Reading(config.rebase),
+        configured_reading=Reading(config.rebase),
         placement=placement,
         poses=Poses(true_position, frames.true_attitude, frames.position, frames.attitude),
         length_m=formulas.path_length_m(frames.true_position),

@@ -34,19 +34,8 @@ from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.formulas_beside import relative_motions
 from sfr_loc_map.metrics.frames.association import check_attitudes, unique_rows
 from sfr_loc_map.metrics.frames.true_attitudes import check_true_attitudes, incomplete_attitudes, known_attitudes
+from sfr_loc_map.metrics.frames.umeyama import Similarity, umeyama
 from sfr_loc_map.stamp_pairing import nearest_stamps
-
-RANK_TOLERANCE = 1e-12
-"""Smallest ratio of the second to the first singular value that determines a rotation. Singular values are products of
-extents, so a path whose width is below a millionth of its length is straight; such a width is only rounding."""
-
-
-class Similarity(NamedTuple):
-    """The transform `p -> scale R p + t`."""
-
-    scale: float
-    rotation: FloatArray
-    translation: FloatArray
 
 
 class AlignedPoses(NamedTuple):
@@ -162,26 +151,6 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
         est = Trajectory(est.stamps_ns, np.asarray(moved), turned)
     true = Trajectory(true.stamps_ns, true.positions, known_attitudes(known, true.quats_xyzw, est.quats_xyzw))
     return AlignedPoses(est, true, similarity)
-
-
-def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Similarity:
-    """Return the least-squares similarity from points `(N, 3)` to their targets (equations of Umeyama 1991).
-
-    MetricsError if the points are collinear or coincide, so the rotation is undetermined.
-    """
-    mean_p, mean_t = points.mean(axis=0), targets.mean(axis=0)
-    p, t = points - mean_p, targets - mean_t
-    covariance = t.T @ p / len(points)  # equation 38
-    u, singular, vt = np.linalg.svd(covariance)
-    smallest = max(float(np.finfo(np.float64).eps), RANK_TOLERANCE * float(singular[0]))
-    if np.count_nonzero(singular > smallest) < 2:
-        raise MetricsError(
-            f"{len(points)} positions on a line or at one point have no least-squares alignment: use align=origin"
-        )
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt)) or 1.0])  # equation 43
-    rotation = (u * signs) @ vt  # equation 40
-    scale = float((singular * signs).sum() / np.square(p).sum(axis=1).mean()) if with_scale else 1.0  # equation 42
-    return Similarity(scale, rotation, mean_t - scale * (rotation @ mean_p))  # equation 41
 
 
 def _ends(positions: FloatArray, delta: Condition) -> NDArray[np.intp]:
