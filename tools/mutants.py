@@ -234,7 +234,7 @@ MUTATIONS = (
         "truth.positions[before] + move",
     ),
     Mutation(GAPS, "GAP_PERIODS = 5", "GAP_PERIODS = 7"),
-    Mutation(SHORTFALLS, 'true path",\n        0.01,', 'true path",\n        0.013,'),
+    Mutation(SHORTFALLS, "IN_GAPS_MOST = 0.01", "IN_GAPS_MOST = 0.013"),
     Mutation("metrics/frames/association.py", "IMAGE_PERIOD_SHARE = 0.4", "IMAGE_PERIOD_SHARE = 0.15"),
     Mutation("metrics/frames/truth_error.py", "[2.0 * of_position] * 3", "[1.0 * of_position] * 3"),
     Mutation("metrics/errors/consistency.py", "free_from = end\n", "free_from = start\n"),
@@ -252,7 +252,7 @@ MUTATIONS = (
         "metrics/errors/truth_error_rows.py", "np.hypot(noise_deg, interpolation_deg)", "np.hypot(noise_deg, 0.0)"
     ),
     Mutation("metrics/errors/truth_error_rows.py", "np.hypot(of_noise_m, of_interpolation_m)", "of_noise_m"),
-    Mutation(SHORTFALLS, '"map points", 0.01', '"map points", 0.1'),
+    Mutation(SHORTFALLS, "WITHOUT_TRUTH_MOST = 0.01", "WITHOUT_TRUTH_MOST = 0.1"),
     Mutation("metrics/config.py", "return min(states, key", "return max(states, key"),
     Mutation("metrics/score/limits.py", "count >= self.minimum_count", "count > self.minimum_count"),
     Mutation(
@@ -325,7 +325,7 @@ MUTATIONS = (
         '"points_not_finite", Scope.MAP, "map points", 0.0',
         '"points_not_finite", Scope.MAP, "map points", 0.5',
     ),
-    Mutation(SHORTFALLS, 'worst pair",\n        0.5,', 'worst pair",\n        0.99,'),
+    Mutation(SHORTFALLS, "UNCOVERED_MOST = 0.5", "UNCOVERED_MOST = 0.99"),
     Mutation(
         SHORTFALLS,
         '"calls_doubled",\n        Scope.CALLS,\n        "calls",\n        0.0',
@@ -413,7 +413,7 @@ MUTATIONS = (
     Mutation("metrics/errors/standing.py", "if not 0 < standing < count:", "if not 0 < standing:"),
     Mutation("report/deviations.py", "used != (usual.scored_from_m", "used == (usual.scored_from_m"),
     # true poses at starts and ends
-    Mutation(SHORTFALLS, 'motions",\n        0.1,', 'motions",\n        1.0,'),
+    Mutation(SHORTFALLS, "COPIES_MOST = 0.1", "COPIES_MOST = 1.0"),
     Mutation(
         "metrics/completeness/copies.py",
         "is_moving = lengths_m > least_by_rate(lengths_m, durations_s)",

@@ -16,7 +16,7 @@ from sfr_loc_map.geometry.rotation import quat_angle, quat_conjugate, quat_multi
 from sfr_loc_map.metrics.formulas import DISTANCE_TOLERANCE_M, Poses, displacement, path_length_m
 
 ANGLE_TOLERANCE = 1e-9  #: Relative rounding error by which a rotation may be smaller than the angle of a condition.
-ROUNDING = 1e-6  #: Bound of the rounding errors of sums of steps, as a fraction of the threshold of a condition.
+SUM_ROUNDING = 1e-6  #: Bound of the rounding errors of sums of steps, as a fraction of the threshold of a condition.
 MIN_DIRECTION_M = 1e-6  #: Shortest horizontal displacement that has a direction; below, the true heading is used.
 
 
@@ -66,7 +66,7 @@ class Measure(NamedTuple):
         quantity over the steps between them.
         """
         reached = self.between(starts, ends)
-        missing = (1.0 - ROUNDING) * self.threshold - reached
+        missing = (1.0 - SUM_ROUNDING) * self.threshold - reached
         earliest = np.searchsorted(self.travelled, self.travelled[ends] + missing, side="left")
         return np.where(reached >= self.threshold, ends, np.maximum(earliest, ends + 1))
 

@@ -32,7 +32,7 @@ from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.figures.subjects import Scope, Subject
 from sfr_loc_map.suite_names import Task
 
-UNKNOWN = "unknown"
+UNKNOWN_METHOD = "unknown"
 OUTSIDE_CLOCK = "host monotonic, from publishing a pair to the answer"
 STATED_CLOCK = "stated by the node"  #: Clock and method of calls that a node reports in a live run.
 STATE_KINDS: dict[str, CallKind] = {
@@ -348,6 +348,8 @@ def with_external(scored: CallsResult, node: ExternalScore) -> CallsResult:
     if node.process is not None:
         measured.append(figure_row("peak", part=kind, value=node.process.peak_rss_bytes or None))
         others = any(row.figure == "peak" and row.call not in kinds and row.value is not None for row in scored.figures)
-        method = f"{kind}: {node.process.method}{f'; others: {records.memory_method or UNKNOWN}' if others else ''}"
+        method = f"{kind}: {node.process.method}"
+        if others:
+            method += f"; others: {records.memory_method or UNKNOWN_METHOD}"
     records = replace_row(records, clocks=clocks, memory_method=method)
     return replace(scored, figures=(*measured, *figures), records=records)

@@ -21,7 +21,9 @@ from sfr_loc_map.metrics.completeness.expected_items import has_own, settled
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.frames.association import nearness_ns, unique_rows
 
-GAP_PERIODS = 5  #: A gap is a time of more than this number of median periods between neighbouring poses.
+GAP_PERIODS = 5
+"""A gap is a time of more than this number of median periods between neighbouring poses. Chosen by hand
+(docs/decisions/0009-verdicts.md)."""
 
 SAME_PERIOD = 1.5  #: Largest ratio of the median periods of images and true poses that have the same period.
 MOST_IMAGES = 0.9  #: If this fraction of the images has a true pose, each true pose belongs to an image.

@@ -57,8 +57,9 @@ class Allowance(Enum):
     BOUND = auto()  #: The bound: the limit allows the same fraction.
     REST = auto()  #: 1 minus the bound: the limit requires at least this fraction of the items.
     ANY = auto()  #: Any value, because the limit itself judges the same items.
-    #: Any value for a bound above 0, because the limit counts other items than the shortfall.
-    ANY_IF_SOME = auto()
+    #: Any value if the bound is above 0, and 0 if the bound is 0. The limit counts other items than the shortfall, so
+    #: its bound is no fraction of them.
+    ANY_IF_POSITIVE = auto()
 
     def largest(self, bound: float) -> float:
         """Return the largest complete value for a bound; infinity for any value."""
@@ -69,7 +70,7 @@ class Allowance(Enum):
                 return 1.0 - bound
             case Allowance.ANY:
                 return math.inf
-            case Allowance.ANY_IF_SOME:
+            case Allowance.ANY_IF_POSITIVE:
                 return math.inf if bound > 0.0 else 0.0
 
 
@@ -133,10 +134,15 @@ class ShortfallKind(NamedTuple):
         return max(accepting, default=0.0)
 
 
+# The reasons of the thresholds are in docs/decisions/0009-verdicts.md, "Thresholds".
 BEYOND = 3.0
 """An error is far larger if it exceeds this multiple of the largest usual judged error, or of a limit."""
 BEYOND_MOST = 0.02  #: Largest fraction of frames whose errors far exceed the judged errors, as in a short loss.
 STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories that a stationary rover adds.
+IN_GAPS_MOST = 0.01  #: Largest fraction in gaps, because the last images of a recording are often not processed.
+COPIES_MOST = 0.1  #: Largest fraction of copies of the truth, because some motions equal the truth by chance.
+WITHOUT_TRUTH_MOST = 0.01  #: Largest fraction of map points without truth, as at the edges of the sky.
+UNCOVERED_MOST = 0.5  #: Largest fraction of pixels without a point, because no matcher matches all pixels.
 IMAGES = "images, or true poses if the images are unknown"
 MISSING = "missing_max_share"  #: Limit that also accepts shortfalls whose cause is missing estimates.
 OF_TRUTH = "equal those of the ground truth more closely than any measurement: give the estimate of the item under test"
@@ -167,11 +173,11 @@ def answered_twice(scope: Scope, node: CallKind) -> ShortfallKind:
 SHORTFALLS = (
     # ---- drives
     ShortfallKind("missing", Scope.DRIVE, IMAGES, 0.0, finder=Finder.GAPS),
-    ShortfallKind(  # not 0 without limits, because the last images of a recording are often not processed
+    ShortfallKind(
         IN_GAPS,
         Scope.DRIVE,
         "images, or true path",
-        0.01,
+        IN_GAPS_MOST,
         finder=Finder.GAPS,
         is_required_without_limits=True,
         accepted_by=(AcceptedBy(MISSING, Allowance.BOUND),),
@@ -184,7 +190,7 @@ SHORTFALLS = (
         0.0,
         finder=Finder.GAPS,
         is_required_without_limits=True,
-        accepted_by=(AcceptedBy(MISSING, Allowance.ANY_IF_SOME),),
+        accepted_by=(AcceptedBy(MISSING, Allowance.ANY_IF_POSITIVE),),
         is_limited=False,
     ),
     ShortfallKind(
@@ -228,11 +234,11 @@ SHORTFALLS = (
         "{percent} % of the poses repeat the previous pose although the rover moves, and are not reported as lost or "
         "degraded",
     ),
-    ShortfallKind(  # not 0, because an estimate may equal the truth by chance for some motions
+    ShortfallKind(
         "poses_of_truth",
         Scope.DRIVE,
         "poses of the moving rover that can be compared",
-        0.1,
+        COPIES_MOST,
         f"{{percent}} % of the steps {OF_TRUTH}",
         partial=False,
     ),
@@ -240,7 +246,7 @@ SHORTFALLS = (
         "errors_of_truth",
         Scope.DRIVE,
         "long judged motions",
-        0.1,
+        COPIES_MOST,
         f"{{percent}} % of the judged motions from a start to an end {OF_TRUTH}",
         accepted_by=(AcceptedBy("poses_of_truth_max_share", Allowance.BOUND),),
         partial=False,
@@ -277,8 +283,12 @@ SHORTFALLS = (
         "{percent} % of the mapping pairs have no point in the cloud",
         is_required_without_limits=True,
     ),
-    ShortfallKind(  # not 0, because points at the edge of the sky may have no truth
-        "points_without_truth", Scope.MAP, "map points", 0.01, "{percent} % of the map points have no ground truth"
+    ShortfallKind(
+        "points_without_truth",
+        Scope.MAP,
+        "map points",
+        WITHOUT_TRUTH_MOST,
+        "{percent} % of the map points have no ground truth",
     ),
     ShortfallKind("points_not_finite", Scope.MAP, "map points", 0.0, "{percent} % of the map points are not finite"),
     ShortfallKind(
@@ -288,11 +298,11 @@ SHORTFALLS = (
         0.0,
         "{percent} % of the map points repeat another point: its pixel, or without pixels its position or true point",
     ),
-    ShortfallKind(  # not 0, because no matcher returns a point for every pixel
+    ShortfallKind(
         "pixels_without_point",
         Scope.MAP,
         "true pixels, worst pair",
-        0.5,
+        UNCOVERED_MOST,
         "a mapping pair has no map point at {percent} % of its pixels with ground truth in the scored range",
         accepted_by=(AcceptedBy("coverage_min", Allowance.REST),),
         text_of_nothing="no mapping pair has a pixel with ground truth in the scored range, so no point was required",

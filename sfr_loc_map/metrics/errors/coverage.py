@@ -19,7 +19,9 @@ from sfr_loc_map.metrics.completeness.expected_items import share_of
 from sfr_loc_map.metrics.errors.pair_truth import PairTruth
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 
-FOOTPRINTS = 2.0  #: Distance, in pixel footprints Z / f, within which a point of a fused cloud covers a true point.
+FOOTPRINTS = 2.0
+"""Distance, in pixel footprints Z / f, within which a point of a fused cloud covers a true point. The definition of the
+coverage of a fused cloud (docs/metrics.md) has this number. Neighbouring points of one pair are one footprint apart."""
 BATCH = 262144  #: Maximum number of true points in one search, which bounds the memory.
 
 

@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.placement import PlacedFrames
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 
-ROUNDING = 1e-9  #: Largest error of rounding size, in the unit of the figure. It is no deviation from the truth.
+LEAST_ERROR = 1e-9  #: Smallest error that is no rounding error, in the unit of the figure.
 NAMED_FRAMES = 5  #: Maximum number of ranges of frames that a message names.
 
 
@@ -57,9 +57,9 @@ def to_other_frames(judged: SubTrajectories, placed: PlacedFrames) -> SubTraject
 def beyond_the_judged(kind: FigureKind, others: SubTrajectories, judged: SubTrajectories) -> Mask:
     """Return which sub-trajectories have a known error above `BEYOND` times the largest usual judged error.
 
-    Errors of at most `ROUNDING` are ignored.
+    Errors of at most `LEAST_ERROR` are ignored.
     """
-    least = max(BEYOND * largest_usual(error_sizes(kind, judged)), ROUNDING)
+    least = max(BEYOND * largest_usual(error_sizes(kind, judged)), LEAST_ERROR)
     return np.asarray(error_sizes(kind, others) > least)
 
 

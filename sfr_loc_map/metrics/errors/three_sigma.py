@@ -9,7 +9,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.statistics.tolerance import THREE_SIGMA, Sample, confidence_of, moments
 
-SHARES = (THREE_SIGMA, 0.95)  #: Fractions of the errors for which a report states the confidence of mean + 3 sigma.
+FRACTIONS = (THREE_SIGMA, 0.95)  #: Fractions of the errors for which a report states the confidence of mean + 3 sigma.
 
 
 def confidence_rows(condition: str, errors: FloatArray, overlap: float) -> Iterator[Figure]:
@@ -17,7 +17,7 @@ def confidence_rows(condition: str, errors: FloatArray, overlap: float) -> Itera
     sample = Sample(errors, len(errors) / max(overlap, 1.0))
     known = moments(sample)
     counts: dict[str, Any] = {"n": len(errors), "independent": sample.independent}
-    for prob in SHARES:
+    for prob in FRACTIONS:
         value = None if known is None else confidence_of(3.0, sample.independent, known.shape, prob)
         yield figure_row("confidence", condition, f"{100.0 * prob:g} % of position errors", value=value, **counts)
     shape = () if known is None else known.shape

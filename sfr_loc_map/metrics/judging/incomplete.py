@@ -44,7 +44,7 @@ from sfr_loc_map.metrics.score.verdict import Verdict
 
 NOT_DUE = "no result of the {part} is expected so far"
 NO_MESSAGE = "no message of the live run was received"
-UNKNOWN = "the expected number of results of the {part} is unknown: score against the source"
+UNKNOWN_NUMBER = "the expected number of results of the {part} is unknown: score against the source"
 NO_CALL = {
     Place.HOST: "no time of {part} was measured: give the calls of the run (option stats)",
     Place.TARGET: "no time of {part} on the target was measured: give the calls on the target (option target_timing)",
@@ -55,7 +55,8 @@ NO_STAMP = "the {part} have no stamps, so their pairs are unknown"
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
 STATES_OF_POSES = ("lost", "degraded")  #: Figures of the states of poses, which a limit requires to be known.
-STATES = RowPart("states of poses")  #: Part of the shortfalls for unknown states of poses, which affect no other limit.
+UNKNOWN_STATES = RowPart("states of poses")
+"""Part of the shortfalls for unknown states of poses, which affect only the limits on these states."""
 
 
 class Shortfall(NamedTuple):
@@ -168,7 +169,7 @@ def unknown_states(kind: ShortfallKind, score: Score) -> Iterator[Shortfall]:
         return
     for limit in score.active_rules.limits:
         if limit.limited.figure == kind.figure:
-            yield Shortfall(kind, STATES, limit.limit, None, NO_STATE.format(figure=kind.figure))
+            yield Shortfall(kind, UNKNOWN_STATES, limit.limit, None, NO_STATE.format(figure=kind.figure))
 
 
 # ---- finders: each yields the shortfalls of one kind and scope; `most` is the largest complete value
@@ -314,7 +315,7 @@ def why_unknown(part: RowPart, row: Figure | None) -> str:
         return NO_STAMP.format(part=calls_part("", part.call, part.place).words)
     if row is not None and row.n == 0:
         return NO_MESSAGE if part.what == Scope.LIVE else NOT_DUE.format(part=part.words)
-    return UNKNOWN.format(part=part.words)
+    return UNKNOWN_NUMBER.format(part=part.words)
 
 
 def missing_text(score: Score) -> str:

@@ -35,7 +35,7 @@ from sfr_loc_map.metrics.score.limits import (
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: Keys of a requirement besides its limits.
 TERMS = Terms.__struct_fields__  #: Additional keys of a limit on a tolerance bound.
 NEEDED = {str: "a text in quotes is required", bool: "true or false is required"}
-SHARES = {
+OTHER_SECTIONS = {
     name: LimitSection.MAP if limited.figure in OF_MAP else LimitSection.TRAJECTORY
     for name, limited in LIMITED_NUMBERS[LimitSection.COMPLETENESS].items()
 }
@@ -126,7 +126,7 @@ def _limits_of(section: LimitSection, block: object, origin: str, condition: str
     """
     if not isinstance(block, Mapping):
         raise ConfigError(f"{origin} contains {block!r:.40}: limits as NAME: NUMBER are required")
-    shares = [name for name, other in SHARES.items() if other is section]
+    shares = [name for name, other in OTHER_SECTIONS.items() if other is section]
     _check_keys(block, (*LIMITED_NUMBERS[section], *shares, *REQUIREMENT), origin)
     of_all = {key: value for key, value in block.items() if key in REQUIREMENT}
     made = []

@@ -117,7 +117,9 @@ BOUND = "bound"  #: Statistic of a limit that is judged by a tolerance bound.
 CERTAIN_BOUND = "'certain' is not accepted: a tolerance bound is judged with its 'confidence'"
 COVERAGE_MIN = "coverage_min"  #: The only lower bound in a limits file.
 MINIMUM_COUNT = 2  #: Default minimum number of values for a verdict.
-MINIMUM_INDEPENDENT = 5.0  #: Default minimum number of independent sub-trajectories for a verdict.
+MINIMUM_INDEPENDENT = 5.0
+"""Default minimum number of independent sub-trajectories for a verdict. Chosen by hand
+(docs/decisions/0009-verdicts.md, "Thresholds")."""
 
 
 def names_of(kinds: Iterable[FigureKind], statistics: Sequence[str] = STATISTICS) -> dict[str, LimitedNumber]:
@@ -129,8 +131,8 @@ def names_of(kinds: Iterable[FigureKind], statistics: Sequence[str] = STATISTICS
     }
 
 
-OF_DRIVE = [kind for kind in CATALOGUE if kind.subject is Subject.TRAJECTORY and kind.name not in ALIGNED]
-OF_CLOUD = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and not kind.is_count]
+TRAJECTORY_FIGURES = [kind for kind in CATALOGUE if kind.subject is Subject.TRAJECTORY and kind.name not in ALIGNED]
+MAP_FIGURES = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and not kind.is_count]
 TIMES = {
     # short name of mapping_call_max_s, because the requirement is on every mapping call
     "mapping_call_s": LimitedNumber(Subject.TIMING, CallKind.MAPPING_CALL.value, "max"),
@@ -150,12 +152,12 @@ LIMITED_NUMBERS: dict[LimitSection, dict[str, LimitedNumber]] = {
         for kind in SHORTFALLS
         if kind.limit_name is not None
     },
-    LimitSection.TRAJECTORY: names_of(OF_DRIVE, (*STATISTICS, BOUND)),
+    LimitSection.TRAJECTORY: names_of(TRAJECTORY_FIGURES, (*STATISTICS, BOUND)),
     LimitSection.MAP: {
-        **names_of([kind for kind in OF_CLOUD if not kind.is_one_number]),
+        **names_of([kind for kind in MAP_FIGURES if not kind.is_one_number]),
         **{
             f"{kind.name}_{kind.unit}": LimitedNumber(kind.subject, kind.name, "value")
-            for kind in OF_CLOUD
+            for kind in MAP_FIGURES
             if kind.is_one_number and kind.unit != "1"
         },
         COVERAGE_MIN: LimitedNumber(Subject.MAP, "coverage", "value"),

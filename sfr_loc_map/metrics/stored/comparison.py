@@ -38,7 +38,7 @@ from sfr_loc_map.metrics.stored.score_json import to_plain
 
 SCHEMA = "sfr-compare/1"
 SIGNIFICANT = 0.05  #: Significance level of the corrected p-value.
-SAME_POSITION_M = 1e-6  #: Largest difference of true positions that is attributed to rounding, m.
+SAME_TRUTH_M = 1e-6  #: Largest difference of true positions that is attributed to rounding, m.
 _PRECISION = 1e-9  #: Rounding of the errors in the details of a score.
 
 
@@ -311,7 +311,7 @@ def check_same_positions(first: Score, other: Score, names: tuple[str, str]) -> 
     _, rows, other_rows = np.intersect1d(stamps_ns, other_stamps_ns, return_indices=True)
     distances_m = np.linalg.norm(positions[rows] - other_positions[other_rows], axis=1)
     largest_m = float(np.max(distances_m, initial=0.0))
-    if largest_m > SAME_POSITION_M:
+    if largest_m > SAME_TRUTH_M:
         raise MetricsError(
             f"the truth of '{names[0]}' and the truth of '{names[1]}' differ by {largest_m:.3g} m at the same stamp: "
             "compare scores of the same data"

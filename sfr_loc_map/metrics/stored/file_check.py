@@ -26,14 +26,14 @@ from sfr_loc_map.metrics.score.limits import BOUND
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 
-ROUNDING = 1e-9  #: Relative tolerance between a stored and a derived number.
+TOLERANCE = 1e-9  #: Relative tolerance between a stored and a derived number.
 ASCENDING = ((*QUANTILES, "max"), ("mean", "rmse", "max"), ("low95", "high95"))
 """Statistics of a row that ascend if they are given; for the mean, the absolute value is meant."""
 SIZES = ("sigma", "rmse", *QUANTILES, "max")  #: Statistics that are not negative.
 COUNTED = (Subject.MAP, Subject.TIMING, Subject.MEMORY, Subject.COMPLETENESS)
 """Subjects whose figures with a single number are not negative."""
 MAX_COUNT = 2**63 - 1  #: Largest whole number of 64 bits.
-SHARES = ("coverage", "within_period")  #: Fractions from 0 to 1 in addition to those of completeness.
+OTHER_FRACTIONS = ("coverage", "within_period")  #: Fractions from 0 to 1 in addition to those of completeness.
 
 
 class ContradictionError(ValueError):
@@ -66,7 +66,7 @@ def fault_of_rows(score: Score) -> str | None:
         if row.mean is None or row.sigma is None or row.mean_plus_3sigma is None:
             continue
         expected = mean_plus_3sigma(row.mean, row.sigma)
-        if abs(row.mean_plus_3sigma - expected) > ROUNDING * max(expected, 1e-300):
+        if abs(row.mean_plus_3sigma - expected) > TOLERANCE * max(expected, 1e-300):
             found = f"mean_plus_3sigma of {row.label} is {row.mean_plus_3sigma:.9g}"
             return f"{found}, but |mean| + 3 sigma is {expected:.9g}"
     return None
@@ -83,7 +83,7 @@ def fault_of_numbers(score: Score) -> str | None:
             if (row.statistic(name) or 0.0) < 0.0:
                 return f"{name} of {row.label} is {number_text(row.statistic(name))}: a number >= 0 is required"
         is_share = row.subject is Subject.COMPLETENESS and row.unit == "1" and is_fraction(row.figure, row.part)
-        if (is_share or row.figure in SHARES) and (row.value or 0.0) > 1.0 + ROUNDING:
+        if (is_share or row.figure in OTHER_FRACTIONS) and (row.value or 0.0) > 1.0 + TOLERANCE:
             return f"value of {row.label} is {number_text(row.value)}: a fraction from 0 to 1 is required"
         if row.sigma is not None and row.mean_plus_3sigma is None:
             return f"{row.label} has a sigma, but mean_plus_3sigma is absent"
@@ -91,7 +91,7 @@ def fault_of_numbers(score: Score) -> str | None:
             known = [(name, value) for name in names if (value := row.statistic(name)) is not None]
             for (name, value), (next_name, next_value) in pairwise(known):
                 size = abs(value) if name == "mean" else value
-                if size > next_value + ROUNDING * abs(next_value):
+                if size > next_value + TOLERANCE * abs(next_value):
                     found = f"{name} of {row.label} is {number_text(value)}"
                     return f"{found}, but {next_name} is {number_text(next_value)}"
     return None
@@ -174,7 +174,7 @@ def _is_near_everywhere(mine: dict[str, Any], theirs: dict[str, Any]) -> bool:
 def _is_near(mine: object, theirs: object) -> bool:
     if not isinstance(mine, float | int) or not isinstance(theirs, float | int):
         return False
-    return abs(mine - theirs) <= ROUNDING * max(abs(mine), abs(theirs))
+    return abs(mine - theirs) <= TOLERANCE * max(abs(mine), abs(theirs))
 
 
 def _text(value: object) -> str:
