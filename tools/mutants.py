@@ -269,7 +269,11 @@ MUTATIONS = (
     Mutation("metrics/figures/catalogue.py", 'return kind.clause if part == ON_TARGET else ""', "return kind.clause"),
     Mutation("metrics/figures/catalogue.py", 'CallKind.MAPPING_CALL: "4.3.2"}', 'CallKind.MAPPING: "4.3.2"}'),
     Mutation("report/deviations.py", "item.figure in STAGES or (", "("),
-    Mutation("metrics/score/score.py", "if row.part in ((reading, POOLED) if is_of_pieces else (None,)):", "if True:"),
+    Mutation(
+        "metrics/score/score.py",
+        "if row.part in ((reading, POOLED) if is_of_sub_trajectories else (None,)):",
+        "if True:",
+    ),
     Mutation("metrics/frames/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),
     Mutation("metrics/frames/umeyama.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
     # limits and limits files

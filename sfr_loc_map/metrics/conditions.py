@@ -41,18 +41,18 @@ class Condition:
     """Condition that ends a sub-trajectory: a number of metres, seconds, frames or degrees.
 
     The value is positive and at most `MAX_VALUE`. A combined condition ends the sub-trajectory at the first frame at
-    which all its parts hold.
+    which all its components hold.
     """
 
     kind: ConditionKind
     value: float
-    others: tuple[Condition, ...] = ()  #: Other parts of a combined condition, which have no parts themselves.
+    others: tuple[Condition, ...] = ()  #: Other components of a combined condition, each of one kind.
 
     def __post_init__(self) -> None:
-        """Check the condition, and sort its parts by kind, so that conditions with the same parts are equal.
+        """Check the condition, and sort its components by kind, so that conditions with the same components are equal.
 
-        The kind may be given by its name. MetricsError if the kind or the value is invalid, or if two parts have the
-        same kind or a part has parts.
+        The kind may be given by its name. MetricsError if the kind or the value is invalid, if two components have the
+        same kind, or if a component has components.
         """
         value: object = self.value
         if isinstance(value, bool) or not isinstance(value, Real):
@@ -68,15 +68,15 @@ class Condition:
             return
         if any(part.others for part in self.others):
             raise MetricsError(f"'{self.setting}' has a part with parts: give each part as a condition of one kind")
-        if len({part.kind for part in self.parts}) < len(self.parts):
+        if len({each.kind for each in self.components}) < len(self.components):
             raise MetricsError(f"'{self.setting}' has the same kind of condition twice: give each kind once")
-        first, *others = sorted(self.parts, key=lambda part: list(ConditionKind).index(part.kind))
+        first, *others = sorted(self.components, key=lambda each: list(ConditionKind).index(each.kind))
         for name, value in (("kind", first.kind), ("value", first.value), ("others", tuple(others))):
             object.__setattr__(self, name, value)
 
     @property
-    def parts(self) -> tuple[Condition, ...]:
-        """All parts of the condition as separate conditions, in the order of `ConditionKind`."""
+    def components(self) -> tuple[Condition, ...]:
+        """All components of the condition as separate conditions, in the order of `ConditionKind`."""
         return (Condition(self.kind, self.value), *self.others)
 
     @classmethod
@@ -85,21 +85,21 @@ class Condition:
 
         A unit after the number is accepted (`distance=5 m`). MetricsError if the text is not a valid condition.
         """
-        parts = []
+        components = []
         for word in text.split(","):
             name, _, number = word.partition("=")
             try:
                 kind = ConditionKind(name.strip())
-                parts.append(cls(kind, _decimal(number.strip().removesuffix(kind.unit).rstrip())))
+                components.append(cls(kind, _decimal(number.strip().removesuffix(kind.unit).rstrip())))
             except (ValueError, MetricsError) as error:
                 raise MetricsError(f"'{text}' is not a condition: {VALUES_OF_CONDITIONS}") from error
-        first, *others = parts
+        first, *others = components
         return cls(first.kind, first.value, tuple(others))
 
     @property
     def is_of_time(self) -> bool:
         """Whether the condition also ends a sub-trajectory in which the rover is stationary."""
-        return all(part.kind in (ConditionKind.TIME, ConditionKind.FRAMES) for part in self.parts)
+        return all(each.kind in (ConditionKind.TIME, ConditionKind.FRAMES) for each in self.components)
 
     @property
     def standing(self) -> str:
@@ -113,14 +113,14 @@ class Condition:
         """The displayed form: `5 m`, `60 s`, `100 frames`, `5 m and 10 s`."""
         straight = {ConditionKind.DISPLACEMENT: " straight", ConditionKind.TURN: " turned"}
         texts = []
-        for part in self.parts:
-            texts.append(f"{shortest(part.value)} {part.kind.unit}{straight.get(part.kind, '')}")
+        for each in self.components:
+            texts.append(f"{shortest(each.value)} {each.kind.unit}{straight.get(each.kind, '')}")
         return " and ".join(texts)
 
     @property
     def setting(self) -> str:
         """The form on the command line and in the score, which `parse` reads: `distance=5`."""
-        return ",".join(f"{part.kind}={shortest(part.value)}" for part in self.parts)
+        return ",".join(f"{each.kind}={shortest(each.value)}" for each in self.components)
 
     def __str__(self) -> str:
         return self.label

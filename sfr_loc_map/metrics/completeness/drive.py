@@ -7,9 +7,9 @@
 3. the gaps, which are times without an estimate (module `gaps`), and
 4. the rows of the table of figures.
 
-An estimate is judged if it is paired with a true pose. With a matched truth that is sparser than the images, an
-estimate between two true poses also counts as judged, although no figure contains its error
-(`TruthCoverage.requires_frame`).
+An estimate counts as judged if it is paired with a true pose. There is one exception, because a matched truth may be
+sparser than the images: an estimate between two of its poses also counts as judged, although no figure contains its
+error (`TruthCoverage.requires_frame`).
 """
 
 from __future__ import annotations
@@ -146,12 +146,12 @@ class TruthCoverage(NamedTuple):
         return np.asarray(is_inside | is_beside)
 
     def requires_frame(self, expected_ns: IntArray, near_ns: int) -> Mask:
-        """Return which ascending stamps are judged only if their estimate is a frame.
+        """Return which ascending stamps are judged only if their estimate is a frame, which is paired with a true pose.
 
-        A frame is an estimate paired with a true pose (docs/metrics.md). No figure contains the error of an estimate
-        that is not a frame. With an interpolated truth, every estimate is expected to be a frame. With a matched truth,
-        every estimate at a true pose is expected to be a frame; unless the truth is sparser than the images, this holds
-        for all estimates. The ends of the truth are excluded, because a file may have rounded the stamp of an estimate
+        - If the truth is interpolated: all stamps.
+        - If the truth is matched: all stamps, or only the stamps of true poses if the truth is sparser than the images.
+
+        Stamps near the ends of the truth are excluded, because a file may have rounded the stamp of an estimate
         outwards.
         """
         true_ns = self.stamps_ns

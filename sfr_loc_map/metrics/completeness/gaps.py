@@ -178,5 +178,5 @@ def is_in_a_gap(condition: Condition, gaps: Gaps, path: TruePath) -> bool:
     lengths_m = gaps.lengths_m(path)
     lengths_s = gaps.lengths_s()
     lengths = {ConditionKind.DISTANCE: lengths_m, ConditionKind.DISPLACEMENT: lengths_m, ConditionKind.TIME: lengths_s}
-    is_longer = [lengths[part.kind] > part.value for part in condition.parts if part.kind in lengths]
+    is_longer = [lengths[each.kind] > each.value for each in condition.components if each.kind in lengths]
     return bool(is_longer) and bool(np.all(is_longer, axis=0).any())

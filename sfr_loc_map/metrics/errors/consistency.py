@@ -1,18 +1,26 @@
 """Normalised estimation error squared (NEES) of sub-trajectories, which tests the covariance. See docs/metrics.md.
 
-Q, the covariance of the end j given the start i, is computed from the steps between them. A step is the motion since
-the previous pose. Each step has a covariance S, which is independent from step to step, and vectors g. Each g is
-one standard deviation of an error that all steps share. In addition each pose has white noise N. An error of a pose
-propagates to later poses by F (`geometry.transform.propagation`). C is the sum of `F S F^T` and G the sum of `F g`,
-both propagated to the origin of DS, and W is `F N F^T`. Then
+Q is the covariance of the end j given the start i. It is the sum of the uncertainties of the steps between them. A step
+is the motion since the previous pose. The localiser states
+
+- S: the covariance of a step, which is independent from step to step,
+- g: vectors, each one standard deviation of an error that all steps share,
+- N: the covariance of the white noise of a pose.
+
+F propagates an error at a pose to the origin of DS (`to_origin`), or from the origin of DS to the end p_j
+(`geometry.transform.propagation`). With the sums over the steps up to a pose, C = sum F S F^T and G = sum F g, and with
+W = F N F^T of a pose,
 
     Q(i, j) = F(p_j) (C_j - C_i + W_i + W_j + (G_j - G_i) (G_j - G_i)^T) F(p_j)^T
 
 If the steps are unknown, Q is the growth of the published covariance, `P_end - F P_start F^T`. Q is not usable if the
-covariance shrank, for example because a calibration was estimated. Only sub-trajectories that do not overlap are used,
-because they share no step. Two of them may have a common end. The noise at this end enters both errors; the correlation
-is neglected. The noise s of the truth at both ends is added: `2 s^2` for positions, `s^2` for the attitude at the end,
-and `F s^2 F^T` for the attitude at the start, which rotates the displacement.
+covariance shrank, for example because a calibration was estimated.
+
+Only sub-trajectories that do not overlap are used, because they share no step. Two of them may have a common end. The
+noise of this pose enters both errors, and the correlation is neglected.
+
+The noise s of the truth at both ends is added: `2 s^2` for positions, `s^2` for the attitude at the end, and
+`F s^2 F^T` for the attitude at the start, which rotates the displacement.
 """
 
 from __future__ import annotations

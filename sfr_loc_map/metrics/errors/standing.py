@@ -69,9 +69,10 @@ def is_moving(sub_trajectories: SubTrajectories, stamps_ns: IntArray, *, has_til
 def begins_elsewhere(sub_trajectories: SubTrajectories, stamps_ns: IntArray, *, has_tilt: bool) -> Mask:
     """Return the sub-trajectories that do not begin at the place of the previous sub-trajectory.
 
-    The motion between neighbouring starts is summed, in units of a tenth of the fastest motion and of the fastest turn
-    between neighbouring starts (`least_by_rate`). A sub-trajectory begins elsewhere if the sum has passed a whole
-    number since the previous start. The first sub-trajectory counts as beginning elsewhere.
+    A rover that is stationary between two starts moves and turns by less than the least motion and the least turn
+    (`least_by_rate`, `least_turn`). A slow rover does so as well, but its motions add up. The motions and turns between
+    neighbouring starts are therefore summed, each in units of its least value. A sub-trajectory begins elsewhere if the
+    sum reaches another whole number at its start. The first sub-trajectory begins elsewhere.
     """
     poses = sub_trajectories.poses
     before = sub_trajectories.starts[:-1]

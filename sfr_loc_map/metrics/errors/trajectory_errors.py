@@ -56,18 +56,18 @@ def select(condition: Condition, spacing: int, path: StampedPoses, length_m: Len
     starts = formulas.start_frames(count, spacing)
     ends = np.minimum(starts + 1, count)
     metres = turn_deg = 0.0
-    for part in condition.parts:
-        if part.kind is ConditionKind.DISTANCE:
-            ends = np.maximum(ends, formulas.ends_by_distance(starts, length_m, part.value))
-        elif part.kind is ConditionKind.TIME:
-            time_ns = round(part.value * NS_PER_S)
+    for each in condition.components:
+        if each.kind is ConditionKind.DISTANCE:
+            ends = np.maximum(ends, formulas.ends_by_distance(starts, length_m, each.value))
+        elif each.kind is ConditionKind.TIME:
+            time_ns = round(each.value * NS_PER_S)
             ends = np.maximum(ends, formulas.ends_by_time(starts, path.stamps_ns, time_ns))
-        elif part.kind is ConditionKind.FRAMES:
-            ends = np.maximum(ends, formulas.ends_by_frames(starts, int(part.value)))
-        elif part.kind is ConditionKind.DISPLACEMENT:
-            metres = part.value
+        elif each.kind is ConditionKind.FRAMES:
+            ends = np.maximum(ends, formulas.ends_by_frames(starts, int(each.value)))
+        elif each.kind is ConditionKind.DISPLACEMENT:
+            metres = each.value
         else:
-            turn_deg = part.value
+            turn_deg = each.value
     if metres or turn_deg:
         ends = formulas_beside.ends_apart(starts, ends, path.position, path.attitude, metres, turn_deg)
     is_met = ends < count

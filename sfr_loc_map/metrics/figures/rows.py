@@ -24,10 +24,11 @@ class RowNumbers(Statistics, frozen=True, kw_only=True):
     """The numbers of a row: the statistics of its values and other numbers."""
 
     independent: float | None = None  #: Number of independent values: n divided by the overlap of sub-trajectories.
-    #: Lower bound of the 95 % interval of mean + 3 sigma; for NEES (`nees_row`) of the mean of a consistent covariance.
-    low95: float | None = None
-    high95: float | None = None  #: Upper bound of the interval of `low95`.
-    value: float | None = None  #: The value of a count, fraction or peak; for NEES the expected mean.
+    low95: float | None = None  #: Lower bound of the 95 % interval of mean + 3 sigma; of NEES, see `value`.
+    high95: float | None = None  #: Upper bound of this interval.
+    #: The value of a count, fraction or peak. Of normalised errors (NEES), `value` is the mean that a consistent
+    #: covariance has, and 95 % of the means of a consistent covariance lie between `low95` and `high95`.
+    value: float | None = None
 
 
 class Figure(RowNumbers, frozen=True):
@@ -137,8 +138,7 @@ def nees_row(
     """Return the row of the mean of normalised squared errors `(n,)`, each with this number of degrees of freedom.
 
     If the covariance is consistent, n times the mean has a chi-squared distribution (Bar-Shalom, Li, Kirubarajan 2001,
-    section 5.4). Unlike in the rows of other figures, `value` is therefore the expected mean, and the mean of a
-    consistent covariance lies between `low95` and `high95` with a probability of 95 %.
+    section 5.4), which gives `value`, `low95` and `high95` (`RowNumbers`).
     """
     count = len(squares)
     low, high = chi2_interval95(degrees * count, count) if count else (None, None)

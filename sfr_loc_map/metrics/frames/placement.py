@@ -119,7 +119,7 @@ def placed_frames(
     but the truth has no roll and pitch, or if the estimate has no attitudes.
     """
     truth = as_truth(trajectory)
-    if any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts):
+    if any(each.kind is ConditionKind.TURN for condition in conditions for each in condition.components):
         check_true_attitudes(truth, "a condition turn=DEG", "omit it")
     if truth.has_attitude:
         placement = None

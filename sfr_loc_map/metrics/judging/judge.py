@@ -162,7 +162,7 @@ def state_of(limit: Limit, figure: LimitedValue, limits: Limits) -> VerdictState
 
     A figure that equals its limit passes. A signed mean (heading) is compared by its absolute value (`meets`).
     """
-    if is_of_nothing(limit, figure.row):
+    if has_no_items(limit, figure.row):
         return VerdictState.PASS
     if figure.value is None or not is_enough(limit, figure, limits):
         return VerdictState.NOT_ENOUGH_DATA
@@ -176,7 +176,7 @@ def state_of(limit: Limit, figure: LimitedValue, limits: Limits) -> VerdictState
     return VerdictState.PASS
 
 
-def is_of_nothing(limit: Limit, row: Figure | None) -> bool:
+def has_no_items(limit: Limit, row: Figure | None) -> bool:
     """Return whether a limit on completeness is on a fraction of 0 items, of which none can be missing or wrong."""
     if limit.section is not LimitSection.COMPLETENESS or row is None or row.n != 0:
         return False

@@ -131,7 +131,7 @@ class DriveExtent(NamedTuple):
             ConditionKind.TIME: (self.duration_s, f"lasts {self.duration_s:.1f} s"),
             ConditionKind.FRAMES: (self.frames - 1.0, f"has {self.frames} frames"),
         }
-        known = [(part.value, *extents[part.kind]) for part in condition.parts if part.kind in extents]
+        known = [(each.value, *extents[each.kind]) for each in condition.components if each.kind in extents]
         return list(dict.fromkeys(text for required, extent, text in known if required > extent))
 
 
@@ -141,7 +141,7 @@ def why_unmet(condition: Condition, drive: DriveExtent) -> str:
         why = "at most one pose of the estimate has a true pose, but two are required"
     elif short := drive.shortages(condition):
         why = f"the drive {' and '.join(short)}"
-    elif len(condition.parts) > 1:
+    elif len(condition.components) > 1:
         why = "no sub-trajectory of the drive meets all its parts"
     elif condition.kind is ConditionKind.TURN:
         why = "the drive never turns by this angle"

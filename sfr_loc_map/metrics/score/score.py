@@ -117,8 +117,8 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         """
         reading = self.reading
         for row in self.rows(figure, subject=subject, condition=condition):
-            is_of_pieces = row.subject is Subject.TRAJECTORY and row.condition is not None
-            if row.part in ((reading, POOLED) if is_of_pieces else (None,)):
+            is_of_sub_trajectories = row.subject is Subject.TRAJECTORY and row.condition is not None
+            if row.part in ((reading, POOLED) if is_of_sub_trajectories else (None,)):
                 return row
         return None
 

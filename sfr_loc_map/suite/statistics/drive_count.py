@@ -14,6 +14,7 @@ from sfr_loc_map.metrics.judging.sequential import sequential_test
 from sfr_loc_map.metrics.score.limits import BOUND, Limits, Population, Terms
 from sfr_loc_map.metrics.statistics.tolerance import count_needed, moments, normal_count, zero_failure_count
 from sfr_loc_map.report.verdict_view import limited_name
+from sfr_loc_map.suite.statistics.campaign_plan import course_of, fixed_plan
 from sfr_loc_map.suite.statistics.group_verdicts import samples_by_drive
 from sfr_loc_map.suite.statistics.groups import by_group
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob
@@ -50,7 +51,7 @@ class DriveCount(Struct, frozen=True, kw_only=True):
 def count_without_suite(terms: Terms) -> DriveCount:
     """Return the number of drives that terms require."""
     test = sequential_test(terms)
-    plan = test.fixed_plan()
+    plan = fixed_plan(test)
     return DriveCount(
         group="",
         limit="",
@@ -61,8 +62,8 @@ def count_without_suite(terms: Terms) -> DriveCount:
         without_failure=zero_failure_count(terms.prob, terms.confidence),
         fixed=plan.drives,
         allowed=plan.allowed,
-        sequential=test.course(test.good).drives,
-        sequential_at_none=test.course(0.0).drives,
+        sequential=course_of(test, test.good).drives,
+        sequential_at_none=course_of(test, 0.0).drives,
     )
 
 

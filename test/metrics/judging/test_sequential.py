@@ -9,27 +9,28 @@ from sfr_loc_map.metrics.judging.proof import prove
 from sfr_loc_map.metrics.judging.sequential import SequentialTest
 from sfr_loc_map.metrics.score.limits import Population, Terms
 from sfr_loc_map.metrics.statistics.tolerance import Sample, zero_failure_count
+from sfr_loc_map.suite.statistics.campaign_plan import course_of, fixed_plan
 
 TEST = SequentialTest(good=0.01, bad=0.05, confidence=0.95, power=0.9)
 
 
 def test_the_fixed_plan_is_the_smallest_that_keeps_both_risks() -> None:
-    drives, allowed = TEST.fixed_plan()
+    drives, allowed = fixed_plan(TEST)
     assert stats.binom.cdf(allowed, drives, TEST.bad) <= 0.05
     assert stats.binom.cdf(allowed, drives, TEST.good) >= 0.9
     assert stats.binom.cdf(allowed, drives - 1, TEST.bad) > 0.05
     smaller = int(stats.binom.isf(0.1, drives, TEST.good)) - 1
     assert smaller < allowed, "with fewer failures allowed good drives would fail"
-    none = SequentialTest(0.0, 0.05, 0.95, 0.9).fixed_plan()
+    none = fixed_plan(SequentialTest(0.0, 0.05, 0.95, 0.9))
     assert none == (zero_failure_count(0.95, 0.95), 0)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.05, 0.2])
 def test_the_course_is_that_of_simulated_campaigns(share: float) -> None:
     rng = np.random.default_rng(7)
-    longest = 4 * TEST.fixed_plan().drives
+    longest = 4 * fixed_plan(TEST).drives
     ends = [TEST.decision((rng.random(longest) < share).tolist()) for _ in range(1500)]
-    course = TEST.course(share)
+    course = course_of(TEST, share)
     assert np.mean([drives for _, drives in ends]) == pytest.approx(course.drives, rel=0.06)
     passed = np.mean([state is VerdictState.PASS for state, _ in ends])
     assert passed == pytest.approx(course.passed, abs=0.03)
@@ -38,10 +39,10 @@ def test_the_course_is_that_of_simulated_campaigns(share: float) -> None:
 
 def test_the_risks_are_kept_and_drives_are_saved() -> None:
     """40 % of the fixed plan are saved where drives are clearly good or bad; at the border `good` it is less."""
-    fixed = TEST.fixed_plan().drives
-    assert TEST.course(TEST.bad).passed <= 0.05
-    assert TEST.course(TEST.good).failed <= 0.1
-    saved = {share: 1.0 - TEST.course(share).drives / fixed for share in (0.0, 0.01, 0.05, 0.1)}
+    fixed = fixed_plan(TEST).drives
+    assert course_of(TEST, TEST.bad).passed <= 0.05
+    assert course_of(TEST, TEST.good).failed <= 0.1
+    saved = {share: 1.0 - course_of(TEST, share).drives / fixed for share in (0.0, 0.01, 0.05, 0.1)}
     assert min(saved[0.0], saved[0.05], saved[0.1]) > 0.4
     assert saved[0.01] > 0.25
 
