@@ -188,9 +188,10 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self.worker.enqueue(self._session.restart)
 
     def on_pair(self, pair: ReceivedPair) -> None:
-        """Enqueue a pair for the worker."""
+        """Enqueue a pair with the extrinsics of its rig for the worker."""
         self._extrinsics.search(pair.frame_id, pair.rig.baseline_m, self.get_logger().info)
-        self.worker.enqueue_droppable(partial(self._process, pair))
+        rig = replace(pair.rig, T_rb_sb=self._extrinsics.T_rb_sb)
+        self.worker.enqueue_droppable(partial(self._process, replace(pair, rig=rig)))
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         with self.ignoring_broken():
@@ -236,7 +237,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         """Localise a pair of a rig; return the estimate and the record of the call."""
         if self._session.set_rig(rig):
             self.get_logger().warning("the cameras have changed: localisation restarts at its last pose")
-        localiser = self._session.localiser_at(pair.stamp_ns, self._extrinsics.T_rb_sb)
+        localiser = self._session.localiser_at(pair.stamp_ns)
         known_ns, wait_s = localiser.known_ns, self.config.motion_prior.wait_s
         motion = None if known_ns is None else self._motion_prior.between(known_ns, pair.stamp_ns, wait_s)
         with self.meter.measure() as usage:

@@ -47,7 +47,6 @@ class LocalisationSession:
         self._make_localiser = make_localiser
         self._rig: StereoRig | None = None
         self._localiser: Localiser | None = None
-        self._localiser_rig: StereoRig | None = None
         self._first = StartPose(Transform.identity())
         self._start = self._first
         self._last: StartPose | None = None  # the last pose that was published and not lost
@@ -55,13 +54,14 @@ class LocalisationSession:
     # ---- transitions
 
     def set_rig(self, rig: StereoRig) -> bool:
-        """Set the rig, whose extrinsics may be unknown; return whether a different rig was replaced."""
+        """Set the rig of the next pair, whose extrinsics may be unknown; return whether its cameras have changed."""
         if self._rig is not None and self._rig.same_cameras(rig):
+            self._rig = replace(self._rig, T_rb_sb=rig.T_rb_sb)
             return False
-        replaced = self._rig is not None
+        has_changed = self._rig is not None
         self._rig = rig
         self.continue_at_last_pose()
-        return replaced
+        return has_changed
 
     def set_config(self, config: LocalisationConfig) -> None:
         """Set the configuration."""
@@ -123,16 +123,19 @@ class LocalisationSession:
 
     # ---- a pair
 
-    def localiser_at(self, stamp_ns: int, T_rb_sb: Transform | None) -> Localiser:
-        """Return the localiser for a pair, which is started if there is none; `T_rb_sb` is None if unknown."""
+    def localiser_at(self, stamp_ns: int) -> Localiser:
+        """Return the localiser for a pair, which is started if there is none.
+
+        InputError if the extrinsics of the rig are unknown.
+        """
         if self._localiser is not None:
             return self._localiser
-        if self._rig is None or T_rb_sb is None:
+        rig = self._rig
+        if rig is None or rig.T_rb_sb is None:
             raise InputError(
                 "the extrinsics of the stereo rig are unknown: give the parameters T_rb_locsb.translation_m and "
                 "T_rb_locsb.quat_xyzw, or publish them on /tf_static"
             )
-        rig = replace(self._rig, T_rb_sb=T_rb_sb)
         if self.may_resume and self._pose_file is not None:
             self.may_resume = False
             try:
@@ -145,7 +148,6 @@ class LocalisationSession:
                     f"localisation resumes at the pose from {gap_s:.1f} s earlier: the motion since then is unknown"
                 )
         self._localiser = self._make_localiser(rig, self._config, self._start)
-        self._localiser_rig = rig
         return self._localiser
 
     def accept(self, estimate: PoseEstimate) -> None:
@@ -161,9 +163,9 @@ class LocalisationSession:
         if estimate.state is TrackingState.LOST:
             return
         self._last = StartPose(estimate.T_ds_rb, estimate.covariance, estimate.stamp_ns)
-        if self._pose_file is not None and self._localiser_rig is not None:
+        if self._pose_file is not None and self._rig is not None:
             try:
-                self._pose_file.save(self._last, self._localiser_rig)
+                self._pose_file.save(self._last, self._rig)
             except OutputError as error:
                 self._warn(str(error))
 

@@ -27,6 +27,7 @@ RIG = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.12)
 OTHER_RIG = replace(RIG, fx=151.0, fy=151.0)
 EXTRINSICS = Transform.identity()
 RIG_ON_ROVER = replace(RIG, T_rb_sb=EXTRINSICS)
+OTHER_RIG_ON_ROVER = replace(OTHER_RIG, T_rb_sb=EXTRINSICS)
 S = 1_000_000_000
 COVARIANCE = np.diag([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
 
@@ -83,34 +84,34 @@ def session_in(phase: Phase, folder: Path) -> LocalisationSession:
     """Return a session with a kept pose; a running one has tracked two pairs, 0.5 m apart."""
     file_in(folder).save(StartPose(KEPT, COVARIANCE, 1 * S), RIG_ON_ROVER)
     session = new_session(folder)
-    session.set_rig(RIG)
+    session.set_rig(RIG_ON_ROVER)
     if phase is not NEW:
         session.restart()
     if phase is RUNNING:
-        session.localiser_at(2 * S, EXTRINSICS)
+        session.localiser_at(2 * S)
         session.accept(replace(estimate(2 * S, at(1.0)), covariance=4 * COVARIANCE))
         session.accept(estimate(3 * S, LAST))
     assert phase_of(session) is phase
     return session
 
 
-def start_of(session: LocalisationSession, stamp_ns: int, T_rb_sb: Transform = EXTRINSICS) -> tuple[float, ...]:
+def start_of(session: LocalisationSession, stamp_ns: int) -> tuple[float, ...]:
     """Return x at which the localiser of a pair starts, its variance and the stamp at which it holds."""
-    localiser: Any = session.localiser_at(stamp_ns, T_rb_sb)
+    localiser: Any = session.localiser_at(stamp_ns)
     start = localiser.start
     return start.T_ds_rb.translation[0], start.covariance[0, 0], start.stamp_ns
 
 
 Event = Callable[[LocalisationSession], object]
 EVENTS: dict[str, Event] = {
-    "pair": lambda session: session.localiser_at(4 * S, EXTRINSICS),
+    "pair": lambda session: session.localiser_at(4 * S),
     "set_pose": lambda session: session.set_pose(StartPose(GIVEN)),
     "restart": LocalisationSession.restart,
     "restart after set_pose": lambda session: (session.set_pose(StartPose(GIVEN)), session.restart()),
     "reset after set_pose": lambda session: (session.set_pose(StartPose(GIVEN)), session.reset()),
     "continue": LocalisationSession.continue_at_last_pose,
-    "same rig": lambda session: session.set_rig(RIG),
-    "other rig": lambda session: session.set_rig(OTHER_RIG),
+    "same rig": lambda session: session.set_rig(RIG_ON_ROVER),
+    "other rig": lambda session: session.set_rig(OTHER_RIG_ON_ROVER),
     "other configuration": lambda session: session.set_config(LocalisationConfig(max_features=300)),
     "continue after set_pose": lambda session: (session.set_pose(StartPose(GIVEN)), session.continue_at_last_pose()),
 }
@@ -137,12 +138,12 @@ TRANSITIONS = {
 @pytest.mark.parametrize("event", EVENTS)
 def test_each_transition_from_each_phase(tmp_path: Path, event: str, before: Phase) -> None:
     session = session_in(before, tmp_path)
-    running = session.localiser_at(3 * S, EXTRINSICS) if before is RUNNING else None
+    running = session.localiser_at(3 * S) if before is RUNNING else None
     after, start = TRANSITIONS[event][list(Phase).index(before)]
     EVENTS[event](session)
     assert phase_of(session) is after
     if start is None:
-        assert session.localiser_at(4 * S, EXTRINSICS) is running
+        assert session.localiser_at(4 * S) is running
     else:
         assert start_of(session, 4 * S) == start
     assert phase_of(session) is RUNNING
@@ -189,15 +190,13 @@ def test_a_lost_pose_or_one_without_covariance_is_neither_kept_nor_started_from(
     assert start_of(session, 5 * S)[::2] == (1.5, 3 * S)
 
 
-@pytest.mark.parametrize(("rig", "extrinsics"), [(RIG, at(0.01)), (OTHER_RIG, EXTRINSICS)])
-def test_a_kept_pose_of_another_rig_is_told_and_not_resumed_from(
-    tmp_path: Path, rig: StereoRig, extrinsics: Transform
-) -> None:
+@pytest.mark.parametrize("rig", [replace(RIG, T_rb_sb=at(0.01)), OTHER_RIG_ON_ROVER])
+def test_a_kept_pose_of_another_rig_is_told_and_not_resumed_from(tmp_path: Path, rig: StereoRig) -> None:
     session_in(NEW, tmp_path)
     warnings: list[str] = []
     session = new_session(tmp_path, warnings)
     session.set_rig(rig)
-    assert start_of(session, 2 * S, extrinsics)[0] == 0.0
+    assert start_of(session, 2 * S)[0] == 0.0
     assert "saved with another rig or calibration" in warnings[0]
 
 
@@ -297,7 +296,7 @@ def test_unknown_components_are_those_of_the_run_at_the_stamp(
     session = session_in(RUNNING, tmp_path)
     session.accept(estimate(3 * S, Transform(np.eye(3), np.array([0.0, 0.0, -3.0]))))
     session.set_pose(StartPose(at(7.0), np.diag([0.25, 0.25, 0.0, 0.0, 0.0, 0.07]), stamp_ns))
-    start = session.localiser_at(4 * S, EXTRINSICS).start  # type: ignore[attr-defined]
+    start = session.localiser_at(4 * S).start  # type: ignore[attr-defined]
     np.testing.assert_allclose(start.T_ds_rb.translation, [7.0, 0.0, height_m], atol=1e-12)
     np.testing.assert_allclose(np.diag(start.covariance), [0.25, 0.25, 0.3, 0.01, 0.02, 0.07], atol=1e-12)
 

@@ -90,7 +90,7 @@ class ReceivedPair:
     """Two image messages of the same time, not yet decoded."""
 
     stamp_ns: int  #: Stamp of the left image.
-    rig: StereoRig  #: The rig that took the images.
+    rig: StereoRig  #: The rig that took the images; a node may add its extrinsics.
     frame_id: str  #: Frame of the left camera according to its camera_info.
     images: tuple[ReceivedImage, ReceivedImage]  #: The left and right image.
     depth: SampleDepth  #: Bit depth of 16-bit samples.
