@@ -28,7 +28,7 @@ class LocSequence(Protocol):
 
     @property
     def stamps_ns(self) -> Sequence[int]:
-        """Stamps of the pairs, ns; they are known without reading images."""
+        """Stamps of the pairs, ns; they are known without decoding images."""
 
     @property
     def rig(self) -> StereoRig:
@@ -50,7 +50,7 @@ class NavSequence(Protocol):
 
     @property
     def stamps_ns(self) -> Sequence[int]:
-        """Stamps of the pairs, ns; they are known without reading images."""
+        """Stamps of the pairs, ns; they are known without decoding images."""
 
     @property
     def rig(self) -> StereoRig:

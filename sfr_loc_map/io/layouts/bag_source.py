@@ -51,7 +51,7 @@ class _BagPairs:
 
     topics: CameraTopics
     cameras: BagCameras
-    read_index: Callable[[], BagIndex]
+    read_index: Callable[[], BagIndex]  #: Reads the index from the bag in one pass.
 
     @cached_property
     def index(self) -> BagIndex:
@@ -85,7 +85,8 @@ class _BagPairs:
             for pair_ns, messages in self.index.pairs.items()
         }
         pair_of = {message: pair_ns for pair_ns, messages in pairs.items() for message in messages.items()}
-        order, waiting = iter(pairs), dict[int, dict[str, bytes]]()
+        waiting: dict[int, dict[str, bytes]] = {}
+        order = iter(pairs)
         next_ns = next(order, None)
         depth = SampleDepth(_log.warning, f"{bag.path}, {task.rig}")
         for topic, stamp_ns, raw in bag.stream(topics):
