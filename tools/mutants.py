@@ -630,6 +630,8 @@ MUTATIONS = (
     Mutation(FUSION, "(observed.difference > AGREE_SIGMAS * sigma)", "(observed.difference < -AGREE_SIGMAS * sigma)"),
     Mutation(FUSION, "<= MAX_RANGE_FACTOR * own.ranges", "<= own.ranges"),
     Mutation("mapping/multiview/registration.py", "rhs = rhs - weighted.T @ r", "rhs = rhs + weighted.T @ r"),
+    Mutation("mapping/multiview/pose_agreement.py", "if i < j and overlap.common", "if overlap.common"),
+    Mutation("mapping/disparity/final_disparity.py", "px < min_disparity_px", "filled.px < 0.5 * min_disparity_px"),
     Mutation("mapping/multiview/fixed_content.py", "motion_px > MIN_MOTION_PX", "motion_px < MIN_MOTION_PX"),
     Mutation("mapping/terrain/elevation.py", "z_squared / (x_squared", "x_squared / (x_squared"),
     Mutation(
@@ -638,6 +640,7 @@ MUTATIONS = (
     Mutation(TERRAIN_GRID, "high - raw.low[i, j] - rise", "high - raw.low[i, j] + rise"),
     Mutation(TERRAIN_GRID, "raw.high[i, j] - low - rise", "raw.high[i, j] - low + rise"),
     Mutation(TERRAIN_GRID, "if n < MIN_KNOWN_FRACTION * size", "if n < size"),
+    Mutation(TERRAIN_GRID, "heights[min(high_rank, last - 1)]", "heights[high_rank]"),
     Mutation(TERRAIN_GRID, "cov_xx * cov_yy - cov_xy * cov_xy", "cov_xx * cov_yy"),
     # simulated drives
     Mutation("simulation/drive.py", "grip = 1.0 - min(max(", "grip = 1.0 + min(max("),
