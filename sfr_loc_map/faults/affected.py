@@ -23,7 +23,7 @@ class Affected:
     camera: str  #: Affected images: `both`, `left` or `right`.
     index: int  #: Index of the pair in the source.
     start: int  #: Index of the first pair that may be affected.
-    progress: float  #: Elapsed fraction of the burst, 0 to 1; exceeds 1 for kinds without bursts.
+    progress: float  #: Fraction of the burst that has elapsed, 0 to 1. Meaningless for kinds without bursts.
     spot: FloatArray  #: `(2,)` random point, as fractions of width and height.
     pair_rng: np.random.Generator  #: Random generator of the pair.
     drive_rng: np.random.Generator  #: Random generator with the same seed for all pairs of a drive.

@@ -60,7 +60,7 @@ class PlannedFault:
         change, amount = self.fault.kind.info.stamp, self.fault.amount
         if self.affects(index):
             stamp_ns = change(stamp_ns, amount, following_ns)
-        if following_ns is not None and self.fault.kind.info.affects is Selection.ALL_PAIRS:
+        if following_ns is not None and self.fault.kind.info.selection is Selection.ALL_PAIRS:
             following_ns = change(following_ns, amount, None)
         return stamp_ns, following_ns
 
@@ -146,13 +146,13 @@ def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[
     share.
     """
     starts = np.full(count, UNAFFECTED)
-    affects = fault.kind.info.affects
-    if affects is Selection.ALL_PAIRS:
+    selection = fault.kind.info.selection
+    if selection is Selection.ALL_PAIRS:
         return np.zeros_like(starts)
-    if affects is Selection.FIRST_PAIRS:
+    if selection is Selection.FIRST_PAIRS:
         starts[: round(fault.amount)] = 0
         return starts
-    is_complete = affects is Selection.COMPLETE_BURSTS
+    is_complete = selection is Selection.COMPLETE_BURSTS
     candidates = np.arange(min(fault.start, count), count)
     wanted = round(fault.share * len(candidates))
     if is_complete and wanted > 0:

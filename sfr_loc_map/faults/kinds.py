@@ -30,20 +30,19 @@ LAST_INDEX = 10**9  #: Largest `burst` and `start`, pairs. No source has as many
 
 
 class Option(NamedTuple):
-    """An option of a fault: its type, the faults to which it applies, and the limits of a number."""
+    """An option of a fault."""
 
     parse: type[float] | type[int] | type[str]
-    applies_to: str
-    low: float = 0.0
-    high: float = 1.0
-    unit: str = ""
+    applies_to: str  #: Faults to which the option applies.
+    limits: tuple[float, float] | None = None  #: None for a text, and for the amount, whose limits depend on the kind.
+    unit: str = ""  #: Unit of the limits in a message.
 
 
 OPTIONS = {
-    "amount": Option(float, "faults with a strength"),  # the kind has the limits
-    "share": Option(float, "faults of single pairs"),
-    "burst": Option(int, "faults of single pairs", 1, LAST_INDEX, " pairs"),
-    "start": Option(int, "faults of single pairs and drift", 0, LAST_INDEX, " pairs"),
+    "amount": Option(float, "faults with a strength"),
+    "share": Option(float, "faults of single pairs", (0.0, 1.0)),
+    "burst": Option(int, "faults of single pairs", (1, LAST_INDEX), " pairs"),
+    "start": Option(int, "faults of single pairs and drift", (0, LAST_INDEX), " pairs"),
     "camera": Option(str, "faults of the images of one camera"),
 }
 """Options of faults by name."""
@@ -68,7 +67,7 @@ class KindInfo(NamedTuple):
     neutral: float | None = None  #: Amount that has no effect; None if every amount has an effect.
     min_amount: float = 0.0
     max_amount: float = 1000.0
-    affects: Selection = Selection.BURSTS
+    selection: Selection = Selection.BURSTS  #: How the affected pairs are selected.
     options: tuple[str, ...] = ALL_OPTIONS  #: Options that have an effect.
     share: float = 0.1  #: Default.
     burst: int = 1  #: Default.
@@ -106,7 +105,7 @@ def _strength(
 
 def _episode(effect: str, amount: float, change: Change) -> KindInfo:
     """Faults that cover a fraction of the image and begin and end within a burst."""
-    return KindInfo(effect, amount, 0.0, max_amount=1.0, affects=Selection.COMPLETE_BURSTS, burst=20, change=change)
+    return KindInfo(effect, amount, 0.0, max_amount=1.0, selection=Selection.COMPLETE_BURSTS, burst=20, change=change)
 
 
 def _fixed_region(effect: str, amount: float, change: Change, max_amount: float = 1.0) -> KindInfo:
@@ -129,7 +128,7 @@ def _all_pairs(
         neutral=0.0,
         min_amount=-max_amount,
         max_amount=max_amount,
-        affects=Selection.ALL_PAIRS,
+        selection=Selection.ALL_PAIRS,
         options=options,
         share=1.0,
         start=0,
@@ -145,7 +144,7 @@ def _factor(effect: str, amount: float, rig: RigChange) -> KindInfo:
         amount,
         neutral=1.0,
         min_amount=0.001,
-        affects=Selection.ALL_PAIRS,
+        selection=Selection.ALL_PAIRS,
         options=("amount",),
         share=1.0,
         start=0,
@@ -177,7 +176,7 @@ class FaultKind(StrEnum):
     BLACK = "black", _images("the image is black", images.black)
     INTERLACED = "interlaced", _images("every second row is from the previous pair", images.interlaced)
     START = "start", KindInfo(
-        "the first AMOUNT pairs are black", 5.0, 0.0, max_amount=1e9, affects=Selection.FIRST_PAIRS,
+        "the first AMOUNT pairs are black", 5.0, 0.0, max_amount=1e9, selection=Selection.FIRST_PAIRS,
         options=("amount", "camera"), share=1.0, start=0, change=images.black,
     )
     FROZEN = "frozen", KindInfo(
@@ -198,7 +197,7 @@ class FaultKind(StrEnum):
     )
 
     FADE = "fade", KindInfo(
-        "slow blackout: over `burst` pairs the image turns black and back", affects=Selection.COMPLETE_BURSTS,
+        "slow blackout: over `burst` pairs the image turns black and back", selection=Selection.COMPLETE_BURSTS,
         options=(*PAIR_OPTIONS, "camera"), burst=20, change=images.faded,
     )
     OBJECT = "object", _episode(
@@ -282,12 +281,12 @@ def parse_fault(text: str) -> Fault:
             )
     defaults = {"amount": info.amount, "share": info.share, "burst": info.burst, "start": info.start, "camera": "both"}
     fault = Fault(kind, **{**defaults, **values})  # type: ignore[arg-type]
-    for name in PAIR_OPTIONS:
-        number, option = getattr(fault, name), OPTIONS[name]
-        if not option.low <= number <= option.high:
-            raise ConfigError(
-                f"fault '{text}': {name} is {number:g}: {option.low:g} to {option.high:.10g}{option.unit} is required"
-            )
+    for name, option in OPTIONS.items():
+        if option.limits is None:
+            continue
+        (low, high), number = option.limits, getattr(fault, name)
+        if not low <= number <= high:
+            raise ConfigError(f"fault '{text}': {name} is {number:g}: {low:g} to {high:.10g}{option.unit} is required")
     if fault.camera not in CAMERAS:
         raise ConfigError(f"fault '{text}': camera is '{fault.camera}': one of {', '.join(CAMERAS)} is required")
     if not info.min_amount <= fault.amount <= info.max_amount:

@@ -1,10 +1,10 @@
 """The supervisor with the process of a method, and the three steps of their start.
 
-Each step requires the result of the step before it:
+Each step requires the result of the step before it, and raises MethodFailureError if it fails:
 
-    restrict       Started          the process is restricted; it has loaded neither adapter nor method
-    load_adapter   LoadedAdapter    memory before any code of the method is loaded
-    open_method    OpenedMethod     the method is loaded and warmed up
+    restrict        Started          the process is restricted, and has loaded neither the adapter nor the method
+    load_adapter    LoadedAdapter    the adapter is loaded, but no code of the method
+    open_method     OpenedMethod     the method is loaded and warmed up
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class OpenedMethod:
 
 
 def restrict(supervised: SupervisedProcess, rules: Rules, timeout_s: float) -> Started:
-    """Restrict the process to the paths of the rules; MethodFailureError if the step fails, also of the other steps."""
+    """Restrict the process to the paths of the rules."""
     return supervised.exchange(rules, Started, timeout_s, supervised.memory.usage)
 
 
