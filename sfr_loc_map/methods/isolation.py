@@ -129,7 +129,7 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> Rules:
     named += [method.vocabulary] if method.vocabulary else []
     own = [PACKAGE, *_kernels_in(_kernels_of_user()), *code]
     wanted: list[str | Path] = [*SYSTEM, *(f"/proc/{name}" for name in FACTS), *prefixes, *named, *own]
-    # this package has compiled kernels
+    # except those of this package: its compiled kernels, which the hash ignores, must be readable
     unhashed = unhashed_of([path for path in code if path.resolve() != PACKAGE.resolve()])
     closed = frozenset(path.resolve() for path in (*hidden, *unhashed))
     above = frozenset(parent for path in closed for parent in path.parents)
