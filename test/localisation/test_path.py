@@ -586,3 +586,11 @@ def test_the_terms_of_a_straight_path_are_those_of_the_example() -> None:
     assert sigmas["correlated"][[1, 5]] == pytest.approx([3.5e-4, 70e-6], rel=0.02)
     assert sigmas["disparity"][:2] == pytest.approx([0.0112, 0.0], rel=0.01)
     assert sigmas["attitude"][3] == pytest.approx(10e-6)
+
+
+@pytest.mark.parametrize("fraction", [0.25, 0.8])
+def test_a_pose_between_two_consecutive_pairs_is_interpolated_in_proportion(fraction: float) -> None:
+    path = move(move(begun(), 1, STEP), 2, 2.0 * STEP)
+    found = external_poses.pose_at(path, round((1.0 + fraction) * PERIOD_NS), model_of(IN_CAMERA))
+    assert found is not None
+    np.testing.assert_allclose(found.translation, (1.0 + fraction) * STEP, atol=1e-12)
