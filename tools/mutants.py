@@ -596,7 +596,7 @@ MUTATIONS = (
         "step.size.metres",
     ),
     Mutation("localisation/frontend/row_search.py", "scores[places - 1 - p]", "scores[p]"),
-    Mutation("localisation/frontend/patch_slopes.py", "patch[2, k] + slope_v * by_x", "patch[2, k]"),
+    Mutation("localisation/frontend/patch_slopes.py", "-pixels.rows[k] * by_x", "pixels.rows[k] * by_x"),
     Mutation("localisation/frontend/feature_detection.py", "mean - np.sqrt(", "mean + np.sqrt("),
     # maps
     Mutation("mapping/mapper.py", "warnings=warnings + fused.warnings", "warnings=fused.warnings"),
