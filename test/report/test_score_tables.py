@@ -36,7 +36,7 @@ def small() -> Score:
     heading = figure_row("heading", "distance=5", "pose", n=31, mean=-0.5, sigma=0.1, mean_plus_3sigma=0.8)
     attitude = figure_row("attitude", "distance=5", "pose", n=0)
     limited = Verdict(
-        name="position_mean_plus_3sigma_m", subject=Subject.TRAJECTORY, condition="distance=5", part="pose",
+        name="position_mean_plus_3sigma_m", subject=Subject.TRAJECTORY, condition="distance=5", part=RowPart("pose"),
         figure="position", statistic="mean_plus_3sigma", limit=0.02, value=0.0183456, low95=0.015, high95=0.025,
         margin=0.02 - 0.0183456, n=31, state=VerdictState.PASS, certain=False,
     )  # fmt: skip
@@ -45,7 +45,7 @@ def small() -> Score:
         Verdict(
             name="localisation_peak_bytes",
             figure="peak",
-            part="localisation",
+            part=RowPart("localisation"),
             statistic="value",
             limit=1048576,
             value=524288000,
