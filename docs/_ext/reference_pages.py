@@ -169,9 +169,11 @@ def _type_name(hint: Any) -> str:  # noqa: ANN401 - any annotation
         return "array of " + _type_name(parts[0])
     if isinstance(hint, type) and issubclass(hint, Enum):
         return "one of " + ", ".join(f"`{member.value}`" for member in hint)
+    if isinstance(hint, type) and issubclass(hint, str):
+        return "text"
     if _records_in(hint):
         return f"[{hint.__name__}](#{hint.__name__.lower()})"
-    names = {str: "text", float: "number", int: "whole number", bool: "true or false", object: "any JSON"}
+    names = {float: "number", int: "whole number", bool: "true or false", object: "any JSON"}
     return names.get(hint, getattr(hint, "__name__", str(hint)))
 
 

@@ -7,14 +7,16 @@
     poses, truth ─► diagnosis ─► finding ──────────────────────────────────────────────┤
     limits file ───────────────────────────────────────────────────────────────────────┘
 
-`conventions` and `frames` return poses, `errors` and `calls` return results with rows (`figures.results`), and
-`diagnosis` returns a finding. `errors` and `calls` take the statistics of their rows from `formulas` and `statistics`,
-and the rows of completeness from `completeness`, because these rows depend on what was expected and judged.
+`conventions` and `frames` return poses and values, `errors` and `calls` return results with rows (`figures.results`),
+and `diagnosis` returns a finding. `errors` and `calls` take the statistics of their rows from `formulas` and
+`statistics`, and the rows of completeness from `completeness`, because these rows depend on what was expected and
+judged.
 `score.joined_parts.score_of_results` joins the results to a `Score`, and `judging.judge.judged_by` adds the verdicts.
 The package `scoring` reads the inputs, calls these functions, and adds the provenance and the warnings.
 
 Everything that can be missing or wrong is a line of `completeness.shortfall_kinds`, which `judging.incomplete`
-evaluates.
+evaluates; `completeness` has the drawing. `figures.subjects` states which figures, limits, expected items and task
+belong together.
 
 `statistics` are also used by `judging` and `stored`.
 

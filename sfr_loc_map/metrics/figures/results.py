@@ -1,7 +1,7 @@
-"""The results of the three parts of a score: the trajectory, the map and the calls.
+"""The results of the trajectory, the map and the calls, of which a score consists.
 
 `errors.trajectory_score`, `errors.map_score` and `calls.call_score` compute them, `scoring.score_parts` adds
-warnings, and `scoring.assembly` combines them into a score. A result has no figures if the run does not have this part.
+warnings, and `scoring.assembly` combines them into a score. A result has no figures if the run has no such data.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from sfr_loc_map.metrics.figures.rows import Figure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PartResult:
-    """What every part of a score has."""
+class SubjectResult:
+    """What every result has."""
 
     figures: tuple[Figure, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -24,8 +24,8 @@ class PartResult:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrajectoryResult(PartResult):
-    """The part of a score from the trajectory."""
+class TrajectoryResult(SubjectResult):
+    """The result of the trajectory."""
 
     association: Association | None = None  #: None without estimates.
     truth: TruthRecord | None = None  #: None without estimates.
@@ -38,23 +38,23 @@ class TrajectoryResult(PartResult):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoredTrajectory(TrajectoryResult):
-    """The result of a trajectory with estimates."""
+    """The result of a trajectory with estimates and a truth, whose records are therefore known."""
 
     association: Association
     truth: TruthRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MapResult(PartResult):
-    """The part of a score from the map."""
+class MapResult(SubjectResult):
+    """The result of the map."""
 
     cloud: CloudRecord | None = None  #: How the cloud was compared with the ground truth; None without a cloud.
     details: MapDetails | None = None  #: Data of the plots; None if the pixels of the points are unknown.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CallsResult(PartResult):
-    """The part of a score from the calls."""
+class CallsResult(SubjectResult):
+    """The result of the calls."""
 
     records: CallRecords | None = None  #: How times and memory were measured; None without calls on this host.
     plots: Mapping[str, CallPlots] = field(default_factory=dict)  #: Data of the plots by kind of call, if requested.
