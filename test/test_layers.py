@@ -125,7 +125,7 @@ LOCALISATION_FLOORS = (
 METRICS_FLOORS = (
     {"conditions", "formulas"},
     {"config"},
-    {"formulas_beside", "statistics"},
+    {"other_formulas", "statistics"},
     {"sub_trajectories"},
     {"figures"},
     {"frames"},

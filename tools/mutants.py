@@ -91,7 +91,7 @@ ANSWERS, STORE = "replay/answer_book.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
 OTHER_FRAMES = "metrics/errors/other_frames.py"
 COVERAGE = "metrics/errors/coverage.py"
-INCOMPLETE, FORMULAS_BESIDE = "metrics/judging/incomplete.py", "metrics/formulas_beside.py"
+INCOMPLETE, OTHER_FORMULAS = "metrics/judging/incomplete.py", "metrics/other_formulas.py"
 FORMULAS, SCORE = "metrics/formulas.py", "metrics/errors/trajectory_errors.py"
 SHORTFALLS = "metrics/completeness/shortfall_kinds.py"
 EXPECTED_ITEMS, DRIVE = "metrics/completeness/expected_items.py", "metrics/completeness/drive.py"
@@ -111,9 +111,9 @@ MUTATIONS = (
     ),
     Mutation(FORMULAS, 'since_first[starts] + time_ns, side="left")', 'since_first[starts] + time_ns, side="right")'),
     Mutation(FORMULAS, "return starts + frames", "return starts + frames - 1"),
-    Mutation(FORMULAS_BESIDE, "np.radians(turn_deg)", "np.radians(0.5 * turn_deg)"),
-    Mutation(FORMULAS_BESIDE, "np.max(next_frames, axis=0)", "np.min(next_frames, axis=0)"),
-    Mutation(FORMULAS_BESIDE, "self.travelled[ends] + missing", "self.travelled[ends] + 1.5 * missing"),
+    Mutation(OTHER_FORMULAS, "np.radians(turn_deg)", "np.radians(0.5 * turn_deg)"),
+    Mutation(OTHER_FORMULAS, "np.max(next_frames, axis=0)", "np.min(next_frames, axis=0)"),
+    Mutation(OTHER_FORMULAS, "self.travelled[ends] + missing", "self.travelled[ends] + 1.5 * missing"),
     Mutation(SCORE, "ends = np.maximum(ends, formulas.ends_by_time", "ends = np.minimum(ends, formulas.ends_by_time"),
     Mutation(SCORE, "is_met = ends < count", "is_met = ends < count - 1"),
     Mutation(SCORE, "formulas.start_frames(count, spacing)", "formulas.start_frames(count, 10)"),
@@ -171,13 +171,11 @@ MUTATIONS = (
     Mutation(FORMULAS, "np.ceil((error - 180.0) / 360.0)", "np.floor((error + 180.0) / 360.0)"),
     Mutation(FORMULAS, "error - 360.0 * np.ceil((error - 180.0) / 360.0)", "error"),
     # directions, quantiles
-    Mutation(FORMULAS_BESIDE, "error[:, 1] * east - error[:, 0] * north", "error[:, 0] * north - error[:, 1] * east"),
+    Mutation(OTHER_FORMULAS, "error[:, 1] * east - error[:, 0] * north", "error[:, 0] * north - error[:, 1] * east"),
     Mutation(FORMULAS, 'float(name[1:].replace("_", "."))', "float(name[1:]) - 1.0"),
     Mutation(FORMULAS, "np.abs(given)", "given"),
     Mutation(
-        FORMULAS_BESIDE,
-        "return np.asarray(estimated - np.linalg.norm(",
-        "return np.asarray(estimated + np.linalg.norm(",
+        OTHER_FORMULAS, "return np.asarray(estimated - np.linalg.norm(", "return np.asarray(estimated + np.linalg.norm("
     ),
     # 4.2.1, 4.2.2 calls
     Mutation("metrics/calls/call_score.py", "statistics(known[1:])", "statistics(known)"),

@@ -20,15 +20,15 @@ belong together.
 
 `statistics` are also used by `judging` and `stored`.
 
-The modules beside the folders: `formulas` contains the formulas of the specification in the order of its
-clauses. `formulas_beside` has the formulas of figures that the specification does not define. `conditions` defines
+The modules outside of the folders: `formulas` contains the formulas of the specification in the order of its
+clauses. `other_formulas` has the formulas of figures that the specification does not define. `conditions` defines
 where a sub-trajectory ends, `sub_trajectories` its errors, and `config` the settings and the enumerations of all
 folders.
 
 The folders, from the bottom (`METRICS_FLOORS` in `test/test_layers.py`). A folder imports only lower folders:
 
 - `statistics`: statements about all errors from a sample of them.
-- `figures`: the catalogue of all figures, the rows of a score and their parts, and the records beside them.
+- `figures`: the catalogue of all figures, the rows of a score and their parts, and the other records.
 - `frames`: pairs of an estimated and a true pose in common axes, and the error of the true pose.
 - `completeness`: what is expected of each subject, and how much of it is judged, missing or wrong.
 - `conventions`: the conversion of estimates from the convention in which they were written.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.metrics import formulas, formulas_beside
+from sfr_loc_map.metrics import formulas, other_formulas
 from sfr_loc_map.metrics.formulas import Poses, SubTrajectoryErrors
 
 
@@ -30,5 +30,5 @@ class SubTrajectories(NamedTuple):
         """Return the position errors along x, y and z of DS, and along and across the true displacement."""
         x, y, z = self.errors.position_m.T
         true_heading = formulas.heading(self.poses.true_attitude[self.ends])
-        along, cross = formulas_beside.along_and_cross(self.errors.position_m, self.true_displacement(), true_heading)
+        along, cross = other_formulas.along_and_cross(self.errors.position_m, self.true_displacement(), true_heading)
         return {"x": x, "y": y, "z": z, "along": along, "cross": cross}

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.metrics import formulas, formulas_beside
+from sfr_loc_map.metrics import formulas, other_formulas
 from sfr_loc_map.metrics.formulas import Poses
 
 NO_TURN = np.array([0.0, 0.0, 0.0, 1.0])
@@ -47,7 +47,7 @@ def test_errors_by_direction() -> None:
     """North is forward: an error to the east is to the right, which is minus cross."""
     errors = np.array([[1.0, 2.0, 5.0], [1.0, 2.0, 5.0]])
     displacements, headings = np.array([[0.0, 3.0, 1.0], [0.0, 0.0, 9.0]]), np.array([0.1, 0.8])
-    along, cross = formulas_beside.along_and_cross(errors, displacements, headings)
+    along, cross = other_formulas.along_and_cross(errors, displacements, headings)
     assert (along[0], cross[0]) == (2.0, -1.0)
     assert along[1] == pytest.approx(math.cos(0.8) + 2.0 * math.sin(0.8)), "no direction: the heading"
     assert cross[1] == pytest.approx(2.0 * math.cos(0.8) - math.sin(0.8))
@@ -101,7 +101,7 @@ def test_ends_apart_are_those_of_a_loop(seed: int, metres: float, turn_deg: floa
     turns = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.2, (40, 3)), axis=0))
     starts = np.arange(0, 40, 3)
     quats = turns.as_quat() * rng.choice([-1.0, 1.0], (40, 1))
-    found = formulas_beside.ends_apart(starts, np.minimum(starts + 1, 40), positions, quats, metres, turn_deg)
+    found = other_formulas.ends_apart(starts, np.minimum(starts + 1, 40), positions, quats, metres, turn_deg)
     for start, end in zip(starts.tolist(), found.tolist(), strict=True):
         wanted = next(
             (
@@ -114,7 +114,7 @@ def test_ends_apart_are_those_of_a_loop(seed: int, metres: float, turn_deg: floa
         )
         assert end == wanted
     unknown = np.full_like(quats, np.nan)
-    of_positions = formulas_beside.ends_apart(starts, np.minimum(starts + 1, 40), positions, unknown, metres, turn_deg)
+    of_positions = other_formulas.ends_apart(starts, np.minimum(starts + 1, 40), positions, unknown, metres, turn_deg)
     assert of_positions.tolist() == (found.tolist() if turn_deg == 0.0 else [40] * len(starts))
 
 
@@ -129,7 +129,7 @@ def test_frames_that_the_search_skips_do_not_meet_the_condition(metres: float, t
     quats = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]).as_quat()
     starts = np.arange(0, len(steps), 7)
     for positions in (line, circle, line[::-1]):
-        found = formulas_beside.ends_apart(starts, starts + 1, positions, quats, metres, turn_deg)
+        found = other_formulas.ends_apart(starts, starts + 1, positions, quats, metres, turn_deg)
         for start, end in zip(starts.tolist(), found.tolist(), strict=True):
             later = np.arange(start + 1, len(steps))
             distance = np.linalg.norm(positions[later] - positions[start], axis=1)
@@ -147,10 +147,10 @@ def test_small_turns_are_resolved_and_a_stationary_rover_does_not_turn(turn_deg:
     first = Rotation.from_euler("xyz", [0.3, -0.2, 1.0])
     quats = (first * steps).as_quat()
     rest = np.zeros((5, 3))
-    found = formulas_beside.ends_apart(starts, starts + 1, rest, quats, 0.0, turn_deg)
+    found = other_formulas.ends_apart(starts, starts + 1, rest, quats, 0.0, turn_deg)
     assert found.tolist() == [3 if turn_deg > 1e-6 else found[0]]
     assert found[0] >= 3
-    stationary = formulas_beside.ends_apart(starts, starts + 1, rest, quats[[0] * 5], 0.0, turn_deg)
+    stationary = other_formulas.ends_apart(starts, starts + 1, rest, quats[[0] * 5], 0.0, turn_deg)
     assert stationary.tolist() == [5]
 
 
@@ -159,7 +159,7 @@ def test_a_point_at_or_behind_the_camera_has_no_disparity() -> None:
     true = np.array([4.0, 4.0, 4.0, 0.0, -1.0])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = formulas_beside.disparity_error(100.0, 0.2, depth, true)
+        found = other_formulas.disparity_error(100.0, 0.2, depth, true)
     assert found[0] == 100.0 * 0.2 / 2.0 - 100.0 * 0.2 / 4.0
     assert np.isnan(found[1:]).all()
 

@@ -64,8 +64,8 @@ def test_targets_of_make_are_there() -> None:
 def test_every_formula_of_the_metrics_has_its_equation() -> None:
     page = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8")
     section = page.partition("\n## The formulas\n")[2].partition("\n## ")[0]
-    named = re.findall(r"\[`(\w+)`\]\(\.\./sfr_loc_map/metrics/(?:formulas|formulas_beside)\.py\)", section)
-    modules = [ROOT / "sfr_loc_map" / "metrics" / name for name in ("formulas.py", "formulas_beside.py")]
+    named = re.findall(r"\[`(\w+)`\]\(\.\./sfr_loc_map/metrics/(?:formulas|other_formulas)\.py\)", section)
+    modules = [ROOT / "sfr_loc_map" / "metrics" / name for name in ("formulas.py", "other_formulas.py")]
     code = "\n".join(module.read_text(encoding="utf-8") for module in modules)
     defined = re.findall(r"^def ([a-z]\w*)\(", code, re.MULTILINE)
     assert {*named} == {*defined} - {"statistics"}

@@ -31,10 +31,10 @@ from sfr_loc_map.metrics.figures.records import Alignment
 from sfr_loc_map.metrics.figures.row_part import ROTATION, TRANSLATION
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.formulas import statistics
-from sfr_loc_map.metrics.formulas_beside import relative_motions
 from sfr_loc_map.metrics.frames.association import check_attitudes, unique_rows
 from sfr_loc_map.metrics.frames.true_attitudes import check_true_attitudes, incomplete_attitudes, known_attitudes
 from sfr_loc_map.metrics.frames.umeyama import Similarity, umeyama
+from sfr_loc_map.metrics.other_formulas import relative_motions
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import IntArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.metrics import formulas, formulas_beside
+from sfr_loc_map.metrics import formulas, other_formulas
 from sfr_loc_map.metrics.completeness.expected_items import map_completeness
 from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
 from sfr_loc_map.metrics.errors.coverage import (
@@ -163,7 +163,7 @@ def rows_of_pairs(
 def point_error_rows(part: str | None, errors: PointErrors, chosen: Mask) -> Iterator[Figure]:
     """Yield the rows of the point, height, horizontal and disparity errors of the chosen points."""
     vertical_m, horizontal_m = errors.vertical_m[chosen], errors.horizontal_m[chosen]
-    robust = {"nmad": formulas_beside.nmad, "le90": formulas_beside.le90, "ce90": formulas_beside.ce90}
+    robust = {"nmad": other_formulas.nmad, "le90": other_formulas.le90, "ce90": other_formulas.ce90}
     for name, number in robust.items():
         values = horizontal_m if name == "ce90" else vertical_m
         yield figure_row(name, part=part, n=len(values), value=number(values) if len(values) else None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.metrics import formulas_beside
+from sfr_loc_map.metrics import other_formulas
 from sfr_loc_map.metrics.errors.trajectory_errors import error_figures, errors_of
 from sfr_loc_map.metrics.figures.details import NAMED_ERRORS, PathRows, SubTrajectoryRows, Values, column, named_columns
 from sfr_loc_map.metrics.formulas import Lengths
@@ -45,7 +45,7 @@ def sub_trajectory_rows(
         z_m=column(directions["z"]),
         attitude_deg=column(shown.errors.attitude_deg),
         heading_deg=column(shown.errors.heading_deg),
-        chord_m=column(formulas_beside.chord_error(shown.poses, starts, ends)),
+        chord_m=column(other_formulas.chord_error(shown.poses, starts, ends)),
         along_m=column(directions["along"]),
         cross_m=column(directions["cross"]),
         travelled_m=column(length_m[ends] - length_m[starts]),

@@ -13,7 +13,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.message_text import counted
-from sfr_loc_map.metrics import formulas, formulas_beside
+from sfr_loc_map.metrics import formulas, other_formulas
 from sfr_loc_map.metrics.errors.pair_truth import PairTruth, check_points
 
 PIXEL_SAMPLES = 2000  #: Number of points per pair whose projection is compared with their pixel.
@@ -84,7 +84,7 @@ def errors_of_pair(cloud: PointCloud, truth: PairTruth, number: int) -> PointErr
         along_m=np.sum(offset * ray, axis=1) / np.where(distance > 0.0, distance, np.nan),
         vertical_m=offset[:, 2],
         horizontal_m=np.hypot(offset[:, 0], offset[:, 1]),
-        disparity_px=formulas_beside.disparity_error(truth.rig.fx, truth.rig.baseline_m, depth, true_depth),
+        disparity_px=other_formulas.disparity_error(truth.rig.fx, truth.rig.baseline_m, depth, true_depth),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics import formulas, formulas_beside
+from sfr_loc_map.metrics import formulas, other_formulas
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.figures.catalogue import KINDS, FigureKind
 from sfr_loc_map.metrics.figures.row_part import distance_part
@@ -69,7 +69,7 @@ def select(condition: Condition, spacing: int, path: StampedPoses, length_m: Len
         else:
             turn_deg = each.value
     if metres or turn_deg:
-        ends = formulas_beside.ends_apart(starts, ends, path.position, path.attitude, metres, turn_deg)
+        ends = other_formulas.ends_apart(starts, ends, path.position, path.attitude, metres, turn_deg)
     is_met = ends < count
     return starts[is_met], ends[is_met]
 

@@ -1,4 +1,4 @@
-"""The table of figures: the catalogue of all figures, the rows of a score and their parts, and the records beside them.
+"""The table of figures: the catalogue of all figures, the rows of a score and their parts, and the other records.
 
 `subjects` states which figures, limits, expected items and task belong together. `catalogue` lists every figure,
 `row_part` every kind of part, and `rows` defines a row. `records` and `details` define what a score contains besides

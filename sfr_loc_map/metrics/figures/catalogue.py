@@ -42,7 +42,7 @@ from sfr_loc_map.metrics.figures.row_part import (
 )
 from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.formulas_beside import chord_error
+from sfr_loc_map.metrics.other_formulas import chord_error
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 
 CLAUSES = {
