@@ -72,7 +72,7 @@ def is_folder(path: Path) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
+class _PairsFolder:
     """The rig and the pairs of one folder with a pairs.csv."""
 
     folder: Path
@@ -85,10 +85,10 @@ class _Part:
 def open_folder(path: Path, config: SourceConfig) -> Source:
     """Open a data set folder of one task, or of both tasks in `loc/` and `nav/`."""
     if (path / "pairs.csv").exists() or (path / "rig.json").exists():
-        part = _read_part(path)
-        loc, nav = (None, part) if part.has_poses else (part, None)
+        pairs = _read_pairs_folder(path)
+        loc, nav = (None, pairs) if pairs.has_poses else (pairs, None)
     else:
-        loc, nav = (_read_part(path / name) if (path / name).is_dir() else None for name in ("loc", "nav"))
+        loc, nav = (_read_pairs_folder(path / name) if (path / name).is_dir() else None for name in ("loc", "nav"))
     if nav is not None and not nav.has_poses:
         raise InputError(
             f"'{nav.folder / 'pairs.csv'}' has no poses of the mapping cameras in the local map (LM): add the columns "
@@ -107,7 +107,7 @@ def open_folder(path: Path, config: SourceConfig) -> Source:
     )
 
 
-def _read_part(folder: Path) -> _Part:
+def _read_pairs_folder(folder: Path) -> _PairsFolder:
     table, advice = folder / "pairs.csv", "give a pairs.csv with the stamps and images of the pairs"
     text = read_table_text(table, advice)
     rig = read_rig(folder / "rig.json")
@@ -126,7 +126,7 @@ def _read_part(folder: Path) -> _Part:
         raise InputError(f"'{table}' lists no pair: at least one is required")
     check_unit([pair.stamp_ns for pair in pairs], f"'{table}'", shortest_ns=SHORTEST_IMAGE_STEP_NS)
     found, missing_ns = complete_pairs(pairs, f"'{table}'")
-    return _Part(folder, rig, len(header) > len(LOC_COLUMNS), found, missing_ns)
+    return _PairsFolder(folder, rig, len(header) > len(LOC_COLUMNS), found, missing_ns)
 
 
 def _parse_pair(table: Path, number: int, row: Mapping[str, str]) -> ImagePair:
@@ -230,11 +230,11 @@ class FolderWriter(TableWriter):
         self._write_images(self._nav, index, nav.pair)
         self._nav_rows.append(pair_row(nav.pair.stamp_ns, index, nav.T_lm_navsb, truth))
 
-    def _start(self, part: str, rig: StereoRig) -> None:
+    def _start(self, folder: str, rig: StereoRig) -> None:
         for name in (".", *SIDES):
-            (self._path / part / name).mkdir(exist_ok=True)
-        (self._path / part / "rig.json").write_text(rig_json(rig), encoding="utf-8")
+            (self._path / folder / name).mkdir(exist_ok=True)
+        (self._path / folder / "rig.json").write_text(rig_json(rig), encoding="utf-8")
 
-    def _write_images(self, part: str, index: int, pair: StereoPair) -> None:
+    def _write_images(self, folder: str, index: int, pair: StereoPair) -> None:
         for name, image in zip(image_names(index), (pair.left, pair.right), strict=True):
-            (self._path / part / name).write_bytes(encode_png(image))
+            (self._path / folder / name).write_bytes(encode_png(image))
