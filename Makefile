@@ -66,7 +66,7 @@ test-quick: $(TEST_STAMP)  ## Run the quick tests of some folders (DIR="metrics 
 faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=) and write the observations to out/faults.json
 	$(CAMPAIGN) faults $(FAULTS)
 
-misbehaviour: $(STAMP)  ## Run methods that misbehave, and print the table of docs/candidates.md (CASES="crash hang")
+misbehaviour: $(STAMP)  ## Run methods that misbehave, and print the table of docs/measured_methods.md (CASES="crash hang")
 	$(CAMPAIGN) misbehaviour $(CASES)
 
 signals: $(DEV_STAMP)  ## Send signals to every long command at random times (COUNT=100) and check that no result is lost and no process remains

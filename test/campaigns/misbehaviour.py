@@ -246,7 +246,7 @@ def _sfr(*words: object) -> Result:
 
 
 def table(outcomes: Sequence[tuple[Case, Outcome]]) -> str:
-    """Return the table of docs/candidates.md."""
+    """Return the table of docs/measured_methods.md."""
     lines = ["| method | | finding | verdict | exit |", "|---|---|---|---|---|"]
     for case, outcome in outcomes:
         found, codes = ", ".join(outcome.findings) or "none", ", ".join(map(str, outcome.codes))
