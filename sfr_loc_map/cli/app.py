@@ -140,11 +140,12 @@ class _Group(TyperGroup):
         former.check_command(" ".join(("sfr", *([] if ctx.parent is None else [ctx.info_name]), args[0])))
         return super().resolve_command(ctx, args)
 
+
+class _Commands(_Group):
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - as above
-        """Return the subcommands of `sfr` in the order of PANELS, those of a group in the order of definition."""
-        names = super().list_commands(ctx)
+        """Return the subcommands of `sfr` in the order of PANELS; those of a group are in the order of definition."""
         in_panels = [name for panel in PANELS.values() for name in panel]
-        return names if ctx.parent is not None else sorted(names, key=in_panels.index)
+        return sorted(super().list_commands(ctx), key=in_panels.index)
 
 
 def help_without_command(context: typer.Context) -> None:
@@ -153,10 +154,10 @@ def help_without_command(context: typer.Context) -> None:
         typer.echo(context.get_help())
 
 
-def command_group(text: str, epilog: str | None = None) -> typer.Typer:
+def command_group(text: str, epilog: str | None = None, kind: type[TyperGroup] = _Group) -> typer.Typer:
     """Return a group of commands with its help."""
     group = typer.Typer(
-        cls=_Group,
+        cls=kind,
         help=text,
         epilog=epilog,
         pretty_exceptions_enable=False,
@@ -171,7 +172,7 @@ def examples(*lines: str) -> str:
     return "\n\n".join(("Examples:", *lines))
 
 
-app = command_group("Stereo localisation, terrain mapping and the metrics that evaluate them.", EXIT_CODES)
+app = command_group("Stereo localisation, terrain mapping and the metrics that evaluate them.", EXIT_CODES, _Commands)
 
 
 def _version(wanted: bool) -> None:
