@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from msgspec import Struct, field
+from msgspec import Struct
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,9 +118,7 @@ class Estimate(_Planned, frozen=True, kw_only=True, tag="estimate"):
 class Simulation(_Planned, frozen=True, kw_only=True, tag="simulated"):
     """A simulated source, which the first of its jobs renders."""
 
-    settings: Mapping[str, object] = field(
-        default_factory=dict
-    )  #: Those of `StatedSimulation`, like the following fields.
+    settings: Mapping[str, object]  #: Those of `StatedSimulation`, like the following fields.
     seed: int
     variant: str = ""
     faults: str = ""

@@ -68,7 +68,9 @@ def test_a_simulation_is_rendered_again_with_other_code(tmp_path: Path, monkeypa
 
     monkeypatch.setattr("sfr_loc_map.simulation.simulate.simulate", simulate)
     monkeypatch.setattr("sfr_loc_map.suite.running.source_cache.code_fingerprint", lambda: codes[-1])
-    sources = [Simulation(name="a", path="a.yaml", sha256=sha256, drive=sha256, seed=0) for sha256 in ("0", "1")]
+    sources = [
+        Simulation(name="a", path="a.yaml", sha256=sha256, drive=sha256, settings={}, seed=0) for sha256 in ("0", "1")
+    ]
     for code in ("first", "first", "second"):
         codes.append(code)
         assert [(rendered(source, tmp_path) / "images").read_text() for source in sources] == [code, code]

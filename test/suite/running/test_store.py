@@ -54,7 +54,8 @@ def test_a_source_that_was_run_and_is_in_no_job_is_reported(tmp_path: Path) -> N
 def test_a_failed_job_cannot_be_removed_from_a_suite(removed: str, tmp_path: Path) -> None:
     """All seeds of a scenario have one path, and a fault or a repeat has the path of the source without it."""
     seeds = [
-        Simulation(name=f"rocky-{seed}", path="rocky.yaml", sha256=f"{seed}", drive="", seed=seed) for seed in (1, 2)
+        Simulation(name=f"rocky-{seed}", path="rocky.yaml", sha256=f"{seed}", drive="", settings={}, seed=seed)
+        for seed in (1, 2)
     ]
     first = replace(JOB, source=seeds[0])
     failed = {
