@@ -61,8 +61,8 @@ class Evidence(NamedTuple):
         """Whether parts of the images are stale.
 
         With two motions, one of them must be a standstill, because stale parts show the previous pair. With one motion,
-        nearly half of the landmarks must be unexplained. After more pairs than a partial transfer lasts, the other
-        landmarks may be on an object.
+        nearly half of the landmarks must be unexplained, or more than usual if the previous pair was transferred, too.
+        After more pairs than a partial transfer lasts, the other landmarks may be on an object.
         """
         if self.two is not None:
             return self.two.has_standstill and self.may_be_transfer
@@ -88,8 +88,10 @@ def evidence_of(pair: ComparedPair, main: Motion, memory: GroundMemory) -> Evide
     | search | is made if the main motion |
     |---|---|
     | motion off the own body | is not credible |
-    | second exposure | is trusted and explains more than half, and parts of the images are not stale again |
+    | second exposure | is trusted, not contradicted, and explains more than half of the landmarks |
     | second motion | is trusted, but contradicted or unusual, and there is no second exposure |
+
+    The last two searches are not made if parts of the images are stale as in the previous pair.
     """
     evidence = evidence_of_main(main, memory)
     if not evidence.is_credible:
