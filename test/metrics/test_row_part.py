@@ -85,3 +85,9 @@ def test_a_row_has_place_and_kind_of_call() -> None:
     assert (memory.place, memory.call) == (Place.STATED, CallKind.LOCALISATION)
     position = figure_row("position", "distance=5", "pose", value=1.0)
     assert (position.place, position.call) == (Place.HOST, None)
+
+
+@pytest.mark.parametrize("value", [1, "text", None, [1.5], {"a": "b"}])
+def test_any_json_is_read_as_it_is(value: object) -> None:
+    """A record with a field of type `object`, such as the settings of a scenario, has no parts of rows."""
+    assert from_plain(dict[str, object], {"name": value}) == {"name": value}

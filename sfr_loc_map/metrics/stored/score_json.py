@@ -161,9 +161,11 @@ def _text_of_part(value: object) -> str:
     return str(value)
 
 
-def _part_of_text(kind: type[Any], value: Any) -> RowPart:  # noqa: ANN401 - any JSON
-    """Return the part of a row from its JSON; ValueError if the JSON is no text."""
-    if kind is not RowPart or not isinstance(value, str):
+def _part_of_text(kind: type[Any], value: Any) -> Any:  # noqa: ANN401 - any JSON
+    """Return the part of a row from its JSON, and a value of another type as it is; ValueError if a part is no text."""
+    if kind is not RowPart:
+        return value  # msgspec checks its type
+    if not isinstance(value, str):
         raise ValueError(f"a text is required, found {type(value).__name__}")
     return RowPart(value)
 
