@@ -88,7 +88,8 @@ def methods_to_compare(
     The second value gives, by name, the reasons why peers are missing.
     """
     ours, *others = BUILT_IN[task].values()
-    present, missing = [replace(ours, name=OURS_IN_TABLES, config=json.dumps(asdict(config))), *others], {}
+    present = [replace(ours, name=OURS_IN_TABLES, config=json.dumps(asdict(config))), *others]
+    missing: dict[str, str] = {}
     for name, peer in PEERS[task].items():
         found, reason = find_peer(peer, peer_python, vocabulary)
         if found is None:

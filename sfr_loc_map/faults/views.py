@@ -44,17 +44,20 @@ def with_body(at: Affected) -> Views:
     texture = _texture(rig.height, rig.width + int(disparity) + 2, at.pair.left, at.drive_rng)
     cover = np.zeros((rig.height, rig.width), np.float32)
     cover[rig.height - round(at.amount * rig.height) :] = 1.0
+    there = moved(texture, -disparity)
     left = _covered(at.pair.left, texture[:, : rig.width], cover, at)
-    return left, _covered(at.pair.right, moved(texture, -disparity)[:, : rig.width], cover, at)
+    return left, _covered(at.pair.right, there[:, : rig.width], cover, at)
 
 
 @in_view
 def with_arm(at: Affected) -> Views:
     """Cover a rectangle that enters from below, decelerates and stops at the end of the burst."""
     rig = at.rig
-    side, disparity = np.sqrt(at.amount), rig.fx / BODY_DEPTH
+    side = np.sqrt(at.amount)  # fraction of the width and of the height
+    disparity = rig.fx / BODY_DEPTH
     texture = _texture(2 * rig.height, rig.width, at.pair.left, at.drive_rng)
-    width, first = round(side * rig.width), round((1.0 - side) * at.drive_rng.random() * rig.width)
+    width = round(side * rig.width)
+    first = round((1.0 - side) * at.drive_rng.random() * rig.width)
     rows = round(side * rig.height * np.sin(0.5 * np.pi * min(at.progress, 1.0)))
     cover = np.zeros((rig.height, rig.width), np.float32)
     cover[rig.height - rows :, first : first + width] = 1.0
@@ -72,14 +75,16 @@ def with_texture(at: Affected) -> Views:
     cover = np.zeros((rig.height, rig.width), np.float32)
     cover[rig.height - round(at.amount * rig.height) :] = 1.0
     there = texture[:, round(rig.fx / BODY_DEPTH) :][:, : rig.width]
-    return _covered(at.pair.left, texture[:, : rig.width], cover, at), _covered(at.pair.right, there, cover, at)
+    left = _covered(at.pair.left, texture[:, : rig.width], cover, at)
+    return left, _covered(at.pair.right, there, cover, at)
 
 
 @in_view
 def with_reflection(at: Affected) -> Views:
     """Blend both images with a fixed texture at the depth of the rover's own body."""
     rig = at.rig
-    texture, kept = _texture(rig.height, rig.width, at.pair.left, at.drive_rng), 1.0 - at.amount
+    texture = _texture(rig.height, rig.width, at.pair.left, at.drive_rng)
+    kept = 1.0 - at.amount  # fraction of the light of the scene
     there = moved(texture, -rig.fx / BODY_DEPTH)
     left = as_grey(kept * at.pair.left + at.amount * texture)
     return left, as_grey(kept * at.pair.right + at.amount * there)
