@@ -328,7 +328,8 @@ def _outer_heights(cell_of_point: NDArray[np.int32], height: FloatArray32, count
             if count[row, column] < MIN_POINTS:
                 continue
             cell = row * columns + column
-            heights = np.sort(ordered[firsts[cell] : ends[cell]])
+            heights = ordered[firsts[cell] : ends[cell]]
+            heights.sort()
             last = len(heights) - 1
             low_rank = int(np.rint(OUTLIER_FRACTION * last))
             high_rank = int(np.rint((1.0 - OUTLIER_FRACTION) * last))
