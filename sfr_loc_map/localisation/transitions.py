@@ -182,7 +182,11 @@ def lost(state: State, reason: StateReason | None) -> State:
 
 
 def gap_keyframes_at_window(state: State, stamp_ns: int, window_keyframes: int) -> int:
-    """Return `State.gap_keyframes` after a pair begins a window. After a gap, poses are degraded until it is full."""
+    """Return `State.gap_keyframes` after a pair begins a window.
+
+    After an unobserved motion, the poses are degraded until the window is full. Otherwise, an earlier count continues,
+    because the pair is a keyframe.
+    """
     if state.path.last.has_gap(stamp_ns):
         return window_keyframes - 1
     return max(state.gap_keyframes - 1, 0)
@@ -193,7 +197,7 @@ def window_begun(
 ) -> tuple[State, StepEstimate]:
     """Return the state after a pair began a window at the last known pose, and the step to this pose.
 
-    The last argument but one is `gap_keyframes_at_window`.
+    `gap_keyframes` is the number that `gap_keyframes_at_window` returned, on which the verdict depends, too.
     """
     landmark_map = window.landmark_map
     keyframes = state.keyframes + 1
