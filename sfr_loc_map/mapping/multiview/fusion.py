@@ -130,7 +130,7 @@ def _compare_points(index: int, views: Sequence[PairView], rig: StereoRig) -> Co
             continue
         observed = project_into_view(points.xyz, other.T_lm_left, other.images, rig)
         judgements.append(_judge(observed, own, is_earlier=other_index < index))
-        overlaps[other_index] = overlap_of(observed)
+        overlaps[other_index] = overlap_of(points, observed)
     agrees = _any_of((judgement.agrees for judgement in judgements), points.size)
     is_duplicate = _any_of((judgement.is_duplicate for judgement in judgements), points.size)
     is_conflict = _any_of((judgement.is_conflict for judgement in judgements), points.size)

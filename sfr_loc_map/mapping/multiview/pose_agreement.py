@@ -60,7 +60,7 @@ def agreement_of_poses(views: Sequence[PairView], overlaps: Mapping[tuple[int, i
         statistics[f"overlap_{i}_{j}"] = overlap.common / max(views[i].points.size, 1)
         if overlap.common == 0:
             continue
-        agreement = _pose_agreement(views[i], views[j], overlap)
+        agreement = _pose_agreement(overlap, max(views[i].noise_grey, views[j].noise_grey))
         statistics |= {
             f"difference_median_m_{i}_{j}": agreement.difference_median_m,
             f"difference_spread_m_{i}_{j}": agreement.difference_spread_m,
@@ -76,22 +76,19 @@ def agreement_of_poses(views: Sequence[PairView], overlaps: Mapping[tuple[int, i
     return Findings(statistics, tuple(warnings))
 
 
-def _pose_agreement(view: PairView, other: PairView, overlap: Overlap) -> PoseAgreement:
-    """Return the agreement of a view with another view at the sampled points of their overlap.
+def _pose_agreement(overlap: Overlap, noise_grey: float) -> PoseAgreement:
+    """Return the agreement of two views at the sampled points of their overlap, given the larger noise of both.
 
     Range differences are compared with those expected for correct sigmas and poses. Grey level differences are compared
     with those at an offset of `SHIFT_PX`, because they reveal a wrong yaw on any texture.
     """
-    observed = overlap.observed
-    expected = observed.difference_sigma(view.points.fusion_sigma[overlap.indices])
-    own_grey = view.points.intensity[overlap.indices]
-    grey = _spread_of_finite(observed.grey - own_grey)
-    grey_shifted = _spread_of_finite(observed.grey_shifted - own_grey)
-    is_textured = grey_shifted > TEXTURE_SIGMAS * max(view.noise_grey, other.noise_grey)
+    grey = _spread_of_finite(overlap.grey_difference)
+    grey_shifted = _spread_of_finite(overlap.shifted_difference)
+    is_textured = grey_shifted > TEXTURE_SIGMAS * noise_grey
     return PoseAgreement(
-        difference_median_m=median(observed.difference),
-        difference_spread_m=spread(observed.difference),
-        range_ratio=mad_sigma(observed.difference / expected),
+        difference_median_m=median(overlap.difference),
+        difference_spread_m=spread(overlap.difference),
+        range_ratio=mad_sigma(overlap.difference / overlap.difference_sigma),
         grey_ratio=grey / grey_shifted if is_textured else math.nan,
     )
 

@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
-from sfr_loc_map.mapping.pair_view import PairView, ViewImages
+from sfr_loc_map.mapping.pair_view import PairView, ViewImages, ViewPoints
 
 FEATHER_PX = 48.0
 """Distance from the image border beyond which points have their full weight, pixels: a twentieth of the side of a
@@ -65,11 +65,13 @@ class Observations(NamedTuple):
 
 
 class Overlap(NamedTuple):
-    """Points of a view that another view observes, and n samples of these points."""
+    """Points of a view that another view observes, and the differences at n samples of these points, `(n,)` each."""
 
     common: int  #: Number of points that the other view observes.
-    indices: NDArray[np.intp]  #: `(n,)`, indices of the samples in the points of the view.
-    observed: Observations  #: Observations of the samples by the other view, `(n,)` each.
+    difference: FloatArray32  #: Range differences (`Observations.difference`), metres.
+    difference_sigma: FloatArray32  #: Standard deviations of the range differences, metres.
+    grey_difference: FloatArray32  #: Grey level of the other view minus that of the point.
+    shifted_difference: FloatArray32  #: The same with the grey level of the other view at the offset of `SHIFT_PX`.
 
 
 def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> Observations:
@@ -77,11 +79,19 @@ def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImage
     return _observe(xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
 
 
-def overlap_of(observed: Observations) -> Overlap:
-    """Return the overlap of a view with the view that observes its points."""
+def overlap_of(points: ViewPoints, observed: Observations) -> Overlap:
+    """Return the overlap of the view of the points with the view that observes them."""
     indices = observed.indices
     sampled = indices[::OVERLAP_STRIDE]
-    return Overlap(len(indices), sampled, observed.select(sampled))
+    samples = observed.select(sampled)
+    own_grey = points.intensity[sampled]
+    return Overlap(
+        common=len(indices),
+        difference=samples.difference,
+        difference_sigma=samples.difference_sigma(points.fusion_sigma[sampled]),
+        grey_difference=samples.grey - own_grey,
+        shifted_difference=samples.grey_shifted - own_grey,
+    )
 
 
 def point_weights(view: PairView) -> FloatArray32:
