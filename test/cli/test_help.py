@@ -16,6 +16,8 @@ from helpers.cli_result import Sfr
 from sfr_loc_map.cli import options
 from sfr_loc_map.cli.main import app
 from sfr_loc_map.cli.options import refuse_given
+from sfr_loc_map.cli.simulate import FAULT_KINDS
+from sfr_loc_map.faults.kinds import FaultKind
 
 ROOT: Any = typer.main.get_command(app)
 
@@ -91,3 +93,7 @@ def test_the_usual_options_come_before_the_rare_ones(name: str, rare: str, sfr: 
 def test_the_help_needs_no_numpy() -> None:
     code = "import sys; sys.modules['numpy'] = None; import sfr_loc_map.cli.main"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_help_lists_every_kind_of_fault() -> None:
+    assert [*FaultKind] == FAULT_KINDS
