@@ -39,7 +39,7 @@ def commands() -> str:
 
 def _command(command: Any, path: str, parent: Any) -> Iterator[str]:  # noqa: ANN401 - of click or typer's copy of it
     context_type = command.context_class
-    context = context_type(command, info_name=path, parent=parent)
+    context = context_type(command, info_name=path, parent=parent, **command.context_settings)
     yield f"## {path}\n"
     usage = " ".join(command.collect_usage_pieces(context))
     yield f"```text\n{path} {usage}\n```\n"
@@ -54,7 +54,7 @@ def _command(command: Any, path: str, parent: Any) -> Iterator[str]:  # noqa: AN
         yield epilog + "\n"
     for name in command.list_commands(context) if hasattr(command, "commands") else ():
         if not (child := command.commands[name]).hidden:
-            yield from _command(child, f"{path} {name}", None)
+            yield from _command(child, f"{path} {name}", context)
 
 
 def _prose(text: str) -> str:
