@@ -485,7 +485,7 @@ MUTATIONS = (
     Mutation("scoring/call_checks.py", "if len(here) > 1:", "if len(here) > 2:"),
     Mutation("metrics/score/limits.py", "independent >= self.minimum", "independent > self.minimum"),
     Mutation("metrics/score/verdict.py", "<= truth_error", "<= 0.1 * truth_error"),
-    Mutation("metrics/judging/limited_value.py", '"mean_plus_3sigma": 3.0, "max"', '"mean_plus_3sigma": 1.0, "max"'),
+    Mutation("metrics/judging/limited_value.py", "TOTAL: math.sqrt(1.0 + 3.0**2)", "TOTAL: 3.0"),
     Mutation(
         "metrics/stored/file_check.py",
         "expected = mean_plus_3sigma(row.mean, row.sigma)",

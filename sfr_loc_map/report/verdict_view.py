@@ -13,7 +13,15 @@ from dataclasses import dataclass
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.figures.catalogue import KINDS, clause_of, defines, is_fraction, statistic_title, title_of
+from sfr_loc_map.metrics.figures.catalogue import (
+    KINDS,
+    TOTAL,
+    clause_of,
+    defines,
+    is_fraction,
+    statistic_title,
+    title_of,
+)
 from sfr_loc_map.metrics.figures.row_part import READING_PARTS
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.judging.reasons import why_open
@@ -68,7 +76,7 @@ class VerdictView:
         """Return the view of a verdict, with counts and reason if the score is given."""
         unit = unit_of(item)
         name = name_of(item)
-        has_interval = item.condition is not None and item.statistic == "mean_plus_3sigma"
+        has_interval = item.condition is not None and item.statistic == TOTAL
         digits = digits_beside(item.value, item.limit, unit)
         is_open = item.state is VerdictState.NOT_ENOUGH_DATA
         of_nothing = ABSENT if item.state is VerdictState.PASS else NOT_ENOUGH  # a pass without a value has 0 items

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.metrics.config import Reading
-from sfr_loc_map.metrics.figures.catalogue import KINDS
+from sfr_loc_map.metrics.figures.catalogue import KINDS, TOTAL
 from sfr_loc_map.metrics.figures.row_part import ANY, ATTITUDE, TURN, RowPart
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.figures.subjects import LimitSection
@@ -18,11 +18,19 @@ from sfr_loc_map.metrics.score.limits import Limit
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import Interval, normal_quantile
 
-EXPANSION = {"mean": 1.0, "sigma": 1.0, "rmse": 1.0, "mean_plus_3sigma": 3.0, "max": 3.0} | {
+EXPANSION = {"mean": 1.0, "sigma": 1.0, "rmse": 1.0, TOTAL: math.sqrt(1.0 + 3.0**2), "max": 3.0} | {
     name: float(math.ceil(NormalDist().inv_cdf(0.5 + percent / 200.0))) for name, percent in QUANTILES.items()
 }
-"""Largest error of each statistic, in standard deviations of the error of the truth. For a quantile, it is the same
-quantile of a normal error, rounded up to 1, 2 or 3. The standard library is used because scipy is slow to import."""
+"""Change of each statistic by the error of the truth, in multiples of the root mean square e of this error.
+
+Errors of the truth with the mean b and the standard deviation c have `b^2 + c^2 = e^2`. They change the mean by at most
+b, sigma by at most c, and the rmse by at most e. They change mean + 3 sigma by at most `b + 3 c`, which is at most
+`sqrt(10) e` (Cauchy-Schwarz). The n - 1 of sigma, which matters for few values, is neglected in c.
+
+A quantile and the largest size have no such bound. The factor of a quantile is the same quantile of a normal error,
+rounded up to an integer, and that of the largest size is 3. The standard library is used because scipy is slow to
+import.
+"""
 
 
 class LimitedValue(NamedTuple):
@@ -34,7 +42,7 @@ class LimitedValue(NamedTuple):
     row: Figure | None = None
     row_index: int | None = None  #: Index of the row in the table of figures.
     independent: float | None = None  #: Number of independent values.
-    truth_error: float = 0.0  #: Largest change of the number that the error of the truth can cause.
+    truth_error: float = 0.0  #: Change of the number that the error of the truth can cause (`EXPANSION`).
 
 
 def value_of(limit: Limit, score: Score, reading: Reading | None = None) -> LimitedValue:
@@ -44,7 +52,7 @@ def value_of(limit: Limit, score: Score, reading: Reading | None = None) -> Limi
     if row is None:
         return LimitedValue()
     is_counted = limited.statistic in STATISTICS and not limit.is_on_one_call
-    interval = row.interval if limited.statistic == "mean_plus_3sigma" else None
+    interval = row.interval if limited.statistic == TOTAL else None
     count = row.n if is_counted else None
     return LimitedValue(
         value=row.statistic(limited.statistic),
@@ -77,7 +85,7 @@ def _rank_of_fraction(row: Figure) -> float:
 
 
 def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> float:
-    """Return the largest change of a limited number that errors of the truth at both ends of a sub-trajectory cause.
+    """Return the change of a limited number that errors of the truth at both ends of a sub-trajectory can cause.
 
     The reading `pose` rotates the estimate by the true attitude at the start, whose error also moves the end.
     """
@@ -93,7 +101,7 @@ def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> fl
 
 
 def expansion_of(limit: Limit) -> float:
-    """Return the largest error of a limited statistic, in standard deviations of the error of the truth."""
+    """Return the change of a limited statistic by the error of the truth, in multiples of the latter (`EXPANSION`)."""
     if limit.terms is None:
         return EXPANSION[limit.limited.statistic]
     return normal_quantile(0.5 * (1.0 + limit.terms.prob))

@@ -55,7 +55,7 @@ def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None
 def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]], truth_error: float = 0.0) -> Proof:
     """Return whether the errors of drives prove that a limit is met.
 
-    `drives` contains the runs of each drive by name. `truth_error` is the largest change of an error that the error of
+    `drives` contains the runs of each drive by name. `truth_error` is the change of an error that the error of
     the truth can cause.
     """
     runs = {name: [sample for sample in samples if len(sample.errors)] for name, samples in drives.items()}

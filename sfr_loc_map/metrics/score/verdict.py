@@ -68,7 +68,7 @@ class Verdict(Record, frozen=True, kw_only=True):
     margin: float | None = None  #: Distance from the value to the limit, negative if the limit is missed.
     n: int | None = None  #: Number of values of the statistic; null for a single number.
     independent: float | None = None  #: Number of independent values; null if it is undefined.
-    truth_error: float | None = None  #: Largest change of the value by the error of the ground truth; null if 0.
+    truth_error: float | None = None  #: Change of the value that the error of the truth can cause; null if 0.
     #: Pass if `|value| <= limit` (`coverage_min`, `judged`: `>=`). With `needs_certainty`, the complete interval must
     #: be within the limit.
     state: VerdictState = msgspec.field(name="verdict")
