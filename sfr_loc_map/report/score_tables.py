@@ -288,19 +288,14 @@ def figure_table(
         cells = [Cell.head(row_title(row)), Cell(unit.symbol)]
         for statistic in shown:
             value = row.statistic(statistic)
-            value_key = "" if value is None else f"{key}.{statistic}"
-            cells.append(Cell.number(value, value_key, unit, undefined_of(row, statistic)))
+            cells.append(Cell.number(value, f"{key}.{statistic}", unit, undefined_of(row, statistic)))
         if has_interval:
             cells.append(Cell.interval(row.interval, key, unit, ABSENT))
-        cells.append(_count(row.n, f"{key}.n"))
+        cells.append(Cell.number(row.n, f"{key}.n", undefined=ABSENT))
         if has_independent:
-            cells.append(_count(row.independent, f"{key}.independent"))
+            cells.append(Cell.number(row.independent, f"{key}.independent", undefined=ABSENT))
         rows.append(tuple(cells))
     return Table(name, title, tuple(columns), tuple(rows), note)
-
-
-def _count(value: float | None, key: str) -> Cell:
-    return Cell(ABSENT) if value is None else Cell.number(value, key)
 
 
 def undefined_of(row: Figure, statistic: str) -> str:

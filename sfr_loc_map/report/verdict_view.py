@@ -89,7 +89,7 @@ class VerdictView:
             style=style_of(item.state.value),
             value=Cell.number(item.value, f"{key}.value", unit, of_nothing, digits=digits),
             limit=Cell(f"{sign_of(item)} {exact_number(item.limit, unit)}", item.limit, f"{key}.limit"),
-            margin=Cell(ABSENT) if item.margin is None else Cell.number(item.margin, f"{key}.margin", unit),
+            margin=Cell.number(item.margin, f"{key}.margin", unit, ABSENT),
             interval=Cell.interval(item.interval, key, unit, NOT_ENOUGH if has_interval else ABSENT),
             count=_count(item, key, score),
             independent=Cell.number(item.independent, f"{key}.independent", undefined=ABSENT),

@@ -103,6 +103,21 @@ def test_every_row_of_the_score_is_in_a_table_and_an_unknown_one_in_the_last() -
     assert exact[f"{place_of(score, 'roughness', part='all')}.mean"] == "0.25"
 
 
+def test_csv_has_a_line_for_each_undefined_number_of_a_row() -> None:
+    """A program that reads the CSV distinguishes an undefined number from a key that does not exist."""
+    rows = (
+        figure_row("attitude", "distance=5", "pose", n=2, mean=0.1, sigma=0.1, mean_plus_3sigma=0.4),
+        figure_row("attitude", "distance=10", "pose", n=1, mean=0.1),
+        figure_row("missing", n=300),
+        figure_row("restarts", value=2.0),
+    )
+    lines = to_csv(score_tables(Score(figures=rows))).splitlines()
+    found = {line.split(",")[-2]: line.split(",")[-1] for line in lines[1:]}
+    assert (found["figures.0.mean_plus_3sigma"], found["figures.1.mean_plus_3sigma"]) == ("0.4", "")
+    assert (found["figures.2.value"], found["figures.3.value"]) == ("", "2.0")
+    assert (found["figures.2.n"], found["figures.3.n"]) == ("300", "")
+
+
 def test_a_verdict_in_csv_has_its_key_and_its_requirement() -> None:
     limits = parse_limits({"timing": {"localisation_max_s": {"limit": 1e9, "id": "R5"}}}, "limits")
     score = judged_by(whole_score(), limits)
