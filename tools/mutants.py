@@ -317,7 +317,8 @@ MUTATIONS = (
         "np.isin(localised, estimate_ns).mean()",
     ),
     Mutation(FORMULAS, "(returned_ns - called_ns) * 1e-9", "(returned_ns - called_ns) * 0.5e-9"),
-    Mutation(FORMULAS, "peak_bytes - idle_bytes, 0)", "peak_bytes, 0)"),
+    Mutation(FORMULAS, "return peak_bytes - idle_bytes if", "return peak_bytes if"),
+    Mutation(FORMULAS, "if peak_bytes >= idle_bytes else None", "if True else None"),
     Mutation("metrics/calls/call_score.py", "if row.call in kinds else row for", "if row.part in kinds else row for"),
     # verdicts
     Mutation(SHORTFALLS, '"missing", Scope.DRIVE, IMAGES, 0.0', '"missing", Scope.DRIVE, IMAGES, 0.01'),

@@ -114,14 +114,15 @@ def usage_of_stages(stages: Sequence[CallRecord | CallUsage]) -> CallUsage:
     """Return the usage of a mapping call from its stages: each pair and the fusion.
 
     The time is the sum of the times of the stages. The time between stages does not count, such as the wait for the
-    next pair.
+    next pair. The memory is that of the stages with a measured peak. The memory above the idle process is None if it is
+    unknown for one of them.
     """
     peaks = [item.peak_rss_bytes for item in stages if item.peak_rss_bytes is not None]
     above_idle = [item.above_idle_bytes for item in stages if item.above_idle_bytes is not None]
     return CallUsage(
         processing_time_s=sum(item.processing_time_s for item in stages),
         peak_rss_bytes=max(peaks, default=None),
-        above_idle_bytes=max(above_idle, default=None),
+        above_idle_bytes=max(above_idle, default=None) if len(above_idle) == len(peaks) else None,
     )
 
 

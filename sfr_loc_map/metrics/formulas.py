@@ -164,12 +164,13 @@ def call_time_s(called_ns: int, returned_ns: int) -> float:
     return (returned_ns - called_ns) * 1e-9
 
 
-def memory_above_idle(peak_bytes: int, idle_bytes: int) -> int:
+def memory_above_idle(peak_bytes: int, idle_bytes: int) -> int | None:
     """Return the memory of a call [4.2.2, 4.3.2]: its peak resident memory above that of the idle process, bytes.
 
-    The result is 0 if the peak is below the idle memory, because the process released memory before the call.
+    The result is None if the peak is below the idle memory. The process then lost memory after the idle memory was
+    measured, because it released the memory or because the kernel reclaimed it. The idle memory at the call is unknown.
     """
-    return max(peak_bytes - idle_bytes, 0)
+    return peak_bytes - idle_bytes if peak_bytes >= idle_bytes else None
 
 
 # ---- 4.2.3.1 3D position error

@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sfr_loc_map.calls.call_record import usage_of_stages
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls import call_meter
-from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE, CallMeter
+from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE, CallMeter, CallUsage
 from sfr_loc_map.metrics.calls.call_score import (
     AFTER_FIRST,
     FIRST,
@@ -26,7 +27,7 @@ from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.figures.records import AnswerCounts, ExternalScore, ProcessUsage
 from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.subjects import Scope
-from sfr_loc_map.metrics.formulas import Statistics
+from sfr_loc_map.metrics.formulas import Statistics, memory_above_idle
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.suite_names import Task
 
@@ -45,6 +46,27 @@ def test_a_known_allocation_is_measured_and_that_of_an_earlier_call_is_not() -> 
     with meter.measure() as call:
         pass
     assert (call.above_idle_bytes or 0) < 0.05 * SIZE
+
+
+@pytest.mark.clause("4.2.2")
+def test_memory_above_an_idle_memory_that_the_process_no_longer_has_is_unknown() -> None:
+    held = np.ones(SIZE, np.uint8)
+    meter = CallMeter()
+    if meter.method == METHOD_UNAVAILABLE:
+        pytest.skip(METHOD_UNAVAILABLE)
+    del held
+    with meter.measure() as call:
+        pass
+    assert call.peak_rss_bytes is not None
+    assert call.above_idle_bytes is None
+    assert memory_above_idle(5, 5) == 0
+
+
+@pytest.mark.clause("4.3.2")
+def test_memory_of_a_mapping_call_above_the_idle_process_is_unknown_if_it_is_unknown_for_a_stage() -> None:
+    known, unknown, unmeasured = CallUsage(1.0, 10, 5), CallUsage(1.0, 20), CallUsage(1.0)
+    assert usage_of_stages([known, unmeasured]) == CallUsage(2.0, 10, 5)
+    assert usage_of_stages([known, unknown]) == CallUsage(2.0, 20)
 
 
 @pytest.mark.clause("4.2.1", "4.2.2")
