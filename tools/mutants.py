@@ -278,7 +278,7 @@ MUTATIONS = (
     Mutation("metrics/score/limits.py", "not 0 <= bound < math.inf", "not 0 <= bound <= math.inf"),
     Mutation("metrics/score/limits.py", '.unit == "1" and bound > 1:', '.unit == "1" and bound > 100:'),
     Mutation("metrics/judging/limits_file.py", "not 1 <= independent < 1e9", "not 0 <= independent < 1e9"),
-    Mutation("metrics/score/limits.py", "MINIMUM_INDEPENDENT = 5.0", "MINIMUM_INDEPENDENT = 4.0"),
+    Mutation("metrics/score/limits.py", "INDEPENDENT_FOR_VERDICT = 5.0", "INDEPENDENT_FOR_VERDICT = 4.0"),
     Mutation("metrics/judging/limits_file.py", "{**of_all, **entry}", "{**entry, **of_all}"),
     Mutation("metrics/judging/limits_file.py", "minimum_independent=float(independent), ", ""),
     Mutation("metrics/judging/limits_file.py", ", data_set_sha256=hashes", ""),

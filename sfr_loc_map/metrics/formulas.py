@@ -65,14 +65,14 @@ def ends_by_frames(starts: IntArray, frames: int) -> IntArray:
 
 # ---- 4.1.2 Error over a sub-trajectory by three readings (`trajectory.rebase`, default `pose`)
 #
-# All three remove the position error at N. They differ in the attitude error at N:
+# All three remove the position error at N. The table states whether the attitude error at N affects the errors at N+x:
 #
-#                   the position error    the attitude error    the heading error
-#   pose            does not contain it   does not contain it   does not contain it
-#   displacement    contains it           does not contain it   contains its tilt
-#   position        contains it           contains it           contains it
+#                   position error   attitude error   heading error
+#   pose            no               no               no
+#   displacement    yes              no               only its tilt
+#   position        yes              yes              yes
 #
-# An attitude error at N turns the displacement. The heading of an attitude depends on its tilt.
+# It affects the position error because it rotates the displacement.
 
 
 class SubTrajectoryErrors(NamedTuple):

@@ -28,7 +28,7 @@ from sfr_loc_map.metrics.judging.incomplete import limits_missed_at_other_frames
 from sfr_loc_map.metrics.judging.limit_scope import tasks_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
 from sfr_loc_map.metrics.score.caveats import caveats_of
-from sfr_loc_map.metrics.score.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
+from sfr_loc_map.metrics.score.limits import COVERAGE_MIN, INDEPENDENT_FOR_VERDICT
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.report.settings import changed_settings, has_all_settings, setting_text
@@ -241,9 +241,9 @@ def _relaxed_rules(score: Score) -> Iterator[str]:
         return
     if rules.partial:
         yield "An incomplete result is judged as if it were complete (--partial)."
-    if rules.minimum_independent < MINIMUM_INDEPENDENT:
+    if rules.minimum_independent < INDEPENDENT_FOR_VERDICT:
         least = f"{rules.minimum_independent:g}"
-        usual = f"{MINIMUM_INDEPENDENT:g}"
+        usual = f"{INDEPENDENT_FOR_VERDICT:g}"
         yield f"The limits require {least} independent sub-trajectories; the default is {usual}."
 
 

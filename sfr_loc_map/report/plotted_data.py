@@ -110,7 +110,7 @@ def drawn_statistics(score: Score, row: Figure | None) -> dict[str, float]:
     if row is None:
         return {}
     shown = KINDS[row.figure].shown if row.figure in KINDS else ()
-    limited = {item.statistic for item in score.verdicts if score.row_of(item) == row}
+    limited = {item.statistic for item in score.verdicts if score.is_about(item, row)}
     wanted = limited.union(shown) - {"sigma", "value"}
     return {name: value for name in NUMBERS if name in wanted and (value := row.statistic(name)) is not None}
 

@@ -69,13 +69,13 @@ def is_headline(score: Score, row: Figure) -> bool:
         return False
     if row.subject is Subject.MEMORY:  # the part of a peak is the kind of call
         return row.value is not None and row.place is not Place.TARGET
-    return row == score.judged_row(row.figure, condition=row.condition)
+    return score.is_judged_row(row)
 
 
 def is_limited(score: Score, row: Figure) -> bool:
     """Return whether a limit is on a row. Completeness has a table of its own above the plots."""
     return any(
-        score.row_of(item) == row and item.subject is not Subject.COMPLETENESS and item.value is not None
+        score.is_about(item, row) and item.subject is not Subject.COMPLETENESS and item.value is not None
         for item in score.verdicts
     )
 

@@ -9,13 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.metrics.config import (
-    SPACING_FRAMES,
-    AlignedErrorConfig,
-    ScoreConfig,
-    aligned_error_config,
-    score_config,
-)
+from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig, aligned_error_config, score_config
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
@@ -38,6 +32,7 @@ SETTINGS = {
     "rpe_delta": "rpe_delta",
 }
 """The argument of `ScoreRequest.of` by the name of the setting that the argument gives."""
+DEFAULTS = ScoreConfig()
 
 
 class ScoredRun(NamedTuple):
@@ -63,13 +58,13 @@ class ScoreRequest:
         conditions: Sequence[str] | None = None,
         limits: Limits | None = None,
         *,
-        spacing: int = SPACING_FRAMES,
-        rebase: str = "pose",
-        partial: bool = False,
+        spacing: int = DEFAULTS.trajectory.spacing,
+        rebase: str = DEFAULTS.trajectory.rebase,
+        partial: bool = DEFAULTS.trajectory.partial,
         frames: str = "truth",
-        associate: str = "auto",
-        max_gap: float = 1.0,
-        scored_range: tuple[float, float] = (0.0, 10.0),
+        associate: str = DEFAULTS.trajectory.association.truth,
+        max_gap: float = DEFAULTS.trajectory.association.max_gap_s,
+        scored_range: tuple[float, float] = (DEFAULTS.map.scored_from_m, DEFAULTS.map.scored_to_m),
         align: str | None = None,
         max_difference: float | None = None,
         rpe_delta: str | None = None,

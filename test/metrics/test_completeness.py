@@ -28,7 +28,7 @@ from sfr_loc_map.metrics.frames.association import Estimates, associate
 from sfr_loc_map.metrics.frames.truth_error import interpolation_errors
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.score.limits import MINIMUM_INDEPENDENT
+from sfr_loc_map.metrics.score.limits import INDEPENDENT_FOR_VERDICT
 from sfr_loc_map.metrics.score.score import Score
 
 SECOND = 1_000_000_000
@@ -523,7 +523,7 @@ def test_the_drive_that_the_template_of_limits_names_is_long_enough(length_m: in
     """25 m in steps of 0.1 m have fewer than five independent sub-trajectories of 5 m, and 30 m have five."""
     drive = straight(0, 100 * length_m + 1, 10)
     scored = as_score(score_trajectory(Estimates.of(drive), drive, TrajectoryScoreConfig()))
-    assert ((scored.figure("position").independent or 0.0) >= MINIMUM_INDEPENDENT) == is_enough
+    assert ((scored.figure("position").independent or 0.0) >= INDEPENDENT_FOR_VERDICT) == is_enough
 
 
 @pytest.mark.parametrize("count", [0, 50])

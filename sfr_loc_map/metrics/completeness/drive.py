@@ -124,10 +124,11 @@ class TruthCoverage(NamedTuple):
     def spans(self, expected_ns: IntArray, near_ns: int) -> Mask:
         """Return which ascending stamps the ground truth covers.
 
-        A gap of the truth that is longer than both the longest interpolated gap and five median periods is not covered.
-        An interpolated truth also covers stamps up to `near_ns` beyond its ends and into such gaps, because files round
-        stamps. An estimate farther away is not a frame. A matched truth may be sparser than the images. Each of its
-        poses therefore covers one median period of the truth before and after it.
+        The truth covers the time between two true poses, unless this time is a gap that is longer than both the longest
+        interpolated gap and five median periods of the truth. In such gaps and beyond its ends, the truth covers only
+        stamps near a true pose. The largest distance is `near_ns` if the truth is interpolated, because files round
+        stamps. It is the tolerance or one median period if the truth is matched, because a matched truth may be sparser
+        than the images.
         """
         true_ns = self.stamps_ns
         if not len(true_ns):

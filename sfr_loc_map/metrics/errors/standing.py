@@ -69,10 +69,10 @@ def is_moving(sub_trajectories: SubTrajectories, stamps_ns: IntArray, *, has_til
 def begins_elsewhere(sub_trajectories: SubTrajectories, stamps_ns: IntArray, *, has_tilt: bool) -> Mask:
     """Return the sub-trajectories that do not begin at the place of the previous sub-trajectory.
 
-    A rover that is stationary between two starts moves and turns by less than the least motion and the least turn
-    (`least_by_rate`, `least_turn`). A slow rover does so as well, but its motions add up. The motions and turns between
-    neighbouring starts are therefore summed, each in units of its least value. A sub-trajectory begins elsewhere if the
-    sum reaches another whole number at its start. The first sub-trajectory begins elsewhere.
+    The motion and the turn between neighbouring starts are divided by the least motion and the least turn of a moving
+    rover (`least_by_rate`, `least_turn`) and summed from the first start on. A sub-trajectory begins elsewhere if the
+    integer part of this sum increases at its start. A slow rover, each of whose motions is below the least motion, is
+    therefore elsewhere after several starts. The first sub-trajectory begins elsewhere.
     """
     poses = sub_trajectories.poses
     before = sub_trajectories.starts[:-1]

@@ -77,19 +77,20 @@ def score_trajectory(
         result_of_condition(condition, each, placed, config.spacing, sums, kept_errors)
         for condition, each in judged.items()
     ]
-    figures = [row for result in results for row in result.figures]
-    if (beyond := largest_fraction(figures, ERRORS_BEYOND)) is not None:
-        figures.append(beyond)
-    figures.append(largest_fraction(figures, STANDING) or figure_row(STANDING, n=0))
-    figures += growth_rows(placed, config.spacing)
-    figures += truth_error_rows(placed.truth, interpolated_stamps(placed))
-    figures += drive.rows
+    of_conditions = [row for result in results for row in result.figures]
     frames = placed.frames if placed.truth.has_height else placed.frames.without_heights()
-    figures += copy_rows(frames, placed.truth, placed.is_reported, interpolated=placed.matching.interpolated > 0)
-    figures.append(judged_of_truth(frames, [(each.starts, each.ends) for each in judged.values()]))
+    figures = (
+        *of_conditions,
+        *rows_over_conditions(of_conditions),
+        *growth_rows(placed, config.spacing),
+        *truth_error_rows(placed.truth, interpolated_stamps(placed)),
+        *drive.rows,
+        *copy_rows(frames, placed.truth, placed.is_reported, interpolated=placed.matching.interpolated > 0),
+        judged_of_truth(frames, [(each.starts, each.ends) for each in judged.values()]),
+    )
     path = path_rows(placed.estimates, placed.frames, placed.length_m) if details else None
     return ScoredTrajectory(
-        figures=tuple(figures),
+        figures=figures,
         association=association_record(placed, config.spacing, drive.images),
         truth=truth_record(placed),
         details=TrajectoryDetails(path=path, sub_trajectories=tuple(result.rows for result in results)),
@@ -105,6 +106,16 @@ class ConditionResult(NamedTuple):
     rows: SubTrajectoryRows  #: Data of the plots.
     errors: tuple[ErrorRows, ...]  #: All errors of the figures that limits require.
     unjudged: tuple[str, ...]  #: Warnings about frames outside the judged sub-trajectories with far larger errors.
+
+
+def rows_over_conditions(of_conditions: Sequence[Figure]) -> Iterator[Figure]:
+    """Yield the largest fractions over the conditions.
+
+    They are the fractions of frames with far larger errors, and of sub-trajectories that a stationary rover adds.
+    """
+    if (beyond := largest_fraction(of_conditions, ERRORS_BEYOND)) is not None:
+        yield beyond
+    yield largest_fraction(of_conditions, STANDING) or figure_row(STANDING, n=0)
 
 
 def judged_sub_trajectories(

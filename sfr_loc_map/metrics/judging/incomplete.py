@@ -211,15 +211,13 @@ def limits_missed_at_other_frames(score: Score) -> Iterator[tuple[Limit, Figure,
 def missed_at_other_frames(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
     """Yield a shortfall for each limit that the errors at the other frames miss.
 
-    A figure always depends somewhat on the choice of the starts. One of two further conditions must therefore hold:
+    A figure always depends somewhat on the choice of the starts. Such a limit is therefore a shortfall only in one of
+    two cases:
 
     - The fraction of the frames whose error is far above the judged errors exceeds `most`.
-    - The limited statistic of the other frames is far above its limit, although the statistic of the judged errors
-      meets the limit. A limit allows some large judged errors, which the errors at other frames may not far exceed.
-
-    A mean or a standard deviation can be far above its limit because of a few frames, as in a short loss, which is no
-    shortfall. For these statistics, the second condition therefore also requires that the 95 % quantile of the other
-    frames misses the limit.
+    - The judged errors meet the limit, but the statistic of the other frames is more than `BEYOND` times the limit. A
+      few frames of a short loss can raise every statistic except a quantile so far. For these statistics, the 95 %
+      quantile of the other frames must also miss the limit.
     """
     for limit, others, value in limits_missed_at_other_frames(score):
         limited = limit.limited

@@ -75,6 +75,7 @@ def with_bounds(score: Score) -> tuple[Score, dict[Limit, ProvedBound]]:
     Bounds that the score already has are replaced.
     """
     rows = [row for row in score.figures if row.figure != BOUND]
+    places = {row.keys: place for place, row in enumerate(rows)}
     proved: dict[Limit, ProvedBound] = {}
     for limit in score.active_rules.limits:
         if limit.terms is None or limit in proved:
@@ -84,9 +85,10 @@ def with_bounds(score: Score) -> tuple[Score, dict[Limit, ProvedBound]]:
         truth_error = truth_error_of(limit, score, score.reading)
         proof = prove(limit.terms, limit.limit, {"": [sample]} if sample else {}, truth_error)
         row = bound_row(figure, KINDS[figure].unit, limit.condition, proof)
-        if row not in rows:  # limits with the same terms have one bound
+        if row.keys not in places:  # limits with the same terms have one bound
+            places[row.keys] = len(rows)
             rows.append(row)
-        proved[limit] = ProvedBound(proof, rows.index(row), truth_error)
+        proved[limit] = ProvedBound(proof, places[row.keys], truth_error)
     return struct_replace(score, figures=tuple(rows)), proved
 
 

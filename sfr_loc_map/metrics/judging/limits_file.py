@@ -19,10 +19,10 @@ from sfr_loc_map.metrics.figures.subjects import LimitSection
 from sfr_loc_map.metrics.score.limits import (
     BOUND,
     CERTAIN_BOUND,
+    COUNT_FOR_VERDICT,
     DEFAULT_TERMS,
+    INDEPENDENT_FOR_VERDICT,
     LIMITED_NUMBERS,
-    MINIMUM_COUNT,
-    MINIMUM_INDEPENDENT,
     OF_MAP,
     Limit,
     Limits,
@@ -50,10 +50,10 @@ def load_limits(path: Path) -> Limits:
 def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     """Return the limits of a mapping in the form of the file; ConfigError, which names the origin, if it is invalid."""
     _check_keys(content, ("minimum_count", "minimum_independent", "data_set_sha256", *LimitSection), origin)
-    minimum = content.get("minimum_count", MINIMUM_COUNT)
+    minimum = content.get("minimum_count", COUNT_FOR_VERDICT)
     if not isinstance(minimum, int) or isinstance(minimum, bool) or not 2 <= minimum < 1e9:
         raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number from 2 to below 1e9 is required")
-    independent = content.get("minimum_independent", MINIMUM_INDEPENDENT)
+    independent = content.get("minimum_independent", INDEPENDENT_FOR_VERDICT)
     if not isinstance(independent, int | float) or isinstance(independent, bool) or not 1 <= independent < 1e9:
         raise ConfigError(f"{origin}: 'minimum_independent' is {independent!r}: a number of at least 1 is required")
     hashes = _data_set_in(content, origin)

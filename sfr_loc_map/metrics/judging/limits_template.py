@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 
 from sfr_loc_map.metrics.figures.subjects import LimitSection
-from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, MINIMUM_COUNT, MINIMUM_INDEPENDENT
+from sfr_loc_map.metrics.score.limits import COUNT_FOR_VERDICT, INDEPENDENT_FOR_VERDICT, LIMITED_NUMBERS
 
 LIMITS_HEAD = """\
 # Limits: PLACEHOLDERS, replace them by the limits of your own document. Limits are upper bounds, except coverage_min.
@@ -53,8 +53,8 @@ def limits_text(condition: str = CONDITION, active: tuple[str, ...] = POSES) -> 
 
     The last line contains the hash of the other lines.
     """
-    head = LIMITS_HEAD.replace("{minimum_count}", f"{MINIMUM_COUNT}")
-    head = head.replace("{minimum_independent}", f"{MINIMUM_INDEPENDENT:g}")
+    head = LIMITS_HEAD.replace("{minimum_count}", f"{COUNT_FOR_VERDICT}")
+    head = head.replace("{minimum_independent}", f"{INDEPENDENT_FOR_VERDICT:g}")
     lines = [head.replace("{condition}", condition)]
     for name in LIMITED_NUMBERS[LimitSection.TRAJECTORY]:
         lines.append(f"    {'' if name in active else '# '}{name}: {0.1 if name.endswith('_m') else 1.0}")

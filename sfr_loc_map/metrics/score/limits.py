@@ -116,8 +116,8 @@ class LimitedNumber(NamedTuple):
 BOUND = "bound"  #: Statistic of a limit that is judged by a tolerance bound.
 CERTAIN_BOUND = "'certain' is not accepted: a tolerance bound is judged with its 'confidence'"
 COVERAGE_MIN = "coverage_min"  #: The only lower bound in a limits file.
-MINIMUM_COUNT = 2  #: Default minimum number of values for a verdict.
-MINIMUM_INDEPENDENT = 5.0
+COUNT_FOR_VERDICT = 2  #: Default minimum number of values for a verdict.
+INDEPENDENT_FOR_VERDICT = 5.0
 """Default minimum number of independent sub-trajectories for a verdict. Chosen by hand
 (docs/decisions/0009-verdicts.md, "Thresholds")."""
 
@@ -262,9 +262,9 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
     """All limits of a file, and the numbers of values that a verdict requires."""
 
     limits: tuple[Limit, ...] = ()  #: Limits in the order of the file.
-    minimum_count: int = MINIMUM_COUNT  #: Minimum number of values for a verdict.
+    minimum_count: int = COUNT_FOR_VERDICT  #: Minimum number of values for a verdict.
     #: Minimum number of independent sub-trajectories for a verdict.
-    minimum_independent: float = MINIMUM_INDEPENDENT
+    minimum_independent: float = INDEPENDENT_FOR_VERDICT
     data_set_sha256: tuple[str, ...] = ()  #: Hashes of the inputs that the limits accept; empty for any data set.
 
     def has_enough_values(self, count: int | None) -> bool:

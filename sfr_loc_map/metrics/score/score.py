@@ -122,6 +122,11 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
                 return row
         return None
 
+    def is_judged_row(self, row: Figure) -> bool:
+        """Return whether a row of this score is the judged row of its figure and its condition."""
+        judged = self.judged_row(row.figure, condition=row.condition)
+        return judged is not None and judged.keys == row.keys
+
     def number(
         self,
         figure: str,
@@ -139,12 +144,17 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return None if row is None else row.statistic(statistic)
 
     def index_of(self, row: Figure | None) -> int | None:
-        """Return the index of a row in the table of figures of this score, None for no row."""
-        return None if row is None else self.figures.index(row)
+        """Return the index of the row that has the keys of a row of this score, None for no row."""
+        return None if row is None else [other.keys for other in self.figures].index(row.keys)
 
     def row_of(self, verdict: Verdict) -> Figure | None:
         """Return the row that a verdict of this score judges, None if the verdict has no row."""
         return None if verdict.row is None else self.figures[verdict.row]
+
+    def is_about(self, verdict: Verdict, row: Figure) -> bool:
+        """Return whether a verdict of this score judges a row of this score."""
+        judged = self.row_of(verdict)
+        return judged is not None and judged.keys == row.keys
 
     def all_errors(self, figure: str, condition: str | None) -> FloatArray | None:
         """Return all errors `(n, d)` of a figure, NaN if unknown; None if the score does not contain all errors.

@@ -36,7 +36,7 @@ SEED = 20240229
 WIDENING, WIDENING_UNSIGNED = 1.1, 1.25
 """Factors by which the scatter of resampled figures is too small, for signed and for unsigned errors."""
 MIN_FREEDOM = 1.5
-MIN_INDEPENDENT = 2.0  #: Minimum number of independent sub-trajectories for an interval.
+INDEPENDENT_FOR_INTERVAL = 2.0  #: Minimum number of independent sub-trajectories for an interval.
 
 
 class Scatter(NamedTuple):
@@ -58,7 +58,7 @@ def interval95(errors: FloatArray, overlap: float, *, unsigned: bool) -> Interva
     """
     count = len(errors)
     independent = count / max(overlap, 1.0)
-    if independent < MIN_INDEPENDENT or not np.isfinite(np.sum(errors)):
+    if independent < INDEPENDENT_FOR_INTERVAL or not np.isfinite(np.sum(errors)):
         return None
     vectors = errors.reshape(count, -1)
     mean = np.mean(vectors, axis=0)
@@ -89,7 +89,7 @@ def scatter_of_difference(a: FloatArray, b: FloatArray, overlap: float, *, unsig
     Both series are resampled in the same blocks, so that their common errors cancel.
     """
     independent = len(a) / overlap
-    if independent < MIN_INDEPENDENT:
+    if independent < INDEPENDENT_FOR_INTERVAL:
         return None
     drawn = []
     share = 1.0

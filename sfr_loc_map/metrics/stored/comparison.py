@@ -177,7 +177,7 @@ def _side_by_side(scores: Sequence[Score]) -> Iterator[SideBySide]:
 def _is_of_a_whole_run(score: Score, row: Figure) -> bool:
     """Return whether a row is shown side by side: all rows of map and calls, the judged rows of the trajectory."""
     if row.subject is Subject.TRAJECTORY:
-        return row is score.judged_row(row.figure, condition=row.condition)
+        return score.is_judged_row(row)
     return row.subject in (Subject.MAP, Subject.TIMING, Subject.MEMORY)
 
 
