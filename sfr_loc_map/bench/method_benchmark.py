@@ -156,5 +156,5 @@ def _entry(trial: Trial[Item, Opened, Result], passes: Sequence[PassResult[Resul
 
 
 def _findings(passes: Sequence[PassResult[Result]]) -> list[str]:
-    """Return the different findings of the calls in all passes."""
+    """Return the findings of the calls in all passes, each text once."""
     return list(dict.fromkeys(call.finding for passed in passes for call in passed.calls if call.finding))

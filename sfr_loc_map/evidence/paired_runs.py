@@ -47,7 +47,7 @@ class RunAtPairs:
         return not self.run.estimates.unreliable[first : last + 1].any()
 
     def sums_at(self, frames: IntArray) -> dict[int, StepSums]:
-        """Return the sums of the steps up to frames, by frame; empty if the steps are unknown."""
+        """Return the sum of the steps up to each frame, by frame; empty if the steps are unknown."""
         estimates = self.run.estimates
         if estimates.steps is None:
             return {}

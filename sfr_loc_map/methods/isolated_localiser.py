@@ -57,7 +57,7 @@ class IsolatedLocaliser(IsolatedMethod):
         keeps_rate: bool = False,
         hidden: Sequence[Path],
     ) -> None:
-        """Start the localiser, which cannot read `hidden`, at a pose.
+        """Start the localiser at a pose. Its process cannot read the paths `hidden`.
 
         The pairs arrive at `rate_hz`, which is `rate_scale` times the rate of their stamps; `keeps_rate` states that
         they are not sent earlier. A rate of 0 is unknown.

@@ -25,7 +25,7 @@ class RequestedPair:
     T_lm_navsb: Transform | None = None  #: Pose of the mapping cameras; None for a localiser and for `fuse`.
 
     def ordered(self) -> OrderedPair:
-        """Return the description of the pair in an order."""
+        """Return the description of the pair that the message to the process of the method (`Order`) contains."""
         pose = None if self.T_lm_navsb is None else numbers_of(self.T_lm_navsb)
         return OrderedPair(stamp_ns=self.pair.stamp_ns, index=self.index, T_lm_navsb=pose)
 

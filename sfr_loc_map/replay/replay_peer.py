@@ -111,7 +111,7 @@ class ReplayPeer(Peer):
         self.spin_for(SETTLE_S)
 
     def _refuse_others(self) -> None:
-        """Raise a NodeError if another process has a node with the name of one of this replay."""
+        """Raise a NodeError if a node of another process has the name of a node of this replay."""
         found = self.ros_node.get_node_names_and_namespaces()
         for name in (PLAYER_NODE, *self.supervisor.processes):
             if found.count((name, self.ros_node.get_namespace())) > 1:

@@ -186,7 +186,7 @@ class ExpectedPairs:
 
     unposed_images: int = 0  #: Number of images of a drive that has no estimate at all; otherwise 0.
     nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source; None if they are unknown.
-    unmapped: int = 0  #: Number of mapping pairs that are in no cloud, if no cloud can be scored.
+    unmapped: int = 0  #: Number of mapping pairs without a cloud; used only if there is no cloud to score.
 
     @property
     def mapping_pairs(self) -> int | None:

@@ -107,9 +107,9 @@ def propose_sync(bag: Bag, given: SyncConfig) -> Findings:
 def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: int) -> Iterator[tuple[str, float, str]]:
     """Yield the setting of `sync` that pairs left and right stamps, with its value and reason; at most one.
 
-    A difference within the tolerance requires no setting. No setting is proposed for a difference of half a period,
-    because a right image is then equally near to two left images. A constant smaller difference is an offset of the
-    right stamps. A varying difference requires a larger tolerance.
+    A difference within the tolerance requires no setting. No setting is proposed if the differences, including
+    their spread, reach half a period, because it is then unknown which right image belongs to a left image. A constant
+    smaller difference is an offset of the right stamps. A varying difference requires a larger tolerance.
     """
     period_ns = float(min(np.median(np.diff(side)) for side in (left_ns, right_ns)))
     difference_ns = right_ns[nearest_stamps(left_ns, right_ns)[0]] - left_ns

@@ -90,7 +90,7 @@ class Bag:
         self._names = self._names_by(remap or {})
 
     def renamed(self, remap: Mapping[str, str]) -> Bag:
-        """Return the bag with other new names of topics; raise InputError or ConfigError if a name is wrong."""
+        """Return a copy with topics renamed by `remap` alone; raise InputError or ConfigError if a name is wrong."""
         other = copy(self)
         other._names = self._names_by(remap)
         return other

@@ -77,7 +77,7 @@ def right_shift(
     shape: tuple[int, int],
     lens_px: float,
 ) -> RightShift:
-    """Estimate the shift of the right image and a shear of both images in a solved pair.
+    """Estimate the shift of the right image in a pair whose pose is solved, and test whether an image is sheared.
 
     The depths of the landmarks come from earlier pairs. If the right camera has rotated since then, all right positions
     are shifted by about the same amount, and left positions are not shifted. No motion of the rig explains such a

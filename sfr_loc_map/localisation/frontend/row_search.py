@@ -104,7 +104,7 @@ def search_row(image: FloatImage, patches: Patch, uv: FloatArray, max_disparity:
     disparity d from -1 to `max_disparity`. A parabola through the best correlation and its neighbours gives a fraction.
 
     Returns `(N, 3)`: the disparity of the best correlation, the best correlation, and the correlation of the second
-    peak. A row is 0 if the patch has no texture or is at the border.
+    peak. All three are 0 if the patch has no texture, is at the border, or fewer than three disparities fit.
     """
     count, size = patches.shape
     height, width = image.shape

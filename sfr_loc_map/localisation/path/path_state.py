@@ -22,7 +22,7 @@ from sfr_loc_map.message_stamps import NS_PER_S
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Datum:
-    """Pose of the world in DS, and the external pose that will change it next (`external_poses`)."""
+    """Pose of the localiser's world frame in DS, and the external pose that will change it next (`external_poses`)."""
 
     T_ds_world: Transform  #: Takes points in the world to DS.
     #: External pose that waits for its stamp. Before the first pair: the start pose, which is already applied.

@@ -200,7 +200,7 @@ def measured_memory(calls: Calls, mine: NDArray[np.intp]) -> FloatArray | None:
 
 
 def time_rows(kind: CallKind, seconds: FloatArray) -> Iterator[Figure]:
-    """Yield the rows of the times of calls `(N,)` in order, NaN if not measured.
+    """Yield the rows of the times of calls. `seconds` `(N,)` is in the order of the calls, NaN if not measured.
 
     The first call has a separate row, because it may load libraries.
     """

@@ -40,8 +40,8 @@ def rows_of_other_frames(
 def to_other_frames(judged: SubTrajectories, placed: PlacedFrames) -> SubTrajectories:
     """Return sub-trajectories that end at the other frames, each from the nearest frame of a judged sub-trajectory.
 
-    An error that neighbouring frames share cancels between these frames, but not relative to a judged frame. The result
-    is empty without a judged sub-trajectory.
+    The start is a frame at which a judged sub-trajectory starts or ends, because an error that neighbouring frames
+    share would cancel between them. The result is empty without a judged sub-trajectory.
     """
     if not len(judged.starts):
         return judged

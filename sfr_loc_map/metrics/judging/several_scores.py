@@ -46,8 +46,8 @@ def common_verdict(scores: Sequence[Score]) -> Common:
     """Return the verdict over scores: the worst verdict, which can be a pass only if all scores come from one run.
 
     Scores come from one run if all have the same item under test, version, configuration, images and ground truth, and
-    if a drive and a map come from one recording. Several drives have a common verdict only in a suite, which counts the
-    planned drives.
+    if a drive and a map come from one recording. Several drives can have a common pass only in a suite, which knows how
+    many drives were planned.
     """
     states = [score.verdict for score in scores]
     worst = worst_of(state for state in states if state is not None)

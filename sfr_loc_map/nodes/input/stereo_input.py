@@ -87,7 +87,7 @@ class StereoInputConfig:
 
 @dataclass(frozen=True, slots=True)
 class ReceivedPair:
-    """Two image messages of the same time, not yet decoded."""
+    """A left and a right image message that were paired by their stamps, not yet decoded."""
 
     stamp_ns: int  #: Stamp of the left image.
     rig: StereoRig  #: The rig that took the images; a node may add its extrinsics.

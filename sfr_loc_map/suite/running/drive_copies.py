@@ -301,7 +301,7 @@ def with_drives(sources: Sequence[PlannedSource], traces: Sequence[DriveTrace]) 
     """Return the sources with the drives of their copies.
 
     Copies, copies of copies, and parts of one recording have the drive of the source among them with the smallest hash.
-    Simulated drives of a seed that occurs once are no copies, so that their ground truth is not computed.
+    A simulated drive whose seed occurs only once has no copy, and its ground truth is therefore not computed.
     """
     seeds = Counter(source.seed for source in sources if isinstance(source, Simulation))
     traces = [

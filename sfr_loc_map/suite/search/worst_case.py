@@ -102,7 +102,8 @@ class TreeChooser:
     def tell(self, points: Sequence[Point], ratios: Sequence[float | None]) -> None:
         """Add the ratios of the last points; the sampler ignores points without a result.
 
-        The sampler requires finite ratios. A drive without the figure is assigned the largest ratio so far.
+        The sampler requires finite ratios. A point with the ratio `WITHOUT_FIGURE` is assigned the largest finite ratio
+        so far, which is at least `LOST_RATIO`.
         """
         known = [ratio for ratio in ratios if ratio is not None and ratio != WITHOUT_FIGURE]
         self._lost_ratio = max([self._lost_ratio, *known])

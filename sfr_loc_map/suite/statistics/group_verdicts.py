@@ -138,7 +138,8 @@ def independent_of_drives(limit: Limit, results: Sequence[DriveScore]) -> float:
 def samples_by_drive(limit: Limit, results: Sequence[DriveScore]) -> tuple[dict[str, list[Sample]], set[str]]:
     """Return, for each drive, the errors to which a limit applies. Also return the drives for which errors are missing.
 
-    Errors are missing if a result has no sub-trajectory, an unknown error, or only a part of the errors.
+    Errors are missing if a result has no sub-trajectory, if one of its errors is unknown, or if it contains only a part
+    of its errors.
     """
     samples: dict[str, list[Sample]] = {}
     without_errors: set[str] = set()
