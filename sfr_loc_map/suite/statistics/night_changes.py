@@ -118,14 +118,19 @@ def _return_at(
 ) -> FoundChange | None:
     """Return the return of values `(D, T)` to their level before a change; None without a return.
 
-    A night without a value of the changed jobs is not evidence of a return.
+    After a return, the last nights do not differ significantly from the level before the change, and their mean over
+    the changed jobs is closer to this level than to the level after the change. The first condition alone is also met
+    by a small change that persists. A night without a value of the changed jobs is not evidence of a return.
     """
     changed = x[list(change.jobs)]
     if not np.isfinite(changed[:, night]).any():
         return None
     begin, end = change.nights_before
-    after = x[:, max(change.night, night + 1 - change.window) : night + 1]
-    if compare_nights(x[:, begin:end], after, scale, false_alarm_rate) is not None:
+    first = max(change.night, night + 1 - change.window)
+    if compare_nights(x[:, begin:end], x[:, first : night + 1], scale, false_alarm_rate) is not None:
+        return None
+    shifts = known_mean(changed[:, first : night + 1].T) - known_mean(changed[:, begin:end].T)
+    if np.nanmean(shifts) / (change.after - change.before) >= 0.5:
         return None
     return replace(
         change,

@@ -182,6 +182,19 @@ def test_a_slow_change_that_returns_is_closed() -> None:
     assert not found(tables).worse
 
 
+def test_a_small_change_that_persists_does_not_return() -> None:
+    """The shift is close to the smallest detected shift, so that many of the nights after it are not significant."""
+    detected = 0
+    for seed in range(20):
+        rng = np.random.default_rng([seed, 20])
+        x = rng.normal(0.0, 0.08, (20, 36)) + rng.normal(0.0, 0.03, 36)
+        x[:, 30:] += 0.15
+        changes = [change for change in changes_of(x, SCALES[ACCURACY], FALSE_ALARM_RATE) if change.night >= 28]
+        detected += bool(changes)
+        assert not any(change.is_return for change in changes)
+    assert detected > 10
+
+
 def test_a_change_in_a_step_is_not_slow() -> None:
     tables = nights(LATE)
     tables[ACCURACY][:, 20:] *= 1.5
