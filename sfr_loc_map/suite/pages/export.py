@@ -24,13 +24,18 @@ EXPERIMENT = "sfr suite"  #: Name of the MLflow experiment.
 def suite_junit(summary: Summary) -> str:
     """Return JUnit XML: test cases for the limits over all drives, for those of each drive, and for missing results."""
     jobs = [result.job for result in summary.results]
-    labels = Counter([*(job.label for job in jobs), *(failure.label for failure in summary.failures)])
+    labels = Counter(job.label for job in jobs)
+    labels.update(failure.label for failure in summary.failures)
+    labels.update(refusal.name for refusal in summary.refusals)
 
     def unique_name(label: str, key: str) -> str:
         return label if labels[label] == 1 else f"{label}, {key}"
 
     failed = {unique_name(item.label, item.key): f"{item.cause}: {item.message}" for item in summary.failures}
-    refused = {item.path: item.reason for item in summary.refusals}
+    refused = {
+        unique_name(refusal.name, f"refusal {number}"): refusal.reason
+        for number, refusal in enumerate(summary.refusals, 1)
+    }
     judged = {f"all drives, {group.key.text}": summary.score_of(group) for group in summary.groups}
     waiting = {"jobs": f"{summary.waiting} of {summary.jobs} have no result yet"} if summary.waiting else {}
     scores = {unique_name(result.job.label, result.job.key): result.score for result in summary.results}

@@ -135,7 +135,7 @@ def failure_rows(summary: Summary) -> Iterator[FailureRow]:
     for failure in summary.failures:
         yield FailureRow(failure.label, failure.cause, failure.message, failure.key)
     for refusal in summary.refusals:
-        yield FailureRow(refusal.path, "source refused", refusal.reason)
+        yield FailureRow(refusal.name, "source refused", refusal.reason)
     for label in summary.not_run:
         yield FailureRow(label, "not run", DECIDED)
 

@@ -62,9 +62,9 @@ class JobFailure:
     source: str  #: Path of the source.
     cause: FailureCause
     message: str
+    description: JobDescription
     configuration: str = ""
     pairing: str = ""  #: Hash that the same job in other suites shares.
-    description: JobDescription | None = None  #: None in files of other versions.
 
     @classmethod
     def of(cls, job: Job, cause: FailureCause, message: str) -> JobFailure:
@@ -75,9 +75,9 @@ class JobFailure:
             source=job.source.path,
             cause=cause,
             message=message,
+            description=job.description,
             configuration=job.configuration,
             pairing=job.pairing,
-            description=job.description,
         )
 
 

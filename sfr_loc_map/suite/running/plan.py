@@ -69,7 +69,7 @@ def _inspected_sources(
         try:
             found.append(future.result())
         except SfrError as error:
-            unreadable.append(Refusal(source.location, str(error), entry=source.entry, source=source.location))
+            unreadable.append(Refusal(source.name, str(error), entry=source.entry, source=source.location))
     return found, unreadable
 
 
@@ -84,7 +84,7 @@ def _tasks_without_data(specification: SuiteSpecification, item: InspectedSource
     for task in specification.tasks or ():
         if task not in item.possible:
             reason = f"source '{name}' has no data for the task '{task}', which 'tasks' requests of each source"
-            yield Refusal(f"{name}, {task}", reason, entry=entry, source=location, task=task)
+            yield Refusal(name, reason, entry=entry, source=location, task=task)
 
 
 def _jobs(

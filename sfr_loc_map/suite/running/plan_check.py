@@ -45,7 +45,7 @@ def check_plan(store: Store) -> list[str]:
     unreadable_now = [refusal for refusal in refusals if refusal.subject not in planned]
     for refusal in unreadable_now:
         if refusal.task or not any(_is_refused(job.source, refusal) for job in store.jobs):
-            raise _differs(store, f"the source '{refusal.path}' is missing in the plan")
+            raise _differs(store, f"the source '{refusal.name}' is missing in the plan")
     gone = _check_jobs(store, jobs, unreadable_now)
     return [f"The plan was not compared with '{path}', which cannot be read now." for path in gone]
 

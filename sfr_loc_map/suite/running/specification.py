@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from msgspec import Struct
+
 from sfr_loc_map.configuration.parameters import build, flatten, param, suggestion
 from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import ConfigError, InputError, naming_key
@@ -62,11 +64,12 @@ class SuiteSettings:
     wait_s: float = param(300.0, unit="s", doc="Maximum time without a usable worker.", low=0.1, high=1e7)
 
 
-@dataclass(frozen=True, slots=True)
-class Refusal:
+class Refusal(Struct, frozen=True, rename={"name": "path"}):
     """A source that cannot be read, lacks data for a task, or has a result but no job any more, and the reason."""
 
-    path: str  #: Displayed name of what is refused: an entry, path or URL; or the name of a source, or with its task.
+    name: (
+        str  #: Name of the source, or text of an entry of `sources` without a source. Its key in `suite.json`: `path`.
+    )
     reason: str
     entry: int = 0  #: Number of the entry of `sources`, from 1; 0 for a source that is no longer part of the suite.
     source: str = ""  #: Location of the source (`StatedSource.location`); empty for the complete entry.

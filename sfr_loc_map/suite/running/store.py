@@ -252,10 +252,9 @@ class Store:
         return tuple(found)
 
     def _description_in(self, path: Path) -> JobDescription:
-        """Return the description of the job in a result or failure; only the source for a failure in an old format."""
+        """Return the description of the job in a result or failure; InputError if the file has none."""
         if path.parent == self.failures:
-            failure = _record(JobFailure, _read(path), path)
-            return failure.description or JobDescription(source=failure.source)
+            return _record(JobFailure, _read(path), path).description
         result = _record(StoredResult, _read(path), path)
         return _description({} if result.provenance is None else result.provenance.configuration, path)
 

@@ -61,12 +61,12 @@ class Night:
     paths: Mapping[PairKey, str]  #: Paths of the sources.
     figures: Mapping[PairKey, Mapping[ComparedFigure, float]]
     time: str = ""  #: Time of the run, ISO 8601 in UTC; empty if unknown.
-    waiting: tuple[str, ...] = ()  #: Labels of the jobs that were not run, and paths of the refused sources.
+    waiting: tuple[str, ...] = ()  #: Labels of the jobs that were not run, and names of the refused sources.
     deviations: tuple[str, ...] = ()  #: Deviations of the results, as sentences.
 
     @property
     def without_result(self) -> tuple[str, ...]:
-        """Labels of the planned jobs without a result, and paths of the refused sources."""
+        """Labels of the planned jobs without a result, and names of the refused sources."""
         failed = (label for key, label in self.labels.items() if key not in self.figures)
         return (*failed, *self.waiting)
 
@@ -94,7 +94,7 @@ class Night:
                 paths={key: job.path or job.source for key, job in jobs.items()},
                 figures={job.key: _figures(job, by_name) for job in suite.results},
                 time=suite.time or "",
-                waiting=(*suite.waiting_jobs, *(source.path for source in suite.refusals)),
+                waiting=(*suite.waiting_jobs, *(refusal.name for refusal in suite.refusals)),
                 deviations=tuple(item.text for item in suite.deviations),
             )
 

@@ -27,7 +27,7 @@ from sfr_loc_map.suite.statistics.verdict_texts import verdict_texts_of
 def summary(score: Score) -> Summary:
     limits = parse_limits({"trajectory": [{"condition": "distance=1", "position_mean_m": 1e-9}]}, "limits")
     drives = [ScoredJob(replace(JOB, source=recording(name)), judged_by(score, limits)) for name in ("first", "other")]
-    failed = JobFailure("k", "localise third", "third.mcap", FailureCause.TIME, "not done after 5 s")
+    failed = JobFailure("k", "localise third", "third.mcap", FailureCause.TIME, "not done after 5 s", JOB.description)
     return Summary(
         jobs=3, waiting=0, groups=tuple(groups_of(drives, limits)), results=tuple(drives), failures=(failed,),
         refusals=(Refusal("gone.mcap", "nothing there"),), code="c", run={"host": "h", "git": {"commit": "abc"}},
@@ -64,6 +64,14 @@ def test_failures_with_equal_names_are_separate_test_cases(summary: Summary) -> 
     failures = tuple(replace(summary.failures[0], key=key) for key in ("k1", "k2"))
     names = {suite.get("name") for suite in ET.fromstring(suite_junit(replace(summary, failures=failures)))}
     assert {"localise third, k1", "localise third, k2"} <= names
+
+
+def test_refusals_of_equal_names_are_separate_test_cases(summary: Summary) -> None:
+    """A source can be refused for two tasks, and two repeats of a source can be no longer part of a suite."""
+    refusals = (Refusal("gone", "no data for 'localise'"), Refusal("gone", "no data for 'map'"))
+    found = ET.fromstring(suite_junit(replace(summary, refusals=refusals)))
+    messages = {error.get("message") for error in found.findall("testsuite/testcase/error")}
+    assert {refusal.reason for refusal in refusals} <= messages
 
 
 def test_parquet_has_the_same_columns_with_and_without_results(summary: Summary, tmp_path: Path) -> None:

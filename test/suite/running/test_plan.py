@@ -53,10 +53,10 @@ def test_a_source_without_data_for_a_requested_task_is_refused(tmp_path: Path) -
     """Without `tasks`, each source is run with the tasks for which it has data."""
     for name in ("drive1", "both"):
         (tmp_path / name).write_text(name)
-    for tasks, refused in ((["localise", "map"], ["drive1, map"]), (["map"], ["drive1, map"]), (None, [])):
+    for tasks, refused in ((["localise", "map"], [("drive1", "map")]), (["map"], [("drive1", "map")]), (None, [])):
         given = {} if tasks is None else {"tasks": tasks}
         jobs, refusals = plan_of(tmp_path, sources=["drive1", "both"], **given)
-        assert [item.path for item in refusals] == refused
+        assert [(item.name, item.task) for item in refusals] == refused
         assert {job.source.name for job in jobs} >= {"both"}
 
 
@@ -130,7 +130,7 @@ def test_a_simulation_with_changed_settings_cannot_be_removed_from_a_suite(tmp_p
     store.save_plan(jobs)
     assert not store.read_refusals()
     store.save_plan(plan_of(tmp_path, sources=[good])[0])
-    assert [item.path for item in store.read_refusals()] == ["flat-0 (drive.pairs=4)"]
+    assert [item.name for item in store.read_refusals()] == ["flat-0 (drive.pairs=4)"]
 
 
 def test_a_simulation_that_another_simulation_renames_is_the_same_source(tmp_path: Path) -> None:

@@ -174,7 +174,7 @@ def test_what_is_wrong_is_one_line(change: dict[str, object], words: str, tmp_pa
 def test_a_source_that_is_gone_is_named_beside_those_that_are_there(tmp_path: Path) -> None:
     made = load_specification(written(tmp_path, GOOD | {"sources": ["a.mcap", "gone*.mcap"]}))
     assert [source.name for source in made.sources] == ["a.mcap"]
-    assert [(refusal.path, "no match in" in refusal.reason) for refusal in made.refusals] == [("gone*.mcap", True)]
+    assert [(refusal.name, "no match in" in refusal.reason) for refusal in made.refusals] == [("gone*.mcap", True)]
 
 
 def test_a_missing_scenario_is_skipped_like_a_missing_path(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def test_a_source_that_was_run_and_is_in_no_job_is_reported(tmp_path: Path) -> N
     store.save_plan([JOB, bad, gone, again])
     assert not store.read_refusals()
     store.save_plan([JOB])
-    assert sorted(item.path for item in store.read_refusals()) == ["a", "b", "c"], "a repeat is work of its own"
+    assert sorted(item.name for item in store.read_refusals()) == ["a", "b", "c"], "a repeat is work of its own"
     store.save_plan([replace(job, code="other", fault_seed=7) for job in (JOB, bad, gone, again)])
     assert not store.read_refusals(), "with other code, and with a seed of no faults, the same work is done again"
 
@@ -70,7 +70,7 @@ def test_a_failed_job_cannot_be_removed_from_a_suite(removed: str, tmp_path: Pat
     store.save_plan([first, replace(failed, code="other")])
     assert not store.read_refusals(), "the job is repeated with other code"
     store.save_plan([first])
-    assert [item.path for item in store.read_refusals()] == [failed.source.name]
+    assert [item.name for item in store.read_refusals()] == [failed.source.name]
 
 
 @pytest.mark.parametrize("folder", ["results", "failures"])
@@ -84,12 +84,14 @@ def test_a_damaged_file_of_no_job_is_refused(folder: str, tmp_path: Path) -> Non
         store.left_over()
 
 
-def test_a_failure_without_a_description_is_named_by_its_source(tmp_path: Path) -> None:
+def test_a_failure_without_a_description_is_refused(tmp_path: Path) -> None:
+    """The work of this failure is unknown, so that no job of the plan could be recognised as its repetition."""
     store = Store(tmp_path)
     store.save_plan([JOB])
     failure = {"key": "other", "label": "localise c", "source": "c.mcap", "cause": "bad input", "message": "cut off"}
     (store.failures / "other.json").write_text(json.dumps(failure))
-    assert [item.path for item in store.read_refusals()] == ["c.mcap"]
+    with pytest.raises(InputError, match="missing required field `description`; delete this file"):
+        store.read_refusals()
 
 
 def fetched(sha256: str) -> Recording:
@@ -111,7 +113,7 @@ def test_another_source_of_the_same_name_supersedes_nothing(tmp_path: Path) -> N
     found = {}
     for name, source in others.items():
         store.save_plan([replace(bad, source=source, code="other")])
-        found[name] = [item.path for item in store.read_refusals()]
+        found[name] = [item.name for item in store.read_refusals()]
     assert found == {"another drive": ["a"], "new data": [], "the same data elsewhere": [], "from a server": ["a"]}
     before = replace(bad, source=fetched("1"))
     (store.results / f"{bad.key}.json").unlink()
