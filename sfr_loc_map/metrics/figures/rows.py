@@ -68,6 +68,11 @@ class Figure(RowNumbers, frozen=True):
         return None if self.low95 is None or self.high95 is None else (self.low95, self.high95)
 
     @property
+    def expected(self) -> float | None:
+        """The mean of normalised errors (NEES) that a consistent covariance has; None for other figures."""
+        return None if self.mean is None else self.value
+
+    @property
     def is_defined(self) -> bool:
         """Whether the row has a value: the one number of its figure, or the statistics of at least two values."""
         if self.is_one_number:

@@ -87,7 +87,7 @@ def _trajectory_figures(score: Score) -> Iterator[tuple[ComparedFigure, float | 
                 yield figure, score.number(kind.name, statistic, condition=condition)
         nees = score.figure("nees", condition=condition, part=POSE)
         name = f"NEES over {over}, relative to the expected NEES"
-        relative = None if nees is None or nees.mean is None or not nees.value else nees.mean / nees.value
+        relative = None if nees is None or nees.mean is None or not nees.expected else nees.mean / nees.expected
         yield ComparedFigure(ComparedKind.NEES, name, "nees", "mean", condition, POSE), relative
 
 
