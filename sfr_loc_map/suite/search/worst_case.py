@@ -156,28 +156,28 @@ def reduced(found: TriedPoint, parameters: Sequence[Parameter], evaluate: Evalua
     case = found
     for index, parameter in enumerate(parameters):
         if case.point[index] != parameter.usual:
-            case = _still_failing(case, _with(case.point, index, parameter.usual), evaluate)
+            case = _failing(_with(case.point, index, parameter.usual), evaluate) or case
     for index, parameter in enumerate(parameters):
         holds, fails = parameter.usual, case.point[index]
         for _ in range(BISECTIONS):
             between = parameter.rounded(0.5 * (holds + fails))
             if between in (holds, fails):
                 break
-            tried = _still_failing(case, _with(case.point, index, between), evaluate)
-            if tried is case:
+            tried = _failing(_with(case.point, index, between), evaluate)
+            if tried is None:
                 holds = between
             else:
                 case, fails = tried, between
     return case
 
 
-def _still_failing(case: TriedPoint, point: Point, evaluate: Evaluate) -> TriedPoint:
-    """Return the changed case if it fails, otherwise the unchanged case."""
+def _failing(point: Point, evaluate: Evaluate) -> TriedPoint | None:
+    """Return a point with its ratio if the point misses the limit; None if it meets the limit or has no result."""
     (ratio,) = evaluate([point])
     if ratio is None:
-        return case
+        return None
     tried = TriedPoint(point, ratio)
-    return tried if tried.fails else case
+    return tried if tried.fails else None
 
 
 def _with(point: Point, index: int, value: float) -> Point:
