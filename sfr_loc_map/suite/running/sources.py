@@ -20,7 +20,7 @@ from msgspec import Struct
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Stated:
-    """What the stated sources of all kinds have. Their data were not read."""
+    """Fields of the stated sources of all kinds. They are known before the data of the sources are read."""
 
     name: str  #: Short name, unique in the suite; the variants of an error budget share the name of their simulation.
     entry: int = 0  #: Number of the entry of `sources` in the suite's file, from 1; 0 for a source of a search.
@@ -59,7 +59,7 @@ StatedSource: TypeAlias = StatedRecording | StatedRemote | StatedEstimate | Stat
 
 
 class _Planned(Struct, frozen=True, kw_only=True, tag_field="kind"):
-    """What the planned sources of all kinds have."""
+    """Fields of the planned sources of all kinds."""
 
     name: str  #: Name of the stated source.
     entry: int = 0  #: Number of the entry of the stated source.

@@ -18,8 +18,10 @@ WINDOWS = (1, 4)  #: Lengths of the mean, nights: 1 detects large changes immedi
 REFERENCE = 30  #: Maximum number of reference nights.
 FIRST_NIGHTS = 10  #: Number of nights at the beginning of a level that are the reference for slow changes.
 SLOW_SHARE = 0.1
-"""Fraction of the rate of false alarms of a night that the comparison for slow changes has. The windows share the rest.
-A slow change is detected some nights later for it, and steps are detected as well as without this comparison."""
+"""Fraction of the false-alarm rate of a night that is assigned to the comparison for slow changes.
+
+The windows share the rest. A small fraction delays the detection of slow changes by some nights, but leaves the
+detection of steps almost unchanged."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
