@@ -31,13 +31,13 @@ A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, a
   function is called again with the pose from all landmarks, to decide whether this pose is used. The function asserts
   that its findings refuse the pair.
 - Any other guard is called in `Stages.judge`.
-- A guard for a new window is called in `Stages.check_before_window` if it does not need the landmarks of the window,
+- A guard for a new window is called in `Localiser._begin_window` if it does not need the landmarks of the window,
   otherwise in `Stages.check_window`.
 - The memory of a guard is a field of `State`. A memory that learns from poses is passed to `transitions.accepted` by
   the `Candidate` and changes only there. The memory of the ground is passed by `Ground`, and may learn from a refused
   pair as well.
 
-A guard for the ground's motion is a rule in `ground.cases.RULES`.
+A guard for the ground's motion is a rule in `ground.cases.CASE_RULES`.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ The stages of a pair (`localiser`) collect the findings. If those of a stage ref
 | 6 select the ground | `ground.cases` |
 | 8 judge | `check_tracks`, `check_pose`; unless these refuse the pair, the guards that require a valid pose |
 | | (`check_sides`, `check_gap`, `check_calibration`, `check_shear`) |
-| `Localiser._begin_window` | `check_images`, `check_identical`, `check_gap`, `check_divergence`; if the pair can be a |
+| `Localiser._begin_window` | `check_images` (in stage 1), `check_gap`, `check_divergence`; if the pair can be a |
 | | reference: `check_landmarks`, `check_order` |
 
 A finding of a later stage is therefore unknown if an earlier stage refuses the pair, even if it precedes in the table.
@@ -194,9 +194,7 @@ replaces a map includes the findings about the images, but not those about the p
 ground contributes at most one finding, that of its case (`ground.cases`), because a covariance shall not grow by the
 inflation of several cases.
 
-The published reason is that of the first finding, with two exceptions. A pair that is kept while the localiser is lost
-publishes the reason for which the localiser was lost. A refused pair with which a window begins publishes only the
-findings about its images and those of that window.
+The published reason is that of the first finding. `localiser` lists the exceptions.
 
 Eight findings publish `torn_images`, because they require the same check by an operator: parts of the images may have
 been exposed at different times, by stale parts, blended exposures or a rolling shutter. For six of these findings the

@@ -14,7 +14,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
@@ -32,9 +31,6 @@ SLACK: Final = MotionSize(1.0, 1.0)
 """Motion, m and rad, that is always accepted, because stamps may jitter. Chosen by hand: at the default
 maximum speed and turn rate, these values correspond to errors of the stamps of 20 ms and 170 ms. If larger, wrong
 poses near the last pose are accepted."""
-MAX_ADJUSTMENT: Final = MotionSize(1.0, 1.0)
-"""A bundle adjustment has diverged if it displaces the newest pose by more than this, m and rad. Chosen by hand, far
-above the usual displacement of millimetres, or of centimetres with a correction of the yaw."""
 
 MIN_STEREO_FRACTION: Final = 0.3
 """Ratio `Tracks.stereo_fraction` up to which a pair is one-sided. Landmarks are triangulated from both
@@ -134,17 +130,6 @@ def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBoun
     return _found(Finding.TOO_FAST, not moved.is_within(MotionSize(max_m, max_rad)))
 
 
-def has_diverged(last: LastPose, pose: Pose, covariance: FloatArray) -> bool:
-    """Return whether an adjustment diverged: pose or covariance is not finite, or the pose is far from the last pose.
-
-    The covariance `(6, 6)` is that of the adjusted pose.
-    """
-    if not all(np.isfinite(array).all() for array in (*pose, covariance)):
-        return True
-    moved = size_between(Pose.of(last.T_world_left), pose)
-    return not moved.is_within(MAX_ADJUSTMENT)
-
-
 def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: RightOffset) -> frozenset[Finding]:
     """Report that few inliers of one image are observed in the other image.
 
@@ -164,7 +149,7 @@ def check_gap(gap_keyframes: int) -> frozenset[Finding]:
 
 
 def check_divergence(*, has_diverged: bool) -> frozenset[Finding]:
-    """Report a window that begins because an adjustment diverged."""
+    """Report a window that begins because an adjustment diverged (`keyframes.has_diverged`)."""
     return _found(Finding.DIVERGED, has_diverged)
 
 

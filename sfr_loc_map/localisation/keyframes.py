@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray, median
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap, NewLandmarks, SlidingWindow
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -29,6 +30,7 @@ from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.stereo_matching import match_corners
 from sfr_loc_map.localisation.frontend.tracking import Tracks
+from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 
 KEYFRAME_FLOW_RATIO = 0.05
 """Median optical flow since the last keyframe that triggers a new keyframe, as a fraction of the image width. A value
@@ -52,6 +54,9 @@ LARGE_IMAGE_PX = 900 * 900
 """Number of pixels from which an image has twice as many landmarks, each with a slope refined by its own patch. The
 value is between the sizes that were tried, 512 x 512 and 1024 x 1024 (measurements/localiser_trials.md, "Images of
 a megapixel: the sun and the edges of stones")."""
+MAX_ADJUSTMENT = MotionSize(1.0, 1.0)
+"""A bundle adjustment has diverged if it displaces the newest pose by more than this, m and rad. Chosen by hand, far
+above the usual displacement of millimetres, or of centimetres with a correction of the yaw."""
 MEGAPIXEL = 1024 * 1024  #: Number of pixels from which the number of landmarks grows with `GROWTH`.
 GROWTH = 0.25
 """Power of the number of pixels with which the number of landmarks grows: the square root of the side of the image.
@@ -88,6 +93,17 @@ def max_corners(rig: StereoRig, config: LocalisationConfig) -> int:
     factor = 2 if pixels >= LARGE_IMAGE_PX else 1
     by_size: float = factor * max(pixels / MEGAPIXEL, 1.0) ** GROWTH
     return round(config.max_features * by_size)
+
+
+def has_diverged(window: SlidingWindow, T_world_left: Transform) -> bool:
+    """Return whether the adjustment of a window diverged.
+
+    The newest pose or its covariance is then not finite, or the pose is far from that before the adjustment.
+    """
+    pose = window.newest_pose
+    if not all(np.isfinite(array).all() for array in (*pose, window.covariance)):
+        return True
+    return not size_between(Pose.of(T_world_left), pose).is_within(MAX_ADJUSTMENT)
 
 
 class KeyframeMaker:
@@ -153,7 +169,10 @@ class KeyframeMaker:
         return self._with_landmarks(window, frame, calibration.window_begun(), ground_mask)
 
     def make(self, job: KeyframeJob) -> KeyframeResult:
-        """Add a tracked pair to the window as a keyframe, and adjust the window."""
+        """Add a tracked pair to the window as a keyframe, and adjust the window.
+
+        LinAlgError if the adjustment is singular.
+        """
         start = time.perf_counter()
         tracks = job.tracks
         rows = tracks.landmarks.rows

@@ -42,8 +42,9 @@ The two functions that continue with such a pair can refuse it for further reaso
 | `_refuse` | it would be kept, but the localiser is lost, or its pose is as uncertain as an unknown pose | lost |
 
 A pair may begin a window in two situations: if there is no map, or if `MAX_FAILED_RECOVERIES` good images were refused
-since the last accepted pair. An image counts if stage 2 or stage 8 loses its pair. While the localiser is lost, an
-image also counts if stage 8 would keep its pair. A repeated pair, which stage 1 refuses, does not count.
+since the last accepted pair. An image counts if stage 2 or stage 8 refuses its pair, except in two cases. Swapped
+images never count (`Action.LOSE`). Images that contradict the pose (`Action.KEEP`) count only while the localiser is
+lost. A pair that stage 1 refuses does not count either.
 
 **Which reason wins.** Each point evaluates all findings so far with one table. Of the findings present, the first one
 in `findings.RULES` decides, and its reason is published. The order is:
@@ -53,9 +54,15 @@ in `findings.RULES` decides, and its reason is published. The order is:
 2. Findings that degrade the pose: images with stale parts that are known, or one image without texture; a diverged
    adjustment; a gap; the calibration; sheared rows; other stale parts; two motions.
 
-There are two exceptions. While the localiser is lost, a pair that would otherwise be kept publishes the reason for
-which the localiser was lost. A window that begins in place of a refused pair publishes only the findings about its
-images and its own.
+There are three exceptions:
+
+- Stage 8 evaluates the table twice, because some guards require a valid pose. A pair that the first evaluation refuses
+  is not examined by these guards. If a map exists, swapped images are therefore reported as too few landmarks unless
+  their pose is trusted, although `SWAPPED` precedes `FEW_LANDMARKS` in the table.
+- While the localiser is lost, a pair that would otherwise be kept publishes the reason for which the localiser was
+  lost.
+- If a refused pair may begin a window, only the findings about its images and those of the window are published. The
+  reason for which its pose was refused is discarded, even if the window cannot begin.
 
 **What enlarges the covariance.** The covariance of an accepted pose is the sum of its error terms, and findings, kept
 pairs, new windows and external poses add to it. `uncertainty` lists all terms and events with links to their formulas.
@@ -93,7 +100,8 @@ from sfr_loc_map.localisation.estimate import (
 from sfr_loc_map.localisation.findings import Action, Finding, Verdict, decide
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO, KeyframeJob, KeyframeResult
+from sfr_loc_map.localisation.ground.selection import changed_cells
+from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO, KeyframeJob, KeyframeResult, has_diverged
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.pair_statistics import (
     accepted_statistics,
@@ -109,6 +117,7 @@ from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
 from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+from sfr_loc_map.parallel import beside
 
 
 class Localiser:
@@ -256,32 +265,34 @@ class Localiser:
         # 3 predict
         guesses = state.path.last.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
-        # 4 track, 5 relocalise
-        tracks, change = stages.track(frame, landmark_map, prediction, state, clock)
+        # 4 track, 5 relocalise; beside them, stage 6 begins with a comparison of images, which requires no pose
+        change = beside(changed_cells, frame, state.ground_memory)
+        tracks = stages.track(frame, landmark_map, prediction, state.recovery, clock)
         # 6 select the ground's motion
-        ground = stages.select_ground(frame, tracks, prediction, state, images, change)
+        ground = stages.select_ground(frame, tracks, prediction, state, images, change.result())
         # 7 correct the right camera
         corrected = stages.correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
         candidate = Candidate(frame, landmark_map.deactivated(ground.not_ground), ground, corrected)
         # 8 judge
-        verdict = stages.judge(state, candidate, findings | ground.findings)
+        last = state.path.last
+        verdict = stages.judge(last, state.gap_keyframes, candidate, findings | ground.findings)
         if verdict.refuses:
             state = transitions.refused(state, candidate, verdict)
             return self._refuse_or_begin(state, verdict, frame, findings, candidate.tracks)
         # 9 complete, 10 accept
-        final = stages.complete(state, candidate, verdict, clock)
+        final = stages.complete(last, candidate, verdict, clock)
         return self._accept(state, candidate, verdict, final)
 
     def _accept(self, state: State, candidate: Candidate, verdict: Verdict, final: FinalPose) -> Outcome:
         """Accept a pose: compute its errors and the step to it, and learn from the pair."""
         tracks = final.tracks
         residuals = residual_statistics(tracks)
-        state, step = transitions.accepted(state, candidate, verdict, final, residuals.chi_median, self._model)
+        after, step = transitions.accepted(state, candidate, verdict, final, residuals.chi_median, self._model)
         keyframe = None
         if final.is_keyframe:
-            mask = state.ground_memory.excluded.mask
-            keyframe = KeyframeJob(candidate.frame, tracks, candidate.landmark_map.window, state.calibration, mask)
-        return Outcome(state, accepted_statistics(state, tracks, residuals), tracks, step, keyframe)
+            mask = after.ground_memory.excluded.mask
+            keyframe = KeyframeJob(candidate.frame, tracks, candidate.landmark_map.window, after.calibration, mask)
+        return Outcome(after, accepted_statistics(after, tracks, residuals), tracks, step, keyframe)
 
     # ---- pairs without an accepted pose
 
@@ -319,7 +330,8 @@ class Localiser:
         assert state.landmark_map is not None, "without a map, a pair begins a window"
         is_lost = state.status is TrackingState.LOST
         may_begin = verdict.action is Action.LOSE_OR_BEGIN or (verdict.action is Action.KEEP and is_lost)
-        if may_begin and self._stages.is_good_image(frame, state.landmark_map):
+        landmark_count = len(state.landmark_map.landmarks.rows)
+        if may_begin and self._stages.relocaliser.is_good_image(frame, landmark_count):
             state = transitions.recovery_failed(state)
             if state.failed_recoveries >= MAX_FAILED_RECOVERIES and verdict.can_be_reference:
                 return self._begin_window(state, frame, of_images, tracks)
@@ -335,7 +347,8 @@ class Localiser:
         """
         stages = self._stages
         gap_keyframes = transitions.gap_keyframes_at_window(state, frame.stamp_ns, self._config.window_keyframes)
-        findings = of_images | stages.check_before_window(state, gap_keyframes)
+        findings = of_images | guards.check_gap(gap_keyframes)
+        findings |= guards.check_divergence(has_diverged=state.has_diverged)
         verdict = decide(findings)
         if not verdict.can_be_reference:  # checked first: with a blanked image, no landmark is triangulated
             return Outcome(transitions.lost(state, verdict.reason), TrackingStatistics(inliers=0), tracks)
@@ -383,8 +396,7 @@ class Localiser:
         """Return the state with the result of a keyframe; None if its adjustment was singular."""
         if result is None:
             return transitions.diverged(state)
-        window = result.landmark_map.window
-        if guards.has_diverged(state.path.last, window.newest_pose, window.covariance):
+        if has_diverged(result.landmark_map.window, state.path.last.T_world_left):
             return transitions.diverged(state)
         return transitions.adjusted(state, result, self._model)
 
@@ -395,7 +407,7 @@ class Localiser:
         assert outcome.keyframe is None or self._state.landmark_map is not None
         estimate = self._estimate(stamp_ns, self._state, outcome, clock)
         if outcome.keyframe is not None:
-            self._pending = self._background.submit(self._stages.make_keyframe, outcome.keyframe)
+            self._pending = self._background.submit(self._stages.keyframes.make, outcome.keyframe)
         return estimate
 
     def _estimate(self, stamp_ns: int, state: State, outcome: Outcome, clock: StageClock) -> PoseEstimate:

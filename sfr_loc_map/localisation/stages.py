@@ -21,15 +21,14 @@ from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.ground.cell_change import Change
 from sfr_loc_map.localisation.ground.motion_tools import MotionTools
-from sfr_loc_map.localisation.ground.selection import Ground, GroundSelector, changed_cells
+from sfr_loc_map.localisation.ground.selection import Ground, GroundSelector
 from sfr_loc_map.localisation.guards import ShearMean
-from sfr_loc_map.localisation.keyframes import KeyframeJob, KeyframeMaker, KeyframeResult, max_corners
-from sfr_loc_map.localisation.motion_model import Prediction
+from sfr_loc_map.localisation.keyframes import KeyframeMaker, KeyframeResult, max_corners
+from sfr_loc_map.localisation.motion_model import LastPose, Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 from sfr_loc_map.localisation.stage_clock import StageClock
 from sfr_loc_map.localisation.stale_images import ImageComparison
 from sfr_loc_map.localisation.state import State
-from sfr_loc_map.parallel import beside
 
 
 class Stages:
@@ -46,7 +45,7 @@ class Stages:
         self._max_corners = max_corners(rig, config)
         self.tracker = Tracker(config.min_tracked, rig.camera)
         self.relocaliser = Relocaliser(self.tracker, config, rig.camera, self._max_corners)
-        self._keyframes = KeyframeMaker(rig, config)
+        self.keyframes = KeyframeMaker(rig, config)
         self._ground_selector = GroundSelector(
             MotionTools(self.tracker, self.relocaliser, rig.camera, self._shape, config.min_tracked)
         )
@@ -54,17 +53,6 @@ class Stages:
     # ---- tracking
 
     def track(
-        self, frame: StereoFrame, landmark_map: LandmarkMap, prediction: Prediction, state: State, clock: StageClock
-    ) -> tuple[Tracks, Change]:
-        """Track the landmarks of the map, and find the cells of the left image that changed since an earlier image.
-
-        The second thread compares the images, which does not require a pose.
-        """
-        pending = beside(changed_cells, frame, state.ground_memory)
-        tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
-        return tracks, pending.result()
-
-    def _track(
         self,
         frame: StereoFrame,
         landmark_map: LandmarkMap,
@@ -123,29 +111,36 @@ class Stages:
 
     # ---- verdict and final pose
 
-    def judge(self, state: State, candidate: Candidate, findings: frozenset[Finding]) -> Verdict:
-        """Apply all guards to a pose."""
+    def judge(self, last: LastPose, gap_keyframes: int, candidate: Candidate, findings: frozenset[Finding]) -> Verdict:
+        """Apply all guards to a pose.
+
+        Args:
+            last: Last known pose.
+            gap_keyframes: `State.gap_keyframes`.
+            candidate: Pair to be judged.
+            findings: Findings of the earlier stages.
+        """
         frame = candidate.frame
         tracks = candidate.tracks
         corrected = candidate.corrected
-        findings |= self._refusals_of_pose(state, frame, tracks)
+        findings |= self._refusals_of_pose(last, frame, tracks)
         verdict = decide(findings)
         if verdict.refuses:  # the other guards require a valid pose
             return verdict
         findings |= guards.check_sides(frame, tracks, self.tracker, corrected.calibration.offset)
-        findings |= guards.check_gap(state.gap_keyframes)
+        findings |= guards.check_gap(gap_keyframes)
         findings |= guards.check_calibration(corrected.calibration)
         findings |= guards.check_shear(corrected.shear_chi2, corrected.shear_mean)
         return decide(findings)
 
-    def _refusals_of_pose(self, state: State, frame: StereoFrame, tracks: Tracks) -> frozenset[Finding]:
+    def _refusals_of_pose(self, last: LastPose, frame: StereoFrame, tracks: Tracks) -> frozenset[Finding]:
         """Return the findings of the fast guards that refuse poses; they are repeated for the pose of a keyframe."""
         findings = guards.check_tracks(frame, tracks)
-        findings |= guards.check_pose(tracks, state.path.last, frame.stamp_ns, self._config.motion)
+        findings |= guards.check_pose(tracks, last, frame.stamp_ns, self._config.motion)
         assert all(isinstance(RULES[each], Refusal) for each in findings), "a guard that degrades belongs in `judge`"
         return findings
 
-    def complete(self, state: State, candidate: Candidate, verdict: Verdict, clock: StageClock) -> FinalPose:
+    def complete(self, last: LastPose, candidate: Candidate, verdict: Verdict, clock: StageClock) -> FinalPose:
         """Decide what an accepted pair is used for, and solve for the pose of a keyframe from all landmarks.
 
         Later pairs are compared with the left image of a recovery image, which must therefore show enough landmarks.
@@ -153,20 +148,20 @@ class Stages:
         """
         tracks = candidate.tracks
         is_recovery_image = verdict.can_be_reference and tracks.left_inlier_count >= self._config.min_tracked
-        if not (is_recovery_image and self._keyframes.is_needed(tracks, candidate.landmark_map)):
+        if not (is_recovery_image and self.keyframes.is_needed(tracks, candidate.landmark_map)):
             return FinalPose(tracks, is_keyframe=False, is_recovery_image=is_recovery_image)
         with clock.stage("refine"):
-            tracks = self._keyframe_tracks(state, candidate)
+            tracks = self._keyframe_tracks(last, candidate)
         return FinalPose(tracks, is_keyframe=True, is_recovery_image=True)
 
-    def _keyframe_tracks(self, state: State, candidate: Candidate) -> Tracks:
+    def _keyframe_tracks(self, last: LastPose, candidate: Candidate) -> Tracks:
         """Return the tracks of all landmarks for a keyframe; the judged tracks if the pose of all landmarks is refused.
 
         Only the errors of keyframes accumulate. Other poses are therefore estimated from fewer landmarks to save time.
         Findings about the images hold for the pose of all landmarks as well, so that only the pose is checked again.
         """
         complete = self.with_all_landmarks(candidate)
-        is_refused = bool(self._refusals_of_pose(state, candidate.frame, complete))
+        is_refused = bool(self._refusals_of_pose(last, candidate.frame, complete))
         return candidate.tracks if is_refused else complete
 
     def with_all_landmarks(self, candidate: Candidate) -> Tracks:
@@ -179,27 +174,12 @@ class Stages:
         offset = candidate.corrected.calibration.offset
         return self.tracker.complete(candidate.frame, tracks, landmark_map.landmarks, rest, offset)
 
-    # ---- keyframes
-
-    def make_keyframe(self, job: KeyframeJob) -> KeyframeResult:
-        """Add a pair to the window as a keyframe, and adjust the window. LinAlgError if the adjustment is singular."""
-        return self._keyframes.make(job)
-
-    def is_good_image(self, frame: StereoFrame, landmark_map: LandmarkMap) -> bool:
-        """Return whether a pair shows enough corners, compared with the map that it would replace, for a new window."""
-        return self.relocaliser.is_good_image(frame, len(landmark_map.landmarks.rows))
+    # ---- the start of a window
 
     def begin_window(self, state: State, frame: StereoFrame) -> KeyframeResult:
         """Return a window that begins with a pair at the last known pose."""
         pose = Pose.of(state.path.last.T_world_left)
-        return self._keyframes.begin_window(frame, pose, state.calibration, state.ground_memory.excluded.mask)
-
-    def check_before_window(self, state: State, gap_keyframes: int) -> frozenset[Finding]:
-        """Apply the guards for a new window that do not need its landmarks: a gap, or a diverged adjustment before it.
-
-        `gap_keyframes` is the number after the pair has begun the window.
-        """
-        return guards.check_gap(gap_keyframes) | guards.check_divergence(has_diverged=state.has_diverged)
+        return self.keyframes.begin_window(frame, pose, state.calibration, state.ground_memory.excluded.mask)
 
     def check_window(self, state: State, frame: StereoFrame, landmarks: Landmarks) -> frozenset[Finding]:
         """Apply the guards for the landmarks of a new window.
@@ -212,5 +192,5 @@ class Stages:
             return findings
         pose = Pose.of(state.path.last.T_world_left)
         ground_mask = state.ground_memory.excluded.mask
-        count_if_swapped = self._keyframes.landmark_count(frame.swapped(), pose, state.calibration, ground_mask)
+        count_if_swapped = self.keyframes.landmark_count(frame.swapped(), pose, state.calibration, ground_mask)
         return findings | guards.check_order(landmarks, count_if_swapped, min_tracked)

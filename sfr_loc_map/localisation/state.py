@@ -17,7 +17,8 @@ The three stamps are equal after an accepted pair and after a pair that begins a
 | value | meaning | changed by |
 |---|---|---|
 | `path.last.T_world_left` | last known pose, in the present map | accepted pair; adjustment of a keyframe |
-| `path.published` | pose published last, where the next step begins | accepted or kept pair, new window |
+| `path.published` | pose published last, where the next step begins | accepted or kept pair, new window; |
+| | | adjustment of a keyframe with a yaw correction |
 | `path.datum.anchored_ns` | stamp since which a kept pose is unobserved, if later | anchoring; None after a reset |
 | `path.datum.pending` | external pose that is not applied yet | `set_pose`; first pair; when the pose is applied |
 | `path.datum.pending_ns` | stamp at which that pose applies | like `pending`; pair after `set_pose` |
@@ -55,8 +56,8 @@ class State:
     keyframes: int = 0  #: Number of keyframes since the start.
     #: Number of further keyframes until an unobserved motion before the window no longer degrades the poses.
     gap_keyframes: int = 0
-    #: Whether an adjustment diverged, and neither a window has begun nor the map was discarded for an external pose
-    #: since then.
+    #: Whether an adjustment has diverged since the last window began. An external pose that discards the map resets
+    #: the value.
     has_diverged: bool = False
     status: TrackingState = TrackingState.INITIALISING  #: State published last.
     reason: StateReason | None = None  #: Reason published last.

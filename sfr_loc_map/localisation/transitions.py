@@ -7,8 +7,8 @@ An event has the same name here and in the components of the state that it chang
 | start of a run, `reset` | `started` | all |
 | an external pose is set | `pose_set` | path (pending pose; before the first pair, also datum and errors) |
 | its stamp is reached | `pose_applied` | path; if the map is discarded, also map and `has_diverged` |
-| keyframe of the previous call is adjusted | `adjusted` | path (pose, errors, last past pose), map, calibration, |
-| | | recovery images, memory of the ground (pose of the earlier image) |
+| keyframe of the previous call is adjusted | `adjusted` | path (pose, errors, last past pose, error of the next |
+| | | step), map, calibration, recovery images, memory of the ground (pose of the earlier image) |
 | its adjustment was singular or diverged | `diverged` | no map, calibration starts again, `has_diverged` |
 | pair arrives | `arrived` | path (stamps), image memory, memory of the ground (stale rows) |
 | pair is accepted | `accepted` | all but `has_diverged` and the image memory |

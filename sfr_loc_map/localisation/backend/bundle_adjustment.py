@@ -121,7 +121,7 @@ class _OffsetTerms(NamedTuple):
 class _Landmark(NamedTuple):
     """Sums over the observations of a landmark."""
 
-    seen_by: int  #: Number of keyframes except the host that observe the landmark.
+    observer_count: int  #: Number of keyframes except the host that observe the landmark.
     offset: _OffsetTerms
 
 
@@ -135,7 +135,7 @@ class _Workspace(NamedTuple):
     projection: StereoProjection
     residual: FloatArray  #: `(2,)` pixels.
     weighted: FloatArray  #: `(2, 3)` weighted Jacobian with respect to the landmark.
-    keyframes: IntArray  #: `(K,)` keyframes except the host that observe the landmark.
+    observers: IntArray  #: `(K,)` keyframes except the host that observe the landmark.
     reduced: FloatArray  #: `(3, S)` covariance of the landmark times its coupling.
     ray: FloatArray  #: `(3,)` host ray.
 
@@ -247,7 +247,7 @@ def _add_landmark(
     keyframes = problem.keyframes
     host = problem.host[n]
     ray = work.ray
-    seen_by = work.keyframes
+    observers = work.observers
     projection = work.projection
     coupling = own.coupling
     rotations = keyframes.rotations
@@ -268,7 +268,7 @@ def _add_landmark(
             pose = Pose(rotations[k], positions[k])
             if linearise_landmark(pose, keyframes, host, ray, landmarks[n, 2], camera, projection) <= 0.0:
                 continue
-            seen_by[count] = k
+            observers[count] = k
             count += 1
         for side in range(2):
             if not (in_left if side == 0 else in_right):
@@ -294,11 +294,11 @@ def _eliminate(covariance: FloatArray, own: _LandmarkBlock, count: int, work: _W
     rhs = system.rhs
     landmark_rhs = own.rhs
     coupling = own.coupling
-    seen_by = work.keyframes
+    observers = work.observers
     reduced = work.reduced
     last = len(rhs) - 1
     for m in range(count):
-        first = 6 * seen_by[m]
+        first = 6 * observers[m]
         for i in range(3):
             c0, c1, c2 = covariance[i, 0], covariance[i, 1], covariance[i, 2]
             for a in range(first, first + 6):
@@ -307,7 +307,7 @@ def _eliminate(covariance: FloatArray, own: _LandmarkBlock, count: int, work: _W
         c0, c1, c2 = covariance[i, 0], covariance[i, 1], covariance[i, 2]
         reduced[i, last] = c0 * coupling[0, last] + c1 * coupling[1, last] + c2 * coupling[2, last]
     for m in range(count):
-        first = 6 * seen_by[m]
+        first = 6 * observers[m]
         for a in range(first, first + 6):
             p, q, r = coupling[0, a], coupling[1, a], coupling[2, a]
             rhs[a] -= (
@@ -315,7 +315,7 @@ def _eliminate(covariance: FloatArray, own: _LandmarkBlock, count: int, work: _W
             )
             information[a, last] -= p * reduced[0, last] + q * reduced[1, last] + r * reduced[2, last]
             for o in range(m, count):
-                for b in range(6 * seen_by[o], 6 * seen_by[o] + 6):
+                for b in range(6 * observers[o], 6 * observers[o] + 6):
                     information[a, b] -= p * reduced[0, b] + q * reduced[1, b] + r * reduced[2, b]
     for i in range(3):
         rhs[last] -= reduced[i, last] * landmark_rhs[i]
@@ -341,9 +341,9 @@ def _linearise(problem: BundleProblem, blocks: LandmarkBlocks) -> tuple[FloatArr
     host = problem.host
     projection = new_projection()
     camera = intrinsics(problem.camera)
-    seen_by = np.zeros(keyframes, np.int64)
+    observers = np.zeros(keyframes, np.int64)
     reduced = np.zeros((3, size))
-    work = _Workspace(projection, np.zeros(2), np.zeros((2, 3)), seen_by, reduced, np.ones(3))
+    work = _Workspace(projection, np.zeros(2), np.zeros((2, 3)), observers, reduced, np.ones(3))
     own_information = np.empty((3, 3))
     for n in range(len(host)):
         own = _LandmarkBlock(own_information, rhs[n], coupling[n])
@@ -353,11 +353,11 @@ def _linearise(problem: BundleProblem, blocks: LandmarkBlocks) -> tuple[FloatArr
         system = _System(information[host[n]], system_rhs[host[n]])
         landmark = _add_landmark(problem, n, camera, system, own, work)
         fill_inverse_3(own.information, covariance[n])
-        if landmark.seen_by == 0:  # An observation by the host alone does not constrain motions.
+        if landmark.observer_count == 0:  # An observation by the host alone does not constrain motions.
             continue
         system.information[last, last] += landmark.offset.information
         system.rhs[last] += landmark.offset.rhs
-        _eliminate(covariance[n], own, landmark.seen_by, work, system)
+        _eliminate(covariance[n], own, landmark.observer_count, work, system)
     return information, system_rhs
 
 

@@ -225,8 +225,12 @@ def solve_pose(
     """Estimate the pose of a pair by robust weighted least squares on both images (Gauss-Newton).
 
     Landmarks have Geman-McClure weights. The scale of the weights decreases to that of the residuals (graduated
-    non-convexity: Yang et al. 2020), so that an inaccurate prediction does not reject the inliers. With fewer than
-    `MIN_LANDMARKS` observed landmarks, the initial pose is returned with an information of zero.
+    non-convexity: Yang et al. 2020), so that an inaccurate prediction does not reject the inliers.
+
+    The iterations end if fewer than `MIN_LANDMARKS` landmarks have a residual. In the first iteration, the initial pose
+    is then returned with an information of zero. In a later iteration, the step before has left too few landmarks in
+    front of the camera. The pose may then be arbitrarily far away, and the information is that of the iteration before.
+    The linearisation at this pose has too few residuals for a pose that is trusted (`Tracks.is_trusted`).
 
     Args:
         start: Initial pose of the left camera.

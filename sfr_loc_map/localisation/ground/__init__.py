@@ -6,22 +6,44 @@ moving objects) are no longer tracked, and their image cells are excluded for se
 distinguish two motions, the pose is ambiguous.
 
     left image, earlier image --------+
-    tracks of the landmarks ----------+--> Evidence --> first rule of `cases.RULES` whose condition is true
+    tracks of the landmarks ----------+--> Evidence --> first rule of `cases.CASE_RULES` whose condition is true
     GroundMemory (earlier pairs) -----+                     |              |               |
                                                             v              v               v
                                                         Selection      finding      GroundMemory
                                                  (tracks of the ground,          (after the pair)
                                                   excluded landmarks)
 
-`selection` lists the steps with their functions, and examples. `cases.RULES` is the only table of decisions, and
+`selection` lists the steps with their functions, and examples. `cases.CASE_RULES` is the only table of decisions, and
 `thresholds` has all thresholds of these decisions. `GroundMemory` is the only state. It is an immutable value, which
 the localiser keeps and replaces after its verdict on the pair (`NextMemory.for_verdict`).
 
 A pair is *consistent* with the earlier pairs if one motion explains the pair, the image moved, few cells are excluded
 as dynamic, and landmarks follow the motion also in the cells that were unexplained earlier. A pair is *inconsistent* if
 two motions compete, if the image contradicts the motion, or if about half of the landmarks are unexplained. The ground
-is then *uncertain* for several pairs. An unusual pair that is not consistent prolongs an uncertainty. `identification`
-contains the transitions.
+is then *uncertain* for several pairs. An unusual pair that is not consistent prolongs an uncertainty.
+
+Two state machines in the memory, `Identification` and `ImageFaults`, connect the cases of successive pairs:
+
+       +------ pair lost, new window ------+
+       v                                   |
+    LEARNING -- third consistent pair --> IDENTIFIED
+       |  ^                                |
+       |  |                                | inconsistent pair (for 3 pairs)
+       |  |                                v
+       |  +-- last of these pairs ------- UNCERTAIN
+       |      is consistent                ^
+       |                                   |
+       +-- inconsistent pair (for 10) -----+
+
+    no fault -- fault, or stale rows --> recovery
+       ^                                   |
+       +- enough pairs with motion, -------+
+          or new window
+
+The case of a pair changes both (`Rule.learns`, `Rule.fault`), and both decide on the case of the next pair: two motions
+are `DECIDED` only if the ground is identified, one motion is `UNCONFIRMED` while the ground stays uncertain, and
+`TRANSFERRED` requires that few pairs in a row were transferred. During a recovery, a pair whose case has no finding is
+`RECOVERING`. `identification` contains all transitions.
 
 While the ground is not identified, the motion that is not selected may be the ground's. Each pair with a second motion,
 or with an unexplained part of the image, is therefore degraded. Unexplained landmarks in the first tracked pair of a
@@ -32,9 +54,8 @@ The method has four known limits:
 
 - The rover is assumed to move. If an object already moves in the first tracked pair of a window, beside a rover at
   rest, the pose follows the object.
-- After a fault, a rover at rest remains degraded until it moves (`RECOVERING`, `AT_REST_UNCERTAIN`), because images of
-a
-  rover at rest do not show whether the fault has ended.
+- After a fault, a rover at rest remains degraded until it moves (`RECOVERING`, `AT_REST_UNCERTAIN`), because images
+  of a rover at rest do not show whether the fault has ended.
 - If an object moves in much of the view of a rover at rest, the pairs are reported as partially transferred
   (`PARTIAL_TRANSFER`) and as recovering, until the rover moves. The ground is stationary in these images, and so are
   the stale parts of a partial transfer at the moment at which a rover drives off.

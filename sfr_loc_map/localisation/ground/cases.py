@@ -1,7 +1,7 @@
 """The table of the decisions about the ground's motion: which case a pair is, and the consequences of each case.
 
-`RULES` is the table. The first rule whose condition is true for the evidence of a pair decides. A new case requires a
-member of `Case` and a rule, and if its condition is new, a field of `Evidence`.
+`CASE_RULES` is the table. The first rule whose condition is true for the evidence of a pair decides. A new case
+requires a member of `Case` and a rule, and if its condition is new, a field of `Evidence`.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ class Case(Enum):
 
     OWN_BODY = auto()  #: Texture fixed to the camera carries the main motion; the other landmarks follow the ground.
     UNTRUSTED = auto()  #: No motion is trusted, and the pose is refused.
-    PARTIAL_TRANSFER = auto()  #: Parts of the images come from different exposures.
-    DOUBLE_EXPOSURE = auto()  #: Two exposures are blended. The main motion is that of the dominant exposure.
+    TRANSFERRED = auto()  #: Parts of the images come from different exposures.
+    BLENDED = auto()  #: Two exposures are blended. The main motion is that of the dominant exposure.
     DECIDED = auto()  #: There are two motions, and the motion with more weight is clearly the ground's.
-    AMBIGUOUS = auto()  #: Either of two motions may be the ground's.
-    CONTRADICTED = auto()  #: The image changed where the only motion predicts no change. The pose is refused.
+    UNDECIDED = auto()  #: Either of two motions may be the ground's.
+    FALSE_STANDSTILL = auto()  #: The image changed where the only motion predicts no change. The pose is refused.
     HALF_UNEXPLAINED = auto()  #: About half of the landmarks, or more, do not follow the only motion.
-    UNEXPLAINED = auto()  #: More landmarks than on earlier ground do not follow the only motion.
-    AT_REST_UNCERTAIN = auto()  #: Like `UNCERTAIN`, but the image did not move, so that it shows a rover at rest.
-    UNCERTAIN = auto()  #: There is one motion, but too few consistent pairs followed those that made it uncertain.
+    UNUSUAL = auto()  #: More landmarks than on earlier ground do not follow the only motion.
+    UNCONFIRMED_AT_REST = auto()  #: Like `UNCONFIRMED`, but the image did not move, so that it shows a rover at rest.
+    UNCONFIRMED = auto()  #: There is one motion, but too few consistent pairs followed those that made it uncertain.
     ONE_MOTION = auto()  #: There is one motion, and the ground is not uncertain after the pair.
 
 
@@ -68,7 +68,7 @@ class Rule(NamedTuple):
     outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
 
 
-RULES: Final = (
+CASE_RULES: Final = (
     # The covariance includes the unobserved motion and not the ambiguity, because the cells of the body are excluded
     # from the next pairs.
     Rule(
@@ -79,7 +79,7 @@ RULES: Final = (
     ),
     Rule(Case.UNTRUSTED, lambda evidence: not evidence.is_trusted, Selects.MAIN_WITH_ALL),
     Rule(
-        Case.PARTIAL_TRANSFER,
+        Case.TRANSFERRED,
         lambda evidence: evidence.is_transfer,
         Selects.MAIN_WITH_ALL,
         Finding.PARTIAL_TRANSFER,
@@ -88,7 +88,7 @@ RULES: Final = (
     ),
     # A fault of the images does not make the ground's motion uncertain.
     Rule(
-        Case.DOUBLE_EXPOSURE,
+        Case.BLENDED,
         lambda evidence: evidence.is_double_exposure,
         Selects.MAIN_WITH_ALL,
         Finding.DOUBLE_EXPOSURE,
@@ -96,7 +96,7 @@ RULES: Final = (
     ),
     Rule(Case.DECIDED, lambda evidence: evidence.is_decided, Selects.HEAVIER),
     Rule(
-        Case.AMBIGUOUS,
+        Case.UNDECIDED,
         lambda evidence: evidence.two is not None,
         Selects.HEAVIER_WITH_ALL,
         Finding.AMBIGUOUS,
@@ -104,7 +104,7 @@ RULES: Final = (
         learns=Learns.UNCERTAINTY,
     ),
     Rule(
-        Case.CONTRADICTED,
+        Case.FALSE_STANDSTILL,
         lambda evidence: evidence.is_contradicted,
         Selects.MAIN_WITH_ALL,
         Finding.CONTRADICTED,
@@ -121,14 +121,14 @@ RULES: Final = (
         learns=Learns.UNCERTAINTY,
     ),
     Rule(
-        Case.UNEXPLAINED,
+        Case.UNUSUAL,
         lambda evidence: evidence.is_unusual and evidence.has_typical,
         Selects.MAIN,
         Finding.UNEXPLAINED,
         Finding.GROUND_UNCERTAIN,
     ),
     Rule(
-        Case.AT_REST_UNCERTAIN,
+        Case.UNCONFIRMED_AT_REST,
         lambda evidence: evidence.stays_uncertain and not evidence.support.moves_image,
         Selects.MAIN,
         Finding.AT_REST_UNCERTAIN,
@@ -136,7 +136,7 @@ RULES: Final = (
         learns=Learns.ONE_MOTION,
     ),
     Rule(
-        Case.UNCERTAIN,
+        Case.UNCONFIRMED,
         lambda evidence: evidence.stays_uncertain,
         Selects.MAIN,
         Finding.GROUND_UNCERTAIN,
@@ -150,7 +150,7 @@ RULES: Final = (
 
 def rule_of(evidence: Evidence) -> Rule:
     """Return the rule of a pair: the first rule whose condition is true."""
-    return next(rule for rule in RULES if rule.condition(evidence))
+    return next(rule for rule in CASE_RULES if rule.condition(evidence))
 
 
 def findings_of(rule: Rule, faults: ImageFaults, *, is_identified: bool, is_trusted: bool) -> frozenset[Finding]:

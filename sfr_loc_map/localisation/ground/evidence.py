@@ -1,6 +1,6 @@
 """Evidence of a pair about the ground's motion: what its images show, and what earlier pairs have shown.
 
-`evidence_of` collects all evidence, and `cases.RULES` decides by it. The package docstring defines the terms.
+`evidence_of` collects all evidence, and `cases.CASE_RULES` decides by it. The package docstring defines the terms.
 """
 
 from __future__ import annotations

@@ -10,7 +10,8 @@ Each machine is one immutable value with one function for all transitions by a p
 | `LEARNING` | partly consistent | `LEARNING`, counted from the start |
 | `IDENTIFIED` | inconsistent | `UNCERTAIN` for 3 pairs |
 | `LEARNING` | inconsistent | `UNCERTAIN` for 10 pairs |
-| `UNCERTAIN` | inconsistent | `UNCERTAIN`, for 10 pairs if more than 3 were left, otherwise for 3 pairs |
+| `UNCERTAIN`, more than 3 pairs left | inconsistent | `UNCERTAIN` for 10 pairs |
+| `UNCERTAIN`, at most 3 pairs left | inconsistent | `UNCERTAIN` for 3 pairs |
 | `UNCERTAIN` | consistent, and the last of these pairs | `LEARNING` |
 
 In addition, `Identification.relearning` leads from `LEARNING` and `IDENTIFIED` to `LEARNING`, counted from the start,

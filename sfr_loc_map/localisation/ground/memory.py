@@ -43,9 +43,8 @@ class EarlierImage(NamedTuple):
 
     image: FloatImage  #: Pyramid level `LEVEL` of a left image.
     pose: Pose  #: Pose of the left camera at that image.
-    #: Number of pairs by which the next pair is later than the image. Refused pairs do not count, unless the memory
-    #: learns from them. Outliers are ignored if they move by more than `thresholds.FAR_RATIO` of the width times the
-    #: age.
+    #: Number of pairs from the image to the next pair. A refused pair counts only if the memory learns from it. The
+    #: greater the age, the farther an outlier may move before it is ignored (`thresholds.FAR_RATIO`).
     age: int = 1
 
     def older(self) -> EarlierImage:
@@ -74,7 +73,7 @@ class GroundMemory:
 
     | event | is |
     |---|---|
-    | `selected` | a pair in which the ground's motion was selected, by its case (`cases.RULES`) |
+    | `selected` | a pair in which the ground's motion was selected, by its case (`cases.CASE_RULES`) |
     | `unselected` | a pair with a frozen left image or with stale rows, in which no motion was selected |
     | `window_begun` | a pair begins a window |
     | `adjusted` | the adjustment of a keyframe in the background has ended |
@@ -166,7 +165,7 @@ class GroundMemory:
         """Return the typical fraction of unexplained landmarks after a pair with one motion.
 
         The fraction changes only while the ground is not uncertain. Once there is a typical fraction, an unusual pair
-        is not learnt (`Case.UNEXPLAINED`).
+        is not learnt (`Case.UNUSUAL`).
         """
         if self.identification.phase is Phase.UNCERTAIN:
             return self.typical

@@ -25,8 +25,8 @@ The same object is in view for one pair before the ground is identified:
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
-| 1 | two motions | `AMBIGUOUS` | `AMBIGUOUS` | uncertain for ten consistent pairs; recovery takes three pairs |
-| 2 to 10 | one motion, also where the object was | `UNCERTAIN` | `GROUND_UNCERTAIN` | one to nine consistent pairs |
+| 1 | two motions | `UNDECIDED` | `AMBIGUOUS` | uncertain for ten consistent pairs; recovery takes three pairs |
+| 2 to 10 | one motion, also where the object was | `UNCONFIRMED` | `GROUND_UNCERTAIN` | one to nine consistent pairs |
 | 11 | one motion | `ONE_MOTION` | `RECOVERING` | learning; recovery takes two more pairs |
 | 12 | one motion | `ONE_MOTION` | `RECOVERING` | one consistent pair; recovery takes one more pair |
 | 13 | one motion | `ONE_MOTION` | none | two consistent pairs; the next one identifies the ground |
@@ -35,7 +35,7 @@ The lower half of one image repeats the previous image, with new noise, while th
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
-| 1 | two motions, one of them a standstill | `PARTIAL_TRANSFER` | `PARTIAL_TRANSFER` | one transfer |
+| 1 | two motions, one of them a standstill | `TRANSFERRED` | `PARTIAL_TRANSFER` | one transfer |
 | 2 | one motion; half the usual excess would be unusual | `ONE_MOTION` | none | no transfer |
 """
 

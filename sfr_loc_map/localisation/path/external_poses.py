@@ -25,11 +25,11 @@ accepted pair (a pair that began a window counts as accepted here):
 | 2 later: up to `MAX_LATER_PERIODS` later | the last accepted pair | anchored |
 | 3 far: still later, or before the first accepted pair | the last known pose | discarded, path reset |
 
-To anchor the map means that the map stays as it is, and moves in DS together with the path so that the path passes
-through the external pose. In case 2, the present pose is the external pose itself, while the next accepted pairs
-continue from the last accepted pair. Their covariance therefore contains the unobserved motion between that pair and
-the stamp (`Origin.external_of_next`). In case 3, the position of the external pose in the map is unknown. The map is
-therefore discarded, and the motion from the stamp to the pair is unobserved.
+Anchoring changes the datum alone: map and path move in DS as one rigid body, so that the path passes through the
+external pose. In case 2, the present pose is the external pose itself. The poses of the next accepted pairs continue
+from the last accepted pair, so that their covariance contains the unobserved motion between that pair and the stamp
+(`Origin.external_of_next`). In case 3, the position of the external pose in the map is unknown. The map is therefore
+discarded, and the motion from the stamp to the pair is unobserved.
 """
 
 from __future__ import annotations

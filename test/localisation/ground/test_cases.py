@@ -11,7 +11,7 @@ import pytest
 
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.localisation.findings import Finding, Inflation, decide
-from sfr_loc_map.localisation.ground.cases import RULES, Case, Rule, findings_of, rule_of
+from sfr_loc_map.localisation.ground.cases import CASE_RULES, Case, Rule, findings_of, rule_of
 from sfr_loc_map.localisation.ground.evidence import Evidence, evidence_of_main
 from sfr_loc_map.localisation.ground.identification import Consistency, Identification, ImageFaults, Phase
 from sfr_loc_map.localisation.ground.memory import EarlierImage, GroundMemory, NextMemory
@@ -53,7 +53,7 @@ def two_motions(weight_ratio: float, *, has_standstill: bool = False) -> TwoMoti
 
 def rule(case: Case) -> Rule:
     """Return the rule of a case."""
-    return next(each for each in RULES if each.case is case)
+    return next(each for each in CASE_RULES if each.case is case)
 
 
 def after(memory: GroundMemory, case: Case, *, moves_image: bool = True) -> GroundMemory:
@@ -76,20 +76,20 @@ IN_A_ROW = replace(IDENTIFIED, faults=ImageFaults(transfers=MAX_TRANSFERS))
         (IDENTIFIED, {}, Case.ONE_MOTION),
         (IDENTIFIED, {"off_body": UNTRUSTED, "main": UNTRUSTED}, Case.OWN_BODY),
         (IDENTIFIED, {"main": UNTRUSTED, "is_contradicted": True}, Case.UNTRUSTED),
-        (IDENTIFIED, {"follows_transfer": True, "is_unusual": True}, Case.PARTIAL_TRANSFER),
-        (IDENTIFIED, {"follows_transfer": True, "is_unusual": True, "is_contradicted": True}, Case.CONTRADICTED),
-        (IDENTIFIED, {"is_double_exposure": True, "is_unusual": True}, Case.DOUBLE_EXPOSURE),
-        (IDENTIFIED, {"is_contradicted": True, "is_half_unexplained": True}, Case.CONTRADICTED),
-        (IDENTIFIED, {"is_half_unexplained": True, "is_unusual": True}, Case.PARTIAL_TRANSFER),
+        (IDENTIFIED, {"follows_transfer": True, "is_unusual": True}, Case.TRANSFERRED),
+        (IDENTIFIED, {"follows_transfer": True, "is_unusual": True, "is_contradicted": True}, Case.FALSE_STANDSTILL),
+        (IDENTIFIED, {"is_double_exposure": True, "is_unusual": True}, Case.BLENDED),
+        (IDENTIFIED, {"is_contradicted": True, "is_half_unexplained": True}, Case.FALSE_STANDSTILL),
+        (IDENTIFIED, {"is_half_unexplained": True, "is_unusual": True}, Case.TRANSFERRED),
         (IN_A_ROW, {"is_half_unexplained": True, "is_unusual": True}, Case.HALF_UNEXPLAINED),
-        (IDENTIFIED, {"is_unusual": True}, Case.UNEXPLAINED),
+        (IDENTIFIED, {"is_unusual": True}, Case.UNUSUAL),
         (IDENTIFIED, {"is_unusual": True, "has_typical": False}, Case.ONE_MOTION),
-        (IDENTIFIED, {"after_one_motion": Identification(Phase.UNCERTAIN)}, Case.UNCERTAIN),
+        (IDENTIFIED, {"after_one_motion": Identification(Phase.UNCERTAIN)}, Case.UNCONFIRMED),
         (IDENTIFIED, {"two": two_motions(2.0), "is_unusual": True}, Case.DECIDED),
         (IDENTIFIED, {"two": two_motions(0.5), "is_contradicted": True}, Case.DECIDED),
-        (IDENTIFIED, {"two": two_motions(1.1), "is_unusual": True}, Case.AMBIGUOUS),
-        (GroundMemory.none((32, 32)), {"two": two_motions(2.0)}, Case.AMBIGUOUS),
-        (IDENTIFIED, {"two": two_motions(2.0, has_standstill=True)}, Case.PARTIAL_TRANSFER),
+        (IDENTIFIED, {"two": two_motions(1.1), "is_unusual": True}, Case.UNDECIDED),
+        (GroundMemory.none((32, 32)), {"two": two_motions(2.0)}, Case.UNDECIDED),
+        (IDENTIFIED, {"two": two_motions(2.0, has_standstill=True)}, Case.TRANSFERRED),
         (IN_A_ROW, {"two": two_motions(2.0, has_standstill=True)}, Case.DECIDED),
     ],
 )
@@ -100,14 +100,14 @@ def test_the_case_of_a_pair_follows_from_the_evidence(
 
 
 def test_each_case_has_one_rule() -> None:
-    assert sorted(each.case.name for each in RULES) == sorted(case.name for case in Case)
+    assert sorted(each.case.name for each in CASE_RULES) == sorted(case.name for case in Case)
 
 
 def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
     memory = GroundMemory.none((32, 32))
     for _ in range(MAX_TRANSFERS):
         assert evidence_without_outliers(memory).may_be_transfer
-        memory = after(memory, Case.PARTIAL_TRANSFER)
+        memory = after(memory, Case.TRANSFERRED)
     assert not evidence_without_outliers(memory).may_be_transfer
     assert after(memory, Case.DECIDED).faults.transfers == 0
 
@@ -127,7 +127,7 @@ def test_a_second_motion_before_the_ground_is_identified_degrades_twelve_pairs()
     """The example in the docstring of `selection`: ten pairs of uncertainty and recovery follow, then clean pairs."""
     memory = GroundMemory.none((32, 32))
     found = []
-    case = Case.AMBIGUOUS
+    case = Case.UNDECIDED
     for _ in range(14):
         is_identified = memory.is_identified
         memory = after(memory, case)
@@ -135,8 +135,8 @@ def test_a_second_motion_before_the_ground_is_identified_degrades_twelve_pairs()
         found.append((case, findings))
         case = rule_of(evidence_without_outliers(memory)).case
     assert found == [
-        (Case.AMBIGUOUS, frozenset({Finding.AMBIGUOUS})),
-        *[(Case.UNCERTAIN, frozenset({Finding.GROUND_UNCERTAIN}))] * 9,
+        (Case.UNDECIDED, frozenset({Finding.AMBIGUOUS})),
+        *[(Case.UNCONFIRMED, frozenset({Finding.GROUND_UNCERTAIN}))] * 9,
         *[(Case.ONE_MOTION, frozenset({Finding.RECOVERING}))] * 2,
         *[(Case.ONE_MOTION, frozenset())] * 2,
     ]
@@ -177,7 +177,7 @@ def test_a_second_motion_may_be_the_ground_until_the_ground_is_identified() -> N
         findings = findings_of(rule(case), memory.faults, is_identified=memory.is_identified, is_trusted=True)
         return decide(findings).inflation
 
-    for case in (Case.PARTIAL_TRANSFER, Case.UNEXPLAINED):
+    for case in (Case.TRANSFERRED, Case.UNUSUAL):
         assert Inflation.AMBIGUITY in inflation_of(case, learning)
         assert Inflation.AMBIGUITY in inflation_of(case, identified.lost())
         assert Inflation.AMBIGUITY not in inflation_of(case, identified)
