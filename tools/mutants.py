@@ -60,6 +60,7 @@ TESTS = (
     "test/scoring/test_several_scores.py",
     "test/scoring/test_deviations.py",
     "test/report/test_test_report.py",
+    "test/io/test_truth.py",
     "test/localisation/test_findings.py",
     "test/localisation/test_path.py",
     "test/localisation/ground/test_cases.py",
