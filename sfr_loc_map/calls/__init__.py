@@ -7,7 +7,7 @@ or from records that are added one by one (`growing_calls`); scores read this fo
 | `CallRecord` and JSON | stats.csv | `CallStats` |
 |---|---|---|
 | `stamp_ns`, `state` | the same | `calls` |
-| `processing_time_s` (JSON: 0 if unknown) | the same (0 is read as unknown) | `calls.seconds` (NaN if unknown) |
+| `processing_time_s` (NaN if unknown, JSON: 0) | the same (NaN; empty and 0 are read as NaN) | `calls.seconds` |
 | `peak_rss_bytes`, `above_idle_bytes` | the same, and `memory_method` | `calls` |
 | `statistics` | a column for each | `calls.stage_s`, `processes` |
 | `covariance` `(6, 6)` | `COVARIANCE_NAMES` (upper triangle) | `covariance` (upper triangle) |

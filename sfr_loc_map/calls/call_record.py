@@ -40,7 +40,8 @@ STATES_OF: dict[Task, tuple[str, ...]] = {Task.LOCALISATION: LOCALISER_STATES, T
 DEFAULT_STATE = {Task.LOCALISATION: "", Task.MAPPING: MappingState.MAPPED.value}
 """State of a call, by task, if an external node reports none; the state of a localiser is then unknown."""
 UNKNOWN_TIME_S = 0.0
-"""Processing time of a call whose time is unknown, s, in JSON and in files; NaN in `CallRecord` and `CallStats`."""
+"""Processing time of a call whose time is unknown, s, in JSON. Files of calls, `CallRecord` and `CallStats` have NaN; a
+zero in a file is read as NaN."""
 MAX_CALL_S = 1e6  #: Maximum processing time of a received call, s.
 MANY = 0.05  #: Minimum fraction of lost or degraded pairs for a warning.
 MAX_STATISTICS = 500  #: Maximum number of statistics of a received call; each has a column in the file of the calls.
@@ -233,14 +234,15 @@ def tracking_warning(records: Sequence[CallRecord], source: object, *, is_ours: 
 def encode_call(record: CallRecord) -> str:
     """Return a call as JSON; numbers have the shortest form that is exact when read back.
 
-    JSON has no NaN: an unknown processing time is `UNKNOWN_TIME_S`, and other unknown values are omitted.
+    JSON has no NaN: an unknown processing time is `UNKNOWN_TIME_S`, and other unknown values are omitted. Covariance
+    and step are bounded as in the file of the calls.
     """
     finite = replace(
         record,
         statistics=_finite(record.statistics),
         times=_finite(record.times),
-        covariance=_finite_or_none(record.covariance),
-        step=_finite_or_none(record.step),
+        covariance=_bounded_or_none(record.covariance),
+        step=_bounded_or_none(record.step),
     )
     content = msgspec.to_builtins(finite, enc_hook=_to_plain)
     if not math.isfinite(record.processing_time_s):
@@ -252,8 +254,8 @@ def _finite(values: Mapping[str, float]) -> dict[str, float]:
     return {name: float(value) for name, value in values.items() if math.isfinite(value)}
 
 
-def _finite_or_none(values: FloatArray | None) -> FloatArray | None:
-    return values if values is not None and np.isfinite(values).all() else None
+def _bounded_or_none(values: FloatArray | None) -> FloatArray | None:
+    return None if values is None or np.isnan(values).any() else bounded(values)
 
 
 def decode_call(text: str, task: Task) -> CallRecord:
@@ -301,7 +303,8 @@ def _check_array(name: str, values: FloatArray, shape: tuple[int, ...]) -> None:
 
 def check_uncertainty(record: CallRecord) -> None:
     """Raise ValueError if the covariance of a call is not symmetric, or if it or the step has a negative variance."""
-    if (covariance := record.covariance) is not None:
+    if record.covariance is not None:
+        covariance = bounded(record.covariance)
         check_variances("covariance", np.diag(covariance))
         if (np.abs(covariance - covariance.T) > ASYMMETRY * np.abs(covariance).max()).any():
             raise ValueError("'covariance' is not symmetric: a symmetric matrix of 6 x 6 is required")

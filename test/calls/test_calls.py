@@ -62,6 +62,23 @@ def test_a_call_comes_back_to_the_last_bit() -> None:
     assert found.statistics == {"inliers": 1 / 3}
 
 
+@pytest.mark.parametrize("variance", [1e30, math.inf])
+def test_an_uncertainty_beyond_the_largest_number_is_equal_in_a_message_and_in_a_file(
+    tmp_path: Path, variance: float
+) -> None:
+    covariance = np.where(np.eye(6) > 0.0, variance, 0.0)
+    record = CallRecord(5, 0.1, "lost", covariance=covariance, step=np.full(48, variance))
+    found = decode_call(encode_call(record), Task.LOCALISATION)
+    save_stats(tmp_path / "s.csv", [record])
+    of_file = load_call_stats(tmp_path / "s.csv")
+    assert found.covariance is not None
+    assert of_file.covariance is not None
+    assert of_file.steps is not None
+    np.testing.assert_array_equal(found.covariance, MAX_NUMBER * np.eye(6))
+    np.testing.assert_array_equal(of_file.covariance[0], found.covariance[np.triu_indices(6)])
+    np.testing.assert_array_equal(of_file.steps[0], found.step)
+
+
 def test_what_is_unknown_in_a_call_is_unknown_when_read_back() -> None:
     unknown = np.full((6, 6), np.nan)
     record = CallRecord(
