@@ -134,6 +134,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     | clouds, true points and `nav/pose` of maps | kept; clouds of earlier pairs are not scored | likewise |
     | calibration, configurations of the nodes | kept | kept |
     | whether an estimate and the ground truth were received | kept | kept |
+    | sequence numbers of the messages by topic (`TransportGaps`) | kept | kept |
     | type and origin of the ground truth (`TopicTruthInput`) | kept | kept |
 
     Ground truth from /tf also has runs of its own (`FramePoses`).
@@ -170,7 +171,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._has_truth = False
         deep, shallow = QoSProfile(depth=config.input.queue_depth), QoSProfile(depth=10)
         of_rover, info = (profile(config.input.reliability, depth) for depth in (config.input.queue_depth, 10))
-        self._receive(Odometry, ESTIMATE, self._on_estimate, deep)
+        self._receive(Odometry, ESTIMATE, self._on_estimate, deep, on_first=self._set_missed_estimates)
         self._truth.subscribe(self._receive, of_rover, self._add_truth)
         self._receive(PoseStamped, NAV_POSE, self._on_pose, of_rover)
         for side in SIDES:
@@ -195,7 +196,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._score = MonitorScore(config.score, None, config.truth)  # `setup` reads the limits
         self._score_file = ScoreFile(Path(config.save_file)) if config.save_file else None
         self._lost_in_transport = 0  # messages
-        self._missed_estimates = 0  # published before the first received estimate of the present score
+        self._gaps: dict[str, TransportGaps] = {}  # by topic; accessed only by the executor's thread
+        self._missed_estimates = 0  # published before the first received estimate; 0 after a new run
         self._camera_infos = CameraInfoPair()
         self._truth: TruthInput = TopicTruthInput(self, Reliability(config.input.reliability))
         if config.truth.frame:
@@ -232,15 +234,21 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         qos: QoSProfile,
         *,
         has_several_publishers: bool = False,
+        on_first: Callable[[int], None] | None = None,
     ) -> Callable[[], object]:
-        """Subscribe with a callback that is called in the worker's thread; return the function that unsubscribes."""
-        gaps = TransportGaps()
+        """Subscribe with a callback that is called in the worker's thread; return the function that unsubscribes.
+
+        At the first message since the configuration, `on_first` is called in the worker's thread with the number of
+        messages that were published before.
+        """
+        gaps = self._gaps.setdefault(topic, TransportGaps())
+        gaps.begin_subscription()
         gaps.set_several(has_several_publishers)
 
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any message
             self._lost_in_transport += gaps.add(info)
-            if topic == ESTIMATE and gaps.count == 1:
-                self.worker.enqueue(partial(self._set_missed_estimates, gaps.before))
+            if on_first is not None and gaps.count == 1:
+                self.worker.enqueue(partial(on_first, gaps.before))
             size_bytes = len(message.data) if kind is PointCloud2 else 0
             self.worker.enqueue_droppable(partial(callback, message), size_bytes)
 

@@ -128,6 +128,24 @@ def test_the_report_of_the_previous_process_is_kept_at_an_activation(ros: None, 
         assert json.loads(save.read_text())["schema"] == SCHEMA
 
 
+def test_scored_estimates_are_not_reported_as_missed_after_another_activation(ros: None, capfd: Capture) -> None:
+    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode) as local:
+        node = local.node
+
+        def estimate_at(index: int) -> None:
+            message = bag_messages.odometry(START_NS + index * PERIOD_NS, np.zeros(3), NO_TURN)
+            peer.publish(Odometry, "localisation/odometry", raw(message))
+            peer.until(lambda: len(node._score.rows._estimates) == index + 1, "the estimate")
+
+        estimate_at(0)
+        estimate_at(1)
+        assert peer.change(Transition.TRANSITION_DEACTIVATE) == (True, "inactive")
+        assert peer.change(Transition.TRANSITION_ACTIVATE) == (True, "active")
+        estimate_at(2)
+        assert node.counts()["dropped_in_transport"] == 0
+        assert not [text for text in node._result().caveats if "published before" in text]
+
+
 def warnings_of(report: list[String]) -> list[str]:
     return list(json.loads(report[-1].data)["warnings"])
 
