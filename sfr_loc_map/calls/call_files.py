@@ -19,7 +19,7 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -205,9 +205,10 @@ def _cell(value: object) -> object:
 
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     """Read a file with the needed column and a figure of calls. Without `stamp_ns` the calls are numbered."""
-    table = _Table.read(path, needed)
-    methods, findings = table.methods(), tuple(table.findings())
-    table = table.of_calls()
+    rows = _Table.read(path, needed)
+    methods = rows.methods()
+    findings = rows.of_findings().findings()
+    table = rows.of_calls()
     has_stamps = "stamp_ns" in table.columns
     stamps_ns = table.stamps_ns() if has_stamps else np.arange(len(table.rows), dtype=np.int64)
     stated_s = table.numbers("processing_time_s")
@@ -272,21 +273,28 @@ class _Table:
         return [row.get(name, "") for row in self.rows]
 
     def of_calls(self) -> _Table:
-        """Return the table of the calls, without findings that belong to no call."""
-        kept = [number for number, row in enumerate(self.rows) if not _is_finding(row)]
+        """Return the rows that are calls."""
+        return self._selected(is_finding=False)
+
+    def of_findings(self) -> _Table:
+        """Return the rows that are findings that belong to no call."""
+        return self._selected(is_finding=True)
+
+    def _selected(self, *, is_finding: bool) -> _Table:
+        kept = [number for number, row in enumerate(self.rows) if _is_finding(row) is is_finding]
         return replace(self, rows=[self.rows[number] for number in kept], lines=[self.lines[number] for number in kept])
 
-    def findings(self) -> Iterator[FindingRecord]:
-        """Yield the findings that belong to no call."""
+    def findings(self) -> list[FindingRecord]:
+        """Return the findings of rows that belong to no call."""
+        found = []
         for line, row in zip(self.lines, self.rows, strict=True):
-            if not _is_finding(row):
-                continue
             kind, _, text = row.get(FINDING, "").partition(": ")
             stamp = row.get("stamp_ns")
             with refusing(f"statistics '{self.path}' line {line}: invalid finding"):
                 first_ns = parse_stamp_ns(stamp) if stamp else None
                 count = parse_count(row[FINDING_COUNT])
-                yield FindingRecord(kind=FindingKind(kind), count=count, first_stamp_ns=first_ns, text=text)
+                found.append(FindingRecord(kind=FindingKind(kind), count=count, first_stamp_ns=first_ns, text=text))
+        return found
 
     def states(self) -> list[str]:
         """Return the states of the calls; InputError if a state is neither a known state nor empty."""
@@ -371,36 +379,31 @@ class _Table:
 
     def identity(self) -> RunIdentity:
         """Return what identifies the run; InputError for an invalid hash, and for several clouds or rates."""
-        self.hashes(CLOUD)
-        self.numbers(RATE)
-        rate = float(self._of_run(RATE) or 0.0)
+        for name in (CLOUD, IMAGES):
+            self.check_hashes(name)
+        for name in (CLOUD, RATE):
+            self.check_one_value(name)
         return RunIdentity(
             positions=self.matrix(POSITION_NAMES),
             quats_xyzw=self.matrix(ATTITUDE_NAMES),
-            images_sha256=self.hashes(IMAGES) if IMAGES in self.columns else None,
-            cloud_sha256=self._of_run(CLOUD),
-            replay_rate=rate if rate > 0.0 else None,
+            images_sha256=self.texts(IMAGES) if IMAGES in self.columns else None,
+            cloud_sha256=next(filter(None, self.texts(CLOUD)), None),
+            replay_rate=next((rate for rate in self.numbers(RATE).tolist() if rate > 0.0), None),
         )
 
-    def hashes(self, name: str) -> list[str]:
-        """Return a column of hashes, empty where a cell is empty; InputError if a hash is not a SHA-256."""
-        texts = self.texts(name)
-        for line, text in zip(self.lines, texts, strict=True):
+    def check_hashes(self, name: str) -> None:
+        """Raise InputError if a cell of a column is neither a SHA-256 nor empty."""
+        for line, text in zip(self.lines, self.texts(name), strict=True):
             if text and not SHA256.fullmatch(text):
                 required = "64 digits from 0 to 9 and a to f, or an empty cell, are required"
                 raise InputError(f"statistics '{self.path}' line {line}: {name} is '{text}': {required}")
-        return texts
 
-    def _of_run(self, name: str) -> str | None:
-        """Return the text that a column has for the complete run, None without a text.
-
-        InputError if rows have different texts.
-        """
+    def check_one_value(self, name: str) -> None:
+        """Raise InputError if the cells of a column that are not empty have different texts."""
         texts = set(filter(None, self.texts(name)))
         if len(texts) > 1:
             text = f"the column {name} has {len(texts)} different values: one for the complete run is required"
             raise InputError(f"statistics '{self.path}': {text}; give the statistics of one run, unchanged")
-        return next(iter(texts), None)
 
     def matrix(self, names: Sequence[str]) -> FloatArray | None:
         """Return columns `(N, names)` of numbers, NaN where a cell is empty; None if a column is missing."""
