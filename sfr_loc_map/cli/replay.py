@@ -253,13 +253,13 @@ def _replay_and_present(source: Source, options: ReplayOptions, files: ReplayFil
 
     outcome = _replayed(source, options, files)
     if options.page is not None:
-        options.page.show_score(to_json(outcome.score))
+        options.page.scored(to_json(outcome.score))
     try:
         present(outcome.score, None if files is None else str(files.report), None if files is None else files.page)
     finally:
         _report_files(outcome, files)
         if options.page is not None and files is not None:
-            options.page.run_is_over(report=str(files.page))
+            options.page.reported(files.page)
     return outcome
 
 

@@ -46,21 +46,30 @@ class PageProcess(AbstractContextManager["PageProcess"]):
         """Name of the page's ROS node, which joins the graph once the process has started."""
         return page_node_name(self._process.popen.pid)
 
-    def show_score(self, text: str) -> None:
-        """Show the score of the complete run, given as JSON, in place of the score of the monitor."""
+    def played(self) -> None:
+        """Report that the source was played and the nodes will end: their silence is then not shown as stale data."""
+        self._write(self._end)
+
+    def scored(self, text: str) -> None:
+        """Report the score of the complete run, as JSON, which the page shows in place of the score of the monitor."""
         path = Path(self._folder.name) / "score.json"
         with suppress(OSError):  # the run must not depend on its page
             write_text(text, path)
-        self.run_is_over(score=str(path))
+        self._write(replace(self._end, score=str(path)))
 
-    def run_is_over(self, **facts: str) -> None:
-        """Report to the page that the run is over, with fields of `RunEnd`.
+    def reported(self, path: Path) -> None:
+        """Report the path of the HTML report."""
+        self._write(replace(self._end, report=str(path)))
 
-        The first call must precede the end of the nodes, so that their silence is not reported as stale data.
-        """
+    def aborted(self, cause: str) -> None:
+        """Report that the run was aborted."""
+        self._write(replace(self._end, aborted=cause))
+
+    def _write(self, end: RunEnd) -> None:
+        """Write the end of the run for the page's process."""
         self.has_run_ended = True
-        self._end = replace(self._end, **facts)
-        self._end_file.write(self._end)
+        self._end = end
+        self._end_file.write(end)
 
     def stay(self, words: str = "") -> None:
         """Print `words` and that the page is still served; wait until a signal arrives or the page ends."""
@@ -81,7 +90,7 @@ def shown_on(page: PageProcess | None) -> Iterator[None]:
             text = one_line(str(error))
             # the error of a node that has ended also has its last log line
             found = text.partition(": ")[0] if isinstance(error, NodeError) else split_advice(text)[0]
-            page.run_is_over(aborted=found or text)
+            page.aborted(found or text)
         raise
 
 

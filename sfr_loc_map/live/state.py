@@ -242,7 +242,8 @@ class LiveState:
         if name in self.topics or len(self.topics) < MAX_TOPICS:
             self.topics[name] = ReceivedTopic.after(self.topics.get(name), stamp_ns, received_s)
 
-    def _node(self, name: str) -> NodeReports | None:
+    def _ensure_node(self, name: str) -> NodeReports | None:
+        """Return the reports of a node, which are created at the first call; None if there are too many nodes."""
         if name not in self.nodes and len(self.nodes) < MAX_NODES:
             self.nodes[name] = NodeReports(name)
         return self.nodes.get(name)
@@ -310,14 +311,14 @@ class LiveState:
         """Add a node's health, unusable input or internal fault."""
         if not self.ended:
             self.timeline.take_status(update)
-        if (node := self._node(update.node)) is not None:
+        if (node := self._ensure_node(update.node)) is not None:
             node.add(update)
 
     def _take_call(self, update: updates.NodeCall) -> None:
         """Add a call of a node."""
         if not self.ended:
             self.timeline.take_call(update)
-        if (node := self._node(update.node)) is not None:
+        if (node := self._ensure_node(update.node)) is not None:
             node.add(update)
             self._result_s = update.received_s
             self.calls.append(NumberedCall(self._call_count, update))
@@ -337,7 +338,7 @@ class LiveState:
         """Note which nodes are in the graph, and the lost messages by topic."""
         self.lost = dict(update.lost)
         for name in update.nodes:
-            self._node(name)
+            self._ensure_node(name)
         for name, node in self.nodes.items():
             node.in_graph = name in update.nodes
 

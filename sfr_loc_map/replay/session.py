@@ -85,7 +85,7 @@ def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: S
             finally:
                 result = connected.result(options)
             if options.page is not None:
-                options.page.run_is_over()
+                options.page.played()
     except SfrError as error:
         return Replayed(result, error=error)
     return Replayed(result, was_interrupted)

@@ -24,15 +24,18 @@ class Page:
     """A page that notes how it is told of the end of a run, without a process."""
 
     def __init__(self, arguments: tuple[str, ...] = ()) -> None:
-        self.has_run_ended, self.stayed, self.aborted = False, False, ""
+        self.has_run_ended, self.stayed, self.cause = False, False, ""
 
     def __enter__(self) -> Page:
         return self
 
     def __exit__(self, *_: object) -> None: ...
 
-    def run_is_over(self, aborted: str = "") -> None:
-        self.has_run_ended, self.aborted = True, aborted
+    def played(self) -> None:
+        self.has_run_ended = True
+
+    def aborted(self, cause: str) -> None:
+        self.has_run_ended, self.cause = True, cause
 
     def stay(self, words: str = "") -> None:
         self.stayed = True
@@ -66,7 +69,7 @@ CONTEXT = SimpleNamespace()
 def test_a_run_that_an_error_aborts_stays_on_its_page_with_the_cause(page: Page, error: SfrError, cause: str) -> None:
     with pytest.raises(type(error)), live_page(CONTEXT, True, 0, isolated=True), page_process.shown_on(page):
         raise error
-    assert (page.stayed, page.aborted) == (True, cause)
+    assert (page.stayed, page.cause) == (True, cause)
 
 
 @pytest.mark.parametrize(
@@ -83,7 +86,7 @@ def test_a_page_stays_after_an_error_if_its_run_is_over(
 ) -> None:
     def run() -> None:
         if has_run:
-            page.run_is_over()
+            page.played()
         raise error
 
     with pytest.raises(type(error)), live_page(CONTEXT, True, 0, isolated=True):
