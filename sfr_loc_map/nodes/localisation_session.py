@@ -29,7 +29,21 @@ LocaliserFactory = Callable[[StereoRig, LocalisationConfig, StartPose], Localise
 class LocalisationSession:
     """Owns the localiser of a node; for use by a single thread.
 
-    If `may_resume`, the next pair starts a localiser at the pose that the previous process saved.
+    If `may_resume`, the next pair starts a localiser at the pose that the previous process saved. State of a session,
+    and what becomes of the state at each transition. The localiser starts at the pose `_start` of this run, and
+    `_first` is the start pose of later runs.
+
+    | transition | `_first` | `_start` | `_last` | `_localiser` | `may_resume` |
+    |---|---|---|---|---|---|
+    | `set_pose` | given pose | given pose | None | moved to the pose | False |
+    | `set_first` | given pose | kept | kept | kept | kept |
+    | `restart` | kept | `_first` | None | None | False |
+    | `reset` | identity | identity | None | None | False |
+    | `continue_at_last_pose` | kept | `_last` if a localiser has run | kept | None | kept |
+    | `localiser_at` without a localiser | kept | saved pose if `may_resume` | kept | started at `_start` | False |
+    | `accept` | kept | stamp of its first pair is added | the estimate unless lost | kept | kept |
+
+    `set_config`, `set_rig` with other cameras, and `accept` with an invalid covariance continue at the last pose.
     """
 
     def __init__(

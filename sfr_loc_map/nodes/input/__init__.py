@@ -1,1 +1,1 @@
-"""Inputs of the nodes: pairs from images, poses, extrinsics, true poses, and the run that a stamp belongs to."""
+"""Inputs of the nodes: pairs from images, poses of pairs, odometry, extrinsics and true poses."""

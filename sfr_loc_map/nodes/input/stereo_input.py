@@ -149,6 +149,7 @@ class StereoInput:
         self._pairing: StampPairing[ReceivedImage] = StampPairing(config.stamp_tolerance_ns, config.queue_depth)
         self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
         self._gaps: dict[str, TransportGaps] = {}  # gaps in the sequence numbers, by topic
+        self._doubled: list[str] = []  # a text for each image topic that had several publishers at the last update
         self._remove_compressed: dict[Side, Callable[[], object]] = {}
         self._counts_at_last_fraction = 0, 0  # images lost and sent when the lost fraction was last computed
         self.reset_received()
@@ -195,18 +196,18 @@ class StereoInput:
         """Stamp of the last pair of the run, None before the first."""
         return self._order.last_ns
 
-    def check_publishers(self) -> str:
-        """Return which image topics have several publishers; empty if all have at most one.
-
-        Losses are not counted on a topic with several publishers.
-        """
-        doubled = []
+    def update_publishers(self) -> None:
+        """Count no losses on image topics that have several publishers now, and count them on all others."""
+        self._doubled.clear()
         for topic, gaps in self._gaps.items():
             issue = doubled_publishers(topic, self._endpoints.publishers(topic))
             gaps.set_several(issue is not None)
             if issue is not None:
-                doubled.append(f"{topic} has {issue.text}")
-        return f"{'; '.join(doubled)}: stop all but one" if doubled else ""
+                self._doubled.append(f"{topic} has {issue.text}")
+
+    def doubled_text(self) -> str:
+        """Return which image topics had several publishers at the last update; empty if all had at most one."""
+        return f"{'; '.join(self._doubled)}: stop all but one" if self._doubled else ""
 
     def inputs(self) -> list[Input]:
         """Return the inputs, each with its number of messages since `reset_received`."""
@@ -308,21 +309,20 @@ class StereoInput:
         self._add_image(side, (message, info))
 
     def _warn_of_losses(self) -> None:
-        """Warn if many of the recent images were lost in transport, and each topic has one publisher."""
-        fraction = self._lost_fraction()
-        if fraction > MUCH_LOST and not self.check_publishers():
-            text = f"{fraction:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
-            self._status.warn(text, "transport")
-
-    def _lost_fraction(self) -> float:
-        """Return the fraction of recent images that were lost in transport; 0 for fewer than `LOSS_WINDOW` images."""
+        """Warn if many of the recent images, at least `LOSS_WINDOW`, were lost and each topic has one publisher."""
         lost = sum(gaps.lost for gaps in self._gaps.values())
         sent = lost + sum(gaps.count for gaps in self._gaps.values())
         lost_before, sent_before = self._counts_at_last_fraction
         if sent - sent_before < LOSS_WINDOW:
-            return 0.0
+            return
         self._counts_at_last_fraction = lost, sent
-        return (lost - lost_before) / (sent - sent_before)
+        fraction = (lost - lost_before) / (sent - sent_before)
+        if fraction <= MUCH_LOST:
+            return
+        self.update_publishers()
+        if not self._doubled:
+            text = f"{fraction:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
+            self._status.warn(text, "transport")
 
     def _hand_over(self, rig: StereoRig, images: tuple[ReceivedImage, ReceivedImage]) -> None:
         stamp_ns = stamp_of(images[0][0])
