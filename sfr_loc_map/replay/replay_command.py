@@ -85,16 +85,16 @@ def _converted_or_saved(
     Raise the error that ended the replay or that prevents the conversion, after what was received is saved. The poses
     of an external node are then saved as published.
     """
-    request = options.request
-    try:
-        if replayed.error is not None:
-            raise replayed.error
-        return with_converted_poses(replayed.result, source, request.config, request.correction)
-    except SfrError as error:
-        if files is None or replayed.result.is_empty:
-            raise
-        _save(replayed.result, files)
-        raise type(error)(f"{error}; the received results are in '{files.folder}'") from error
+    result, failure = replayed.result, replayed.error
+    if failure is None:
+        try:
+            return with_converted_poses(result, source, options.request.config, options.request.correction)
+        except SfrError as error:
+            failure = error
+    if files is None or result.is_empty:
+        raise failure
+    _save(result, files)
+    raise type(failure)(f"{failure}; the received results are in '{files.folder}'") from failure
 
 
 def _save(result: ReplayResult, files: ReplayFiles) -> None:
