@@ -1,6 +1,10 @@
 """The topics of the suite: role, type, and whether a topic is recorded and read from a bag.
 
 Names are relative, so that a namespace or a remapping applies to them. Every list of topics is a filter of `TOPICS`.
+
+A topic is added in these places: its row in `TOPICS`, which determines what `sfr record` records, what is read from a
+bag and what the doctor expects; the node in `nodes` that publishes or receives the topic; `docs/interfaces.md`,
+`docs/nodes.md` and `config/sros2_policy.xml`.
 """
 
 from __future__ import annotations

@@ -17,6 +17,14 @@ of the run, viewers select the displayed media, and `messages` and `terminal` ad
 composes the verdict for all views, and `displayed_media` states which images and maps the feed must prepare.
 `page_process` starts the page beside `sfr run` or a replay, as a process that runs `main`. `run_end` reports to the
 process of the page how the run ended. `config`, `access` and `connections` protect the server.
+
+A panel is added in these places:
+
+- a section in `web/index.html`, whose id is the name of the panel,
+- a module `web/NAME.js` with the function that draws the panel, and its row in `panels` of `web/app.js`,
+- the explanation of its terms in `web/terms.js`,
+- for data that the page does not yet receive: a record in `updates`, its source in `feed`, and its cases in `_take_in`
+  and `live_to_plain` of `state`. The page receives the data in the message `live`.
 """
 
 import lazy_loader
