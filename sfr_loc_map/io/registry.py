@@ -139,11 +139,11 @@ def read_truth(path: Path, config: SourceConfig | None = None) -> Truth:
     """Read the ground truth of a bag, a data set folder or a file of poses; InputError if there is none.
 
     Stereo pairs are not required, except in a folder whose truth is its own.
-    If `config` is None, a folder is read with the `sfr.yaml` beside it, and a bag or a file without a configuration.
+    If `config` is None, a folder or a bag is read with the `sfr.yaml` beside it, and a file without a configuration.
     """
     check_source_exists(path)
     if config is None:
-        config = DEFAULT_SOURCE if path.is_file() or is_bag(path) else source_config(path)
+        config = source_config(path) if path.is_dir() or is_bag(path) else DEFAULT_SOURCE
     if is_bag(path):
         from sfr_loc_map.io.bag.bag import Bag  # rosbags is imported only for bags
 

@@ -17,7 +17,7 @@ from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import faulty
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag.encoding import TYPESTORE
-from sfr_loc_map.io.calibration.camera_info import RectifiedCamera, rig_of_one_projection
+from sfr_loc_map.io.calibration.rectification import rig_of_rectified_infos
 from sfr_loc_map.io.convert import ConvertOptions, convert
 from sfr_loc_map.io.images.codec import samples_of
 from sfr_loc_map.io.message_stream import (
@@ -65,7 +65,7 @@ def test_all_messages_of_a_source_come_whole_and_in_order(tmp_path: Path, kind: 
     position = decoded["nav/pose", START_NS].pose.position
     assert [position.x, position.y, position.z] == nav_pair(0).T_lm_navsb.translation.tolist()
     infos = (decoded[f"loc/{side}/camera_info", START_NS] for side in SIDES)
-    assert rig_of_one_projection(*(RectifiedCamera.of("loc", info) for info in infos), "loc").same_cameras(LOC_RIG)
+    assert rig_of_rectified_infos(infos, "loc")[0].same_cameras(LOC_RIG)
     for task in ("loc", "nav"):
         first = order.index((f"{task}/left/image_rect", START_NS))
         assert all(order.index((f"{task}/{side}/camera_info", START_NS)) < first for side in SIDES)

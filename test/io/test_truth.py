@@ -27,6 +27,7 @@ from sfr_loc_map.io.tables.trajectory_writer import save_trajectory, trajectory_
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.io.truth.messages import enu_m
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.scoring.load_trajectories import load_trajectories
 
 T = TYPESTORE.types
 COUNT = 40
@@ -278,6 +279,19 @@ def test_a_truth_on_another_topic_states_the_selection(tmp_path: Path, poses: Tr
     bag = write_messages(tmp_path / "bag", [*own, *messages("pose", poses)])
     assert read_truth(bag).declared == ()
     assert truth_as(bag, TruthConfig(source="/vrpn/pose")).declared[0] == "truth.source=/vrpn/pose"
+
+
+@pytest.mark.parametrize("place", ["beside", "inside"])
+def test_the_truth_of_a_bag_is_read_with_the_sfr_yaml_of_its_source(
+    tmp_path: Path, poses: Trajectory, place: str
+) -> None:
+    """`read_truth`, pages of trajectories and `open_source` use the same configuration."""
+    bag = write_messages(tmp_path / "bag", [*messages("pose", poses)])
+    folder = bag if place == "inside" else tmp_path
+    (folder / "sfr.yaml").write_text("truth:\n  source: /vrpn/pose\n  lever_arm_m: [0.3, -0.2, 1.1]\n")
+    configured = truth_as(bag, TruthConfig(source="/vrpn/pose", lever_arm_m=(0.3, -0.2, 1.1)))
+    for found in (read_truth(bag), load_trajectories([bag], None)[0]["bag"]):
+        np.testing.assert_array_equal(found.positions, configured.positions)
 
 
 def test_truth_that_is_not_there_names_what_could_be(tmp_path: Path, poses: Trajectory) -> None:

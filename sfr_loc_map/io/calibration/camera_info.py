@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,22 +26,6 @@ LONG_BASELINE_M = 1.0
 BASELINE_TOLERANCE = 0.01  #: Largest difference between two statements of one baseline, as a fraction of the baseline.
 TOLERANCE = 1e-6
 """Largest deviation of a coefficient from that of a rectified camera (P and K in pixels, R and D without unit)."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RectifiedCamera:
-    """The camera of rectified images, which P of sensor_msgs/CameraInfo describes."""
-
-    size: tuple[int, int]  #: Width and height, pixels.
-    p: FloatArray  #: Projection matrix `(12,)`, row-major, pixels.
-
-    @classmethod
-    def of(cls, name: str, info: Any) -> RectifiedCamera:  # noqa: ANN401 - a CameraInfo of any library
-        """Return the camera of a message; D, K and R belong to the raw image. `name` is its topic.
-
-        InputError if the message describes images with binning or a region of interest, to which P does not apply.
-        """
-        return cls(size_of_full_images(name, info), np.asarray(info.p, np.float64).reshape(-1))
 
 
 def size_of_full_images(name: str, info: Any) -> tuple[int, int]:  # noqa: ANN401 - a CameraInfo of any library
@@ -156,16 +139,6 @@ def rig_from_projections(
         baseline_m = baseline_from_projection(fx, shift) if fx else 0.0
         check_baseline(baseline_m, where)
         return StereoRig(*size, fx, fy, cx, cy, baseline_m)
-
-
-def rig_of_one_projection(left: RectifiedCamera, right: RectifiedCamera, name: str) -> StereoRig:
-    """Return the rig (`loc` or `nav`) of two rectified cameras whose P differ only in P[3]."""
-    for side, camera in zip(SIDES, (left, right), strict=True):
-        check_projection(camera.p, f"{name}/{side}/camera_info")
-    if left.size != right.size:
-        sizes = " and ".join(f"{width} x {height}" for width, height in (left.size, right.size))
-        raise InputError(f"camera_info of {name}/left and {name}/right are {sizes}: equal sizes are required")
-    return rig_from_projections(left.p, right.p, left.size, f"camera_info of {name}")
 
 
 def check_projection(p: FloatArray, where: str) -> None:

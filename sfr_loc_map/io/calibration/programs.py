@@ -34,7 +34,12 @@ from sfr_loc_map.io.calibration.opened_file import (
 )
 from sfr_loc_map.io.calibration.rectification import RectifiableCamera, check_camera_matrix
 from sfr_loc_map.io.calibration.rig_file import read_rig
-from sfr_loc_map.io.calibration.stereo_calibration import CameraPair, PosedCamera, check_one_baseline, rectified_cameras
+from sfr_loc_map.io.calibration.stereo_calibration import (
+    CameraPair,
+    PosedCamera,
+    check_one_baseline,
+    with_rectification,
+)
 from sfr_loc_map.json_yaml import converted
 from sfr_loc_map.message_text import alternatives, counted
 from sfr_loc_map.suite_names import SIDES
@@ -77,7 +82,7 @@ def _side_by_side(name: str, cameras: list[PosedCamera], names: list[str]) -> Ca
             f"{name}: {names[1]} is to the right of {names[0]}: the images of {names[0]} must be the left ones"
         )
     left, right = names
-    return CameraPair(*rectified_cameras(name, *cameras), f"{name}, {left} and {right}", names=(left, right))
+    return CameraPair(*with_rectification(name, *cameras), f"{name}, {left} and {right}", names=(left, right))
 
 
 def _two_files(opened: OpenedFile, one: str, other: str) -> list[Path]:
@@ -265,7 +270,7 @@ def _orbslam_raw(opened: OpenedFile, first: str, text: str) -> CameraPair:
         d = _orbslam_distortion(content, name)
         intrinsics = _orbslam_intrinsics(content, name)
         cameras.append(PosedCamera(size, intrinsics, d, Transform.from_matrix(pose), _lens(d, is_fisheye)))
-    return CameraPair(*rectified_cameras(text, *cameras), f"{text}, {first} and Camera2")
+    return CameraPair(*with_rectification(text, *cameras), f"{text}, {first} and Camera2")
 
 
 def _orbslam_rectified(opened: OpenedFile, name: str, text: str) -> CameraPair:
@@ -360,7 +365,7 @@ def _opencv(opened: OpenedFile) -> CameraPair:
         PosedCamera(size, (k[0], k[4], k[2], k[5]), d, pose, _lens(d, is_fisheye))
         for k, d, pose in zip(ks, ds, (Transform.identity(), T_right_left.inverse()), strict=True)
     ]
-    return CameraPair(*rectified_cameras(text, *cameras), text)
+    return CameraPair(*with_rectification(text, *cameras), text)
 
 
 def _opencv_values(files: Sequence[Path]) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,14 +15,13 @@ from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import SAME_PX, StereoRig
 from sfr_loc_map.io.calibration.camera_info import (
     TOLERANCE,
-    RectifiedCamera,
     check_centre,
+    check_projection,
     have_one_camera_matrix,
-    rig_of_one_projection,
+    rig_from_projections,
     size_of_full_images,
 )
 from sfr_loc_map.message_text import alternatives
-from sfr_loc_map.suite_names import SIDES
 
 COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
 """Supported distortion models, and the numbers of coefficients that each may have."""
@@ -54,6 +53,14 @@ class RectifiableCamera:
         """Return a camera of images that are already rectified, from its P `(12,)`."""
         k, r, p_row = (tuple(np.ravel(matrix).tolist()) for matrix in (np.reshape(p, (3, 4))[:, :3], np.eye(3), p))
         return cls(size, "plumb_bob", (0.0,) * 5, k, r, p_row)
+
+    @classmethod
+    def of_rectified_info(cls, name: str, info: Any) -> RectifiableCamera:  # noqa: ANN401 - a CameraInfo of any library
+        """Return the camera of rectified images from P in a message; D, K and R belong to the raw image.
+
+        `name` is the topic. InputError for binning or a region of interest, to which P does not apply.
+        """
+        return cls.of_rectified(size_of_full_images(name, info), np.asarray(info.p, np.float64))
 
     @classmethod
     def of(cls, name: str, info: Any) -> RectifiableCamera:  # noqa: ANN401 - a CameraInfo of any library
@@ -107,11 +114,6 @@ class RectifiableCamera:
         return change_px < SAME_PX and change < SAME_DIRECTION
 
     @property
-    def rectified(self) -> RectifiedCamera:
-        """The camera of the rectified images."""
-        return RectifiedCamera(self.size, np.array(self.p))
-
-    @property
     def is_rectified(self) -> bool:
         """Whether the images are already rectified."""
         if any(self.d):
@@ -119,13 +121,6 @@ class RectifiableCamera:
         p = np.reshape(self.p, (3, 4))[:, :3].reshape(-1)
         rotation = _largest_difference(self.r, np.eye(3).reshape(-1))
         return max(rotation, _largest_difference(self.k, p)) <= TOLERANCE
-
-
-def check_one_scale(left: RectifiableCamera, right: RectifiableCamera, name: str) -> None:
-    """Raise InputError if the camera matrices of two cameras are those of two image sizes."""
-    _check_scale(
-        _intrinsics_of_k(left.k), _intrinsics_of_k(right.k), f"{name}: the right camera has", "those of the left camera"
-    )
 
 
 def _intrinsics_of_k(k: Sequence[float]) -> FloatArray:
@@ -181,11 +176,14 @@ def _largest_difference(numbers: ArrayLike, others: ArrayLike) -> float:
 class StereoRectifier:
     """Rectifies the image pairs of a left and a right camera."""
 
-    def __init__(self, cameras: tuple[RectifiableCamera, RectifiableCamera], name: str = "the camera") -> None:
-        """Compute the maps; raise InputError if raw pixels cover less than `MIN_VALID` of a rectified image."""
+    def __init__(self, cameras: tuple[RectifiableCamera, RectifiableCamera], names: tuple[str, str]) -> None:
+        """Compute the maps; raise InputError if raw pixels cover less than `MIN_VALID` of a rectified image.
+
+        `names` of the cameras begin the messages.
+        """
         self.cameras = cameras
         self._maps = tuple(camera.maps() for camera in cameras)
-        for side, camera, maps in zip(SIDES, cameras, self._maps, strict=True):
+        for name, camera, maps in zip(names, cameras, self._maps, strict=True):
             fraction = valid_fraction(maps[0], camera.size)
             (width, height), cx, cy = camera.size, camera.p[2], camera.p[6]
             if fraction < MIN_VALID:
@@ -195,7 +193,7 @@ class StereoRectifier:
             else:
                 continue
             raise InputError(
-                f"{name}/{side}: with its R and P {problem} (focal length {camera.p[0]:g} px, principal point ({cx:g}, "
+                f"{name}: with its R and P {problem} (focal length {camera.p[0]:g} px, principal point ({cx:g}, "
                 f"{cy:g}) of {width} x {height}): calibrate the pair again, or give a calibration whose R and P fit "
                 "the images"
             )
@@ -207,86 +205,89 @@ class StereoRectifier:
 
 def rig_of_raw_infos(
     infos: Sequence[Any], name: str, before: StereoRectifier | None = None
-) -> tuple[StereoRig, StereoRectifier]:
-    """Return the rig and the rectifier of raw images, from two CameraInfo; see `rig_of_raw`."""
-    left, right = (
-        RectifiableCamera.of(f"{name}/{side}/camera_info", info) for side, info in zip(SIDES, infos, strict=True)
-    )
-    return rig_of_raw((left, right), name, before)
+) -> tuple[StereoRig, StereoRectifier | None]:
+    """Return the rig (`loc` or `nav`) and the rectifier of raw images, from two CameraInfo; see `rig_of_cameras`."""
+    return _rig_of_infos(RectifiableCamera.of, infos, name, before)
 
 
 def rig_of_rectified_infos(
     infos: Sequence[Any], name: str, before: StereoRectifier | None = None
 ) -> tuple[StereoRig, StereoRectifier | None]:
-    """Return the rig of rectified images, from two CameraInfo, and a rectifier if needed; see `rig_of_rectified`."""
-    left, right = (
-        RectifiedCamera.of(f"{name}/{side}/camera_info", info) for side, info in zip(SIDES, infos, strict=True)
-    )
-    return rig_of_rectified((left, right), name, before)
+    """Return the rig of rectified images, from two CameraInfo, and a rectifier if needed; see `rig_of_cameras`."""
+    return _rig_of_infos(RectifiableCamera.of_rectified_info, infos, name, before)
 
 
-def rig_of_raw(
-    cameras: tuple[RectifiableCamera, RectifiableCamera], name: str, before: StereoRectifier | None = None
-) -> tuple[StereoRig, StereoRectifier]:
-    """Return the rig (`loc` or `nav`) and the rectifier of raw images; reuse `before` if its cameras are equal.
-
-    Both images are rectified to the P of the left camera, even if the P of the right camera differs.
-    """
-    left, right = cameras
-    check_one_scale(left, right, name)
-    for side, camera in zip(SIDES, cameras, strict=True):
-        check_centre(camera.k[2], camera.k[5], camera.size, f"{name}/{side}")
-    if left.size == right.size and right.p[0] > 0.0:
-        right = replace(right, p=tuple(_in_common(np.array(left.p), np.array(right.p)).tolist()))
-    rig = rig_of_one_projection(left.rectified, right.rectified, name)
-    return rig, _rectifier((left, right), name, before)
-
-
-def rig_of_rectified(
-    cameras: tuple[RectifiedCamera, RectifiedCamera], name: str, before: StereoRectifier | None = None
+def _rig_of_infos(
+    camera_of: Callable[[str, Any], RectifiableCamera], infos: Sequence[Any], name: str, before: StereoRectifier | None
 ) -> tuple[StereoRig, StereoRectifier | None]:
-    """Return the rig of rectified images (`loc` or `nav`), and a rectifier if the P of left and right differ.
+    names = f"{name}/left/camera_info", f"{name}/right/camera_info"
+    left, right = map(camera_of, names, infos)
+    return rig_of_cameras((left, right), f"camera_info of {name}", names, before)
 
-    P of left and right may differ in focal length and principal point (OpenCV without CALIB_ZERO_DISPARITY, crops). A
-    difference that moves no pixel by more than `SAME_PX` is ignored. For a larger difference the rectifier remaps the
-    right images; `before` is reused if its cameras are equal.
+
+def rig_of_cameras(
+    cameras: tuple[RectifiableCamera, RectifiableCamera],
+    where: str,
+    names: tuple[str, str],
+    before: StereoRectifier | None = None,
+) -> tuple[StereoRig, StereoRectifier | None]:
+    """Return the rig of a left and a right camera, and the rectifier of their images; None if they need none.
+
+    Both images are rectified to the camera matrix in P of the left camera, even if that of the right camera differs
+    (OpenCV without CALIB_ZERO_DISPARITY, crops). `before` is reused if its cameras are equal.
+
+    Raises InputError, which begins with `where` or with the name of a camera, if the cameras are not a pair of one
+    image size with a plausible baseline, or if the images cannot be rectified.
     """
     left, right = cameras
-    p_left, p_right = left.p, right.p
-    complete = p_left.shape == p_right.shape == (12,) and np.isfinite([p_left, p_right]).all()
-    if not complete or left.size != right.size or p_left[0] <= 0.0 or p_right[0] <= 0.0 or p_right[5] <= 0.0:
-        return rig_of_one_projection(left, right, name), None
-    _check_scale(_intrinsics_of_p(p_left), _intrinsics_of_p(p_right), f"{name}: P of right has", "those of P of left")
-    for side, camera in zip(SIDES, cameras, strict=True):
-        check_centre(camera.p[2], camera.p[6], camera.size, f"{name}/{side}")
-    rig = rig_of_one_projection(left, replace(right, p=_in_common(p_left, p_right)), name)
-    return rig, rectifier_of_rectified(left, right, name, before)
-
-
-def rectifier_of_rectified(
-    left: RectifiedCamera, right: RectifiedCamera, name: str, before: StereoRectifier | None = None
-) -> StereoRectifier | None:
-    """Return the rectifier that remaps right images to the camera matrix of the left camera.
-
-    None if this moves no pixel by more than `SAME_PX`.
-    """
-    if have_one_camera_matrix(left.p, right.p) or _largest_shift_px(left.p, right.p, left.size) <= SAME_PX:
-        return None
-    remapped = replace(
-        RectifiableCamera.of_rectified(right.size, right.p), p=tuple(_in_common(left.p, right.p).tolist())
+    p_left, p_right = np.array(left.p), _common_projection(np.array(left.p), np.array(right.p))
+    for name, p in zip(names, (p_left, p_right), strict=True):
+        check_projection(p, name)
+    if left.size != right.size:
+        sizes = " and ".join(f"{width} x {height}" for width, height in (left.size, right.size))
+        raise InputError(f"{where}: the images of left and right are {sizes}: equal sizes are required")
+    _check_scale(
+        _intrinsics_of_k(left.k),
+        _intrinsics_of_k(right.k),
+        f"{where}: the right camera has",
+        "those of the left camera",
     )
-    return _rectifier((RectifiableCamera.of_rectified(left.size, left.p), remapped), name, before)
+    for name, camera in zip(names, cameras, strict=True):
+        check_centre(camera.k[2], camera.k[5], camera.size, name)
+    rig = rig_from_projections(p_left, p_right, left.size, where)
+    return rig, _rectifier(left, right, p_right, names, before)
 
 
-def common_projection(left: RectifiableCamera, right: RectifiableCamera) -> FloatArray:
-    """Return the P `(12,)` of the right camera with the camera matrix of the left camera; unchanged if P is invalid."""
-    p_left, p_right = np.array(left.p), np.array(right.p)
+def _rectifier(
+    left: RectifiableCamera,
+    right: RectifiableCamera,
+    p_right: FloatArray,
+    names: tuple[str, str],
+    before: StereoRectifier | None,
+) -> StereoRectifier | None:
+    """Return the rectifier to P of the left camera and `p_right` `(12,)`.
+
+    None if the images are already rectified and `p_right` moves no pixel by more than `SAME_PX`. `before` is reused if
+    its cameras are equal, because maps are slow to compute.
+    """
+    if left.is_rectified and right.is_rectified:
+        left, right = (RectifiableCamera.of_rectified(camera.size, np.array(camera.p)) for camera in (left, right))
+        if _largest_shift_px(np.array(right.p), p_right, right.size) <= SAME_PX:
+            return None
+    cameras = left, replace(right, p=tuple(p_right.tolist()))
+    if before is not None and all(map(RectifiableCamera.is_same, before.cameras, cameras)):
+        return before
+    return StereoRectifier(cameras, names)
+
+
+def _common_projection(p_left: FloatArray, p_right: FloatArray) -> FloatArray:
+    """Return the P `(12,)` of the right camera with the camera matrix of the left camera and an unchanged baseline.
+
+    An invalid P is unchanged.
+    """
     is_valid = np.isfinite([p_left, p_right]).all() and min(p_left[0], p_right[0], p_right[5]) > 0.0
-    return _in_common(p_left, p_right) if is_valid else p_right
-
-
-def _in_common(p_left: FloatArray, p_right: FloatArray) -> FloatArray:
-    """Return the P `(12,)` of the right camera with the camera matrix of the left camera and an unchanged baseline."""
+    if not is_valid:
+        return p_right
     common = p_left.copy()
     if have_one_camera_matrix(p_left, p_right):
         common[3] = p_right[3]
@@ -296,22 +297,13 @@ def _in_common(p_left: FloatArray, p_right: FloatArray) -> FloatArray:
     return common
 
 
-def _rectifier(
-    cameras: tuple[RectifiableCamera, RectifiableCamera], name: str, before: StereoRectifier | None
-) -> StereoRectifier:
-    """Return a rectifier of two cameras; reuse `before` if its cameras are equal, because maps are slow to compute."""
-    if before is not None and all(map(RectifiableCamera.is_same, before.cameras, cameras)):
-        return before
-    return StereoRectifier(cameras, name)
-
-
-def _largest_shift_px(p_left: FloatArray, p_right: FloatArray, size: tuple[int, int]) -> float:
-    """Return the largest shift, px, of the right image's corners, along rows or columns, if the left P is used."""
+def _largest_shift_px(p: FloatArray, other_p: FloatArray, size: tuple[int, int]) -> float:
+    """Return the largest shift, px, of an image's corners, along rows or columns, if its P is replaced by another."""
     shifts = []
     for axis, (focal, centre) in enumerate(((0, 2), (5, 6))):
         for corner in (0.0, float(size[axis] - 1)):
-            ray = (corner - p_right[centre]) / p_right[focal]
-            shifts.append(abs(ray * p_left[focal] + p_left[centre] - corner))
+            ray = (corner - p[centre]) / p[focal]
+            shifts.append(abs(ray * other_p[focal] + other_p[centre] - corner))
     return float(max(shifts))
 
 

@@ -17,24 +17,16 @@ from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, ch
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing
-from sfr_loc_map.io.calibration.camera_info import (
-    BASELINE_TOLERANCE,
-    check_centre,
-    check_projection,
-    rig_from_projections,
-)
+from sfr_loc_map.io.calibration.camera_info import BASELINE_TOLERANCE
 from sfr_loc_map.io.calibration.rectification import (
     FISHEYE,
     MIN_VALID,
     RectifiableCamera,
     StereoRectifier,
     check_coefficients,
-    check_one_scale,
-    common_projection,
-    rectifier_of_rectified,
+    rig_of_cameras,
     valid_fraction,
 )
-from sfr_loc_map.suite_names import SIDES
 
 FOCAL_RATIO = (0.5, 2.0)
 """Accepted ratios of the rectified to the original focal length. With wide fisheye lenses, OpenCV chooses a focal
@@ -81,18 +73,8 @@ def calibrated(pair: CameraPair, where: str) -> StereoCalibration:
     InputError, which begins with `where`, if the cameras are not a side-by-side pair with a plausible baseline, or if
     the images cannot be rectified.
     """
-    left, right = pair.left, pair.right
-    check_one_scale(left, right, where)
-    for camera in (left, right):
-        check_centre(camera.k[2], camera.k[5], camera.size, where)
-    p_right = common_projection(left, right)
-    rig = rig_from_projections(np.array(left.p), p_right, left.size, where)
-    for side, p in zip(SIDES, (np.array(left.p), p_right), strict=True):
-        check_projection(p, f"{where}, {side} camera")
-    if left.is_rectified and right.is_rectified:
-        rectifier = rectifier_of_rectified(left.rectified, right.rectified, where)
-    else:
-        rectifier = StereoRectifier((left, replace(right, p=tuple(p_right.tolist()))), where)
+    names = f"{where}, left camera", f"{where}, right camera"
+    rig, rectifier = rig_of_cameras((pair.left, pair.right), where, names)
     return StereoCalibration(pair, replace(rig, T_rb_sb=pair.T_rb_sb), rectifier)
 
 
@@ -138,13 +120,13 @@ class PosedCamera:
         fx, fy, cx, cy = self.intrinsics
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
-    def as_raw(self, rotation: FloatArray, projection: FloatArray) -> RectifiableCamera:
+    def rectified_by(self, rotation: FloatArray, projection: FloatArray) -> RectifiableCamera:
         """Return the camera with the R `(3, 3)` and P `(3, 4)` that rectify its images."""
         numbers = (tuple(np.ravel(matrix).tolist()) for matrix in (self.k, rotation, projection))
         return RectifiableCamera(self.size, self.model, self.distortion, *numbers)
 
 
-def rectified_cameras(name: str, left: PosedCamera, right: PosedCamera) -> tuple[RectifiableCamera, RectifiableCamera]:
+def with_rectification(name: str, left: PosedCamera, right: PosedCamera) -> tuple[RectifiableCamera, RectifiableCamera]:
     """Return both cameras with the R and P that rectify them; R = I if the pair is already rectified."""
     if left.size != right.size:
         sizes = " and ".join(f"{width} x {height}" for width, height in (left.size, right.size))
@@ -166,7 +148,7 @@ def rectified_cameras(name: str, left: PosedCamera, right: PosedCamera) -> tuple
         rotations, projections = _bouguet(name, left, right, T_right_left)
         if not projections[1][0, 3] < 0 or projections[1][1, 3] != 0:
             raise _not_side_by_side(name, right_m)
-    one, other = map(PosedCamera.as_raw, (left, right), rotations, projections)
+    one, other = map(PosedCamera.rectified_by, (left, right), rotations, projections)
     return one, other
 
 
@@ -233,7 +215,7 @@ def _coverage_problem(
 ) -> str:
     """Return why a rectification does not cover the field of view of the cameras; empty if there is no problem."""
     for camera, rotation, projection in zip(cameras, rotations, projections, strict=True):
-        raw = camera.as_raw(rotation, projection)
+        rectifiable = camera.rectified_by(rotation, projection)
         width, height = camera.size
         focal, centre = float(projection[0, 0]), projection[:2, 2]
         ratio = focal / float(np.mean(camera.intrinsics[:2]))
@@ -244,7 +226,7 @@ def _coverage_problem(
                 f"the rectified principal point ({centre[0]:.4g}, {centre[1]:.4g}) px is outside of the image of "
                 f"{width} x {height} px"
             )
-        fraction = valid_fraction(raw.maps()[0], camera.size)
+        fraction = valid_fraction(rectifiable.maps()[0], camera.size)
         if fraction < MIN_VALID:
             return f"raw pixels are mapped to {100.0 * fraction:.3g} % of the rectified image"
     return ""

@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_extrinsics
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
-from sfr_loc_map.io.calibration.camera_info import RectifiedCamera, with_baseline
+from sfr_loc_map.io.calibration.camera_info import with_baseline
 from sfr_loc_map.io.calibration.rectification import (
     RectifiableCamera,
     StereoRectifier,
@@ -112,8 +112,7 @@ class CameraTopics:
         """Return the calibration of the images in a camera_info; that of rectified images is P alone."""
         if not self.are_rectified:
             return RectifiableCamera.of(topic.name, info)
-        camera = RectifiedCamera.of(topic.name, info)
-        return RectifiableCamera.of_rectified(camera.size, camera.p)
+        return RectifiableCamera.of_rectified_info(topic.name, info)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

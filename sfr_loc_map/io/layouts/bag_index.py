@@ -22,11 +22,12 @@ from sfr_loc_map.io.layouts.bag_cameras import BagCameras, CameraTopics, require
 from sfr_loc_map.io.layouts.head_pose import head_poses
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
 from sfr_loc_map.io.source_config import FramesConfig, SyncConfig
-from sfr_loc_map.io.tables.cells.text_table import MAX_INVALID
 from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
 from sfr_loc_map.message_types import POINTS, POSE
 from sfr_loc_map.stamp_pairing import match_stamps
 from sfr_loc_map.topics import NAV_POSE, TRUE_POINTS
+
+MAX_UNORDERED = 0.1  #: Largest fraction of messages that are ignored because their stamps do not increase.
 
 _log = logging.getLogger(__name__)
 
@@ -149,7 +150,7 @@ def _increasing(stamps_ns: Sequence[int], where: str) -> list[int]:
     is_later = np.ones(len(stamps), np.bool_)
     is_later[1:] = stamps[1:] > np.maximum.accumulate(stamps)[:-1]
     ignored = int(np.count_nonzero(~is_later))
-    if ignored > MAX_INVALID * len(stamps):
+    if ignored > MAX_UNORDERED * len(stamps):
         check_stamp_order(stamps, where, strict=True)
     if ignored:
         _log.warning(

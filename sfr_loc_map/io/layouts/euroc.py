@@ -23,7 +23,7 @@ from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.calibration.opened_file import parse_opencv_yaml
 from sfr_loc_map.io.calibration.programs import SensorPose, read_sensor_yaml
 from sfr_loc_map.io.calibration.rectification import StereoRectifier
-from sfr_loc_map.io.calibration.stereo_calibration import CameraPair, calibrated, pose_of_rig, rectified_cameras
+from sfr_loc_map.io.calibration.stereo_calibration import CameraPair, calibrated, pose_of_rig, with_rectification
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.images.files import ImagePair, complete_pairs
 from sfr_loc_map.io.layouts.configured_drive import configured_drive
@@ -80,7 +80,7 @@ def _rig_of(folder: Path) -> tuple[StereoRig, StereoRectifier | None]:
     """Return the rectified rig, with its pose in B, and its rectifier; None if the images are rectified."""
     name = f"'{folder}'"
     left, right = (read_sensor_yaml(folder / camera / "sensor.yaml") for camera in CAMERAS)
-    cameras = rectified_cameras(name, left, right)
+    cameras = with_rectification(name, left, right)
     found = calibrated(CameraPair(*cameras, "EuRoC"), name)
     with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
         return replace(found.rig, T_rb_sb=pose_of_rig(left, cameras[0], found.rig)), found.rectifier

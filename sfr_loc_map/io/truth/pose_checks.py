@@ -36,7 +36,11 @@ PLACES = 50  #: Number of cells along the extent of a path; a stationary rover w
 TURN_DEG = 20.0  #: A path turns if the lines along two of its parts differ by more than this, deg.
 PARTS = 12  #: Number of parts of equal length of a path; position noise hardly rotates such long parts.
 SAME_HEIGHT_M = 1e-6  #: Largest range of a constant height, m; the measured height of a flat floor varies more.
+SHORTEST_PART = 0.5
+"""Smallest straight length of a part, as a fraction of its length along the path; the line of others is noise."""
+SMALLEST_CELL_M = 1e-6  #: Smallest side of the cells along a path, m; files round to this.
 SHORTEST_M = 0.5  #: Shortest path, m. A shorter path may consist of noise.
+MOST = 0.5  #: Fraction of poses without a component above which the component is unknown.
 
 
 def stray_stamps(stamps_ns: IntArray) -> Mask:
@@ -116,7 +120,7 @@ def has_constant_attitude(poses: Trajectory) -> bool:
 
 def first_at_each_place(positions: FloatArray) -> IntArray:
     """Return the first row of positions `(N, 3)` in each cell of a grid of `PLACES` cells along their extent."""
-    side_m = max(float(np.ptp(positions, axis=0).max()) / PLACES, SAME_HEIGHT_M)
+    side_m = max(float(np.ptp(positions, axis=0).max()) / PLACES, SMALLEST_CELL_M)
     cells = np.floor((positions - positions[0]) / side_m + 0.5).astype(np.int64)
     return np.unique(cells, axis=0, return_index=True)[1]
 
@@ -147,7 +151,7 @@ def path_turns(positions: FloatArray) -> bool:
     points = np.stack([np.interp(ends_m, along_m, positions[:, axis]) for axis in range(3)], axis=1)
     parts = np.diff(points, axis=0)
     lengths = np.linalg.norm(parts, axis=1)
-    long_enough = lengths >= 0.5 * along_m[-1] / PARTS
+    long_enough = lengths >= SHORTEST_PART * along_m[-1] / PARTS
     lines = parts[long_enough] / lengths[long_enough, None]
     if len(lines) < 3:
         return False
@@ -205,7 +209,7 @@ def check_poses(
     variances = recorded.variances
     if variances is not None:
         has_no_height = variances[:, 2] >= LOST_VARIANCE
-        if 0.0 < has_no_height.mean() <= 0.5:
+        if 0.0 < has_no_height.mean() <= MOST:
             kept &= ~has_no_height
             findings = (*findings, f"{_of(has_no_height)} positions have no height: ignored")
     if not kept.all():
@@ -246,4 +250,4 @@ def marked_as_unknown(variances: FloatArray) -> tuple[bool, bool]:
         return False, False
     is_lost = (variances >= LOST_VARIANCE) | (variances < 0.0)
     is_planar = bool((variances[:, 2:5] == 0.0).all() and (variances[:, [0, 1, 5]] > 0.0).all())
-    return is_planar or bool(is_lost[:, 2].mean() > 0.5), is_planar or bool(is_lost[:, 3:5].all())
+    return is_planar or bool(is_lost[:, 2].mean() > MOST), is_planar or bool(is_lost[:, 3:5].all())
