@@ -228,6 +228,8 @@ class FaultKind(StrEnum):
 
     FOCAL = "focal", _factor("calibration: focal length in the rig file times AMOUNT", 1.01, with_focal_factor)
     BASELINE = "baseline", _factor("calibration: baseline in the rig file times AMOUNT", 1.01, with_baseline_factor)
+    # Positive amounts of yaw, drift and pitch turn the camera to the left and down. The angles that the mapper measures
+    # (`CameraRotation`) have the opposite sign. The signs of roll are equal.
     ROLL = "roll", _all_pairs(
         "the right camera is rotated by AMOUNT deg about its optical axis", 0.2, 45.0, images.rolled
     )

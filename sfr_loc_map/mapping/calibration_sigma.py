@@ -82,9 +82,13 @@ def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, prior: Calibr
 
         distortion_px = min(max(prior.distortion_px, distortion_rms_px), vertical_rms_px)
 
-    The vertical disparity contains all distortion. If the measured vertical disparity is below the prior, the residual
-    distortion is therefore smaller than the prior. If the rotation was not measured, only a part of the vertical
-    disparity is known, and the minimum is omitted. A prior of 0 means no distortion.
+    The minimum assumes that distortion has the shape of the five terms of `VerticalPolynomial`. Other distortion, such
+    as cubic terms or an error along rows alone, is not measured: sigma is too small where such distortion dominates,
+    and the distortion is 0 for a polynomial of 0, whatever the prior. If the rotation was not measured, only a part of
+    the vertical disparity is known, and the minimum is omitted. A prior of 0 means no distortion.
+
+    The saddle of a yaw is also part of `distortion_rms_px`, because distortion can cause the same saddle. A significant
+    yaw therefore increases sigma twice, which is conservative.
     """
     yaw_rad = math.radians(prior.yaw_deg)
     if is_yaw_significant(rotation, rig, prior):

@@ -32,6 +32,7 @@ def rotation(yaw_sigma_rad: float, vertical_rms_px: float, distortion_rms_px: fl
         (1e-5, 0.1, 0.05, 0.1),  # measured: no more than all vertical disparity
         (1e-5, 1.0, 0.05, CONFIGURED.distortion_px),  # measured: an offset or a roll
         (1e-5, 1.0, 0.8, 0.8),  # measured: distortion
+        (1e-5, 0.0, 0.0, 0.0),  # measured: distortion of other shapes is not included
     ],
 )
 def test_distortion_is_the_configured_one_unless_the_pair_shows_another(
@@ -39,6 +40,13 @@ def test_distortion_is_the_configured_one_unless_the_pair_shows_another(
 ) -> None:
     found = sigma_of_calibration(rotation(yaw_sigma_rad, vertical_rms_px, distortion_rms_px), RIG, CONFIGURED)
     assert found.distortion_rad * RIG.fx == pytest.approx(expected_px)
+
+
+def test_a_significant_yaw_increases_sigma_as_yaw_and_by_its_saddle_as_distortion() -> None:
+    rotation_of_yaw = CameraRotation(math.radians(1.0), 1e-5, 0.0, 0.0, 0.8, 0.8)
+    found = sigma_of_calibration(rotation_of_yaw, RIG, CONFIGURED)
+    assert found.yaw_rad > math.radians(1.0)
+    assert found.distortion_rad * RIG.fx == pytest.approx(0.8)
 
 
 def test_the_constants_that_the_table_of_sigma_names_exist() -> None:

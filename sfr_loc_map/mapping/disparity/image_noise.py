@@ -121,10 +121,11 @@ def block_variance_ratio(means: FloatImage, offset: FloatImage, variance: FloatI
     The ratio exceeds 1 if the noise is correlated between pixels, for example after filtering or compression.
 
     `means`, `offset` and `variance` `(H/2, W/2)` are the mean residual, the brightness offset and the variance of a
-    residual in each cell.
+    residual in each cell. Blocks without residuals are excluded only beyond the window over which the offset is
+    averaged: nearer to residuals, their mean is 0 but the offset is not, and they are included.
     """
     blocks = downsample_mean(np.asarray((means - offset) / np.sqrt(variance), F), 2)
-    known = blocks[blocks != 0]  # a block of exactly 0 has no residuals
+    known = blocks[blocks != 0]  # exactly 0: beyond the window of the offset
     if not len(known):
         return F(1.0)
     return F(max(BLOCK_PIXELS * mad_sigma(known) ** 2, 1.0))

@@ -54,7 +54,11 @@ that the root mean square of a linear vertical disparity is 6 % larger than over
 
 @dataclass(frozen=True, slots=True)
 class CameraRotation:
-    """Rotation of the right camera relative to its calibration, and the underlying vertical disparity."""
+    """Rotation of the right camera relative to its calibration, and the underlying vertical disparity.
+
+    The angles are those of the rotation `w` of the camera about its axes. The amounts of the injected faults `yaw` and
+    `pitch` (`faults.kinds`) have the opposite sign: the camera turns to the left and down.
+    """
 
     yaw_rad: float  #: About y; a positive yaw turns the camera to the right. 0 if too few pixels are valid.
     #: Standard deviation of the yaw from image noise and, in a repeated measurement, from the remaining bias

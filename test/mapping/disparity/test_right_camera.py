@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from helpers.disparity_world import World, hills, make_world
+from sfr_loc_map.faults.injector import FaultInjector
+from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
@@ -111,3 +113,20 @@ def test_a_roll_is_taken_out_of_the_disparities(made: World, fy: float) -> None:
     error = (result.disparity_px - made.disparity)[INNER]
     assert np.nanmedian(np.abs(error)) < 0.04  # 0.5 px at the upper and lower edge without
     assert any("vertical disparity" in line for line in result.warnings)
+
+
+@pytest.mark.parametrize(
+    ("fault", "statistic", "expected"),
+    [
+        ("yaw:amount=0.3", "right_yaw_deg", -0.3),
+        ("pitch:amount=0.1", "vertical_offset_px", -np.radians(0.1)),
+        ("roll:amount=0.2", "right_roll_deg", 0.2),
+    ],
+)
+def test_injected_yaw_and_pitch_are_measured_with_the_opposite_sign(
+    made: World, fault: str, statistic: str, expected: float
+) -> None:
+    [(_, pair)] = FaultInjector([parse_fault(fault)], 0, 1, made.rig).pairs([made.pair])
+    found = Mapper(made.rig).process(pair, Transform.identity()).statistics[statistic]
+    unit = made.rig.fy if statistic == "vertical_offset_px" else 1.0
+    assert found / (unit * expected) == pytest.approx(1.0, abs=0.5)
