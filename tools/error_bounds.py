@@ -52,7 +52,7 @@ def estimated(pair: StereoPair, rig: StereoRig) -> MeasuredDisparity:
 
 def noise_of(disparity: MeasuredDisparity) -> float:
     """Return the noise of one image, grey levels, from residuals, which have the noise of two images."""
-    return disparity.noise_grey / np.sqrt(2.0)
+    return disparity.pair.field.noise_grey / np.sqrt(2.0)
 
 
 def gradients(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -246,7 +246,7 @@ def bound_map(source: Path, contrast: float, more_noise: float) -> None:
                 # the plane adds three unknowns
                 variance = np.mean(spectrum / (1.0 + spectrum * information)) + 3.0 / (information * TILE * TILE)
                 bounds.append(np.sqrt(variance))
-                errors.append((disparity.px - truth)[tile].ravel())
+                errors.append((disparity.pair.px - truth)[tile].ravel())
                 rows.append(np.abs(left_over).max() < 1.0)
         print(f"noise of an image: {noise:.2f} grey levels")
     bound, smooth = np.array(bounds), np.array(rows)

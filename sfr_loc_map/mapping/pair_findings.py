@@ -57,14 +57,14 @@ def findings_of_pair(
     search: SearchRange,
 ) -> Findings:
     """Return the findings of a pair, given the search range and the uncertainty of the calibration."""
-    correction = measured.correction
+    correction = measured.pair.correction
     point_count = int(np.count_nonzero(is_valid(final.status)))
     filled_count = _count(final.status, PixelStatus.FILLED)
     statistics = {
         "points": float(point_count),
         "density": point_count / final.status.size,
         "filled_share": filled_count / max(point_count, 1),
-        "noise_grey": measured.noise_grey,
+        "noise_grey": measured.pair.field.noise_grey,
         "gain": correction.exposure.gain,
         "offset_grey": correction.exposure.offset_grey,
         "vertical_offset_px": correction.vertical.constant,
@@ -125,7 +125,7 @@ def _warnings_of_points(final: FinalDisparity, point_count: int, search: SearchR
 def _warnings_of_images(measured: MeasuredDisparity, prior: CalibrationPrior) -> list[str]:
     """Return warnings about matches, rectification, exposure and saturation."""
     fraction = measured.measured_textured_fraction
-    correction = measured.correction
+    correction = measured.pair.correction
     saturated = measured.saturation.fraction
     warnings = []
     if math.isnan(fraction):

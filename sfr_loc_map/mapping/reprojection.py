@@ -16,8 +16,8 @@ from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 def view_of_pair(measured: MeasuredDisparity, final: FinalDisparity, rig: StereoRig, T_lm_left: Transform) -> PairView:
     """Return the view of the final disparities, with the grey levels, noise and saturation of the measured images."""
-    points = points_from_disparity(final.px, final.sigma_px, measured.left, rig, T_lm_left)
-    return PairView.of(points, final.px, T_lm_left, measured.noise_grey, measured.saturation)
+    points = points_from_disparity(final.px, final.sigma_px, measured.pair.left, rig, T_lm_left)
+    return PairView.of(points, final.px, T_lm_left, measured.pair.field.noise_grey, measured.saturation)
 
 
 def points_from_disparity(

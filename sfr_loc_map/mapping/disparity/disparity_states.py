@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.mapping.disparity.pair_refinement import RefinedPair
 from sfr_loc_map.mapping.disparity.pixel_status import StatusImage, is_valid
-from sfr_loc_map.mapping.disparity.right_image_correction import RightImageCorrection
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 
 
@@ -21,17 +21,11 @@ from sfr_loc_map.mapping.disparity.saturation import Saturation
 class MeasuredDisparity:
     """Measured disparities of the left image with their uncertainty, and the images that they were measured in."""
 
-    #: `(H, W)` float32, pixels, defined at every pixel. At invalid pixels the value is only a smooth continuation of
-    #: the disparities around them.
-    px: FloatImage
-    sigma_px: FloatImage  #: `(H, W)` float32, standard deviation of a valid disparity, pixels.
+    #: Images, disparities and sigma. At invalid pixels the disparity is only a smooth continuation of the disparities
+    #: around them.
+    pair: RefinedPair
     status: StatusImage  #: `(H, W)` uint8, measured, or the reason why the disparity is invalid.
-    initial_px: FloatImage  #: `(H, W)` float32, disparities of the semi-global matching, pixels; NaN if unmatched.
-    left: FloatImage  #: `(H, W)` float32, left image, grey levels.
-    right: FloatImage  #: `(H, W)` float32, right image after its correction, grey levels.
-    correction: RightImageCorrection  #: The deviations that were removed from the right image.
     saturation: Saturation  #: Saturation of both images.
-    noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
     #: Fraction of the textured pixels whose disparity is measured; NaN if too few are textured.
     measured_textured_fraction: float
 

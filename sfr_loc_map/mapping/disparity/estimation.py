@@ -44,14 +44,8 @@ def estimate_disparity(pair: StereoPair, camera: StereoCamera, disparity_count: 
     left_variance = local_variance(refined.left)
     status = judge_pixels(refined, left_variance, saturation)
     return MeasuredDisparity(
-        px=refined.px,
-        sigma_px=refined.sigma_px,
+        pair=refined,
         status=status,
-        initial_px=refined.initial_px,
-        left=refined.left,
-        right=refined.right,
-        correction=refined.correction,
         saturation=saturation,
-        noise_grey=refined.noise_grey,
         measured_textured_fraction=measured_textured_fraction(refined.left, left_variance, is_valid(status)),
     )

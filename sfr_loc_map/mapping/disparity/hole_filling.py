@@ -107,14 +107,13 @@ def fill_holes(measured: MeasuredDisparity) -> FilledDisparity:
     The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`. No hole is filled if fewer than
     `MIN_SAMPLES` samples are available for the maximum cost.
     """
+    pair = measured.pair
     was_valid = measured.valid
-    scene = HoleScene(
-        left=measured.left, right=measured.right, disparity=measured.px, valid=was_valid, initial=measured.initial_px
-    )
+    scene = HoleScene(left=pair.left, right=pair.right, disparity=pair.px, valid=was_valid, initial=pair.initial_px)
     cost_limit = _cost_limit(scene)
     if cost_limit is None:
-        return FilledDisparity(measured.px, measured.sigma_px, measured.status)
-    min_margin = F(MARGIN_SIGMAS * measured.noise_grey)
+        return FilledDisparity(pair.px, pair.sigma_px, measured.status)
+    min_margin = F(MARGIN_SIGMAS * pair.field.noise_grey)
     unsaturated = ~measured.saturation.square_saturated
     newly_valid = was_valid
     for _ in range(PASSES):
@@ -131,8 +130,8 @@ def fill_holes(measured: MeasuredDisparity) -> FilledDisparity:
     has_similar_depth = depth_ratio(np.where(valid, px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
     is_filled = valid & ~was_valid & has_similar_depth
     return FilledDisparity(
-        px=np.where(is_filled, px, measured.px),
-        sigma_px=np.where(is_filled, np.maximum(measured.sigma_px, MIN_FILLED_SIGMA_PX), measured.sigma_px),
+        px=np.where(is_filled, px, pair.px),
+        sigma_px=np.where(is_filled, np.maximum(pair.sigma_px, MIN_FILLED_SIGMA_PX), pair.sigma_px),
         status=np.where(is_filled, np.uint8(PixelStatus.FILLED), measured.status),
     )
 

@@ -11,7 +11,7 @@ from sfr_loc_map.mapping.disparity.cell_field import cells_from_disparity, dispa
 from sfr_loc_map.mapping.disparity.right_image_correction import RightImageCorrection, correct_right_image
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
-from sfr_loc_map.mapping.disparity.variational_refinement import refine_disparity
+from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine_disparity
 
 
 class RefinedPair(NamedTuple):
@@ -21,10 +21,13 @@ class RefinedPair(NamedTuple):
     right: FloatImage  #: Right image after its correction, grey levels.
     correction: RightImageCorrection  #: The deviations that were removed from the right image.
     initial_px: FloatImage  #: Disparities of the semi-global matching, pixels; NaN if unmatched.
-    px: FloatImage  #: Disparities of the refinement, pixels, defined everywhere.
+    field: RefinedDisparity  #: The refined disparity, its residuals and its noise.
     sigma_px: FloatImage  #: Standard deviation of the refined disparity, pixels.
-    normalised_residual: FloatImage  #: Residual divided by its standard deviation; NaN outside the right image.
-    noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
+
+    @property
+    def px(self) -> FloatImage:
+        """The refined disparity, pixels, defined everywhere."""
+        return self.field.disparity_px
 
 
 def refine_pair(pair: StereoPair, camera: StereoCamera, disparity_count: int) -> RefinedPair:
@@ -34,14 +37,12 @@ def refine_pair(pair: StereoPair, camera: StereoCamera, disparity_count: int) ->
     initial_cells = cells_from_disparity(initial_px)
     dense_px = disparity_from_cells(initial_cells, left.shape)
     corrected = correct_right_image(left, pair.right.astype(F, order="C"), dense_px, camera)
-    refined = refine_disparity(left, corrected.image, initial_cells)
+    field = refine_disparity(left, corrected.image, initial_cells)
     return RefinedPair(
         left=left,
         right=corrected.image,
         correction=corrected.correction,
         initial_px=initial_px,
-        px=refined.disparity_px,
-        sigma_px=disparity_sigma(refined),
-        normalised_residual=refined.normalised_residual,
-        noise_grey=refined.noise_grey,
+        field=field,
+        sigma_px=disparity_sigma(field),
     )

@@ -82,11 +82,12 @@ def measure_right_rotation(measured: MeasuredDisparity, rig: StereoRig) -> Camer
     The vertical disparity is the sum of the part that the correction has removed from the right image and of the part
     that remains, which is fitted at measured pixels.
     """
-    removed = measured.correction.vertical
+    pair = measured.pair
+    removed = pair.correction.vertical
     fit = fit_vertical_disparity(
-        measured.left,
-        measured.right,
-        measured.px,
+        pair.left,
+        pair.right,
+        pair.px,
         rig.camera,
         term_count=ALL_TERMS,
         min_count=MIN_ROTATION_COUNT,
@@ -107,13 +108,12 @@ def measure_right_rotation(measured: MeasuredDisparity, rig: StereoRig) -> Camer
 
 def _repeated_fit(measured: MeasuredDisparity, rig: StereoRig) -> VerticalFit | None:
     """Return the vertical disparity that remains in a pair, fitted beside its disparities; None if a step fails."""
+    pair = measured.pair
     remaining = VerticalPolynomial()
     sigmas = VerticalPolynomial()
     for _ in range(REPEATED_STEPS):
-        right = without_vertical_disparity(measured.right, remaining, rig.camera)
-        step = fit_beside_disparity(
-            measured.left, right, measured.px, rig.camera, measured.valid, min_count=MIN_ROTATION_COUNT
-        )
+        right = without_vertical_disparity(pair.right, remaining, rig.camera)
+        step = fit_beside_disparity(pair.left, right, pair.px, rig.camera, measured.valid, min_count=MIN_ROTATION_COUNT)
         if step is None:
             return None
         remaining = remaining.plus(step.polynomial)

@@ -133,8 +133,8 @@ def _mismatch_mask(pair: RefinedPair, left_variance: FloatImage) -> Mask:
     approximately in grey levels: too small in bright regions and too large in dark regions, because noise grows with
     the light.
     """
-    chi2_per_dof = box_mean(np.fmin(np.square(pair.normalised_residual), MAX_CHI2), CHI2_WINDOW)
-    squared_residual = chi2_per_dof * F(pair.noise_grey * pair.noise_grey)
+    chi2_per_dof = box_mean(np.fmin(np.square(pair.field.normalised_residual), MAX_CHI2), CHI2_WINDOW)
+    squared_residual = chi2_per_dof * F(pair.field.noise_grey * pair.field.noise_grey)
     is_suspicious = chi2_per_dof > MAX_CHI2_PER_DOF
     mismatch: Mask = is_suspicious & (squared_residual > MAX_CONTRAST_RATIO * left_variance)
     return mismatch

@@ -1,14 +1,21 @@
 """Sub-pixel disparity by a variational fit of the whole field to both images (after Horn and Schunck 1981).
 
-The field is represented by cells of 2 x 2 pixels, because a surface is smooth over several pixels. The field minimises
+The field is represented by cells of 2 x 2 pixels, because a surface is smooth over several pixels. All cells are solved
+together, coupled by the smoothness of the ground, instead of in windows that assume a plane. The noise of the images
+and the shape of the ground are measured in each pair, so that the smoothing adapts to both. Each iteration warps the
+right image again (`linearise`) and changes the field by s, which minimises on each of three grids, coarse to fine,
 
-    sum (r - g s)^2 / variance  +  sum smoothness_weight (second differences of the field)^2
+    sum w (r - o - g s)^2 / (c variance)  +  sum w_x (d_xx)^2 + w_y (d_yy)^2 + w_m (d_xy)^2
 
-with r the warped right image minus the left image, g the slope along the row, and s the change of the field. All cells
-are solved together, coupled by the smoothness of the ground, instead of in windows that assume a plane. The noise of
-the images and the shape of the ground are measured in each pair, so that the smoothing adapts to both. Second
-differences far above the typical size, for example at the edges of rocks, have less weight (Cauchy). Each iteration
-warps the right image again and solves on three grids, coarse to fine, by conjugate gradients.
+- The first sum is over pixels. r is the warped right image minus the left image, o the brightness offset around the
+  pixel, g the slope along the row, and w the Cauchy weight of the residual. The variance of the residuals is inflated
+  by the factor c (`_variance_inflation`).
+- The second sum is over the elements of the grid, with the second differences of d, the field plus s. Their Cauchy
+  weights w_x, w_y and w_m (`smoothness`) decrease far above the typical size, for example at the edges of rocks.
+- w, c and the weights of the second differences are constant within a solve.
+- An element of a coarse grid is a block of cells with a common s. Its data term is therefore the sum over its cells.
+  The second differences on this grid and their scale, multiplied by `GRID_FACTOR` per doubling, refer to its spacing. A
+  coarse solve thus minimises another smoothness energy than the finest grid, and only prepares the solve there.
 """
 
 from __future__ import annotations
@@ -30,6 +37,7 @@ from sfr_loc_map.mapping.disparity.image_noise import (
     rounding_noise,
 )
 from sfr_loc_map.mapping.disparity.photometric_residual import (
+    NormalEquations,
     cell_means,
     mean_template,
     normal_equations,
@@ -68,7 +76,7 @@ TEMPLATE_SIGMAS = 4.0
 """Where the residual exceeds this many standard deviations, only the left image is used for the template, because the
 right image shows another surface there. The optimum is flat (measurements/mapper_trials.md)."""
 MIN_WEIGHT = F(0.1)
-"""Lower bound of the mean robust weight around a cell, a divisor in the inflation of the variance (`linearise`). The
+"""Lower bound of the mean robust weight around a cell, a divisor in `_variance_inflation`. The
 bound has an effect where nearly all residuals around a cell are outliers. With half or twice the value, the MAE of
 Teddy, KITTI 2015 and the sample changes by less than 0.1 % (measurements/mapper_trials.md)."""
 
@@ -93,6 +101,15 @@ class LeftImage(NamedTuple):
     cell_grey: FloatImage  #: `(h, w)`, mean grey level of each cell.
     grey_order: IntArray  #: Indices that sort the sampled cells by their grey level.
     min_noise: float  #: Standard deviation of a residual due to rounding alone, grey levels.
+
+
+class ResidualNoise(NamedTuple):
+    """The noise of the residuals at a field, `(h, w)` float32 except for `overall`."""
+
+    overall: float  #: Standard deviation of all residuals, including their brightness offset, grey levels.
+    means: FloatImage  #: Mean residual of each cell, clipped, grey levels.
+    offset: FloatImage  #: Brightness offset of the residuals, grey levels.
+    variance: FloatImage  #: Variance of the residuals without this offset, grey levels squared.
 
 
 class Linearisation(NamedTuple):
@@ -154,35 +171,46 @@ def _prepare_left(left: FloatImage) -> LeftImage:
 
 
 def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearisation:
-    """Return the data term at a field.
-
-    The steps are the residual, its brightness offset and variance, the slope along the row in the mean of both images,
-    and the normal equations. For the information, the variance is inflated where residuals exceed it (means over
-    `WINDOW_CELLS`), and everywhere if the residuals are correlated between pixels (`block_variance_ratio`).
-    """
+    """Return the data term at a field; the slopes are those of the mean of both images."""
     residual = photometric_residual(left.image, right, pixels_from_cells(cells))
-    noise = overall_noise(residual, left.min_noise)
-    means = cell_means(residual, F(CLIPPING_SIGMAS * noise))
-    offset = box_mean(means, WINDOW_CELLS)
-    variance = noise_variance(left.cell_grey, left.grey_order, residual, offset, left.min_noise)
-    template = mean_template(left.image, residual, offset, F(TEMPLATE_SIGMAS * noise))
-    equations = normal_equations(slopes(template), residual, offset, F(1.0) / variance, ROBUST_FACTOR)
-    mean_chi2 = box_mean(equations.chi2, WINDOW_CELLS)
-    mean_weight = np.maximum(box_mean(equations.weight, WINDOW_CELLS), MIN_WEIGHT)
-    variance_inflation = np.maximum(mean_chi2 / mean_weight, block_variance_ratio(means, offset, variance))
+    noise = _residual_noise(left, residual)
+    template = mean_template(left.image, residual, noise.offset, F(TEMPLATE_SIGMAS * noise.overall))
+    equations = normal_equations(slopes(template), residual, noise.offset, F(1.0) / noise.variance, ROBUST_FACTOR)
+    inflation = _variance_inflation(equations, noise)
     return Linearisation(
         residual=residual,
-        offset=offset,
-        variance=variance,
-        information=np.asarray(equations.information / variance_inflation, F),
-        information_vector=np.asarray(equations.information_vector / variance_inflation, F),
+        offset=noise.offset,
+        variance=noise.variance,
+        information=np.asarray(equations.information / inflation, F),
+        information_vector=np.asarray(equations.information_vector / inflation, F),
     )
+
+
+def _residual_noise(left: LeftImage, residual: FloatImage) -> ResidualNoise:
+    """Return the brightness offset and the noise of residuals `(2 h, 2 w)`, NaN where unknown."""
+    overall = overall_noise(residual, left.min_noise)
+    means = cell_means(residual, F(CLIPPING_SIGMAS * overall))
+    offset = box_mean(means, WINDOW_CELLS)
+    variance = noise_variance(left.cell_grey, left.grey_order, residual, offset, left.min_noise)
+    return ResidualNoise(overall, means, offset, variance)
+
+
+def _variance_inflation(equations: NormalEquations, noise: ResidualNoise) -> FloatImage:
+    """Return the factor of the variance in the information of each cell `(h, w)`.
+
+    The variance is inflated where residuals exceed it (means over `WINDOW_CELLS`), and everywhere if the residuals are
+    correlated between pixels (`block_variance_ratio`).
+    """
+    mean_chi2 = box_mean(equations.chi2, WINDOW_CELLS)
+    mean_weight = np.maximum(box_mean(equations.weight, WINDOW_CELLS), MIN_WEIGHT)
+    block_ratio = block_variance_ratio(noise.means, noise.offset, noise.variance)
+    return np.asarray(np.maximum(mean_chi2 / mean_weight, block_ratio), F)
 
 
 def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> SolvedField:
     """Return the field after one linearised solve on all grids, coarse to fine.
 
-    After each coarse step, the information vector of the remaining change is reduced by the information times the step.
+    The data term of a block is the sum over its cells. After each coarse step, the information vector of the remaining change is reduced by the information times the step.
     """
     scale = cauchy_scale_of(cells)
     information = data_term.information

@@ -6,9 +6,12 @@ from helpers.disparity_world import two_planes
 from sfr_loc_map.mapping.disparity.disparity_states import MeasuredDisparity
 from sfr_loc_map.mapping.disparity.exposure import Exposure
 from sfr_loc_map.mapping.disparity.hole_filling import MAX_DEPTH_RATIO, MIN_FILLED_SIGMA_PX, fill_holes
+from sfr_loc_map.mapping.disparity.pair_refinement import RefinedPair
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, is_valid
 from sfr_loc_map.mapping.disparity.right_image_correction import RightImageCorrection
 from sfr_loc_map.mapping.disparity.saturation import Saturation
+from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights
+from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 from sfr_loc_map.mapping.disparity.vertical_disparity import VerticalPolynomial
 
 F = np.float32
@@ -34,23 +37,27 @@ class TwoPlanes:
         disparity, matched = np.where(valid, self.truth, F(0.0)), np.where(valid, self.truth, F(np.nan))
         flat = np.zeros(valid.shape, bool) if may is None else ~may
         saturation = Saturation(flat, np.zeros(valid.shape, np.uint8), 0.0)
-        given = MeasuredDisparity(
-            px=disparity,
-            sigma_px=np.full_like(disparity, 0.1),
-            status=np.where(valid, np.uint8(PixelStatus.MEASURED), np.uint8(PixelStatus.UNMATCHED)),
-            initial_px=matched,
+        unused = np.zeros_like(disparity)
+        weights = SmoothnessWeights(unused, unused, unused)
+        pair = RefinedPair(
             left=self.left,
             right=self.right,
             correction=RightImageCorrection(Exposure(1.0, 0.0), VerticalPolynomial(), 0.0),
+            initial_px=matched,
+            field=RefinedDisparity(disparity, unused, unused, weights, unused, self.noise),
+            sigma_px=np.full_like(disparity, 0.1),
+        )
+        given = MeasuredDisparity(
+            pair=pair,
+            status=np.where(valid, np.uint8(PixelStatus.MEASURED), np.uint8(PixelStatus.UNMATCHED)),
             saturation=saturation,
-            noise_grey=self.noise,
             measured_textured_fraction=1.0,
         )
         found = fill_holes(given)
         filled = found.status == PixelStatus.FILLED
         np.testing.assert_array_equal(is_valid(found.status), valid | filled)
         assert (found.sigma_px[filled] >= MIN_FILLED_SIGMA_PX).all()
-        np.testing.assert_array_equal(found.sigma_px[~filled], given.sigma_px[~filled])
+        np.testing.assert_array_equal(found.sigma_px[~filled], pair.sigma_px[~filled])
         return found.px, filled
 
 
