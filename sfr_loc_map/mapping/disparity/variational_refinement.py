@@ -210,7 +210,8 @@ def _variance_inflation(equations: NormalEquations, noise: ResidualNoise) -> Flo
 def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> SolvedField:
     """Return the field after one linearised solve on all grids, coarse to fine.
 
-    The data term of a block is the sum over its cells. After each coarse step, the information vector of the remaining change is reduced by the information times the step.
+    The data term of a block is the sum over its cells. After each coarse step, the information vector of the remaining
+    change is reduced by the information times the step.
     """
     scale = cauchy_scale_of(cells)
     information = data_term.information
