@@ -381,6 +381,7 @@ class _Table:
         """Return what identifies the run; InputError for an invalid hash, and for several clouds or rates."""
         for name in (CLOUD, IMAGES):
             self.check_hashes(name)
+        rates = self.numbers(RATE).tolist()
         for name in (CLOUD, RATE):
             self.check_one_value(name)
         return RunIdentity(
@@ -388,7 +389,7 @@ class _Table:
             quats_xyzw=self.matrix(ATTITUDE_NAMES),
             images_sha256=self.texts(IMAGES) if IMAGES in self.columns else None,
             cloud_sha256=next(filter(None, self.texts(CLOUD)), None),
-            replay_rate=next((rate for rate in self.numbers(RATE).tolist() if rate > 0.0), None),
+            replay_rate=next((rate for rate in rates if rate > 0.0), None),
         )
 
     def check_hashes(self, name: str) -> None:
