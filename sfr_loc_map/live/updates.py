@@ -50,8 +50,38 @@ class Record(ABC):
         """When the record was received or its message was published."""
 
 
+class ReceivedRecord(Record):
+    """A record whose time is that of its reception."""
+
+    __slots__ = ()
+    received_s: float
+
+    @property
+    def time_s(self) -> float:
+        """When the record was received."""
+        return self.received_s
+
+
+class MessageRecord(Record):
+    """A record of a message on a topic, whose time is that of its publication."""
+
+    __slots__ = ()
+    topic: str
+    published_s: float
+
+    @property
+    def subject(self) -> str:
+        """What the record is about, in words of a user."""
+        return f"a message on {self.topic}"
+
+    @property
+    def time_s(self) -> float:
+        """When the message was published."""
+        return self.published_s
+
+
 @dataclass(frozen=True, slots=True)
-class PublishedScore(Record):
+class PublishedScore(ReceivedRecord):
     """The score of the monitor, as JSON."""
 
     text: str
@@ -62,14 +92,9 @@ class PublishedScore(Record):
         """What the record is about, in words of a user."""
         return "a score"
 
-    @property
-    def time_s(self) -> float:
-        """When the record was received."""
-        return self.received_s
-
 
 @dataclass(frozen=True, slots=True)
-class PoseSample(Record):
+class PoseSample(ReceivedRecord):
     """A pose of RB in DS: position, m, quaternion, and for estimates the covariance `(6, 6)` in ROS order.
 
     The quaternion has unit length, or is 0 0 0 0 if the attitude is unknown, which is possible only for the truth.
@@ -88,11 +113,6 @@ class PoseSample(Record):
         return f"a pose of the {self.track}"
 
     @property
-    def time_s(self) -> float:
-        """When the record was received."""
-        return self.received_s
-
-    @property
     def has_attitude(self) -> bool:
         """Whether the attitude is known."""
         return any(self.quat_xyzw)
@@ -104,7 +124,7 @@ class PoseSample(Record):
 
 
 @dataclass(frozen=True, slots=True)
-class NodeCall(Record):
+class NodeCall(ReceivedRecord):
     """A call of a node."""
 
     node: str
@@ -116,14 +136,9 @@ class NodeCall(Record):
         """What the record is about, in words of a user."""
         return f"a call of {self.node}"
 
-    @property
-    def time_s(self) -> float:
-        """When the record was received."""
-        return self.received_s
-
 
 @dataclass(frozen=True, slots=True)
-class Status(Record):
+class Status(ReceivedRecord):
     """A status of a node on /diagnostics: health, unusable input or internal fault."""
 
     node: str
@@ -138,33 +153,18 @@ class Status(Record):
         """What the record is about, in words of a user."""
         return f"a status of {self.node}"
 
-    @property
-    def time_s(self) -> float:
-        """When the record was received."""
-        return self.received_s
-
 
 @dataclass(frozen=True, slots=True)
-class ImageStamp(Record):
+class ImageStamp(MessageRecord):
     """Stamp and publication time of an image. Images are received only while a viewer displays images."""
 
     topic: str
     stamp_ns: int
     published_s: float
 
-    @property
-    def subject(self) -> str:
-        """What the record is about, in words of a user."""
-        return f"a message on {self.topic}"
-
-    @property
-    def time_s(self) -> float:
-        """When the message was published."""
-        return self.published_s
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImageSample(Record):
+class ImageSample(MessageRecord):
     """An image reduced for the screen: JPEG data, width and height, and the original width and height."""
 
     kind: ClassVar[MediaKind] = MediaKind.IMAGES
@@ -175,16 +175,6 @@ class ImageSample(Record):
     full_size: tuple[int, int]
     published_s: float
     track_count: int = 0  # number of drawn feature tracks
-
-    @property
-    def subject(self) -> str:
-        """What the record is about, in words of a user."""
-        return f"a message on {self.topic}"
-
-    @property
-    def time_s(self) -> float:
-        """When the message was published."""
-        return self.published_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +196,7 @@ class ImageProblem(Record):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ElevationSample(Record):
+class ElevationSample(MessageRecord):
     """A top-view map, thinned for the screen; its layers are named height, sigma, error, hazard, ..."""
 
     kind: ClassVar[MediaKind] = MediaKind.MAPS
@@ -219,19 +209,9 @@ class ElevationSample(Record):
     published_s: float
     every: int = 1  # grid cells per displayed cell along each axis
 
-    @property
-    def subject(self) -> str:
-        """What the record is about, in words of a user."""
-        return f"a message on {self.topic}"
-
-    @property
-    def time_s(self) -> float:
-        """When the message was published."""
-        return self.published_s
-
 
 @dataclass(frozen=True, slots=True)
-class GraphNodes(Record):
+class GraphNodes(ReceivedRecord):
     """Nodes of the suite that are in the graph, and the number of lost messages of each topic."""
 
     nodes: frozenset[str]
@@ -242,11 +222,6 @@ class GraphNodes(Record):
     def subject(self) -> str:
         """What the record is about, in words of a user."""
         return "a list of the nodes"
-
-    @property
-    def time_s(self) -> float:
-        """When the record was received."""
-        return self.received_s
 
 
 Media = ImageSample | ElevationSample  #: Large records, of which only the newest of each topic is kept.
