@@ -37,7 +37,7 @@ class Worker:
     """Runs jobs in the order in which they were added.
 
     Droppable jobs (stereo pairs, messages) are bounded in number, and those with a size (clouds) also in total size.
-    Other jobs (a new rig, a new pose, a reset) are never dropped and keep their position in the common queue.
+    Other jobs (a new pose, new parameters, a reset) are never dropped and keep their position in the common queue.
     """
 
     def __init__(self, name: str, overload: Overload, capacity: int, on_fault: OnFault) -> None:

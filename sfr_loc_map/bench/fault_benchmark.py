@@ -204,7 +204,7 @@ def pose_error(estimate: PoseEstimate, true_poses: TruePoses) -> FloatArray:
     """
     true = true_poses.at(estimate.stamp_ns)
     assert true is not None
-    return _error_and_sigma(estimate.T_ds_rb, true, estimate.covariance, true_poses.sigma, 1)
+    return _error_and_sigma(estimate.T_ds_rb, true, estimate.covariance, true_poses.sigma, noisy_poses=1)
 
 
 def step_error(estimate: PoseEstimate, true_poses: TruePoses) -> FloatArray:
@@ -214,11 +214,11 @@ def step_error(estimate: PoseEstimate, true_poses: TruePoses) -> FloatArray:
     if step is None or before is None or true is None:
         return np.zeros((2, 2))
     motion = Transform(matrix_from_rotvec(step.motion[3:]), step.motion[:3])
-    return _error_and_sigma(motion, before.inverse() @ true, step.motion_covariance, true_poses.sigma, 2)
+    return _error_and_sigma(motion, before.inverse() @ true, step.motion_covariance, true_poses.sigma, noisy_poses=2)
 
 
 def _error_and_sigma(
-    pose: Transform, true: Transform, covariance: FloatArray, noise: tuple[float, float], true_poses: int
+    pose: Transform, true: Transform, covariance: FloatArray, noise: tuple[float, float], noisy_poses: int
 ) -> FloatArray:
     """Return error and sigma `(2, 2)` of a transform that was compared with one or two noisy true poses.
 
@@ -227,7 +227,7 @@ def _error_and_sigma(
     turn = rotvec_from_matrix(pose.rotation @ true.rotation.T)
     errors = np.linalg.norm(pose.translation - true.translation), np.linalg.norm(turn)
     variances = np.array([np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])])
-    return np.array([errors, np.sqrt(variances + 3.0 * true_poses * np.square(noise))])
+    return np.array([errors, np.sqrt(variances + 3.0 * noisy_poses * np.square(noise))])
 
 
 def benchmark_faults(

@@ -83,9 +83,7 @@ FINDING_NAMES = (FINDING, FINDING_TASK, FINDING_COUNT)
 IDENTITY_NAMES = (*POSE_NAMES, IMAGES, CLOUD, RATE)
 ALWAYS_NAMES = (*CALL_NAMES, MEMORY_METHOD)  #: Columns of every file.
 NAMES_BEFORE_STATISTICS = (*ALWAYS_NAMES, *METHOD_NAMES, *FINDING_NAMES, *IDENTITY_NAMES)
-RESERVED_NAMES = SIGNED_NAMES.union(
-    CALL_NAMES, COST_NAMES, [MEMORY_METHOD], METHOD_NAMES, FINDING_NAMES, IDENTITY_NAMES
-)
+RESERVED_NAMES = SIGNED_NAMES.union(COST_NAMES, NAMES_BEFORE_STATISTICS)
 """Names of columns that are not those of statistics. A statistic with such a name has the column `statistics.NAME`."""
 STATISTICS = "statistics."  #: Prefix of the column of a statistic whose name is reserved or begins with this prefix.
 NOT_FINITE = ("nan", "inf", "-inf")  #: Texts of numbers that are not finite.

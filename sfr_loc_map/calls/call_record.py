@@ -61,9 +61,8 @@ class CallRecord:
     """
 
     stamp_ns: Stamp  #: Stamp of the pair; for a fused cloud, of its last pair.
-    processing_time_s: Annotated[
-        float, Meta(ge=0.0, le=MAX_CALL_S)
-    ]  #: Wall-clock time; NaN: unknown, also if given as 0.
+    #: Wall-clock time; NaN: unknown, also if given as 0.
+    processing_time_s: Annotated[float, Meta(ge=0.0, le=MAX_CALL_S)]
     state: Text = ""  #: State after the call: initialising, tracking, degraded, lost; mapped, fused, mapped_set.
     _: KW_ONLY
     #: Peak resident memory of the process during the call; None if it cannot be measured.

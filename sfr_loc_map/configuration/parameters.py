@@ -244,7 +244,7 @@ def _has_numbers(default: object) -> bool:
 MOST_NAMES = 12  #: Largest number of known names in a message.
 MISSPELT = 0.85
 """Minimum similarity (ratio of difflib) of an unknown name to the known name that it misspells: about one letter in
-seven differs. No name of a parameter or node of another node of the suite is as similar."""
+seven differs. Chosen so that names of other programs are not taken for misspellings."""
 
 
 def is_misspelt(name: str, known: Collection[str]) -> bool:

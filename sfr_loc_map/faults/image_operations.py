@@ -1,7 +1,6 @@
 """Operations on images that the faults share.
 
-Each function that requires OpenCV imports it, because the command line lists the kinds of faults in its help, and the
-table of the kinds refers to the functions of the faults.
+Functions that require OpenCV import it, so that `kinds.parse_fault` does not load it.
 """
 
 from __future__ import annotations

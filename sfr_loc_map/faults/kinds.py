@@ -76,9 +76,8 @@ class KindInfo(NamedTuple):
     stamp: StampChange = same_stamp  #: Changes the stamp of an affected pair.
     rig: RigChange = same_rig  #: Changes the rig of the drive.
     drops: bool = False  #: Whether affected pairs are missing.
-    repeats: bool = (
-        False  #: Whether affected pairs show the images of an earlier pair, so that no later pair shows them.
-    )
+    #: Whether affected pairs show the images of an earlier pair, so that no later pair shows them.
+    repeats: bool = False
 
     @property
     def is_signed(self) -> bool:

@@ -28,9 +28,8 @@ from sfr_loc_map.transport_issues import silence_of
 
 DEPTH = 200  #: Queue depth of a recorded topic: 2 s of a topic of 100 Hz, for example of an IMU.
 DISCOVERY_PERIOD_S = 0.25  #: Period of the search for new topics, s.
-FLUSH_PERIOD_S = (
-    0.5  #: Period at which messages are written to disk, s. A crash loses at most the messages of a period.
-)
+FLUSH_PERIOD_S = 0.5
+"""Period at which messages are written to disk, s. A crash loses at most the messages of a period."""
 
 
 @dataclass(frozen=True, slots=True)

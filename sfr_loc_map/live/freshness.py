@@ -24,8 +24,6 @@ TOPIC_FRESHNESS = Freshness(after_s=1.6, periods=3.0)
 """Limits for a topic. The period of a topic varies with its source, so two messages may be missing."""
 SLOWEST_PERIOD_S = 5.0
 """Assumed period of a topic with a single message, s, because a longer period of poses or figures is unusual."""
-
-
 NEWEST_WEIGHT = 0.2  #: Weight of the newest interval in a smoothed period, which averages over about five intervals.
 
 

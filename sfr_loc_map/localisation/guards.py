@@ -149,7 +149,7 @@ def check_gap(gap_keyframes: int) -> frozenset[Finding]:
 
 
 def check_divergence(*, has_diverged: bool) -> frozenset[Finding]:
-    """Report a window that begins because an adjustment diverged (`keyframes.has_diverged`)."""
+    """Report a window that begins because an adjustment was singular or diverged (`State.has_diverged`)."""
     return _found(Finding.DIVERGED, has_diverged)
 
 

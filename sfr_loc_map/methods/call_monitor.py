@@ -22,10 +22,11 @@ from sfr_loc_map.metrics.formulas import memory_above_idle
 from sfr_loc_map.process_tree import ProcessTree, TreeUsage, running_thread
 
 MB = 1_000_000
-LEAK_CALLS, LEAK_PARTS, LEAK_BYTES = 50, 5, 40 * MB
-"""Number of calls over which a leak is detected, number of equal parts of these calls, and the minimum growth of a
-leak, bytes. The growth is the difference between the minima of the last and of the first part, so that a saw-tooth does
-not hide the growth. The keyframe window of our localiser grows by 24 MB while it fills."""
+LEAK_CALLS = 50  #: Number of calls over which a leak is detected.
+LEAK_PARTS = 5  #: Number of equal parts of these calls.
+LEAK_BYTES = 40 * MB
+"""Minimum growth of a leak: the difference between the minima of the last and of the first part, so that a saw-tooth
+does not hide the growth. The keyframe window of our localiser grows by 24 MB while it fills."""
 LEAK_SHARE = 0.02
 """Fraction of the growth by which the minimum of each part must exceed that of the previous part. Loading libraries and
 filling a window also need more than `LEAK_BYTES`, but the memory is constant afterwards."""
@@ -211,7 +212,7 @@ class RunningCall:
 
         MethodFailureError if the peak was beyond the memory limit, also between two samples.
         """
-        answer_s = self.monitor.clock.end()  # the first reading of the clock after the answer, which it compares
+        answer_s = self.monitor.clock.end()  # first after the answer: `end` compares this time with that of the kernel
         answered_s = time.monotonic()
         total_cpu_s = self.monitor.memory.tree.cpu_s()
         end_s = time.monotonic()

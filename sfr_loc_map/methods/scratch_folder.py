@@ -38,7 +38,9 @@ class ScratchFolder(AbstractContextManager["ScratchFolder"]):
         with ExitStack() as resources:
             self.path = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
             resources.callback(shutil.rmtree, self.path, ignore_errors=True)
-            self.images, self.log, self.work = (self.path / name for name in ("images", "log", "work"))
+            self.images = self.path / "images"
+            self.log = self.path / "log"
+            self.work = self.path / "work"
             self.output = str(self.path / "result")
             self.work.mkdir()
             # open in this process, so that the kernel grants the method no lease on the log

@@ -15,7 +15,7 @@ judged.
 The package `scoring` reads the inputs, calls these functions, and adds the provenance and the warnings.
 
 Everything that can be missing or wrong is a line of `completeness.shortfall_kinds`, which `judging.incomplete`
-evaluates; `completeness` has the drawing. `figures.subjects` states which figures, limits, expected items and task
+evaluates; `completeness` has the drawing. `figures.subjects` states which figures, expected items and task
 belong together.
 
 `statistics` are also used by `judging` and `stored`.

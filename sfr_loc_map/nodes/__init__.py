@@ -9,7 +9,7 @@ The path of a stereo pair through a node, in two threads:
 `monitor_node` passes results and ground truth to its worker in the same way, scores them (`scoring.live`), and
 publishes the score (`score_publisher`, `score_messages`) or saves it (`score_file`).
 
-- `lifecycle`: what the three nodes have in common (`managed_node`): states, parameters, endpoints, worker, health
+- `lifecycle`: what the three nodes have in common (`managed_node`): states, parameters, endpoints, health
 - `input`: reception of pairs, poses, extrinsics and true poses; what a node waits for (`waiting`)
 - `launch`: the nodes as processes; `start` is the first module of such a process
 - `localisation_session`: the localiser of the node, with its start pose; `pose_file`: the pose at which a new process

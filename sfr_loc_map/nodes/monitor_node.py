@@ -50,7 +50,7 @@ from sfr_loc_map.nodes.score_publisher import ScorePacing, ScorePublisher
 from sfr_loc_map.ros.point_messages import cloud_from_msg
 from sfr_loc_map.ros.pose_messages import covariance_of, odometry_row, transform_from_pose
 from sfr_loc_map.ros.qos import LATCHED, RELIABILITIES, profile
-from sfr_loc_map.ros.transport import TransportGaps
+from sfr_loc_map.ros.transport import TransportGaps, begin_counting
 from sfr_loc_map.run_order import AnyOrder, CommonRuns
 from sfr_loc_map.scoring.live.live_score import MAX_LISTED, DiscardedInterval, LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
@@ -241,8 +241,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         At the first message since the configuration, `on_first` is called in the worker's thread with the number of
         messages that were published before.
         """
-        gaps = self._gaps.setdefault(topic, TransportGaps())
-        gaps.begin_subscription()
+        gaps = begin_counting(self._gaps, topic)
         gaps.set_several(has_several_publishers)
 
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any message

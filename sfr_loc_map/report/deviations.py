@@ -44,7 +44,8 @@ CALLS_WITH_FINDINGS = {
     Task.LOCALISATION: (CallKind.LOCALISATION,),
     Task.MAPPING: (CallKind.MAPPING_CALL, CallKind.MAPPING),
 }
-"""Calls of each task. Findings are recorded with calls, and the states of poses with the calls of a localiser."""
+"""Calls of each task that show which pairs have calls. Findings are recorded with calls, and the states of poses with
+the calls of a localiser."""
 UNKNOWN_WITHOUT_CALLS = {
     Task.LOCALISATION: "Failures of the method in these calls, and which poses are lost or degraded,",
     Task.MAPPING: "Failures of the method in these calls",

@@ -46,10 +46,8 @@ from sfr_loc_map.tables.model import (
     number,
 )
 
-WITHOUT_NAME = (
-    None,
-    *READING_PARTS,
-)  #: Parts that are omitted in the name of a limit: the readings of the specification.
+WITHOUT_NAME = (None, *READING_PARTS)
+"""Parts that are omitted in the name of a limit: the readings of the specification."""
 
 
 @dataclass(frozen=True, slots=True)

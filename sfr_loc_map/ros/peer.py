@@ -15,7 +15,7 @@ from rclpy.subscription import Subscription
 from rclpy.utilities import try_shutdown
 
 from sfr_loc_map.ros import environment
-from sfr_loc_map.ros.transport import TransportGaps
+from sfr_loc_map.ros.transport import TransportGaps, begin_counting
 
 POLL_S = 0.05  #: Period at which conditions are checked, s.
 NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
@@ -71,9 +71,7 @@ class Peer:
 
     def count_messages(self, topic: str) -> TransportGaps:
         """Return the counter of the messages of a topic, to which a new subscription adds its message infos."""
-        gaps = self.message_counts.setdefault(topic, TransportGaps())
-        gaps.begin_subscription()
-        return gaps
+        return begin_counting(self.message_counts, topic)
 
     def count_losses(self) -> dict[str, int]:
         """Return the number of lost messages of each counted topic.

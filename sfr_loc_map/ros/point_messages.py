@@ -99,8 +99,7 @@ TRACK_FIELDS = ("u", "v", "before_u", "before_v", "residual")
 residual is the root of chi-square per degree of freedom divided by the gate of an inlier (1 and more: outlier; NaN: not
 found)."""
 
-
-MAX_TRACKS = 100_000
+MAX_TRACKS = 100_000  #: Maximum number of tracks in a message.
 
 
 def tracks_from_msg(message: PointCloud2) -> FloatArray32:

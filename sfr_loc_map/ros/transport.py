@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from typing import Any
 
 from sfr_loc_map.transport_issues import COMPARABLE_NS
@@ -78,3 +78,10 @@ class TransportGaps:
         if not several:
             self._lost_of_one = self.lost
         self._several = several
+
+
+def begin_counting(gaps_by_topic: MutableMapping[str, TransportGaps], topic: str) -> TransportGaps:
+    """Return the counter of a topic, to which a new subscription adds its message infos; the counts continue."""
+    gaps = gaps_by_topic.setdefault(topic, TransportGaps())
+    gaps.begin_subscription()
+    return gaps

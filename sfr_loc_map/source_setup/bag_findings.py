@@ -22,7 +22,6 @@ from sfr_loc_map.suite_names import SIDES, Task
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
 FEWEST_STAMPS = 3  #: Minimum number of left, and of right, stamps from which an offset is inferred.
-RIGS = tuple(task.rig for task in Task)
 STEADY = 0.1  #: Largest variation of a constant offset of the right stamps, as a fraction of the period.
 
 
@@ -47,7 +46,7 @@ def propose_topics(bag: Bag, given: SourceConfig) -> Findings:
 
 def propose_origin_of_stamps(bag: Bag) -> Findings:
     """Propose the times of recording if the header stamps of all images are 0."""
-    topics = [topic for rig in RIGS for topic in _image_topics(bag, rig)]
+    topics = [topic for task in Task for topic in _image_topics(bag, task.rig)]
     count = 0
     for _, stamp_ns, _ in bag.stream(topics):
         if stamp_ns:

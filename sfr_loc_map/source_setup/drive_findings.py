@@ -55,7 +55,8 @@ def propose_condition(stamps_ns: Sequence[int], truth: Truth) -> Findings:
     """Propose a condition with at least two sub-trajectories in the drive."""
     along_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)))
     left_m = along_m[-1] - np.interp(stamps_ns, truth.stamps_ns, along_m)[::SPACING_FRAMES]
-    metres, pairs = 5 if along_m[-1] >= SHORT_M else 1, len(stamps_ns)
+    metres = 5 if along_m[-1] >= SHORT_M else 1
+    pairs = len(stamps_ns)
     reason = f"the true path is {along_m[-1]:.1f} m long"
     if np.sum(left_m >= metres) >= 2:
         return Findings((Value(Key("conditions"), [f"distance={metres}"], reason),))

@@ -165,9 +165,9 @@ def test_the_parts_of_a_recorded_pair_have_their_own_stamps_and_one_without_a_po
         return None if topic.endswith("nav/pose") and number == 1 else message
 
     path = rewritten_bag(tmp_path / "changed.mcap", change)
-    parts = pair_of_message(open_source(path))
+    pair_of = pair_of_message(open_source(path))
     stamp_ns = nav_pair(0).pair.stamp_ns
-    assert {part: pair for part, pair in parts.items() if pair[0] == "nav"} == {
+    assert {message: pair for message, pair in pair_of.items() if pair[0] == "nav"} == {
         ("nav/left/image_rect", stamp_ns): ("nav", stamp_ns),
         ("nav/right/image_rect", stamp_ns + late_ns): ("nav", stamp_ns),
         ("nav/pose", stamp_ns): ("nav", stamp_ns),

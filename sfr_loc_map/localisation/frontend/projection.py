@@ -95,7 +95,7 @@ def scaled_point(ray: Vector, host_offset: Vector, inverse_depth: float) -> Vect
 
 @jit_fast_ir_inline
 def point_from(target: Pose, hosts: Poses, k: int, ray_x: float, ray_y: float, inverse_depth: float) -> Vector:
-    """Return the vector d from the target camera to a landmark with the host ray `(ray_x, ray_y, 1)` in `hosts[k]`."""
+    """Return the `scaled_point` from the target camera of a landmark with the ray `(ray_x, ray_y, 1)` in `hosts[k]`."""
     host_ray = rotated_ray(hosts.rotations[k], ray_x, ray_y)
     return scaled_point(host_ray, difference(hosts.positions[k], target.position), inverse_depth)
 

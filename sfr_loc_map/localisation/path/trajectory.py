@@ -102,7 +102,7 @@ def adjusted(path: PathState, window: SlidingWindow, model: RoverModel, *, has_y
     errors = path.errors.adjusted(model.sources.adjustment_inflation * window.covariance)
     last = path.last.adjusted(T_world_left)
     history = path.history
-    if history.last_ns == last.accepted_ns:  # not if an external pose has reset the path since then
+    if history.last_ns == last.accepted_ns:
         follows_directly = history.poses[-1].follows_directly
         history = history.with_last(_past_pose(last, errors, follows_directly=follows_directly))
     return replace(path, last=last, errors=errors, published=published, history=history)

@@ -27,12 +27,11 @@ holds the two states.
 
 Names in the formulas: f is the focal length, px, and b the baseline, m. Z_map is the median depth, m, of the landmarks
 of the map, which enters the terms of a pose. Z_tracked is that of the tracked landmarks, which enters the terms of a
-step. `given_keyframes` is the covariance of a
-pose given the keyframes, the inverse of `Tracks.information`. `yaw_sigma_px` is the standard deviation of the right
-camera's yaw, and `target_px` is the yaw to be corrected. `corrected_px` is the part of this yaw that is already
-corrected, `remaining_px` the rest (`online_calibration.YawEstimate`). `lens_turn` is the rotation per metre by residual
-lens distortion (`RoverModel.lens_turn_per_m`). Other names are fields of `ErrorSources`, or are explained beside the
-formula.
+step. `given_keyframes` is the covariance of a pose given the keyframes, the inverse of `Tracks.information`.
+`yaw_sigma_px` is the standard deviation of the right camera's yaw, and `target_px` is the yaw to be corrected.
+`corrected_px` is the part of this yaw that is already corrected, `remaining_px` the rest
+(`online_calibration.YawEstimate`). `lens_turn` is the rotation per metre by residual lens distortion
+(`RoverModel.lens_turn_per_m`). Other names are fields of `ErrorSources`, or are explained beside the formula.
 
 **The covariance of a pose** of the left camera in the world is the sum of seven terms (`PoseTerms`):
 

@@ -82,11 +82,11 @@ def sums_after_step(
 ) -> PathSums:
     """Return the sums after a step.
 
-        bias      += Z_map / (f b) displacement
-        corrected += corrected_px Z_map / (f b) displacement
-        correlated  += (0, lens_turn length of the displacement) + ambiguity
-        turned    += (angle of the added correlated error) position
-        drift_px = drift.total_px, which is a sum itself (`DriftEstimate`)
+        bias       += Z_map / (f b) displacement
+        corrected  += corrected_px Z_map / (f b) displacement
+        correlated += (0, lens_turn length of the displacement) + ambiguity
+        turned     += (angle of the added correlated error) position
+        drift_px    = drift.total_px, which is a sum itself (`DriftEstimate`)
 
     A step backwards undoes the turn of a step forwards (`systematic_step`). The length in `correlated` has no sign, so
     that the sum is an upper bound if the path has steps in both directions.

@@ -362,7 +362,7 @@ def _largest_steps(
 
 @jit_rows_inline
 def _step_from_plane(level: OuterHeights, row: int, column: int, near: IntArray, rise_x: float, rise_y: float) -> float:
-    """Return the largest high height minus the smallest low height of the cells `near` `(K, 2)` a cell.
+    """Return the largest high height minus the smallest low height of the cells around a cell, `near` `(K, 2)`.
 
     Both heights are relative to the plane of the cell, which rises by `rise_x` per column and by `rise_y` per row,
     metres. `level` does not contain the slope within a cell, so that a slope alone is not a step.

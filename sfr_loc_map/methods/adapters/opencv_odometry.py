@@ -29,9 +29,12 @@ RETURN_PX = 1.0  #: Largest distance of a corner from its position after forward
 ROW_PX = 1.0  #: Largest vertical disparity of a corner.
 MIN_INLIERS = 8  #: Smallest number of points that confirm a motion, which three points determine.
 MIN_DISPARITY_PX = 1.0  #: Smallest disparity of a corner, whose depth is otherwise too uncertain.
-WINDOW_PX, PYRAMID_LEVELS = 21, 4  #: Width of the patches and highest level of the optical flow.
+WINDOW_PX = 21  #: Width of the patches of the optical flow.
+PYRAMID_LEVELS = 4  #: Highest level of the pyramid of the optical flow.
 FLOW_ENDS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.01)  #: At most 30 iterations, or a step of 0.01 px.
-RANSAC_ITERATIONS, RANSAC_ERROR_PX, RANSAC_CONFIDENCE = 200, 1.0, 0.999  #: Limits of the search for inliers of PnP.
+RANSAC_ITERATIONS = 200  #: Maximum number of iterations of the search for inliers of PnP.
+RANSAC_ERROR_PX = 1.0  #: Largest reprojection error of an inlier.
+RANSAC_CONFIDENCE = 0.999  #: Confidence at which the search ends.
 
 Corners = NDArray[np.float32]
 

@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.placement import PlacedFrames
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 
-LEAST_ERROR = 1e-9  #: Smallest error that is no rounding error, in the unit of the figure.
+LEAST_ERROR = 1e-9  #: Errors up to this size, in the unit of the figure, are attributed to rounding.
 NAMED_FRAMES = 5  #: Maximum number of ranges of frames that a message names.
 
 

@@ -1,4 +1,4 @@
-"""The subjects of a score: which figures, limits, expected items and task belong together (`SUBJECTS`)."""
+"""The subjects of a score: which figures, expected items and task belong together (`SUBJECTS`)."""
 
 from __future__ import annotations
 
@@ -46,17 +46,16 @@ class SubjectOfLimits(NamedTuple):
     """A subject that limits can be about, and what belongs to it."""
 
     subject: Subject
-    sections: tuple[LimitSection, ...]  #: Sections of a limits file with limits on these figures.
     scope: Scope | None  #: What must be complete for a pass of these limits; None if nothing has to be complete.
     task: Task | None  #: Task that these figures are about; None if the limit states the task (`limit_scope.task_of`).
 
 
 SUBJECTS = (
-    SubjectOfLimits(Subject.TRAJECTORY, (LimitSection.TRAJECTORY,), Scope.DRIVE, Task.LOCALISATION),
-    SubjectOfLimits(Subject.MAP, (LimitSection.MAP,), Scope.MAP, Task.MAPPING),
-    SubjectOfLimits(Subject.TIMING, (LimitSection.TIMING, LimitSection.TARGET), Scope.CALLS, None),
-    SubjectOfLimits(Subject.MEMORY, (LimitSection.MEMORY, LimitSection.TARGET), Scope.MEMORY, None),
-    SubjectOfLimits(Subject.COMPLETENESS, (LimitSection.COMPLETENESS,), None, None),
+    SubjectOfLimits(Subject.TRAJECTORY, Scope.DRIVE, Task.LOCALISATION),
+    SubjectOfLimits(Subject.MAP, Scope.MAP, Task.MAPPING),
+    SubjectOfLimits(Subject.TIMING, Scope.CALLS, None),
+    SubjectOfLimits(Subject.MEMORY, Scope.MEMORY, None),
+    SubjectOfLimits(Subject.COMPLETENESS, None, None),
 )
 """The subjects of limits. The other subjects have no limits."""
 SCOPE_OF = {each.subject: each.scope for each in SUBJECTS}

@@ -28,8 +28,8 @@ def tasks_of(score: Score) -> list[Task]:
     """Return the tasks that a score is about."""
     return [
         task
-        for task, (subject, _, scope, _) in SUBJECT_OF.items()
-        if score.has(subject) or score.figure(JUDGED, part=scope) is not None
+        for task, each in SUBJECT_OF.items()
+        if score.has(each.subject) or score.figure(JUDGED, part=each.scope) is not None
     ]
 
 

@@ -284,7 +284,7 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
     def figures_with_all_errors(self) -> frozenset[tuple[str, str]]:
         """Limited figures of the trajectory and their conditions.
 
-        A score contains all their errors, so that the limited statistics and tolerance bounds can be recomputed.
+        A score contains all their errors, from which tolerance bounds are derived again.
         """
         limits = [item for item in self.limits if item.section is LimitSection.TRAJECTORY]
         pairs = ((item.limited.figure, item.condition) for item in limits)

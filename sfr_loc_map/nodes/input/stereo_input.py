@@ -25,14 +25,15 @@ from sfr_loc_map.parallel import both
 from sfr_loc_map.ros.environment import EXPORT_LINE
 from sfr_loc_map.ros.image_messages import check_image
 from sfr_loc_map.ros.qos import RELIABILITIES, profile
-from sfr_loc_map.ros.transport import TransportGaps
+from sfr_loc_map.ros.transport import TransportGaps, begin_counting
 from sfr_loc_map.run_order import RunOrder
 from sfr_loc_map.stamp_pairing import MAX_TOLERANCE_S, STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.suite_names import SIDES, Side
-from sfr_loc_map.topics import COMPRESSED_END
+from sfr_loc_map.topics import COMPRESSED_END, RAW, RECTIFIED
 from sfr_loc_map.transport_issues import MUCH_LOST, doubled_publishers, loss_fix
 
-IMAGE_TYPES = {"raw": Image, "compressed": CompressedImage}  #: Message types by their transport.
+TRANSPORTS = {"raw": ("", Image), "compressed": (COMPRESSED_END, CompressedImage)}
+"""Ending of the topic and type of its messages, by the transport of the images."""
 LOSS_WINDOW = 40  #: Minimum number of images over which the fraction lost in transport is computed.
 RECENT = 200  #: Number of stamps kept of each side, to explain why its images form no pair.
 ReceivedImage = tuple[Any, Mapping[str, Any]]
@@ -136,12 +137,10 @@ class StereoInput:
         self._order: RunOrder[tuple[ReceivedImage, ReceivedImage]] = RunOrder(agreeing)
         self._name, self._config, self._status, self._endpoints = name, config, status, endpoints
         self._on_pair, self._on_new_run = on_pair, on_new_run
-        stem = "image_raw" if config.rectify else "image_rect"
-        ends = {"raw": "", "compressed": COMPRESSED_END}
-        transports = ends if config.image_transport == "auto" else (config.image_transport,)
-        self._images: dict[str, type[Any]] = {
-            f"{stem}{ends[transport]}": IMAGE_TYPES[transport] for transport in transports
-        }  # message type of an image by the last part of its topic
+        stem = RAW if config.rectify else RECTIFIED
+        used = TRANSPORTS if config.image_transport == "auto" else (config.image_transport,)
+        # message type of an image by the last part of its topic
+        self._images: dict[str, type[Any]] = {f"{stem}{end}": kind for end, kind in (TRANSPORTS[name] for name in used)}
         self._dropped = {"rejected": 0, "unstamped": 0, "without_camera_info": 0}
         self._infos = CameraInfoPair()
         self._latched: set[Side] = set()  # sides with a subscription to a latched camera_info
@@ -174,8 +173,7 @@ class StereoInput:
             stem = f"{self._name}/{side}"
             add_subscription(CameraInfo, f"{stem}/camera_info", partial(self._add_camera_info, side), qos)
             for name, kind in self._images.items():
-                gaps = self._gaps.setdefault(f"{stem}/{name}", TransportGaps())
-                gaps.begin_subscription()
+                gaps = begin_counting(self._gaps, f"{stem}/{name}")
                 remove = add_subscription(kind, f"{stem}/{name}", partial(self._receive_image, side, gaps), qos)
                 if kind is CompressedImage:
                     self._remove_compressed[side] = remove

@@ -1,1 +1,1 @@
-"""Common parts of the three nodes: lifecycle, endpoints, parameters, health on /diagnostics, worker thread."""
+"""Common parts of the three nodes: lifecycle, endpoints, parameters, health on /diagnostics."""

@@ -168,11 +168,12 @@ def check_input_files(configuration: Configuration) -> None:
 def in_section(configuration: Configuration, section: str) -> Configuration:
     """Return the part of a configuration that is in a section, with names that do not begin with the section."""
     return Configuration(
-        _in_section(configuration.parameters, section), _in_section(configuration.input_files, section)
+        values_in_section(configuration.parameters, section), values_in_section(configuration.input_files, section)
     )
 
 
-def _in_section(values: Mapping[str, T], section: str) -> dict[str, T]:
+def values_in_section(values: Mapping[str, T], section: str) -> dict[str, T]:
+    """Return the values of a section, by their names within the section."""
     prefix = f"{section}."
     return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
 

@@ -51,7 +51,7 @@ from sfr_loc_map.suite.running.configurations import (
     Configuration,
     check_input_files,
     chosen_method,
-    in_section,
+    values_in_section,
 )
 from sfr_loc_map.suite.running.job import NATIVE_THREADS, Job, JobTask
 from sfr_loc_map.suite.running.source_readers import local_path
@@ -222,7 +222,7 @@ def _scored(job: Job, run: Run) -> Score:
 
 def _parameters_of(job: Job, section: str) -> Mapping[str, object]:
     """Return the parameters of a section by their names within the section."""
-    return in_section(Configuration(job.parameters), section).parameters
+    return values_in_section(job.parameters, section)
 
 
 def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Provenance:

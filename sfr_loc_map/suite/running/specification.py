@@ -67,9 +67,8 @@ class SuiteSettings:
 class Refusal(Struct, frozen=True, rename={"name": "path"}):
     """A source that cannot be read, lacks data for a task, or has a result but no job any more, and the reason."""
 
-    name: (
-        str  #: Name of the source, or text of an entry of `sources` without a source. Its key in `suite.json`: `path`.
-    )
+    #: Name of the source, or text of an entry of `sources` without a source. Its key in `suite.json`: `path`.
+    name: str
     reason: str
     entry: int = 0  #: Number of the entry of `sources`, from 1; 0 for a source that is no longer part of the suite.
     source: str = ""  #: Location of the source (`StatedSource.location`); empty for the complete entry.

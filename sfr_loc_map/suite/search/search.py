@@ -152,8 +152,7 @@ class _Points:
 
     def worst_seed(self, point: Point) -> int:
         """Return the seed with the largest ratio at a point that was run."""
-        jobs = zip(self._specification.seeds, self._specification.jobs_at(point), strict=True)
-        return max(jobs, key=lambda item: self._ratio_of(item[1]))[0]
+        return max(self._specification.jobs_at(point), key=self._ratio_of).seed
 
 
 def _search(specification: SearchSpecification, points: _Points, *, at_random: bool) -> SearchResult:

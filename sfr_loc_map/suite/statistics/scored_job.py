@@ -77,10 +77,14 @@ class ResultReader:
 
         InputError if a result cannot be read, or if a result is not that of its job.
         """
+        found = []
         for job in jobs:
-            if job.key not in self._read and self._store.state(job) is JobState.DONE:
-                self._read[job.key] = self._judged(job)
-        return [self._read[job.key] for job in jobs if job.key in self._read]
+            key = job.key  # a hash of all inputs
+            if key not in self._read and self._store.state(job) is JobState.DONE:
+                self._read[key] = self._judged(job)
+            if key in self._read:
+                found.append(self._read[key])
+        return found
 
     def _judged(self, job: Job) -> ScoredJob:
         """Return the result of a job, judged by the limits that apply to its subjects."""

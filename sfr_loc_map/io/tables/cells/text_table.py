@@ -133,7 +133,9 @@ def parse_table(
     reader = _BlockReader(name, form, tolerant, marks)
     row_lines, stamps_ns = np.zeros(0, np.int64), np.zeros(0, np.int64)
     values = np.zeros((0, form.value_count))
-    line_count, invalid, skipped = 0, list[str](), list[int]()
+    line_count = 0
+    invalid = list[str]()
+    skipped = list[int]()
     for block in blocks:
         text, lines, line_count = _rows_of(block.removeprefix(BOM) if not line_count else block, line_count, skip)
         rows = reader.read(text, lines)

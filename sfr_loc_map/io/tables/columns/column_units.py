@@ -20,7 +20,8 @@ def units_below(head: TableHead, number: int, count: int) -> list[str]:
     """Return the units of `count` columns in a line between the header and the rows; empty without such a line.
 
     `number` is the index of the header. A comment is such a line only if its units are known, or if it has a unit of
-    time. Any other line without a number is also such a line, and `check_units` refuses its unknown units.
+    time. Any other line without a number is also such a line, and `check_units_are_supported` refuses its
+    unknown units.
     """
     for line in head.before[number + 1 :]:
         units = units_in(head.cells_of(line))

@@ -116,8 +116,8 @@ def _without_layout(head: TableHead, width: int, fitting: Sequence[RowLayout]) -
         advice = f"name the columns: {alternatives(options)}"
     else:
         problem = f", and fits no layout of: {'; '.join(layout.name for layout in LAYOUTS)}"
-        keys = (STAMP, *POSITION) if width < len(_POSE) + 1 else (STAMP, *_POSE)
-        advice = head.named_by(",".join((f"{STAMP}[{head.time_unit}]", *keys[1:])))
+        keys = POSITION if width <= len(_POSE) else _POSE
+        advice = head.named_by(",".join((f"{STAMP}[{head.time_unit}]", *keys)))
         if width <= len(POSITION):
             advice = "a stamp and three coordinates are required in each row"
     return InputError(
