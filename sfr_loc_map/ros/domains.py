@@ -8,8 +8,10 @@ to one program at a time, and releases the port when the program ends or crashes
 from __future__ import annotations
 
 import random
+import re
 import socket
 from collections.abc import Iterable
+from pathlib import Path
 
 from sfr_loc_map.errors import NodeError
 
@@ -21,6 +23,11 @@ HELD_PORT = 249
 """Port that holds a domain, relative to the first port of the domain. Only the 120th participant would use it."""
 PROBED_PARTICIPANTS = 10
 """Number of participants whose ports are probed. The first participants may have ended while later participants run."""
+FIRST_PORT = 7400
+"""First port of domain 0."""
+PORTS_PER_DOMAIN = 250
+SHARED_MEMORY = Path("/dev/shm")
+"""Folder with the shared-memory ports of Fast DDS, named by their numbers."""
 
 
 class HeldDomain:
@@ -46,12 +53,15 @@ def hold_domain(candidates: Iterable[int] = DOMAINS) -> HeldDomain:
     """Return a domain that no program holds and in which no participant of this host is found.
 
     Participants of programs that hold no domain are found by their ports, because a user may have chosen their domain.
-    Raises NodeError if there is no such domain.
+    Domains with shared-memory ports are tried last: a killed process leaves its ports, and a container that shares only
+    the memory of this host has participants whose UDP ports are not seen. Raises NodeError if there is no such domain.
     """
     shuffled = list(candidates)
     random.SystemRandom().shuffle(shuffled)  # so that the domain of a killed process is rarely chosen next
+    used = _domains_in_shared_memory()
+    shuffled.sort(key=lambda number: number in used)
     for number in shuffled:
-        first_port = 7400 + 250 * number
+        first_port = FIRST_PORT + PORTS_PER_DOMAIN * number
         lock = _bound(first_port + HELD_PORT)
         if lock is None:
             continue
@@ -62,6 +72,13 @@ def hold_domain(candidates: Iterable[int] = DOMAINS) -> HeldDomain:
         f"all ROS domains from {min(shuffled)} to {max(shuffled)} are in use on this host: end a program that uses "
         "one, or set ROS_DOMAIN_ID"
     )
+
+
+def _domains_in_shared_memory() -> set[int]:
+    """Return the domains that have a shared-memory port of Fast DDS on this host."""
+    names = (path.name for path in SHARED_MEMORY.glob("fastrtps_port*"))
+    ports = (int(found[1]) for name in names if (found := re.fullmatch(r"fastrtps_port(\d+)", name)))
+    return {(port - FIRST_PORT) // PORTS_PER_DOMAIN for port in ports}
 
 
 def _has_participants(first_port: int) -> bool:

@@ -3,11 +3,12 @@
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.ros import environment
+from sfr_loc_map.ros import domains, environment
 from sfr_loc_map.ros.domains import DOMAINS, hold_domain
 
 
@@ -34,6 +35,22 @@ def test_no_two_programs_choose_one_domain() -> None:
         participant.bind(("127.0.0.1", 7400 + 250 * number + 12))
         with pytest.raises(NodeError, match="set ROS_DOMAIN_ID"):
             hold_domain([number])
+
+
+def test_a_domain_with_ports_in_the_shared_memory_is_chosen_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """These belong to a killed process, or to one of a container that shares only the memory of this host."""
+    monkeypatch.setattr(domains, "SHARED_MEMORY", tmp_path)
+    with hold_domain() as first, hold_domain() as second:
+        pair = first.number, second.number
+    (tmp_path / f"fastrtps_port{7400 + 250 * pair[0] + 11}").touch()
+    (tmp_path / f"fastrtps_port{7400 + 250 * pair[1] + 250}").touch()  # of the domain after it
+    for _ in range(10):
+        with hold_domain(pair) as chosen:
+            assert chosen.number == pair[1]
+    with hold_domain([pair[0]]):
+        pass
 
 
 def test_fast_dds_of_both_versions_gets_the_same_profile() -> None:
