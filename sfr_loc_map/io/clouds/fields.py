@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
+from sfr_loc_map.geometry.cloud import COLUMNS, PointCloud
 from sfr_loc_map.io.tables.cells.number_text import is_decimal
 from sfr_loc_map.io.tables.cells.stamp_text import parse_stamp_ns
 from sfr_loc_map.message_text import counted
@@ -46,8 +46,9 @@ class CloudFields:
         comments = [] if cloud.fused is None else [f"sfr {FUSED} {str(cloud.fused).lower()}"]
         if cloud.pair_stamps_ns is not None:
             comments.append(f"sfr {PAIR_STAMPS} {' '.join(map(str, cloud.pair_stamps_ns))}")
-        records = cloud.to_structured()
-        return cls({name: records[name] for name in FIELD_TYPES}, comments)
+        axes = {name: cloud.xyz[:, axis] for axis, name in enumerate("xyz")}
+        others = {name: getattr(cloud, name) for name in COLUMNS[1:]}
+        return cls(axes | others, comments)
 
     @classmethod
     def of_points(cls, xyz: FloatArray) -> CloudFields:

@@ -43,7 +43,7 @@ def pcd_bytes(fields: CloudFields) -> bytes:
         f"POINTS {len(records)}",
         "DATA binary",
     ]
-    return ("\n".join(head) + "\n").encode() + records.tobytes()
+    return b"".join((("\n".join(head) + "\n").encode(), records.data))  # one copy of the records
 
 
 def read_pcd(data: bytes) -> CloudFields:

@@ -39,7 +39,7 @@ def ply_bytes(fields: CloudFields) -> bytes:
     comments = [f"comment {text}" for text in fields.comments]
     vertices = [f"element vertex {len(records)}", *properties]
     head = ["ply", "format binary_little_endian 1.0", *comments, *vertices, "end_header"]
-    return ("\n".join(head) + "\n").encode() + records.tobytes()
+    return b"".join((("\n".join(head) + "\n").encode(), records.data))  # one copy of the records
 
 
 @dataclass(frozen=True, slots=True)
