@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +17,29 @@ from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 
 UNAFFECTED = -1  #: Burst start of a pair without a fault.
-SELECTION = 0  #: Stream of random numbers that selects the pairs of a fault.
 
 
-def generator(seed: tuple[int, int], stream: int) -> np.random.Generator:
-    """Return the random generator of a stream of a fault.
+class RandomStreams(NamedTuple):
+    """The independent random generators of a fault: one for the selection of pairs, one for each pair, one shared.
 
-    The streams of `count` pairs are `SELECTION`, the indices 1 to `count - 1` of the pairs, `count` for the drive, and
-    `count + 1` for the first pair, whose index is that of `SELECTION`.
+    The streams are numbered: 0 for the selection, the index for a pair, and the number of pairs for the drive. The
+    first pair has the next number, because its index 0 is that of the selection.
     """
-    return np.random.default_rng([*seed, stream])
+
+    seed: tuple[int, int]  #: Seed of the drive, and number of the fault.
+    pair_count: int  #: Number of pairs of the drive.
+
+    def of_selection(self) -> np.random.Generator:
+        """Return the generator that selects the affected pairs."""
+        return np.random.default_rng([*self.seed, 0])
+
+    def of_pair(self, index: int) -> np.random.Generator:
+        """Return the generator of a pair."""
+        return np.random.default_rng([*self.seed, self.pair_count + 1 if index == 0 else index])
+
+    def of_drive(self) -> np.random.Generator:
+        """Return a generator that starts at the same state for each pair of the drive."""
+        return np.random.default_rng([*self.seed, self.pair_count])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,13 +47,14 @@ class PlannedFault:
     """A fault with the selected pairs of a drive and its random generators."""
 
     fault: Fault
-    seed: tuple[int, int]  #: Seed of the drive, and number of the fault.
+    streams: RandomStreams
     starts: NDArray[np.intp]  #: `(count,)` first pair of the burst that affects each pair, or `UNAFFECTED`.
 
     @classmethod
     def of(cls, fault: Fault, seed: tuple[int, int], count: int) -> PlannedFault:
         """Select the affected pairs of `count` pairs."""
-        return cls(fault, seed, burst_starts(fault, generator(seed, SELECTION), count))
+        streams = RandomStreams(seed, count)
+        return cls(fault, streams, burst_starts(fault, streams.of_selection(), count))
 
     def affects(self, index: int) -> bool:
         """Return whether the fault affects a pair."""
@@ -72,8 +87,7 @@ class PlannedFault:
         if not self.affects(index):
             return pair
         fault = self.fault
-        count = len(self.starts)
-        pair_rng = generator(self.seed, index if index != SELECTION else count + 1)
+        pair_rng = self.streams.of_pair(index)
         affected = Affected(
             pair=pair,
             previous=previous,
@@ -85,7 +99,7 @@ class PlannedFault:
             progress=(index - int(self.starts[index]) + 0.5) / fault.burst,
             spot=pair_rng.random(2),
             pair_rng=pair_rng,
-            drive_rng=generator(self.seed, count),
+            drive_rng=self.streams.of_drive(),
         )
         return fault.kind.info.change(affected)
 
