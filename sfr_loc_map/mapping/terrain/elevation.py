@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.cloud_checks import check_random_sigma, check_sigma
-from sfr_loc_map.mapping.rays import rays_from_cameras
+from sfr_loc_map.mapping.point_covariance import rays_from_cameras
 from sfr_loc_map.mapping.terrain.cells import CellGrid
 
 TYPICAL_SLOPE = 0.1

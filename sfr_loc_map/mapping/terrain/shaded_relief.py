@@ -15,7 +15,7 @@ LIGHT = np.array([-1.0, 1.0, 1.5])
 AMBIENT = 0.35  #: Fraction of the light that does not depend on the slope.
 MAX_BRIGHTNESS = 1.3  #: Maximum brightness by the light, relative to level ground. Brighter slopes are clipped.
 GAP_SIGMA_CELLS = 1.0  #: Standard deviation of the Gaussian that fills gaps, cells.
-MIN_KNOWN_FRACTION = 0.1  #: Minimum weighted fraction of neighbours with a height for a gap to be filled in the image.
+MIN_FILLED_WEIGHT = 0.1  #: Minimum weighted fraction of neighbours with a height for a gap to be filled.
 MIN_DIVISOR = 1e-6  #: Lower bound of the weights and of the range of the heights, m, which are divisors.
 VOID = (32, 32, 32)  #: Colour of a cell without a height.
 
@@ -47,7 +47,7 @@ def _with_filled_gaps(height_m: FloatArray32) -> FloatArray32:
     total = cv2.GaussianBlur(weighted, (0, 0), GAP_SIGMA_CELLS)
     known_fraction = cv2.GaussianBlur(weight, (0, 0), GAP_SIGMA_CELLS)
     near = np.asarray(total / np.maximum(known_fraction, MIN_DIVISOR), np.float32)
-    near[known_fraction < MIN_KNOWN_FRACTION] = np.nan
+    near[known_fraction < MIN_FILLED_WEIGHT] = np.nan
     return np.where(weight > 0, height_m, near)
 
 
