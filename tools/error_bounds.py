@@ -34,8 +34,8 @@ from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.disparity_states import MeasuredDisparity
-from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
+from sfr_loc_map.mapping.disparity.estimation import refine_pair
+from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 from sfr_loc_map.mapping.search_range import search_range_of
 from sfr_loc_map.runs.drive_start import start_pose
 
@@ -45,14 +45,14 @@ TILE = 64
 """Side of an image part, px, in which the disparities are assumed to be a stationary field."""
 
 
-def estimated(pair: StereoPair, rig: StereoRig) -> MeasuredDisparity:
-    """Return the mapper's disparities of a pair."""
-    return estimate_disparity(pair, rig.camera, search_range_of(rig, MappingConfig()).count)
+def refined(pair: StereoPair, rig: StereoRig) -> RefinedDisparity:
+    """Return the mapper's disparities of a pair, defined everywhere."""
+    return refine_pair(pair, rig.camera, search_range_of(rig, MappingConfig()).count).refined
 
 
-def noise_of(disparity: MeasuredDisparity) -> float:
+def noise_of(disparity: RefinedDisparity) -> float:
     """Return the noise of one image, grey levels, from residuals, which have the noise of two images."""
-    return disparity.pair.field.noise_grey / np.sqrt(2.0)
+    return disparity.noise_grey / np.sqrt(2.0)
 
 
 def gradients(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -98,7 +98,7 @@ def sights(source: Path) -> tuple[list[Sight], list[Transform], StereoRig]:
     drive = drive_of(open_source(source))
     rig, truth = drive.rig, drive.ground_truth
     pairs = list(drive.pairs())
-    noise = float(np.median([noise_of(estimated(pair, rig)) for pair in pairs[:: max(len(pairs) // 8, 1)]]))
+    noise = float(np.median([noise_of(refined(pair, rig)) for pair in pairs[:: max(len(pairs) // 8, 1)]]))
     print(f"noise of an image: {noise:.2f} grey levels")
     localiser = RecordingLocaliser(rig, LocalisationConfig(), start_pose(drive, "truth"))
     found, true = [], []
@@ -229,7 +229,7 @@ def bound_map(source: Path, contrast: float, more_noise: float) -> None:
         depth = (posed.T_lm_navsb @ rig.T_sb_left).inverse().apply(posed.truth)[..., 2]
         truth = rig.fx * rig.baseline_m / np.where((depth > 0.0) & (depth < 40.0), depth, np.nan)
         pair = changed(posed.pair, contrast, more_noise, random)
-        disparity = estimated(pair, rig)
+        disparity = refined(pair, rig)
         noise = noise_of(disparity)
         along_u, _ = gradients(pair.left)
         for top in range(0, rig.height - TILE + 1, TILE // 2):
@@ -246,7 +246,7 @@ def bound_map(source: Path, contrast: float, more_noise: float) -> None:
                 # the plane adds three unknowns
                 variance = np.mean(spectrum / (1.0 + spectrum * information)) + 3.0 / (information * TILE * TILE)
                 bounds.append(np.sqrt(variance))
-                errors.append((disparity.pair.px - truth)[tile].ravel())
+                errors.append((disparity.disparity_px - truth)[tile].ravel())
                 rows.append(np.abs(left_over).max() < 1.0)
         print(f"noise of an image: {noise:.2f} grey levels")
     bound, smooth = np.array(bounds), np.array(rows)

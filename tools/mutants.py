@@ -100,7 +100,7 @@ GAPS = "metrics/completeness/gaps.py"
 CALL_CHECKS, CALL_POSES = "scoring/call_checks.py", "calls/call_poses.py"
 DRIVES, JOB = "suite/running/drive_copies.py", "suite/running/job.py"
 EXPOSURE, HOLES = "mapping/disparity/exposure.py", "mapping/disparity/hole_filling.py"
-FUSION, TERRAIN_GRID = "mapping/multiview/fusion.py", "mapping/terrain/terrain_grid.py"
+FUSION, STEPS = "mapping/multiview/fusion.py", "mapping/terrain/steps.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
     Mutation(FORMULAS, "np.arange(0, frames, spacing)", "np.arange(1, frames, spacing)"),
@@ -599,7 +599,11 @@ MUTATIONS = (
     Mutation("localisation/frontend/patch_slopes.py", "-pixels.rows[k] * by_x", "pixels.rows[k] * by_x"),
     Mutation("localisation/frontend/feature_detection.py", "mean - np.sqrt(", "mean + np.sqrt("),
     # maps
-    Mutation("mapping/mapper.py", "warnings=warnings + fused.warnings", "warnings=fused.warnings"),
+    Mutation(
+        "mapping/mapper.py",
+        "warnings=warnings_of_pairs([item.warnings for item in maps]) + fused.warnings",
+        "warnings=fused.warnings",
+    ),
     Mutation(
         "mapping/reprojection.py",
         "length * depth * depth / scale * sigma_px[i, j]",
@@ -622,7 +626,7 @@ MUTATIONS = (
         "return -px_per_row * rows_below_centre",
         "return px_per_row * rows_below_centre",
     ),
-    Mutation(HOLES, "unsaturated & has_new_hypotheses & ~scene.valid", "has_new_hypotheses & ~scene.valid"),
+    Mutation(HOLES, "~saturated & has_new_hypotheses & ~after.valid", "has_new_hypotheses & ~after.valid"),
     Mutation(HOLES, "NEARBY_PX) < MAX_DEPTH_RATIO", "NEARBY_PX) < F(100.0) * MAX_DEPTH_RATIO"),
     Mutation(FUSION, "points.xyz + own.rays * relative_step", "points.xyz - own.rays * relative_step"),
     Mutation(FUSION, "COMMON_VARIANCE * np.square(own.sigma) + (1.0", "0.0 * np.square(own.sigma) + (1.0"),
@@ -631,17 +635,17 @@ MUTATIONS = (
     Mutation(FUSION, "<= MAX_RANGE_FACTOR * own.ranges", "<= own.ranges"),
     Mutation("mapping/multiview/registration.py", "rhs = rhs - weighted.T @ r", "rhs = rhs + weighted.T @ r"),
     Mutation("mapping/multiview/pose_agreement.py", "if i < j and overlap.common", "if overlap.common"),
-    Mutation("mapping/disparity/final_disparity.py", "px < min_disparity_px", "filled.px < 0.5 * min_disparity_px"),
+    Mutation("mapping/disparity/estimation.py", "px < search.min_disparity_px", "px < 0.5 * search.min_disparity_px"),
     Mutation("mapping/multiview/fixed_content.py", "motion_px > MIN_MOTION_PX", "motion_px < MIN_MOTION_PX"),
     Mutation("mapping/terrain/elevation.py", "z_squared / (x_squared", "x_squared / (x_squared"),
     Mutation(
         "mapping/terrain/elevation.py", "variance_of_points = count / weights", "variance_of_points = 1.0 / weights"
     ),
-    Mutation(TERRAIN_GRID, "high - raw.low[i, j] - rise", "high - raw.low[i, j] + rise"),
-    Mutation(TERRAIN_GRID, "raw.high[i, j] - low - rise", "raw.high[i, j] - low + rise"),
-    Mutation(TERRAIN_GRID, "if n < MIN_KNOWN_FRACTION * size", "if n < size"),
-    Mutation(TERRAIN_GRID, "heights[min(high_rank, last - 1)]", "heights[high_rank]"),
-    Mutation(TERRAIN_GRID, "cov_xx * cov_yy - cov_xy * cov_xy", "cov_xx * cov_yy"),
+    Mutation(STEPS, "high - raw.low[i, j] - rise", "high - raw.low[i, j] + rise"),
+    Mutation(STEPS, "raw.high[i, j] - low - rise", "raw.high[i, j] - low + rise"),
+    Mutation("mapping/terrain/planes.py", "if n < MIN_PLANE_FRACTION * size", "if n < size"),
+    Mutation(STEPS, "heights[min(high_rank, last - 1)]", "heights[high_rank]"),
+    Mutation("mapping/terrain/planes.py", "cov_xx * cov_yy - cov_xy * cov_xy", "cov_xx * cov_yy"),
     # simulated drives
     Mutation("simulation/drive.py", "grip = 1.0 - min(max(", "grip = 1.0 + min(max("),
     Mutation("simulation/drive.py", "math.copysign(1.0, radius) * angle", "angle"),

@@ -23,17 +23,16 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity import jump_network, matching_cost, surfaces
+from sfr_loc_map.mapping.disparity.estimation import refine_pair
 from sfr_loc_map.mapping.disparity.jump_network import (
     JumpFeatures,
     JumpNetwork,
-    JumpScene,
     classified_pixels,
     jump_features,
     network_input,
 )
-from sfr_loc_map.mapping.disparity.pair_refinement import refine_pair
-from sfr_loc_map.mapping.disparity.pixel_status import is_valid
-from sfr_loc_map.mapping.disparity.validity import jump_scene, status_before_wrong_surface
+from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
+from sfr_loc_map.mapping.disparity.validity import is_valid, status_before_wrong_surface
 from sfr_loc_map.mapping.filters import local_variance
 from sfr_loc_map.mapping.search_range import search_range_of
 
@@ -101,11 +100,11 @@ def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndar
             yield inputs[some].astype(float), error_px[some]
 
 
-def scene_of(pair: StereoPair, rig: StereoRig) -> JumpScene:
+def scene_of(pair: StereoPair, rig: StereoRig) -> DisparityScene:
     """Return the input of the network as the mapper computes it with default parameters."""
-    refined = refine_pair(pair, rig.camera, search_range_of(rig, MappingConfig()).count)
-    status = status_before_wrong_surface(refined, local_variance(refined.left))
-    return jump_scene(refined, is_valid(status))
+    scene, refined, _ = refine_pair(pair, rig.camera, search_range_of(rig, MappingConfig()).count)
+    status = status_before_wrong_surface(scene, refined, local_variance(scene.left))
+    return scene._replace(valid=is_valid(status))
 
 
 def reference_inputs() -> dict[str, Any]:

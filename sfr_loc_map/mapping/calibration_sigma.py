@@ -9,7 +9,7 @@ The configured residual distortion (`CalibrationPrior.distortion_px`) sets the t
 - A vertical offset above the distortion and above `MIN_ROTATION_PX` increases sigma like a pitch
   (`_pitch_threshold_px`). The threshold contains no noise, because an offset is measured to a few hundredths of a
   pixel.
-- Vertical disparity above a multiple of the distortion causes a warning (`pair_findings.vertical_warning_px`).
+- Vertical disparity above a multiple of the distortion causes a warning (`findings.vertical_warning_px`).
 
 A larger configured distortion therefore increases sigma, but also raises the yaw, the offset and the vertical disparity
 that remain without effect.
@@ -76,7 +76,7 @@ def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, prior: Calibr
     """Return the uncertainty of the calibration given the rotation of the right camera that is measured in a pair.
 
     A significant yaw is added to the configured uncertainty in quadrature and is not compensated. A vertical offset
-    above `_pitch_threshold_px` is added as a pitch and is not reported. Roll is compensated (`final_disparity`).
+    above `_pitch_threshold_px` is added as a pitch and is not reported. Roll is compensated (`estimate_disparity`).
 
     Residual distortion causes an error along rows that is about as large as the vertical disparity:
 

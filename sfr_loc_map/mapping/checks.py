@@ -12,9 +12,7 @@ from sfr_loc_map.geometry.plausibility import plausible_rotations
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.mapping.disparity.disparity_states import MeasuredDisparity
 from sfr_loc_map.mapping.maps import MappedPair
-from sfr_loc_map.mapping.mismatch_cause import likely_cause
 
 MAX_LM_M = 1e4
 """Maximum coordinate of the cameras in LM, metres. Points are float32 numbers, which are rounded by up to 0.5 mm at
@@ -22,10 +20,6 @@ this distance from the origin. Rounding errors are not part of sigma."""
 MIN_CONTRAST = 2.0
 """Minimum standard deviation of an image, grey levels. Images of a covered camera with low noise are below this
 threshold. Images of a covered camera with more noise pass this check, but do not match."""
-MIN_MEASURED_FRACTION = 0.3
-"""Minimum fraction of the textured pixels that must be measured; below this fraction, matches are due to chance. On
-four data sets (rendered ground, KITTI, Middlebury, Mars) the fraction is 0.07 or less for swapped images, 0.01 or less
-if one image is upside down, and 0.64 or more for correct images (measurements/mapper_trials.md)."""
 
 
 def check_index(index: int) -> None:
@@ -57,7 +51,7 @@ def check_maps(maps: Sequence[MappedPair], rig: StereoRig) -> None:
     check_items(maps, MappedPair, "maps that `Mapper.process` returned")
     check_pair_count(len(maps))
     for item in maps:
-        if not item.estimate.rig.same_cameras(rig):
+        if not item.rig.same_cameras(rig):
             raise MappingError(
                 f"the map of stamp {item.stamp_ns} is from other cameras than those of this mapper: fuse maps of one "
                 "rig"
@@ -99,18 +93,4 @@ def check_images(pair: StereoPair, rig: StereoRig) -> None:
     if np.array_equal(pair.left, pair.right):
         raise MappingError(
             f"left and right images of stamp {pair.stamp_ns} are identical: use the image of the other camera"
-        )
-
-
-def check_matches(pair: StereoPair, measured: MeasuredDisparity, disparity_count: int) -> None:
-    """Raise MappingError if so few textured pixels are measured that their matches are due to chance.
-
-    If too few pixels are textured, the fraction is NaN and the pair passes; `findings_of_pair` then adds a warning.
-    """
-    fraction = measured.measured_textured_fraction
-    if fraction < MIN_MEASURED_FRACTION:
-        raise MappingError(
-            f"images of stamp {pair.stamp_ns} do not match: only {100 * fraction:.0f} % of the textured pixels "
-            f"could be matched, {100 * MIN_MEASURED_FRACTION:.0f} % are required; "
-            f"{likely_cause(pair, disparity_count)}"
         )

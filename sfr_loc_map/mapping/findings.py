@@ -1,15 +1,58 @@
 """Findings of a call: statistics (numbers by name), and warnings about input that degrades the map.
 
-Add a new finding of one pair to `pair_findings`, and a new finding of a set of pairs to the result of its stage in
-`multiview`. `Mapper.fuse` combines the findings of all stages. The names of statistics are public and therefore fixed:
-`share` means a fraction, `matched_share` is `MeasuredDisparity.measured_textured_fraction`, and `merged` is the number
-of points with which another pair agrees, including dropped points.
+`findings_of_pair` returns the findings of one pair: add a new finding there. Add a new finding of a set of pairs to the
+result of its stage in `multiview`. `Mapper.fuse` combines the findings of all stages. The names of statistics are
+public and therefore fixed: `share` means a fraction, `matched_share` is `DisparityMap.measured_textured_fraction`, and
+`merged` is the number of points with which another pair agrees, including dropped points.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+
+import numpy as np
+
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.calibration_sigma import is_yaw_significant
+from sfr_loc_map.mapping.config import CalibrationPrior
+from sfr_loc_map.mapping.disparity.estimation import DisparityMap
+from sfr_loc_map.mapping.disparity.match_check import MIN_MEASURED_FRACTION
+from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
+from sfr_loc_map.mapping.disparity.validity import PixelStatus, StatusImage, is_valid
+from sfr_loc_map.mapping.search_range import SearchRange
+
+LOW_MEASURED_FRACTION = 2.0 * MIN_MEASURED_FRACTION
+"""A warning is issued if a smaller fraction of the textured pixels is measured. The threshold is twice the fraction
+below which a pair is refused, and below the fraction of correct images, which is 0.64 or more
+(`match_check.MIN_MEASURED_FRACTION`)."""
+MIN_VERTICAL_WARNING_PX = 0.3
+"""Lower bound of the vertical disparity that causes a warning, pixels: the residual distortion of a typical
+calibration."""
+VERTICAL_WARNING_FACTOR = 3.0
+"""A warning is issued if the ratio of the vertical disparity to the configured residual distortion exceeds this: three
+standard deviations."""
+COMPENSATED_PX = 1.0
+"""Vertical disparity up to which the compensation is complete, pixels. Rows of the sample that are offset by 1, 1.5 and
+2 pixels are measured as 0.95, 1.42 and 1.84 pixels; 88, 60 and 30 % of the textured pixels are then measured."""
+NEAR_LIMIT = 0.9
+"""Disparities above this fraction of the largest searched disparity are near the limit of the search."""
+MAX_NEAR_LIMIT_FRACTION = 0.04
+"""A warning is issued if a larger fraction of the measured pixels is near the limit of the search: their surface
+probably continues beyond. The fraction is 0.05 to 0.13 in the development panorama and in the sample with a minimum
+range of 2 and 5 m, which excludes ground. It is 0.03 or less in both with the default, and in pairs from KITTI,
+Middlebury and Mars."""
+MAX_BEYOND_FRACTION = 0.5
+"""A warning is issued if a larger fraction of the pixels with a disparity is beyond the maximum depth. Chosen by hand:
+in KITTI pairs, which contain a street up to the horizon, it is 0.15 to 0.29 of the image."""
+MAX_GAIN = 1.15
+"""Gain, or inverse gain, above which a warning is issued: a fifth of a stop of exposure. The gain is compensated, so
+that the warning concerns the cameras and not the map. Chosen by hand; Teddy and KITTI 2015 have a gain of 1.00."""
+MAX_SATURATED_FRACTION = 0.1
+"""Fraction of saturated pixels above which a warning is issued. Most saturated pixels have no point. Chosen by hand: a
+lower threshold would warn of single bright stones, and at a higher threshold the map has already lost a large region.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,3 +68,114 @@ class Findings:
         if common:
             raise ValueError(f"two stages have statistics of the same name: {', '.join(sorted(common))}")
         return Findings({**self.statistics, **other.statistics}, self.warnings + other.warnings)
+
+
+def findings_of_pair(disparity: DisparityMap, rig: StereoRig, prior: CalibrationPrior, search: SearchRange) -> Findings:
+    """Return the findings of a pair, given the search range and the uncertainty of the calibration."""
+    correction = disparity.correction
+    rotation = disparity.rotation
+    point_count = int(np.count_nonzero(is_valid(disparity.status)))
+    filled_count = _count(disparity.status, PixelStatus.FILLED)
+    statistics = {
+        "points": float(point_count),
+        "density": point_count / disparity.status.size,
+        "filled_share": filled_count / max(point_count, 1),
+        "noise_grey": disparity.noise_grey,
+        "gain": correction.exposure.gain,
+        "offset_grey": correction.exposure.offset_grey,
+        "vertical_offset_px": correction.vertical.constant,
+        "vertical_offset_largest_px": correction.vertical_largest_px,
+        "matched_share": disparity.measured_textured_fraction,
+        "right_yaw_deg": math.degrees(rotation.yaw_rad) if rotation.is_measured else math.nan,
+        "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if rotation.is_measured else math.nan,
+        # Finite even if the rotation is not measured: the roll of the vertical disparity that was removed.
+        "right_roll_deg": math.degrees(rotation.roll_rad),
+        "saturated_share": disparity.saturation.fraction,
+    }
+    warnings = (
+        *_warnings_of_points(disparity, point_count, search),
+        *_warnings_of_images(disparity, prior),
+        *_warnings_of_rotation(rotation, rig, prior),
+    )
+    return Findings(statistics, warnings)
+
+
+def _count(status: StatusImage, value: PixelStatus) -> int:
+    """Return the number of pixels with a status."""
+    return int(np.count_nonzero(status == np.uint8(value)))
+
+
+def vertical_warning_px(prior: CalibrationPrior) -> float:
+    """Return the vertical disparity above which a warning is issued, pixels."""
+    return max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * prior.distortion_px)
+
+
+def _warnings_of_points(disparity: DisparityMap, point_count: int, search: SearchRange) -> list[str]:
+    """Return warnings if the map has no points, or if the configured range probably excludes many."""
+    beyond_count = _count(disparity.status, PixelStatus.BEYOND_RANGE)
+    if point_count == 0 and beyond_count == 0:
+        return ["the map has no points: no pixel has a valid disparity; check the images"]
+    if point_count == 0:
+        return [
+            f"the map has no points: all {beyond_count} pixels with a disparity are beyond the maximum depth; increase "
+            "max_range_m, or check the baseline"
+        ]
+    warnings = []
+    is_measured = disparity.status == np.uint8(PixelStatus.MEASURED)
+    measured_count = int(np.count_nonzero(is_measured))
+    near_count = int(np.count_nonzero(is_measured & (disparity.px > NEAR_LIMIT * search.count)))
+    if near_count > MAX_NEAR_LIMIT_FRACTION * measured_count:
+        warnings.append(
+            f"{100 * near_count / measured_count:.0f} % of the measured pixels are near the largest disparity of the "
+            "search: nearer surfaces are probably not mapped; reduce min_range_m"
+        )
+    beyond_fraction = beyond_count / (beyond_count + point_count)
+    if beyond_fraction > MAX_BEYOND_FRACTION:
+        warnings.append(
+            f"{100 * beyond_fraction:.0f} % of the pixels with a disparity are beyond the maximum depth and have "
+            "no point; increase max_range_m, or check the baseline"
+        )
+    return warnings
+
+
+def _warnings_of_images(disparity: DisparityMap, prior: CalibrationPrior) -> list[str]:
+    """Return warnings about matches, rectification, exposure and saturation."""
+    fraction = disparity.measured_textured_fraction
+    correction = disparity.correction
+    saturated = disparity.saturation.fraction
+    warnings = []
+    if math.isnan(fraction):
+        warnings.append("too few pixels have texture above the noise: whether the images match is unknown")
+    if fraction < LOW_MEASURED_FRACTION:
+        warnings.append(
+            f"only {100 * fraction:.0f} % of the textured pixels could be matched, {100 * LOW_MEASURED_FRACTION:.0f} % "
+            "or more are usual: check that the images are rectified, taken at the same time and by this rig"
+        )
+    vertical_px = correction.vertical_largest_px
+    if vertical_px > vertical_warning_px(prior):
+        effect = "compensated" if vertical_px <= COMPENSATED_PX else "partly compensated, matches are lost"
+        warnings.append(
+            f"vertical disparity of up to {vertical_px:.2f} px between left and right ({effect}): "
+            "check the rectification"
+        )
+    gain = correction.exposure.gain
+    if not 1.0 / MAX_GAIN < gain < MAX_GAIN:
+        warnings.append(f"the right image has {gain:.2f} times the contrast of the left (compensated)")
+    if saturated > MAX_SATURATED_FRACTION:
+        warnings.append(
+            f"{100 * saturated:.0f} % of the pixels are saturated: saturated regions have no points, and sigma is "
+            "larger beside them; change the exposure"
+        )
+    return warnings
+
+
+def _warnings_of_rotation(rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior) -> list[str]:
+    """Return a warning if the right camera has a significant yaw relative to its calibration."""
+    if not is_yaw_significant(rotation, rig, prior):
+        return []
+    yaw_deg = math.degrees(rotation.yaw_rad)
+    side = "right" if yaw_deg > 0 else "left"
+    return [
+        f"the right camera is probably rotated by {abs(yaw_deg):.3f} deg to the {side} (vertical disparity has the "
+        "shape that a yaw causes): all depths share an error, and sigma is increased; calibrate the cameras"
+    ]

@@ -10,24 +10,16 @@ The stages of `Mapper.process`, with their modules and results:
 
 1. `check_pose`, `check_images` (`checks`): a pose is refused if its rotation is invalid, or if it is far from the
    origin of LM. Images are refused if they are textureless, identical, or not of the rig's size.
-2. `estimate_disparity` (`disparity/estimation`) -> `MeasuredDisparity`: disparity, sigma and status of each pixel of
-   the left image, and the fraction of the textured pixels that are measured.
-3. `check_matches` (`checks`): a pair is refused if too few of its textured pixels are measured.
-4. `measure_right_rotation` (`disparity/right_camera`) -> `CameraRotation`: yaw, pitch and roll of the right camera
-   relative to its calibration, from the vertical disparity at measured pixels.
-5. `fill_holes` (`disparity/hole_filling`) -> `FilledDisparity`: invalid pixels are filled from a surface beside them if
-   both images support it.
-6. `final_disparity` (`disparity/final_disparity`) -> `FinalDisparity`: the effect of the roll of the right camera is
-   removed from the disparities, and pixels beyond the maximum depth become invalid.
-7. `view_of_pair` (`reprojection`) -> `PairView`: the valid disparities are reprojected to points in LM.
-8. `sigma_of_calibration` (`calibration_sigma`) -> `CalibrationSigma`: the uncertainty of the calibration given the
+2. `estimate_disparity` (`disparity/estimation`) -> `DisparityMap`: disparity, sigma and status of each pixel of the
+   left image, and the rotation of the right camera relative to its calibration. A pair is refused if its images do not
+   match.
+3. `points_from_disparity` (`reprojection`) -> `ViewPoints`, `PairView` (`pair_view`): the valid disparities are
+   reprojected to points in LM.
+4. `sigma_of_calibration` (`calibration_sigma`) -> `CalibrationSigma`: the uncertainty of the calibration given the
    measured rotation of the right camera.
-9. `findings_of_pair` (`pair_findings`) -> `Findings`: statistics and warnings.
-10. `sigma_of_view` (`point_sigma`) -> `PointSigma`: sigma of the points. Saturation increases the random part, and the
-    total also includes the uncertainty of the calibration.
-
-The results of stages 7 to 9 are a `PairEstimate` (`maps`), the input of the fusion. `Mapper.map` omits stage 10, whose
-result is only part of the map of a pair.
+5. `sigma_of_view` (`point_sigma`) -> `PointSigma`: sigma of the points. Saturation increases the random part, and the
+   total also includes the uncertainty of the calibration.
+6. `findings_of_pair` (`findings`) -> `Findings`: statistics and warnings.
 
 The stages of `Mapper.fuse`:
 
@@ -45,9 +37,8 @@ The stages of `Mapper.fuse`:
 To add
 
 - a validity test of the pixels of one pair: the docstring of `disparity/validity` lists the steps.
-- another filter of the disparities of one pair: a function that takes and returns a `FilledDisparity`, and its call in
-  `Mapper._estimate` between `fill_holes` and `final_disparity`. A correction after which disparities no longer fit the
-  right image is a step of `final_disparity`. The fraction of measured pixels is computed earlier.
+- another filter of the disparities of one pair: a function that takes and returns a `DisparityScene`, and its call in
+  `estimate_disparity` after `fill_holes`. The fraction of measured pixels is computed earlier.
 - a contribution to sigma: the docstring of `point_sigma` lists the steps.
 - a test of points across pairs: a flag of `Judgement` (`multiview/fusion`), which drops points, or a stage of
   `Mapper.fuse` that takes and returns views, like `without_fixed_content`.
@@ -68,6 +59,7 @@ import numpy as np
 
 from sfr_loc_map import __version__
 from sfr_loc_map.configuration.parameters import checked
+from sfr_loc_map.geometry.arrays import read_only
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig, check_rig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.calibration_sigma import largest_of, sigma_of_calibration
@@ -76,24 +68,21 @@ from sfr_loc_map.mapping.checks import (
     check_index,
     check_items,
     check_maps,
-    check_matches,
     check_pair,
     check_pair_count,
     check_pose,
 )
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
-from sfr_loc_map.mapping.disparity.final_disparity import final_disparity
-from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
-from sfr_loc_map.mapping.disparity.right_camera import measure_right_rotation
-from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairEstimate, warnings_of_pairs
+from sfr_loc_map.mapping.findings import findings_of_pair
+from sfr_loc_map.mapping.maps import FusedMap, MappedPair, warnings_of_pairs
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.pose_agreement import agreement_of_poses
 from sfr_loc_map.mapping.multiview.registration import register_views
-from sfr_loc_map.mapping.pair_findings import findings_of_pair
+from sfr_loc_map.mapping.pair_view import PairView
 from sfr_loc_map.mapping.point_sigma import sigma_of_points, sigma_of_view
-from sfr_loc_map.mapping.reprojection import view_of_pair
+from sfr_loc_map.mapping.reprojection import points_from_disparity
 from sfr_loc_map.mapping.search_range import SearchRange, search_range_of
 
 
@@ -140,10 +129,9 @@ class Mapper:
         """
         check_items(pairs, PosedStereoPair, "PosedStereoPair")
         check_pair_count(len(pairs))
-        estimates = [self._estimate(posed.pair, posed.T_lm_navsb) for posed in pairs]
-        fused = self._fuse(estimates)
-        warnings = warnings_of_pairs([item.findings.warnings for item in estimates])
-        return replace(fused, warnings=warnings + fused.warnings)
+        maps = [self.process(posed.pair, posed.T_lm_navsb) for posed in pairs]
+        fused = self.fuse(maps)
+        return replace(fused, warnings=warnings_of_pairs([item.warnings for item in maps]) + fused.warnings)
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int = 0) -> MappedPair:
         """Return the map of a pair; `index`, 0 to 2, becomes the pair index of the points.
@@ -156,8 +144,30 @@ class Mapper:
         size, an image is textureless, both images are identical, or they do not match (`check_matches`).
         """
         check_index(index)
-        estimate = self._estimate(pair, T_lm_navsb)
-        return MappedPair(estimate, index, sigma_of_view(estimate.view, estimate.calibration, self._rig))
+        check_pair(pair)
+        check_pose(pair.stamp_ns, T_lm_navsb)
+        check_images(pair, self._rig)
+        prior = self._config.calibration
+        T_lm_left = T_lm_navsb @ self._rig.T_sb_left
+        disparity = estimate_disparity(pair, self._rig, self._search)
+        points = points_from_disparity(disparity.px, disparity.sigma_px, disparity.left, self._rig, T_lm_left)
+        view = PairView.of(points, disparity.px, T_lm_left, disparity.noise_grey, disparity.saturation)
+        calibration = sigma_of_calibration(disparity.rotation, self._rig, prior)
+        sigma = sigma_of_view(view, calibration, self._rig)
+        findings = findings_of_pair(disparity, self._rig, prior, self._search)
+        return MappedPair(
+            stamp_ns=pair.stamp_ns,
+            cloud=points.to_cloud(sigma.total, np.full(points.size, index, np.uint8), fused=False),
+            random_sigma=sigma.random,
+            T_lm_left=view.T_lm_left,
+            disparity_px=read_only(disparity.px),
+            statistics=findings.statistics,
+            warnings=findings.warnings,
+            pixel_status=read_only(disparity.status),
+            rig=self._rig,
+            view=view,
+            calibration=calibration,
+        )
 
     def fuse(self, maps: Sequence[MappedPair]) -> FusedMap:
         """Return one cloud from up to three pairs; the pair index of a point is the index of its map in `maps`.
@@ -168,43 +178,16 @@ class Mapper:
         three maps, and for a map of other cameras than those of this mapper.
         """
         check_maps(maps, self._rig)
-        return self._fuse([item.estimate for item in maps])
-
-    def _estimate(self, pair: StereoPair, T_lm_navsb: Transform) -> PairEstimate:
-        """Return the estimate of one pair: stages 1 to 9 of `process`."""
-        check_pair(pair)
-        check_pose(pair.stamp_ns, T_lm_navsb)
-        check_images(pair, self._rig)
-        measured = estimate_disparity(pair, self._rig.camera, self._search.count)
-        check_matches(pair, measured, self._search.count)
-        rotation = measure_right_rotation(measured, self._rig)
-        filled = fill_holes(measured)
-        final = final_disparity(filled, rotation, self._rig, self._search.min_disparity_px)
-        prior = self._config.calibration
-        return PairEstimate(
-            stamp_ns=pair.stamp_ns,
-            rig=self._rig,
-            view=view_of_pair(measured, final, self._rig, T_lm_navsb @ self._rig.T_sb_left),
-            calibration=sigma_of_calibration(rotation, self._rig, prior),
-            pixel_status=final.status,
-            findings=findings_of_pair(measured, final, rotation, self._rig, prior, self._search),
-        )
-
-    def _fuse(self, estimates: Sequence[PairEstimate]) -> FusedMap:
-        """Return one cloud from the estimates of up to three pairs: the stages of `fuse`."""
-        cleaned = without_fixed_content([item.view for item in estimates], self._rig)
-        views = cleaned.views
-        findings = cleaned.findings
+        views, findings = without_fixed_content([item.view for item in maps], self._rig)
         if self._config.refine_poses:
-            registered = register_views(views, self._rig)
-            views = registered.views
-            findings += registered.findings
+            views, of_registration = register_views(views, self._rig)
+            findings += of_registration
         fused = fuse_views(views, self._rig)
         findings += fused.findings + agreement_of_poses(views, fused.overlaps)
-        calibration = largest_of(item.calibration for item in estimates)
+        calibration = largest_of(item.calibration for item in maps)
         sigma = sigma_of_points(fused.points, fused.pair_index, views, calibration, self._rig)
-        stamps_ns = tuple(item.stamp_ns for item in estimates)
-        is_fused = len(estimates) > 1
+        stamps_ns = tuple(item.stamp_ns for item in maps)
+        is_fused = len(maps) > 1
         return FusedMap(
             cloud=fused.points.to_cloud(sigma.total, fused.pair_index, fused=is_fused, pair_stamps_ns=stamps_ns),
             random_sigma=sigma.random,

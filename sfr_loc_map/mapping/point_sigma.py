@@ -13,7 +13,7 @@ standard deviations of points are in metres:
 =  ====================================  ===============================================================================
    where                                 formula
 =  ====================================  ===============================================================================
-1  image_noise.noise_variance            image noise: variance of a residual; information = sum w g^2 / variance, with
+1  residual_noise.noise_variance         image noise: variance of a residual; information = sum w g^2 / variance, with
                                          the slopes g of the grey levels and the weights w
 2  variational_refinement.linearise      information / max(1, mean chi2 / mean weight, variance ratio of blocks)
 3  uncertainty.disparity_sigma           variance 1 / (8 sqrt(h s)) + (SMOOTHING_BIAS curvature)^2 s / h +

@@ -10,14 +10,7 @@ from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
-from sfr_loc_map.mapping.disparity.disparity_states import FinalDisparity, MeasuredDisparity
-from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
-
-
-def view_of_pair(measured: MeasuredDisparity, final: FinalDisparity, rig: StereoRig, T_lm_left: Transform) -> PairView:
-    """Return the view of the final disparities, with the grey levels, noise and saturation of the measured images."""
-    points = points_from_disparity(final.px, final.sigma_px, measured.pair.left, rig, T_lm_left)
-    return PairView.of(points, final.px, T_lm_left, measured.pair.field.noise_grey, measured.saturation)
+from sfr_loc_map.mapping.pair_view import ViewPoints
 
 
 def points_from_disparity(

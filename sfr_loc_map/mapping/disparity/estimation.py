@@ -1,51 +1,128 @@
-"""Measurement of the disparities of a stereo pair, before invalid pixels are filled.
+"""The disparity map of a stereo pair: `estimate_disparity` calls all stages on one page.
 
-`refine_pair` (`pair_refinement`) calls steps 1 to 5. The result, `RefinedPair`, has no judged pixels yet.
-
-The steps of `estimate_disparity`, with their modules in `disparity` and their results:
-
-1. `semi_global_matching` (`semi_global_matching`, `exposure`) -> disparity `(H, W)`, NaN at unmatched pixels: initial
-   disparity by semi-global matching (Hirschmueller 2008). Wide images are matched at half their width.
-2. `cells_from_disparity` (`cell_field`) -> field on cells of 2 x 2 pixels, defined everywhere: unmatched cells take the
-   disparity of the farther neighbour along the row. `disparity_from_cells` interpolates the field at each pixel.
-3. `correct_right_image` (`right_image_correction`, `exposure`, `vertical_disparity`) -> `CorrectedImage`: exposure and
-   vertical disparity of the right image are measured and removed.
-4. `refine_disparity` (`variational_refinement`, `photometric_residual`, `image_noise`, `cauchy_scale`,
-   `smoothness`, `conjugate_gradients`) -> `RefinedDisparity`: one disparity field is fitted to both images by
-   photometric residuals and weighted second differences over the whole image (variational, after Horn and Schunck
-   1981), solved coarse to fine by conjugate gradients.
-5. `disparity_sigma` (`uncertainty`) -> sigma `(H, W)`: standard deviation from the posterior of the field, the
-   smoothing bias and the error beside creases.
-6. `measure_saturation` (`saturation`) -> `Saturation`: the saturated pixels of both images.
-7. `judge_pixels` (`validity`, `surfaces`, `segments`, `wrong_surface`, `matching_cost`) -> status `(H, W)`: measured,
-   or the reason why a pixel is invalid: unmatched, changed by the refinement, occluded, mismatched, on a ramp, in a
-   segment that is small or has no content in common with the right image, on the wrong surface beside a jump
-   (classified by a small network from matching costs with adaptive support weights, Yoon and Kweon 2006), or saturated.
-8. `measured_textured_fraction` (`texture`) -> number: the fraction of the textured pixels that are measured.
+=====================================  ================================================================================
+stage                                  method
+=====================================  ================================================================================
+matching costs, aggregation,           semi-global matching (Hirschmueller 2008); wide images at half their width
+left-right check
+correction of the right image          exposure and vertical disparity of the right image are measured and removed
+refinement                             one field of disparities on cells of 2 x 2 pixels is fitted to both images by
+                                       photometric residuals and weighted second differences (variational, after Horn
+                                       and Schunck 1981), coarse to fine by conjugate gradients
+sigma                                  posterior of the field, smoothing bias, and the error beside creases
+validity                               ten tests of each pixel (`PixelStatus`); beside disparity jumps, a small network
+                                       compares matching costs with adaptive support weights (Yoon and Kweon 2006)
+rotation of the right camera           yaw, pitch and roll from the vertical disparity at measured pixels
+holes                                  invalid pixels take the disparity of a surface beside them if both images
+                                       support it
+=====================================  ================================================================================
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.geometry.camera import StereoCamera
-from sfr_loc_map.geometry.stereo import StereoPair
-from sfr_loc_map.mapping.disparity.disparity_states import MeasuredDisparity
-from sfr_loc_map.mapping.disparity.pair_refinement import refine_pair
-from sfr_loc_map.mapping.disparity.pixel_status import is_valid
-from sfr_loc_map.mapping.disparity.saturation import measure_saturation
-from sfr_loc_map.mapping.disparity.texture import measured_textured_fraction
-from sfr_loc_map.mapping.disparity.validity import judge_pixels
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.mapping.disparity.cell_field import cells_from_disparity, disparity_from_cells
+from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
+from sfr_loc_map.mapping.disparity.match_check import check_matches, measured_textured_fraction
+from sfr_loc_map.mapping.disparity.right_camera import CameraRotation, measure_right_rotation, roll_error_px
+from sfr_loc_map.mapping.disparity.right_image_correction import RightImageCorrection, correct_right_image
+from sfr_loc_map.mapping.disparity.saturation import Saturation, measure_saturation
+from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
+from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
+from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
+from sfr_loc_map.mapping.disparity.validity import PixelStatus, StatusImage, is_valid, judge_pixels, with_reason
+from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine_disparity
 from sfr_loc_map.mapping.filters import local_variance
+from sfr_loc_map.mapping.search_range import SearchRange
 
 
-def estimate_disparity(pair: StereoPair, camera: StereoCamera, disparity_count: int) -> MeasuredDisparity:
-    """Return the measured disparities of a pair from a search over `disparity_count` integer disparities from 0."""
-    refined = refine_pair(pair, camera, disparity_count)
-    saturation = measure_saturation(pair.left, pair.right, refined.px)
-    left_variance = local_variance(refined.left)
-    status = judge_pixels(refined, left_variance, saturation)
-    return MeasuredDisparity(
-        pair=refined,
+@dataclass(frozen=True, slots=True, eq=False)
+class DisparityMap:
+    """Disparities of the left image, and what the images of the pair show about their cameras.
+
+    The disparities are those of a right camera without roll. If the camera has a roll, they do not fit its image.
+    """
+
+    px: FloatImage  #: `(H, W)` float32, pixels; NaN where invalid.
+    sigma_px: FloatImage  #: `(H, W)` float32, standard deviation of a valid disparity, pixels.
+    status: StatusImage  #: `(H, W)` uint8, measured, filled, or the reason why the disparity is invalid.
+    left: FloatImage  #: `(H, W)` float32, grey levels of the left image.
+    noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
+    #: Fraction of the textured pixels whose disparity is measured; NaN if too few are textured.
+    measured_textured_fraction: float
+    saturation: Saturation  #: Saturation of both images.
+    correction: RightImageCorrection  #: Exposure and vertical disparity that were removed from the right image.
+    rotation: CameraRotation  #: Rotation of the right camera relative to its calibration.
+
+
+class RefinedPair(NamedTuple):
+    """A pair after the refinement."""
+
+    scene: DisparityScene  #: Its valid pixels are those that the semi-global matching has matched.
+    refined: RefinedDisparity
+    correction: RightImageCorrection  #: The deviations that were removed from the right image.
+
+
+def estimate_disparity(pair: StereoPair, rig: StereoRig, search: SearchRange) -> DisparityMap:
+    """Return the disparity map of a pair.
+
+    Raises MappingError if the images do not match, before holes are filled.
+    """
+    scene, refined, correction = refine_pair(pair, rig.camera, search.count)
+
+    saturation = measure_saturation(pair.left, pair.right, scene.disparity)
+    left_variance = local_variance(scene.left)
+    status = judge_pixels(scene, refined, left_variance, saturation.square_saturated)
+    scene = scene._replace(valid=is_valid(status))
+    fraction = measured_textured_fraction(scene.left, left_variance, scene.valid)
+    check_matches(pair, fraction, search.count)
+
+    rotation = measure_right_rotation(scene, correction.vertical, rig)
+
+    filled = fill_holes(scene, saturation.square_saturated, refined.noise_grey)
+    status = np.where(filled.valid & ~scene.valid, np.uint8(PixelStatus.FILLED), status)
+    px = filled.disparity - roll_error_px(rotation, rig)
+    status = with_reason(status, px < search.min_disparity_px, PixelStatus.BEYOND_RANGE)
+    return DisparityMap(
+        px=np.where(is_valid(status), px, F(np.nan)),
+        sigma_px=filled.sigma,
         status=status,
+        left=scene.left,
+        noise_grey=refined.noise_grey,
+        measured_textured_fraction=fraction,
         saturation=saturation,
-        measured_textured_fraction=measured_textured_fraction(refined.left, left_variance, is_valid(status)),
+        correction=correction,
+        rotation=rotation,
     )
+
+
+def refine_pair(pair: StereoPair, camera: StereoCamera, disparity_count: int) -> RefinedPair:
+    """Return the refined disparity of a pair, from a search over `disparity_count` integer disparities from 0.
+
+    The stages up to sigma are a separate function, because `tools/train_jump_network.py` calls them, too.
+    """
+    left = pair.left.astype(F, order="C")  # the kernels are compiled for this order
+    right = pair.right.astype(F, order="C")
+    matched_px = semi_global_matching(pair.left, pair.right, disparity_count)
+    initial_cells = cells_from_disparity(matched_px)
+
+    initial_px = disparity_from_cells(initial_cells, left.shape)
+    right, correction = correct_right_image(left, right, initial_px, camera)
+
+    refined = refine_disparity(left, right, initial_cells)
+    scene = DisparityScene(
+        left=left,
+        right=right,
+        matched=matched_px,
+        disparity=refined.disparity_px,
+        sigma=disparity_sigma(refined),
+        valid=np.isfinite(matched_px),
+    )
+    return RefinedPair(scene, refined, correction)

@@ -1,7 +1,7 @@
 """Filling of invalid pixels with the disparity of a surface beside them, if both images support it.
 
 A hole is a region of invalid pixels. The hypotheses of a pixel are the nearest surfaces along eight directions,
-extrapolated as planes (`hole_hypotheses`). Each hypothesis has a matching cost over the neighbourhood of the pixel, in
+extrapolated as planes (`_find_hypotheses`). Each hypothesis has a matching cost over the neighbourhood of the pixel, in
 which invalid pixels have a larger weight than valid pixels. A pixel is filled if all of these conditions are met.
 
 Each pass of `fill_holes` selects the pixels that may be filled:
@@ -44,21 +44,24 @@ from numba import prange
 
 from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, IntArray, Mask
 from sfr_loc_map.jit import interleaved_row, jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.disparity.disparity_states import FilledDisparity, MeasuredDisparity
-from sfr_loc_map.mapping.disparity.hole_hypotheses import (
-    DIRECTION_COUNT,
-    REACH,
-    HoleScene,
-    Hypotheses,
-    find_hypotheses,
-    is_enclosed,
-    surface_slope,
-)
 from sfr_loc_map.mapping.disparity.matching_cost import NO_COST, plane_cost
-from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
-from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, RightSurfaces, depth_ratio, right_surfaces
+from sfr_loc_map.mapping.disparity.surfaces import (
+    SURFACE_JUMP_PX,
+    DisparityScene,
+    RightSurfaces,
+    depth_ratio,
+    right_surfaces,
+)
 from sfr_loc_map.mapping.filters import dilated
 
+REACH = 12
+"""Maximum distance over which a plane is extrapolated, rows or columns. With 6 or 24 the density of the five pairs
+changes by 0.0015 or less (measurements/mapper_trials.md)."""
+SLOPE_PX = 2  #: Distance over which the slope of a surface is measured, pixels: one cell of the refined field.
+DIRECTIONS = np.array([[0, 1], [0, -1], [1, 0], [-1, 0], [1, 1], [-1, -1], [1, -1], [-1, 1]])
+"""Row and column step of each direction; opposite directions follow each other."""
+DIRECTION_COUNT = len(DIRECTIONS)
+"""Number of hypotheses of a pixel."""
 PASSES = 2
 """Number of passes. Pixels filled in one pass provide hypotheses for their neighbours in the next pass. A third pass
 adds less than 0.001 to the density."""
@@ -94,6 +97,14 @@ NEARBY_PX = 7
 0.0004 or less (measurements/mapper_trials.md)."""
 
 
+class Hypotheses(NamedTuple):
+    """The nearest surface along each direction as a plane at a pixel, `(8,)` each; NaN without a surface."""
+
+    disparity: FloatArray32  #: Disparity of the plane at the pixel, pixels.
+    slope_x: FloatArray32  #: Slope of the plane along rows, pixels per pixel.
+    slope_y: FloatArray32  #: Slope of the plane along columns, pixels per pixel.
+
+
 class HypothesisCosts(NamedTuple):
     """Matching costs of the hypotheses of a pixel, `(8,)` each."""
 
@@ -101,42 +112,38 @@ class HypothesisCosts(NamedTuple):
     effective_pixels: FloatArray32  #: As in `PlaneCost`.
 
 
-def fill_holes(measured: MeasuredDisparity) -> FilledDisparity:
-    """Return the disparities with filled holes; completely saturated neighbourhoods stay invalid.
+def fill_holes(scene: DisparityScene, saturated: Mask, noise_grey: float) -> DisparityScene:
+    """Return the scene with filled holes, whose pixels are valid; completely saturated neighbourhoods stay invalid.
 
-    The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`. No hole is filled if fewer than
-    `MIN_SAMPLES` samples are available for the maximum cost.
+    The valid pixels of the given scene are measured. The standard deviation of a filled disparity is at least
+    `MIN_FILLED_SIGMA_PX`. No hole is filled if fewer than `MIN_SAMPLES` samples are available for the maximum cost.
+    `saturated` `(H, W)` is `Saturation.square_saturated`, and `noise_grey` is the noise of a residual.
     """
-    pair = measured.pair
-    was_valid = measured.valid
-    scene = HoleScene(left=pair.left, right=pair.right, disparity=pair.px, valid=was_valid, initial=pair.initial_px)
     cost_limit = _cost_limit(scene)
     if cost_limit is None:
-        return FilledDisparity(pair.px, pair.sigma_px, measured.status)
-    min_margin = F(MARGIN_SIGMAS * pair.field.noise_grey)
-    unsaturated = ~measured.saturation.square_saturated
-    newly_valid = was_valid
+        return scene
+    min_margin = F(MARGIN_SIGMAS * noise_grey)
+    after = scene
+    newly_valid = scene.valid
     for _ in range(PASSES):
         has_new_hypotheses = dilated(newly_valid, REACH)
-        fillable = unsaturated & has_new_hypotheses & ~scene.valid
-        proposed_px = _propose(scene, fillable, cost_limit, min_margin)
-        newly_valid = _accept(scene, proposed_px)
-        scene = scene._replace(
-            disparity=np.where(newly_valid, proposed_px, scene.disparity), valid=scene.valid | newly_valid
+        fillable = ~saturated & has_new_hypotheses & ~after.valid
+        proposed_px = _propose(after, fillable, cost_limit, min_margin)
+        newly_valid = _accept(after, proposed_px)
+        after = after._replace(
+            disparity=np.where(newly_valid, proposed_px, after.disparity), valid=after.valid | newly_valid
         )
-    px = scene.disparity
-    valid = scene.valid
     # Depths are compared after all passes. A rejected pixel may therefore have provided a hypothesis in a later pass.
-    has_similar_depth = depth_ratio(np.where(valid, px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
-    is_filled = valid & ~was_valid & has_similar_depth
-    return FilledDisparity(
-        px=np.where(is_filled, px, pair.px),
-        sigma_px=np.where(is_filled, np.maximum(pair.sigma_px, MIN_FILLED_SIGMA_PX), pair.sigma_px),
-        status=np.where(is_filled, np.uint8(PixelStatus.FILLED), measured.status),
+    valid_px = np.where(after.valid, after.disparity, F(0.0))
+    is_filled = after.valid & ~scene.valid & (depth_ratio(valid_px, NEARBY_PX) < MAX_DEPTH_RATIO)
+    return scene._replace(
+        disparity=np.where(is_filled, after.disparity, scene.disparity),
+        sigma=np.where(is_filled, np.maximum(scene.sigma, MIN_FILLED_SIGMA_PX), scene.sigma),
+        valid=scene.valid | is_filled,
     )
 
 
-def _cost_limit(scene: HoleScene) -> np.float32 | None:
+def _cost_limit(scene: DisparityScene) -> np.float32 | None:
     """Return the maximum matching cost of a filled pixel, grey levels; None if too few pixels are beside holes."""
     beside_holes = np.flatnonzero(dilated(~scene.valid, BESIDE_HOLE_PX) & scene.valid)
     costs = _own_costs(scene, beside_holes[::COST_STRIDE])
@@ -145,7 +152,7 @@ def _cost_limit(scene: HoleScene) -> np.float32 | None:
     return F(np.percentile(costs, COST_PERCENTILE))
 
 
-def _propose(scene: HoleScene, fillable: Mask, cost_limit: np.float32, min_margin: np.float32) -> FloatImage:
+def _propose(scene: DisparityScene, fillable: Mask, cost_limit: np.float32, min_margin: np.float32) -> FloatImage:
     """Return the disparities `(H, W)` that a pass proposes for fillable pixels, NaN elsewhere.
 
     `cost_limit` is the maximum cost of a filled pixel, and `min_margin` the required margin to other hypotheses for a
@@ -156,7 +163,7 @@ def _propose(scene: HoleScene, fillable: Mask, cost_limit: np.float32, min_margi
     return _best_hypotheses(scene, fillable, distance, surfaces, cost_limit, min_margin)
 
 
-def _accept(scene: HoleScene, proposed_px: FloatImage) -> Mask:
+def _accept(scene: DisparityScene, proposed_px: FloatImage) -> Mask:
     """Return the mask of the pixels `(H, W)` whose proposed disparity is accepted."""
     is_proposed = np.isfinite(proposed_px)
     px = np.where(is_proposed, proposed_px, scene.disparity)
@@ -166,7 +173,7 @@ def _accept(scene: HoleScene, proposed_px: FloatImage) -> Mask:
 
 @jit_rows
 def _best_hypotheses(
-    scene: HoleScene,
+    scene: DisparityScene,
     fillable: Mask,
     distance: FloatImage,
     surfaces: RightSurfaces,
@@ -184,14 +191,68 @@ def _best_hypotheses(
         y = interleaved_row(k, rows)
         for x in range(cols):
             if fillable[y, x]:
-                hypotheses = find_hypotheses(scene, distance, y, x)
+                hypotheses = _find_hypotheses(scene, distance, y, x)
                 out[y, x] = _best_hypothesis(scene, hypotheses, surfaces, cost_limit, min_margin, y, x)
     return out
 
 
 @jit_rows_inline
+def _find_hypotheses(scene: DisparityScene, distance: FloatImage, y: int, x: int) -> Hypotheses:
+    """Return the nearest surface along each direction, extrapolated to the pixel as a plane.
+
+    `distance` `(H, W)` is the distance to the nearest valid pixel, rows or columns. All pixels nearer than it are
+    invalid, so the search along a direction advances by this distance.
+    """
+    rows, cols = scene.disparity.shape
+    planes = np.full((3, DIRECTION_COUNT), F(np.nan))
+    disparities = planes[0]
+    slopes_x = planes[1]
+    slopes_y = planes[2]
+    for k in range(DIRECTION_COUNT):
+        dy = DIRECTIONS[k, 0]
+        dx = DIRECTIONS[k, 1]
+        steps = int(distance[y, x])
+        while steps <= REACH:
+            v = y + steps * dy
+            u = x + steps * dx
+            if not (0 <= v < rows and 0 <= u < cols):
+                break
+            if scene.valid[v, u]:
+                slope_x = _surface_slope(scene, v, u, 0, 1)
+                slope_y = _surface_slope(scene, v, u, 1, 0)
+                disparities[k] = scene.disparity[v, u] - F(steps) * (slope_x * F(dx) + slope_y * F(dy))
+                slopes_x[k] = slope_x
+                slopes_y[k] = slope_y
+                break
+            steps += int(distance[v, u])
+    return Hypotheses(disparities, slopes_x, slopes_y)
+
+
+@jit_rows_inline
+def _surface_slope(scene: DisparityScene, y: int, x: int, dy: int, dx: int) -> np.float32:
+    """Return the slope of a valid pixel's surface along an axis, from valid pixels of this surface on either side.
+
+    The slopes in `surfaces` use all pixels, valid or not, and therefore include jumps.
+    """
+    rows, cols = scene.disparity.shape
+    centre = scene.disparity[y, x]
+    rise = F(0.0)
+    run = F(0.0)
+    for side in (-SLOPE_PX, SLOPE_PX):
+        v = y + side * dy
+        u = x + side * dx
+        if 0 <= v < rows and 0 <= u < cols and scene.valid[v, u]:
+            step = scene.disparity[v, u] - centre
+            if abs(step) < SURFACE_JUMP_PX:
+                rise += step if side > 0 else -step
+                run += F(SLOPE_PX)
+    slope: np.float32 = rise / max(run, F(1.0))
+    return slope
+
+
+@jit_rows_inline
 def _best_hypothesis(
-    scene: HoleScene,
+    scene: DisparityScene,
     hypotheses: Hypotheses,
     surfaces: RightSurfaces,
     cost_limit: np.float32,
@@ -235,32 +296,36 @@ def _best_hypothesis(
 
 
 @jit_rows_inline
-def _is_confirmed(scene: HoleScene, hypotheses: Hypotheses, best: int, required: np.float32, y: int, x: int) -> bool:
+def _is_confirmed(
+    scene: DisparityScene, hypotheses: Hypotheses, best: int, required: np.float32, y: int, x: int
+) -> bool:
     """Return whether a hypothesis is enclosed, agrees with the matcher, or matches better than its alternatives.
 
     `required` is the cost of the hypothesis plus the margin.
     """
     disparity = hypotheses.disparity[best]
-    if is_enclosed(hypotheses, disparity) or abs(scene.initial[y, x] - disparity) < SURFACE_JUMP_PX:
+    if _is_enclosed(hypotheses, disparity) or abs(scene.matched[y, x] - disparity) < SURFACE_JUMP_PX:
         return True
     for side in (-ALTERNATIVE_PX, ALTERNATIVE_PX):
-        alternative = plane_cost(
-            scene.left,
-            scene.right,
-            scene.valid,
-            y,
-            x,
-            disparity + side,
-            hypotheses.slope_x[best],
-            hypotheses.slope_y[best],
-        )
+        alternative = plane_cost(scene, y, x, disparity + side, hypotheses.slope_x[best], hypotheses.slope_y[best])
         if alternative.cost < required:
             return False
     return True
 
 
 @jit_rows_inline
-def _hypothesis_costs(scene: HoleScene, y: int, x: int, hypotheses: Hypotheses) -> HypothesisCosts:
+def _is_enclosed(hypotheses: Hypotheses, disparity: np.float32) -> bool:
+    """Return whether the surface of a disparity is found in two opposite directions."""
+    found = False
+    for k in range(0, DIRECTION_COUNT, 2):
+        one = abs(hypotheses.disparity[k] - disparity) < SURFACE_JUMP_PX
+        opposite = abs(hypotheses.disparity[k + 1] - disparity) < SURFACE_JUMP_PX
+        found |= one and opposite
+    return found
+
+
+@jit_rows_inline
+def _hypothesis_costs(scene: DisparityScene, y: int, x: int, hypotheses: Hypotheses) -> HypothesisCosts:
     """Return the matching cost of each hypothesis; hypotheses of nearly the same disparity are evaluated once."""
     cost = np.full(DIRECTION_COUNT, NO_COST)
     effective_pixels = np.ones(DIRECTION_COUNT, F)
@@ -277,32 +342,23 @@ def _hypothesis_costs(scene: HoleScene, y: int, x: int, hypotheses: Hypotheses) 
             cost[k] = cost[first]
             effective_pixels[k] = effective_pixels[first]
         else:
-            found = plane_cost(
-                scene.left,
-                scene.right,
-                scene.valid,
-                y,
-                x,
-                hypotheses.disparity[k],
-                hypotheses.slope_x[k],
-                hypotheses.slope_y[k],
-            )
+            found = plane_cost(scene, y, x, hypotheses.disparity[k], hypotheses.slope_x[k], hypotheses.slope_y[k])
             cost[k] = found.cost
             effective_pixels[k] = found.effective_pixels
     return HypothesisCosts(cost, effective_pixels)
 
 
 @jit_rows
-def _own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatArray32:
+def _own_costs(scene: DisparityScene, flat_indices: IntArray) -> FloatArray32:
     """Return the matching costs `(N,)` of valid pixels, given by flat indices, at their own disparity."""
     cols = scene.disparity.shape[1]
     out = np.empty(len(flat_indices), F)
     for n in prange(len(flat_indices)):
         y = flat_indices[n] // cols
         x = flat_indices[n] % cols
-        slope_x = surface_slope(scene, y, x, 0, 1)
-        slope_y = surface_slope(scene, y, x, 1, 0)
-        out[n] = plane_cost(scene.left, scene.right, scene.valid, y, x, scene.disparity[y, x], slope_x, slope_y).cost
+        slope_x = _surface_slope(scene, y, x, 0, 1)
+        slope_y = _surface_slope(scene, y, x, 1, 0)
+        out[n] = plane_cost(scene, y, x, scene.disparity[y, x], slope_x, slope_y).cost
     return out
 
 

@@ -1,11 +1,13 @@
-"""The network that classifies pixels beside disparity jumps: the log odds that a pixel is on the wrong surface.
+"""Detection of pixels beside a disparity jump that probably have the disparity of the wrong surface.
 
-    scene -> classified_pixels -> jump_features -> network_input -> log odds (`log_odds_of_pixels`)
+    scene -> classified_pixels -> jump_features -> network_input -> log odds -> threshold (`wrong_surface_mask`)
 
 A network with one hidden layer classifies a pixel by thirteen features, such as the matching costs at the disparity of
-the pixel and at the disparity of the other surface. The weights (`jump_network.json`) were trained on rendered ground
-with known disparity (`tools/train_jump_network.py`). They are valid only for the features of the training. Train the
-network again after a change of
+the pixel and at the disparity of the other surface. A pixel is on the wrong surface if its log odds exceed a threshold
+that depends on the sigma of the pair and on the depth of the pixel.
+
+The weights (`jump_network.json`) were trained on rendered ground with known disparity (`tools/train_jump_network.py`).
+They are valid only for the features of the training. Train the network again after a change of
 
 - the constants below and in `matching_cost`, or the features themselves;
 - the classified pixels: those that pass `validity.status_before_wrong_surface`, which depend on all earlier stages.
@@ -42,7 +44,13 @@ from sfr_loc_map.mapping.disparity.matching_cost import (
     ConstantCost,
     constant_cost,
 )
-from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, slope_along_columns, slope_along_rows
+from sfr_loc_map.mapping.disparity.surfaces import (
+    SURFACE_JUMP_PX,
+    DisparityScene,
+    depth_ratio,
+    slope_along_columns,
+    slope_along_rows,
+)
 from sfr_loc_map.mapping.filters import dilated, square_element
 
 SMALL_JUMP_PX = F(0.7)
@@ -57,7 +65,15 @@ OCCLUDER_COLUMNS = 6
 `SURFACE_RADIUS`, because both edges may be displaced. Fixed by the training of the network."""
 SAME_COLUMN_PX = F(1.0)
 """Pixels correspond to the same right pixel if their columns in the right image differ by up to this, pixels."""
-SURROUNDING_COUNT = 10  #: The first ten `JumpFeatures` depend on the surrounding pixels.
+LOG_ODDS_AT_1_PX = F(3.3)
+"""Log odds above which a pixel is invalid if the median sigma of the pair is 1 pixel. The threshold is this value plus
+the logarithm of the median sigma in pixels, because a single outlier dominates the error of a precise map. For a median
+sigma of 0.05 pixels the threshold is 0.3. Chosen on rendered ground, Teddy and Motorcycle
+(measurements/mapper_trials.md)."""
+DEPTH_POWER = F(2.0)
+"""The odds are multiplied by this power of the depth ratio, because the error in metres of a disparity on the wrong
+surface grows with the square of the depth (measurements/mapper_trials.md)."""
+SIGMA_STRIDE = 16  #: Every sixteenth valid pixel is used for the median sigma: tens of thousands of samples suffice.
 
 # Conversion of features to inputs of the network.
 MAX_LOG = 3.0
@@ -68,19 +84,8 @@ MIN_RELATIVE_COST = 0.05  #: Lower bound of the ratio of a cost to the typical c
 WINDOW_MARGIN_SCALE = 2.0  #: Factor of the window margin, which varies less than the margin of 3 x 3 pixels.
 
 
-class JumpScene(NamedTuple):
-    """Input of the classification, `(H, W)` each; `HoleScene` is the input of the filling of holes."""
-
-    left: FloatImage  #: Grey levels, float32 with integer values.
-    right: FloatImage  #: Corrected grey levels.
-    disparity: FloatImage  #: Pixels.
-    has_initial: Mask  #: Pixels that the semi-global matching has matched.
-    valid: Mask  #: Pixels that passed the earlier tests.
-    sigma: FloatImage  #: Standard deviation of the disparity, pixels.
-
-
 class JumpFeatures(NamedTuple):
-    """Features of N pixels `(N,)` float32 each; the network's weights are in this order."""
+    """Features of N pixels, or the inputs of the network, `(N,)` float32 each; the weights are in this order."""
 
     window_margin: FloatArray32  #: Window cost of the best other surface minus `window_cost`, grey levels.
     close_margin: FloatArray32  #: The same margin over 3 x 3 pixels.
@@ -125,14 +130,23 @@ class JumpNetwork(NamedTuple):
     output_offset: FloatArray32  #: `(1,)`.
 
 
-def classified_pixels(scene: JumpScene) -> IntArray:
+def wrong_surface_mask(scene: DisparityScene) -> Mask:
+    """Return the mask of the valid pixels `(H, W)` beside a jump that are probably on the wrong surface."""
+    wrong = np.zeros(scene.valid.shape, np.bool_)
+    flat_indices = classified_pixels(scene)
+    if not len(flat_indices):
+        return wrong
+    log_odds = _log_odds(jump_network(), network_input(jump_features(scene, flat_indices)))
+    log_depth_ratio = np.log(depth_ratio(scene.disparity, SURFACE_RADIUS).flat[flat_indices])
+    median_sigma_px = median(scene.sigma[scene.valid][::SIGMA_STRIDE])
+    threshold = LOG_ODDS_AT_1_PX + np.log(median_sigma_px)
+    wrong.flat[flat_indices] = log_odds + DEPTH_POWER * log_depth_ratio > threshold
+    return wrong
+
+
+def classified_pixels(scene: DisparityScene) -> IntArray:
     """Return the flat indices of the pixels that are classified: the valid pixels beside a jump."""
     return np.flatnonzero(_beside_jump(scene.disparity) & scene.valid)
-
-
-def log_odds_of_pixels(scene: JumpScene, flat_indices: IntArray) -> FloatArray32:
-    """Return the log odds `(N,)` that the pixels with the given flat indices are on the wrong surface."""
-    return _log_odds(jump_network(), network_input(jump_features(scene, flat_indices)))
 
 
 def _beside_jump(disparity: FloatImage) -> Mask:
@@ -142,44 +156,62 @@ def _beside_jump(disparity: FloatImage) -> Mask:
     return dilated(jump, SURFACE_RADIUS)
 
 
-def jump_features(scene: JumpScene, flat_indices: IntArray) -> JumpFeatures:
+def jump_features(scene: DisparityScene, flat_indices: IntArray) -> JumpFeatures:
     """Return the features of the pixels with the given flat indices."""
-    slope_x = slope_along_rows(scene.disparity).flat[flat_indices]
-    slope_y = slope_along_columns(scene.disparity).flat[flat_indices]
-    sigma_px = scene.sigma.flat[flat_indices]
-    surroundings = _features_of_surroundings(scene, flat_indices)
-    return JumpFeatures._make([*surroundings, slope_x, slope_y, sigma_px])
+    slope_x = slope_along_rows(scene.disparity)
+    slope_y = slope_along_columns(scene.disparity)
+    return _features(scene, slope_x, slope_y, flat_indices)
 
 
 @jit_rows
-def _features_of_surroundings(scene: JumpScene, flat_indices: IntArray) -> FloatArray32:
-    """Return the first ten `JumpFeatures` `(10, N)`, which depend on the surrounding pixels."""
+def _features(scene: DisparityScene, slope_x: FloatImage, slope_y: FloatImage, flat_indices: IntArray) -> JumpFeatures:
+    """Return the features of pixels; the slopes `(H, W)` are those of the disparity along rows and along columns."""
     cols = scene.disparity.shape[1]
-    features = np.empty((SURROUNDING_COUNT, len(flat_indices)), F)
-    for n in prange(len(flat_indices)):
+    count = len(flat_indices)
+    window_margin = np.empty(count, F)
+    close_margin = np.empty(count, F)
+    effective_pixels = np.empty(count, F)
+    window_cost = np.empty(count, F)
+    close_cost = np.empty(count, F)
+    jump_px = np.empty(count, F)
+    contrast = np.empty(count, F)
+    same_surface = np.empty(count, F)
+    nearer_surface = np.empty(count, F)
+    occluder_px = np.empty(count, F)
+    for n in prange(count):
         y = flat_indices[n] // cols
         x = flat_indices[n] % cols
         costs = _surface_costs(scene, y, x)
+        window_margin[n] = costs.window_margin
+        close_margin[n] = costs.close_margin
+        effective_pixels[n] = costs.own.effective_pixels
+        window_cost[n] = costs.own.cost
+        close_cost[n] = costs.own.close_cost
+        jump_px[n] = costs.jump_px
         around = _neighbourhood(scene, y, x)
-        in_order = (
-            costs.window_margin,
-            costs.close_margin,
-            costs.own.effective_pixels,
-            costs.own.cost,
-            costs.own.close_cost,
-            costs.jump_px,
-            around.contrast,
-            around.same_surface,
-            around.nearer_surface,
-            _occluder(scene.disparity, y, x),
-        )
-        for k in range(SURROUNDING_COUNT):
-            features[k, n] = in_order[k]
-    return features
+        contrast[n] = around.contrast
+        same_surface[n] = around.same_surface
+        nearer_surface[n] = around.nearer_surface
+        occluder_px[n] = _occluder(scene.disparity, y, x)
+    return JumpFeatures(
+        window_margin=window_margin,
+        close_margin=close_margin,
+        effective_pixels=effective_pixels,
+        window_cost=window_cost,
+        close_cost=close_cost,
+        jump_px=jump_px,
+        contrast=contrast,
+        same_surface=same_surface,
+        nearer_surface=nearer_surface,
+        occluder_px=occluder_px,
+        slope_x=slope_x.ravel()[flat_indices],
+        slope_y=slope_y.ravel()[flat_indices],
+        sigma_px=scene.sigma.ravel()[flat_indices],
+    )
 
 
 @jit_rows_inline
-def _surface_costs(scene: JumpScene, y: int, x: int) -> SurfaceCosts:
+def _surface_costs(scene: DisparityScene, y: int, x: int) -> SurfaceCosts:
     """Return the costs of the pixel's surface and of the nearest or farthest surface nearby, whichever fits better."""
     rows, cols = scene.disparity.shape
     own = scene.disparity[y, x]
@@ -187,16 +219,16 @@ def _surface_costs(scene: JumpScene, y: int, x: int) -> SurfaceCosts:
     high = own
     for v in range(max(0, y - SURFACE_RADIUS), min(rows, y + SURFACE_RADIUS + 1)):
         for u in range(max(0, x - SURFACE_RADIUS), min(cols, x + SURFACE_RADIUS + 1)):
-            if scene.has_initial[v, u]:
+            if not np.isnan(scene.matched[v, u]):
                 low = min(low, scene.disparity[v, u])
                 high = max(high, scene.disparity[v, u])
-    at_own = constant_cost(scene.left, scene.right, y, x, own)
+    at_own = constant_cost(scene, y, x, own)
     best = NO_COST
     best_close = NO_COST
     jump = F(0.0)
     for other in (low, high):
         if abs(other - own) >= SURFACE_JUMP_PX:
-            at_other = constant_cost(scene.left, scene.right, y, x, other)
+            at_other = constant_cost(scene, y, x, other)
             if at_other.cost < best:
                 best = at_other.cost
                 best_close = at_other.close_cost
@@ -205,7 +237,7 @@ def _surface_costs(scene: JumpScene, y: int, x: int) -> SurfaceCosts:
 
 
 @jit_rows_inline
-def _neighbourhood(scene: JumpScene, y: int, x: int) -> Neighbourhood:
+def _neighbourhood(scene: DisparityScene, y: int, x: int) -> Neighbourhood:
     """Return the contrast and the surfaces of the window around a pixel, weighted by similarity of grey level."""
     disparity = scene.disparity
     left = scene.left
@@ -248,7 +280,7 @@ def _occluder(disparity: FloatImage, y: int, x: int) -> np.float32:
 
 
 def network_input(features: JumpFeatures) -> FloatArray32:
-    """Return the features as numbers of order 1 `(N, 13)`, in the order of `JumpFeatures`.
+    """Return the features as numbers of order 1 `(N, 13)`.
 
     Costs are relative to the typical cost of the pair, because real images match less well than their noise explains.
     """
@@ -264,20 +296,20 @@ def network_input(features: JumpFeatures) -> FloatArray32:
         clipped = np.clip(_signed_log(margin.astype(np.float64) * (scale / typical)), -MAX_LOG, MAX_LOG)
         return np.asarray(np.where(has_other_surface, clipped, MAX_LOG), F)
 
-    inputs = (
-        log_margin(features.window_margin, WINDOW_MARGIN_SCALE),
-        log_margin(features.close_margin, 1.0),
-        np.log(features.effective_pixels),
-        log_relative(features.window_cost),
-        log_relative(features.close_cost),
-        np.clip(_signed_log(features.jump_px), -MAX_LOG, MAX_LOG),
-        log_relative(features.contrast),
-        features.same_surface,
-        features.nearer_surface,
-        np.log1p(features.occluder_px),
-        features.slope_x,
-        features.slope_y,
-        np.log(features.sigma_px),
+    inputs = JumpFeatures(
+        window_margin=log_margin(features.window_margin, WINDOW_MARGIN_SCALE),
+        close_margin=log_margin(features.close_margin, 1.0),
+        effective_pixels=np.log(features.effective_pixels),
+        window_cost=log_relative(features.window_cost),
+        close_cost=log_relative(features.close_cost),
+        jump_px=np.clip(_signed_log(features.jump_px), -MAX_LOG, MAX_LOG),
+        contrast=log_relative(features.contrast),
+        same_surface=features.same_surface,
+        nearer_surface=features.nearer_surface,
+        occluder_px=np.log1p(features.occluder_px),
+        slope_x=features.slope_x,
+        slope_y=features.slope_y,
+        sigma_px=np.log(features.sigma_px),
     )
     return np.ascontiguousarray(np.column_stack(inputs), F)
 

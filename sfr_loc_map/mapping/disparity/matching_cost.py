@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
+from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.jit import jit_rows_inline
-from sfr_loc_map.mapping.disparity.interpolation import linear
+from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
 
 # `WINDOW_RADIUS`, `MAX_DIFFERENCE`, `GREY_SCALE` and `DISTANCE_SCALE_PX` are chosen by hand. Other values require a new
 # training of the network that classifies pixels beside jumps (`jump_network`).
@@ -38,6 +38,13 @@ WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
 _OFFSETS = np.arange(-WINDOW_RADIUS, WINDOW_RADIUS + 1, dtype=np.float64)
 WEIGHT_BY_DISTANCE = np.exp(-np.hypot(_OFFSETS[:, None], _OFFSETS[None]) / DISTANCE_SCALE_PX).astype(F)
 """Weight of a pixel by its row and column in the window."""
+
+
+@jit_rows_inline
+def _linear(p0: np.float32, p1: np.float32, t: np.float32) -> np.float32:
+    """Interpolate linearly between p0 (t = 0) and p1 (t = 1)."""
+    value: np.float32 = p0 + t * (p1 - p0)
+    return value
 
 
 @jit_rows_inline
@@ -66,8 +73,10 @@ class PlaneCost(NamedTuple):
 
 
 @jit_rows_inline
-def constant_cost(left: FloatImage, right: FloatImage, y: int, x: int, disparity: np.float32) -> ConstantCost:
+def constant_cost(scene: DisparityScene, y: int, x: int, disparity: np.float32) -> ConstantCost:
     """Return the matching cost of a pixel at a disparity that is constant over the window."""
+    left = scene.left
+    right = scene.right
     rows, cols = left.shape
     whole = int(np.floor(disparity))
     fraction = disparity - F(whole)
@@ -80,7 +89,7 @@ def constant_cost(left: FloatImage, right: FloatImage, y: int, x: int, disparity
     last = min(x + WINDOW_RADIUS, cols - 1 + whole, cols - 1)
     for v in range(max(0, y - WINDOW_RADIUS), min(rows, y + WINDOW_RADIUS + 1)):
         for u in range(first, last + 1):
-            value = linear(right[v, u - whole], right[v, u - whole - 1], fraction)  # sampled `fraction` to the left
+            value = _linear(right[v, u - whole], right[v, u - whole - 1], fraction)  # sampled `fraction` to the left
             difference = min(abs(value - left[v, u]), MAX_DIFFERENCE)
             weight = _support_weight(left, y, x, v, u)
             total += weight * difference
@@ -96,19 +105,15 @@ def constant_cost(left: FloatImage, right: FloatImage, y: int, x: int, disparity
 
 @jit_rows_inline
 def plane_cost(
-    left: FloatImage,
-    right: FloatImage,
-    valid: Mask,
-    y: int,
-    x: int,
-    disparity: np.float32,
-    slope_x: np.float32,
-    slope_y: np.float32,
+    scene: DisparityScene, y: int, x: int, disparity: np.float32, slope_x: np.float32, slope_y: np.float32
 ) -> PlaneCost:
     """Return the matching cost of a plane over the window around a pixel; valid pixels have less weight.
 
     Pixels whose corresponding point is outside the right image are ignored.
     """
+    left = scene.left
+    right = scene.right
+    valid = scene.valid
     rows, cols = left.shape
     total = F(0.0)
     weights = F(0.0)
@@ -121,7 +126,7 @@ def plane_cost(
             if not is_inside:
                 continue
             k = int(column)
-            value = linear(right[v, k], right[v, k + 1], column - F(k))
+            value = _linear(right[v, k], right[v, k + 1], column - F(k))
             weight = _support_weight(left, y, x, v, u)
             weight *= VALID_WEIGHT if valid[v, u] else F(1.0)
             total += weight * min(abs(value - left[v, u]), MAX_DIFFERENCE)

@@ -10,7 +10,6 @@ from numba import prange
 
 from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.disparity.interpolation import cubic
 
 SMOOTHING_PX = 0.5
 """Standard deviation of the Gaussian that smooths slopes, pixels. A wider Gaussian loses texture
@@ -34,6 +33,15 @@ class NormalEquations(NamedTuple):
     information_vector: FloatImage  #: Sum of `w g r / var`, 1 / px: information times the least squares change.
     chi2: FloatImage  #: Sum of `w r^2 / var`.
     weight: FloatImage  #: Sum of the robust weights w.
+
+
+@jit_rows_inline
+def cubic(p0: np.float32, p1: np.float32, p2: np.float32, p3: np.float32, t: np.float32) -> np.float32:
+    """Interpolate between p1 (t = 0) and p2 (t = 1) by cubic convolution (Keys 1981, a = -0.5)."""
+    third = t * (F(3.0) * (p1 - p2) + p3 - p0)
+    second = t * (F(2.0) * p0 - F(5.0) * p1 + F(4.0) * p2 - p3 + third)
+    value: np.float32 = p1 + F(0.5) * t * (p2 - p0 + second)
+    return value
 
 
 @jit_rows

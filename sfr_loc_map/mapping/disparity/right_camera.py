@@ -27,7 +27,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.mapping.disparity.disparity_states import MeasuredDisparity
+from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
 from sfr_loc_map.mapping.disparity.vertical_disparity import (
     ALL_TERMS,
     VerticalFit,
@@ -76,29 +76,27 @@ class CameraRotation:
         return math.isfinite(self.yaw_sigma_rad)
 
 
-def measure_right_rotation(measured: MeasuredDisparity, rig: StereoRig) -> CameraRotation:
+def measure_right_rotation(scene: DisparityScene, removed: VerticalPolynomial, rig: StereoRig) -> CameraRotation:
     """Return the rotation that explains the vertical disparity of a pair.
 
-    The vertical disparity is the sum of the part that the correction has removed from the right image and of the part
-    that remains, which is fitted at measured pixels.
+    The vertical disparity is the sum of `removed`, which the correction has removed from the right image, and of the
+    part that remains, which is fitted at valid pixels. The valid pixels must be measured, not filled.
     """
-    pair = measured.pair
-    removed = pair.correction.vertical
     fit = fit_vertical_disparity(
-        pair.left,
-        pair.right,
-        pair.px,
+        scene.left,
+        scene.right,
+        scene.disparity,
         rig.camera,
         term_count=ALL_TERMS,
         min_count=MIN_ROTATION_COUNT,
-        used=measured.valid,
+        used=scene.valid,
     )
     if fit is None:
         return _rotation_of(removed, math.inf, rig)
     rotation = _rotation_of(removed.plus(fit.polynomial), fit.sigmas.saddle / rig.fy, rig)
     if rotation.distortion_rms_px < MIN_ROTATION_PX:
         return rotation
-    repeated = _repeated_fit(measured, rig)
+    repeated = _repeated_fit(scene, rig)
     if repeated is None:
         return rotation
     rotation = _rotation_of(removed.plus(repeated.polynomial), repeated.sigmas.saddle / rig.fy, rig)
@@ -106,14 +104,15 @@ def measure_right_rotation(measured: MeasuredDisparity, rig: StereoRig) -> Camer
     return replace(rotation, yaw_sigma_rad=sigma_rad)
 
 
-def _repeated_fit(measured: MeasuredDisparity, rig: StereoRig) -> VerticalFit | None:
+def _repeated_fit(scene: DisparityScene, rig: StereoRig) -> VerticalFit | None:
     """Return the vertical disparity that remains in a pair, fitted beside its disparities; None if a step fails."""
-    pair = measured.pair
     remaining = VerticalPolynomial()
     sigmas = VerticalPolynomial()
     for _ in range(REPEATED_STEPS):
-        right = without_vertical_disparity(pair.right, remaining, rig.camera)
-        step = fit_beside_disparity(pair.left, right, pair.px, rig.camera, measured.valid, min_count=MIN_ROTATION_COUNT)
+        right = without_vertical_disparity(scene.right, remaining, rig.camera)
+        step = fit_beside_disparity(
+            scene.left, right, scene.disparity, rig.camera, scene.valid, min_count=MIN_ROTATION_COUNT
+        )
         if step is None:
             return None
         remaining = remaining.plus(step.polynomial)

@@ -7,7 +7,6 @@ automatic exposure differs between the cameras, and the rig deforms after its ca
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -42,17 +41,10 @@ class RightImageCorrection:
     vertical_largest_px: float  #: Largest vertical disparity within the image, pixels.
 
 
-class CorrectedImage(NamedTuple):
-    """The right image after its correction."""
-
-    image: FloatImage  #: `(H, W)`, grey levels.
-    correction: RightImageCorrection  #: The deviations that were removed.
-
-
 def correct_right_image(
     left: FloatImage, right: FloatImage, disparity_px: FloatImage, camera: StereoCamera
-) -> CorrectedImage:
-    """Measure gain, offset and vertical disparity of the right image `(H, W)`, and return the image without them.
+) -> tuple[FloatImage, RightImageCorrection]:
+    """Return the right image `(H, W)` without gain, offset and vertical disparity, and these deviations.
 
     A vertical disparity below `MIN_VERTICAL_PX` stays in the image and is not part of the correction. The disparity
     must be defined at every pixel and correct to about one pixel.
@@ -72,7 +64,7 @@ def correct_right_image(
         if _largest_px(step, left.shape, camera) < MIN_VERTICAL_PX:
             break
     largest_px = _largest_px(vertical, left.shape, camera)
-    return CorrectedImage(corrected, RightImageCorrection(exposure, vertical, largest_px))
+    return corrected, RightImageCorrection(exposure, vertical, largest_px)
 
 
 def _vertical_step(

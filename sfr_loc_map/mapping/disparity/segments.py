@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage, IntArray, Mask
 from sfr_loc_map.jit import jit, jit_inline, jit_rows
-from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
+from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, DisparityScene
 
 STEPS_PER_PX = F(16.0)
 """Refined disparities of neighbours are compared in steps of 1/16 pixel, which is the resolution of the matcher except
@@ -40,19 +40,19 @@ class Segments(NamedTuple):
     pixels: IntArray  #: `(S,)`, number of pixels of each segment.
 
 
-def not_a_surface_mask(left: FloatImage, right: FloatImage, disparity: FloatImage, valid: Mask) -> Mask:
+def not_a_surface_mask(scene: DisparityScene) -> Mask:
     """Return the mask of the pixels `(H, W)` that are invalid, or in a segment that is too small or consists of noise.
 
     Segments consist of valid pixels.
     """
-    steps = np.rint(disparity * STEPS_PER_PX).astype(np.int32)
-    steps[~valid] = -1
+    steps = np.rint(scene.disparity * STEPS_PER_PX).astype(np.int32)
+    steps[~scene.valid] = -1
     segments = _find_segments(steps, np.int32(STEPS_PER_PX * SURFACE_JUMP_PX))
     segment_pixels = _segment_pixels(segments)
     kept: Mask = segment_pixels > MAX_MEDIUM_SEGMENT_PIXELS
     flat_indices = np.flatnonzero((segment_pixels > MAX_SMALL_SEGMENT_PIXELS) & ~kept)
     labels = segments.label.flat[flat_indices]
-    correlation = _gradient_correlation(left, right, disparity, flat_indices, labels, len(segments.pixels))
+    correlation = _gradient_correlation(scene, flat_indices, labels, len(segments.pixels))
     kept.flat[flat_indices] = correlation >= MIN_CORRELATION
     return ~kept
 
@@ -132,12 +132,7 @@ def _segment_pixels(segments: Segments) -> NDArray[np.int32]:
 
 
 def _gradient_correlation(
-    left: FloatImage,
-    right: FloatImage,
-    disparity: FloatImage,
-    flat_indices: IntArray,
-    labels: NDArray[np.int32],
-    label_count: int,
+    scene: DisparityScene, flat_indices: IntArray, labels: NDArray[np.int32], label_count: int
 ) -> FloatArray:
     """Return the correlation of the grey level gradients of both images over the segment of each pixel `(N,)`.
 
@@ -147,10 +142,12 @@ def _gradient_correlation(
 
     Pixels are given by flat indices and by the labels of their segments, from 0 to `label_count - 1`.
     """
+    left = scene.left
+    right = scene.right
     rows, cols = left.shape
     y = flat_indices // cols
     x = flat_indices % cols
-    column = x.astype(F) - disparity[y, x]
+    column = x.astype(F) - scene.disparity[y, x]
     k = np.floor(column).astype(np.intp)
     inside = (k >= 1) & (k <= cols - 3) & (y > 0) & (y < rows - 1) & (x > 0) & (x < cols - 1)
     fraction = (column - k.astype(F))[inside]

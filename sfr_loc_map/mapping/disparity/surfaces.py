@@ -1,4 +1,4 @@
-"""Surfaces of a disparity image: jumps between them, their slopes, and their visibility in the right image.
+"""A pair with its disparities, and the surfaces in it: jumps between them, their slopes, and their visibility.
 
 Three functions compare a pixel with the surfaces at the corresponding pixel of the right image:
 
@@ -35,6 +35,18 @@ CENTRAL_DIFFERENCE = np.array([[-0.5, 0.0, 0.5]], F)
 """Taps of the slope of a disparity. At the border, which is repeated, the slope is half of the difference to the only
 neighbour. Slopes of grey levels are also smoothed: along rows by a Gaussian (`photometric_residual`), and along columns
 by the Sobel operator (`vertical_disparity`)."""
+
+
+class DisparityScene(NamedTuple):
+    """The images of a pair with its disparities, `(H, W)` each."""
+
+    left: FloatImage  #: Left image, grey levels, float32 with integer values.
+    right: FloatImage  #: Right image after its correction, grey levels.
+    matched: FloatImage  #: Disparities of the semi-global matching, pixels; NaN where unmatched.
+    #: Disparities, pixels, defined everywhere. At invalid pixels they are only a smooth continuation.
+    disparity: FloatImage
+    sigma: FloatImage  #: Standard deviation of the disparity, pixels.
+    valid: Mask  #: Pixels that pass the tests so far. After hole filling, also the filled pixels.
 
 
 class RightSurfaces(NamedTuple):

@@ -27,7 +27,7 @@ SMOOTHING_BIAS = F(0.34)
 several kinds, with several illuminations and cameras (measurements/mapper_trials.md)."""
 MAX_CURVATURE_MEDIANS = 10.0
 """For the smoothing bias, second differences are clipped to this multiple of their median. Larger second differences
-are creases, which have a separate term. Chosen like `cauchy_scale.EDGE_FACTOR`."""
+are creases, which have a separate term. Chosen like `smoothness.EDGE_FACTOR`."""
 CREASE_BIAS = F(1.2)
 """Error in pixels at a second difference of 1 pixel above the median. Chosen like `SMOOTHING_BIAS`: beside edges and
 creases the error is about as large as the second difference."""

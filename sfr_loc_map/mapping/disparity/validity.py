@@ -1,22 +1,10 @@
-"""Validity tests of disparities: visible to both cameras, consistent in both images, and on the correct surface.
+"""The status of each pixel: measured, filled, or the first validity test that its disparity fails.
 
-The tests in the order of the calls, with the `PixelStatus` of the pixels that fail:
-
-1. UNMATCHED: the matcher rejects the pixel (`semi_global_matching`).
-2. CHANGED: the refinement changes the disparity too much (`_changed_mask`).
-3. OCCLUDED: a nearer surface hides the point from the right camera, or the point is outside the right image
-   (`surfaces`). Only pixels that pass the tests above can occlude.
-4. MISMATCHED: the residual exceeds the noise and is similar to the contrast of the image (`_mismatch_mask`).
-5. RAMP: the pixel is on a ramp that joins two surfaces (`_ramp_mask`).
-6. NOT_A_SURFACE: the segment of the pixel is too small or consists of noise (`segments`).
-7. WRONG_SURFACE: the pixel is beside a jump and probably has the disparity of the wrong side (`wrong_surface`).
-8. NOT_A_SURFACE, again: test 7 may have reduced a segment to a small one.
-9. SATURATED: the neighbourhood of the pixel is completely saturated (`saturation`).
-10. BEYOND_RANGE: the point is beyond the maximum depth. `final_disparity` applies this test after holes are filled and
-    the roll is removed.
-
-The reason for an invalid pixel is the first test that it fails. `hole_filling` may make any invalid pixel valid again,
-except in saturated neighbourhoods (`Saturation.square_saturated`).
+A valid disparity is visible to both cameras, consistent in both images, and on the correct surface. `judge_pixels`
+calls the tests in the order of `PixelStatus`. Exceptions: NOT_A_SURFACE is tested again after WRONG_SURFACE, because
+that test may reduce a segment to a small one. `estimation` tests BEYOND_RANGE after holes are filled and the roll of
+the right camera is removed. `hole_filling` may make any invalid pixel valid again, except in saturated neighbourhoods
+(`Saturation.square_saturated`).
 
 To add a test of the pixels of one pair:
 
@@ -24,8 +12,8 @@ To add a test of the pixels of one pair:
   be renumbered.
 - Add a function that returns the mask of the pixels that fail, and its call `with_reason(...)` in `judge_pixels`. The
   position of the call determines the reason of a pixel that fails several tests.
-- A call in `status_before_wrong_surface` changes the pixels with which the network of test 7 was trained. Train the
-  network again (`tools/train_jump_network.py`).
+- A call in `status_before_wrong_surface` changes the pixels with which the network of WRONG_SURFACE was trained. Train
+  the network again (`tools/train_jump_network.py`).
 - If the pixels must not be filled, exclude them in `hole_filling.fill_holes` in the same way as saturated pixels.
 
 A test that compares pairs does not change the status of pixels. `multiview.fixed_content` removes content of images,
@@ -34,20 +22,21 @@ and `multiview.fusion` drops points.
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.geometry.robust_statistics import mad_sigma
-from sfr_loc_map.mapping.disparity.jump_network import JumpScene
-from sfr_loc_map.mapping.disparity.pair_refinement import RefinedPair
-from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, StatusImage, is_valid, with_reason
-from sfr_loc_map.mapping.disparity.saturation import Saturation
+from sfr_loc_map.mapping.disparity.jump_network import wrong_surface_mask
 from sfr_loc_map.mapping.disparity.segments import not_a_surface_mask
-from sfr_loc_map.mapping.disparity.surfaces import occlusion_mask, right_surfaces, slope_along_rows
-from sfr_loc_map.mapping.disparity.wrong_surface import wrong_surface_mask
+from sfr_loc_map.mapping.disparity.surfaces import DisparityScene, occlusion_mask, right_surfaces, slope_along_rows
+from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 from sfr_loc_map.mapping.filters import box_mean
 
+StatusImage = NDArray[np.uint8]  #: `(H, W)`, the `PixelStatus` of each pixel.
 MAX_CHI2_PER_DOF = F(4.0)
 """A match is suspicious if the mean squared normalised residual of a window around it exceeds this: twice the standard
 deviation of the noise."""
@@ -74,51 +63,85 @@ ray of the right camera, so that a steep ramp joins two surfaces across an occlu
 the density by 0.001 (measurements/mapper_trials.md)."""
 
 
-def judge_pixels(pair: RefinedPair, left_variance: FloatImage, saturation: Saturation) -> StatusImage:
+class PixelStatus(IntEnum):
+    """Status of a pixel. The reason for an invalid pixel is the first test that it fails, in the order of the values.
+
+    If a saturated pixel also fails an earlier test, the reason is that test. Like all saturated pixels, such a pixel is
+    not filled. A filled pixel does not keep the reason for which it was invalid.
+
+    The status is that of one pair, and the fusion does not change it. A valid pixel may therefore have no point in a
+    fused cloud: `multiview.fixed_content` removes content that is fixed to the image, and `multiview.fusion` drops
+    points that conflict with a point of another pair or duplicate it. `multiview.projection` compares points only with
+    pixels whose neighbours are valid and on one surface.
+    """
+
+    MEASURED = 0  #: Valid: passed all tests.
+    FILLED = 1  #: Valid: failed a test and was filled from the adjacent surface (`hole_filling`).
+    UNMATCHED = 2  #: Rejected by the matcher: left-right check, uniqueness or speckle.
+    CHANGED = 3  #: Changed too much by the refinement.
+    OCCLUDED = 4  #: Occluded in the right image, or outside it.
+    MISMATCHED = 5  #: Residual larger than the noise and similar to the image's contrast.
+    RAMP = 6  #: On a ramp that joins two surfaces.
+    NOT_A_SURFACE = 7  #: In a segment that is small or has no content in common with the right image.
+    WRONG_SURFACE = 8  #: Beside a disparity jump, and probably with the disparity of the wrong side.
+    SATURATED = 9  #: In a neighbourhood that is completely saturated.
+    BEYOND_RANGE = 10  #: Beyond the maximum depth.
+
+
+LAST_VALID = np.uint8(PixelStatus.FILLED)  #: Largest value of a valid status.
+
+
+def is_valid(status: StatusImage) -> Mask:
+    """Return the mask of the pixels `(H, W)` that are measured or filled."""
+    valid: Mask = status <= LAST_VALID
+    return valid
+
+
+def with_reason(status: StatusImage, failed: Mask, reason: PixelStatus) -> StatusImage:
+    """Return the status with `reason` at failed pixels that were valid."""
+    newly_invalid = failed & is_valid(status)
+    return np.maximum(status, newly_invalid * np.uint8(reason))  # each reason is larger than each valid status
+
+
+def judge_pixels(
+    scene: DisparityScene, refined: RefinedDisparity, left_variance: FloatImage, saturated: Mask
+) -> StatusImage:
     """Return the status of each pixel: measured, or the reason why its disparity is invalid.
 
-    `left_variance` is the local variance of the left image (`filters.local_variance`), for the test of the residuals.
+    The valid pixels of the scene are those that the semi-global matching has matched. `left_variance` is the local
+    variance of the left image (`filters.local_variance`), and `saturated` the mask of the completely saturated
+    neighbourhoods (`Saturation.square_saturated`).
     """
-    status = status_before_wrong_surface(pair, left_variance)
-    wrong_surface = wrong_surface_mask(jump_scene(pair, is_valid(status)))
+    status = status_before_wrong_surface(scene, refined, left_variance)
+    wrong_surface = wrong_surface_mask(scene._replace(valid=is_valid(status)))
     status = with_reason(status, wrong_surface, PixelStatus.WRONG_SURFACE)
     # The wrong-surface test may have reduced a segment to a small one.
-    not_a_surface = not_a_surface_mask(pair.left, pair.right, pair.px, is_valid(status))
+    not_a_surface = not_a_surface_mask(scene._replace(valid=is_valid(status)))
     status = with_reason(status, not_a_surface, PixelStatus.NOT_A_SURFACE)
-    return with_reason(status, saturation.square_saturated, PixelStatus.SATURATED)
+    return with_reason(status, saturated, PixelStatus.SATURATED)
 
 
-def status_before_wrong_surface(pair: RefinedPair, left_variance: FloatImage) -> StatusImage:
-    """Return the status of each pixel after tests 1 to 6.
+def status_before_wrong_surface(
+    scene: DisparityScene, refined: RefinedDisparity, left_variance: FloatImage
+) -> StatusImage:
+    """Return the status of each pixel after the tests before WRONG_SURFACE.
 
-    These tests are a separate function, because the network of test 7 is trained with the pixels that pass them.
+    These tests are a separate function, because the network of WRONG_SURFACE is trained with the pixels that pass them.
     """
-    measured = np.full(pair.px.shape, PixelStatus.MEASURED, np.uint8)
-    status = with_reason(measured, np.isnan(pair.initial_px), PixelStatus.UNMATCHED)
-    status = with_reason(status, _changed_mask(pair.initial_px, pair.px), PixelStatus.CHANGED)
-    occluded = occlusion_mask(pair.px, right_surfaces(pair.px, is_valid(status)))
+    measured = np.full(scene.disparity.shape, PixelStatus.MEASURED, np.uint8)
+    status = with_reason(measured, ~scene.valid, PixelStatus.UNMATCHED)
+    status = with_reason(status, _changed_mask(scene.matched, scene.disparity), PixelStatus.CHANGED)
+    occluded = occlusion_mask(scene.disparity, right_surfaces(scene.disparity, is_valid(status)))
     status = with_reason(status, occluded, PixelStatus.OCCLUDED)
-    status = with_reason(status, _mismatch_mask(pair, left_variance), PixelStatus.MISMATCHED)
-    status = with_reason(status, _ramp_mask(pair.px), PixelStatus.RAMP)
-    not_a_surface = not_a_surface_mask(pair.left, pair.right, pair.px, is_valid(status))
+    status = with_reason(status, _mismatch_mask(refined, left_variance), PixelStatus.MISMATCHED)
+    status = with_reason(status, _ramp_mask(scene.disparity), PixelStatus.RAMP)
+    not_a_surface = not_a_surface_mask(scene._replace(valid=is_valid(status)))
     return with_reason(status, not_a_surface, PixelStatus.NOT_A_SURFACE)
 
 
-def jump_scene(pair: RefinedPair, valid: Mask) -> JumpScene:
-    """Return the input of the wrong-surface test; `valid` `(H, W)` is the mask of the pixels that pass tests 1 to 6."""
-    return JumpScene(
-        left=pair.left,
-        right=pair.right,
-        disparity=pair.px,
-        has_initial=np.isfinite(pair.initial_px),
-        valid=valid,
-        sigma=pair.sigma_px,
-    )
-
-
-def _changed_mask(initial_px: FloatImage, disparity_px: FloatImage) -> Mask:
-    """Return the mask of the pixels `(H, W)` that the refinement changed too much; `initial_px` may be NaN."""
-    change_px = np.abs(disparity_px - initial_px)
+def _changed_mask(matched_px: FloatImage, disparity_px: FloatImage) -> Mask:
+    """Return the mask of the pixels `(H, W)` that the refinement changed too much; `matched_px` may be NaN."""
+    change_px = np.abs(disparity_px - matched_px)
     sampled = change_px[::CHANGE_STRIDE, ::CHANGE_STRIDE]
     known = sampled[np.isfinite(sampled)]
     change_sigma_px = mad_sigma(known) if len(known) else 0.0
@@ -126,15 +149,15 @@ def _changed_mask(initial_px: FloatImage, disparity_px: FloatImage) -> Mask:
     return changed
 
 
-def _mismatch_mask(pair: RefinedPair, left_variance: FloatImage) -> Mask:
+def _mismatch_mask(refined: RefinedDisparity, left_variance: FloatImage) -> Mask:
     """Return the mask of the pixels `(H, W)` with residuals above the noise and similar to the contrast of the image.
 
     Residuals are normalised by the noise of each cell. Multiplied by the median noise of the pair, they are
     approximately in grey levels: too small in bright regions and too large in dark regions, because noise grows with
     the light.
     """
-    chi2_per_dof = box_mean(np.fmin(np.square(pair.field.normalised_residual), MAX_CHI2), CHI2_WINDOW)
-    squared_residual = chi2_per_dof * F(pair.field.noise_grey * pair.field.noise_grey)
+    chi2_per_dof = box_mean(np.fmin(np.square(refined.normalised_residual), MAX_CHI2), CHI2_WINDOW)
+    squared_residual = chi2_per_dof * F(refined.noise_grey * refined.noise_grey)
     is_suspicious = chi2_per_dof > MAX_CHI2_PER_DOF
     mismatch: Mask = is_suspicious & (squared_residual > MAX_CONTRAST_RATIO * left_variance)
     return mismatch

@@ -9,7 +9,7 @@ right image again (`linearise`) and changes the field by s, which minimises on e
 
 - The first sum is over pixels. r is the warped right image minus the left image, o the brightness offset around the
   pixel, g the slope along the row, and w the Cauchy weight of the residual. The variance of the residuals is inflated
-  by the factor c (`_variance_inflation`).
+  by the factor c (`linearise`).
 - The second sum is over the elements of the grid, with the second differences of d, the field plus s. Their Cauchy
   weights w_x, w_y and w_m (`smoothness`) decrease far above the typical size, for example at the edges of rocks.
 - w, c and the weights of the second differences are constant within a solve.
@@ -26,25 +26,23 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
-from sfr_loc_map.mapping.disparity.cauchy_scale import GRID_FACTOR, cauchy_scale_of
 from sfr_loc_map.mapping.disparity.cell_field import LEVELS, disparity_from_cells, padded, pixels_from_cells
 from sfr_loc_map.mapping.disparity.conjugate_gradients import conjugate_gradient_step
-from sfr_loc_map.mapping.disparity.image_noise import (
-    SAMPLED_CELLS,
-    block_variance_ratio,
-    noise_variance,
-    overall_noise,
-    rounding_noise,
-)
 from sfr_loc_map.mapping.disparity.photometric_residual import (
-    NormalEquations,
     cell_means,
     mean_template,
     normal_equations,
     photometric_residual,
     slopes,
 )
-from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, smoothness_weights
+from sfr_loc_map.mapping.disparity.residual_noise import (
+    SAMPLED_CELLS,
+    block_variance_ratio,
+    noise_variance,
+    overall_noise,
+    rounding_noise,
+)
+from sfr_loc_map.mapping.disparity.smoothness import GRID_FACTOR, SmoothnessWeights, cauchy_scale_of, smoothness_weights
 from sfr_loc_map.mapping.filters import box_mean, downsample_mean, upsample_bilinear, upsample_nearest
 
 ITERATIONS = 3
@@ -76,7 +74,7 @@ TEMPLATE_SIGMAS = 4.0
 """Where the residual exceeds this many standard deviations, only the left image is used for the template, because the
 right image shows another surface there. The optimum is flat (measurements/mapper_trials.md)."""
 MIN_WEIGHT = F(0.1)
-"""Lower bound of the mean robust weight around a cell, a divisor in `_variance_inflation`. The
+"""Lower bound of the mean robust weight around a cell, a divisor of the inflation of the variance (`linearise`). The
 bound has an effect where nearly all residuals around a cell are outliers. With half or twice the value, the MAE of
 Teddy, KITTI 2015 and the sample changes by less than 0.1 % (measurements/mapper_trials.md)."""
 
@@ -103,15 +101,6 @@ class LeftImage(NamedTuple):
     min_noise: float  #: Standard deviation of a residual due to rounding alone, grey levels.
 
 
-class ResidualNoise(NamedTuple):
-    """The noise of the residuals at a field, `(h, w)` float32 except for `overall`."""
-
-    overall: float  #: Standard deviation of all residuals, including their brightness offset, grey levels.
-    means: FloatImage  #: Mean residual of each cell, clipped, grey levels.
-    offset: FloatImage  #: Brightness offset of the residuals, grey levels.
-    variance: FloatImage  #: Variance of the residuals without this offset, grey levels squared.
-
-
 class Linearisation(NamedTuple):
     """The data term at a field."""
 
@@ -120,13 +109,6 @@ class Linearisation(NamedTuple):
     variance: FloatImage  #: `(h, w)`, variance of the residuals, grey levels squared.
     information: FloatImage  #: `(h, w)`, information on a change of the field, with inflated variance, 1 / px^2.
     information_vector: FloatImage  #: `(h, w)`, information times the least squares change, 1 / px.
-
-
-class SolvedField(NamedTuple):
-    """Result of one linearised solve."""
-
-    cells: FloatImage  #: `(h, w)`, the field, pixels.
-    weights: SmoothnessWeights  #: Smoothness weights of the finest grid, from the field one step before `cells`.
 
 
 def refine_disparity(left: FloatImage, right: FloatImage, initial_cells: FloatImage) -> RefinedDisparity:
@@ -171,47 +153,35 @@ def _prepare_left(left: FloatImage) -> LeftImage:
 
 
 def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearisation:
-    """Return the data term at a field; the slopes are those of the mean of both images."""
+    """Return the data term at a field; the slopes are those of the mean of both images.
+
+    The variance in the information is inflated where residuals exceed it (means over `WINDOW_CELLS`), and everywhere if
+    the residuals are correlated between pixels (`block_variance_ratio`).
+    """
     residual = photometric_residual(left.image, right, pixels_from_cells(cells))
-    noise = _residual_noise(left, residual)
-    template = mean_template(left.image, residual, noise.offset, F(TEMPLATE_SIGMAS * noise.overall))
-    equations = normal_equations(slopes(template), residual, noise.offset, F(1.0) / noise.variance, ROBUST_FACTOR)
-    inflation = _variance_inflation(equations, noise)
+    noise = overall_noise(residual, left.min_noise)
+    means = cell_means(residual, F(CLIPPING_SIGMAS * noise))
+    offset = box_mean(means, WINDOW_CELLS)
+    variance = noise_variance(left.cell_grey, left.grey_order, residual, offset, left.min_noise)
+    template = mean_template(left.image, residual, offset, F(TEMPLATE_SIGMAS * noise))
+    equations = normal_equations(slopes(template), residual, offset, F(1.0) / variance, ROBUST_FACTOR)
+    mean_chi2 = box_mean(equations.chi2, WINDOW_CELLS)
+    mean_weight = np.maximum(box_mean(equations.weight, WINDOW_CELLS), MIN_WEIGHT)
+    inflation = np.maximum(mean_chi2 / mean_weight, block_variance_ratio(means, offset, variance))
     return Linearisation(
         residual=residual,
-        offset=noise.offset,
-        variance=noise.variance,
+        offset=offset,
+        variance=variance,
         information=np.asarray(equations.information / inflation, F),
         information_vector=np.asarray(equations.information_vector / inflation, F),
     )
 
 
-def _residual_noise(left: LeftImage, residual: FloatImage) -> ResidualNoise:
-    """Return the brightness offset and the noise of residuals `(2 h, 2 w)`, NaN where unknown."""
-    overall = overall_noise(residual, left.min_noise)
-    means = cell_means(residual, F(CLIPPING_SIGMAS * overall))
-    offset = box_mean(means, WINDOW_CELLS)
-    variance = noise_variance(left.cell_grey, left.grey_order, residual, offset, left.min_noise)
-    return ResidualNoise(overall, means, offset, variance)
+def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> tuple[FloatImage, SmoothnessWeights]:
+    """Return the field after one linearised solve on all grids, coarse to fine, and the weights of the finest grid.
 
-
-def _variance_inflation(equations: NormalEquations, noise: ResidualNoise) -> FloatImage:
-    """Return the factor of the variance in the information of each cell `(h, w)`.
-
-    The variance is inflated where residuals exceed it (means over `WINDOW_CELLS`), and everywhere if the residuals are
-    correlated between pixels (`block_variance_ratio`).
-    """
-    mean_chi2 = box_mean(equations.chi2, WINDOW_CELLS)
-    mean_weight = np.maximum(box_mean(equations.weight, WINDOW_CELLS), MIN_WEIGHT)
-    block_ratio = block_variance_ratio(noise.means, noise.offset, noise.variance)
-    return np.asarray(np.maximum(mean_chi2 / mean_weight, block_ratio), F)
-
-
-def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> SolvedField:
-    """Return the field after one linearised solve on all grids, coarse to fine.
-
-    The data term of a block is the sum over its cells. After each coarse step, the information vector of the remaining
-    change is reduced by the information times the step.
+    The weights are those of the field before the last step. The data term of a block is the sum over its cells. After
+    each coarse step, the information vector of the remaining change is reduced by the information times the step.
     """
     scale = cauchy_scale_of(cells)
     information = data_term.information
@@ -238,4 +208,4 @@ def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> Solved
         information_vector = information_vector - information * step
     weights = smoothness_weights(cells, scale.along_x, scale.along_y, F(1.0))
     step = conjugate_gradient_step(cells, information, information_vector, weights, SOLVER_ITERATIONS[0])
-    return SolvedField(cells + step, weights)
+    return cells + step, weights

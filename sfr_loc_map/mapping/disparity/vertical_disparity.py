@@ -14,12 +14,13 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numba import prange
 
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.robust_statistics import cauchy_weight, mad_sigma
-from sfr_loc_map.mapping.disparity.interpolation import shift_rows
-from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual
+from sfr_loc_map.jit import jit_rows
+from sfr_loc_map.mapping.disparity.photometric_residual import cubic, photometric_residual
 
 SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used; 100 000 samples suffice.
 HALF_WEIGHT_SIGMAS = 2.0
@@ -185,6 +186,23 @@ def without_vertical_disparity(image: FloatImage, vertical: VerticalPolynomial, 
     columns = np.arange(width, dtype=np.float64)[None]
     rows = np.arange(height, dtype=np.float64)[:, None]
     return shift_rows(image, vertical.at_pixels(columns, rows, camera).astype(F))
+
+
+@jit_rows
+def shift_rows(image: FloatImage, shift: FloatImage) -> FloatImage:
+    """Return the image at rows `v + shift`, with `shift` `(H, W)` in pixels; the border is repeated."""
+    rows, cols = image.shape
+    out = np.empty((rows, cols), F)
+    for y in prange(rows):
+        for x in range(cols):
+            v = min(max(F(y) + shift[y, x], F(0.0)), F(rows - 1))
+            k = int(v)
+            p0 = image[max(k - 1, 0), x]
+            p1 = image[k, x]
+            p2 = image[min(k + 1, rows - 1), x]
+            p3 = image[min(k + 2, rows - 1), x]
+            out[y, x] = cubic(p0, p1, p2, p3, v - F(k))
+    return out
 
 
 def _sampled_slopes(image: FloatImage) -> FloatImage:

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.disparity.match_check import TEXTURE_SIGMAS
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
-from sfr_loc_map.mapping.disparity.texture import TEXTURE_SIGMAS
 from sfr_loc_map.mapping.filters import dilated, square_element
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.pair_view import PairView
@@ -46,15 +45,8 @@ MIN_REGION_FRACTION = 0.003
 smaller, ground that is similar by chance is removed. If larger, small parts of the rover's body are mapped."""
 
 
-class CleanedViews(NamedTuple):
-    """Views without fixed content."""
-
-    views: Sequence[PairView]
-    findings: Findings  #: Removed fraction of the image of each pair with fixed content, and warnings.
-
-
-def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedViews:
-    """Return the views without content that is fixed to the image.
+def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> tuple[list[PairView], Findings]:
+    """Return the views without content that is fixed to the image, and the removed fraction of each image.
 
     A region that is fixed in two pairs is removed from both.
     """
@@ -76,7 +68,7 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedV
             regions[index] = region | regions.get(index, np.zeros_like(region))
     statistics = {f"fixed_share_{index}": float(region.mean()) for index, region in regions.items()}
     kept = [_without(view, regions[index]) if index in regions else view for index, view in enumerate(views)]
-    return CleanedViews(kept, Findings(statistics, tuple(warnings)))
+    return kept, Findings(statistics, tuple(warnings))
 
 
 def _fixed_region(fixed_disparity: Mask, first_grey: FloatImage, second_grey: FloatImage, noise: np.float32) -> Mask:

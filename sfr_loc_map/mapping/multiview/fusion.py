@@ -24,7 +24,7 @@ metres apart, converting the difference reduces the error by at most 5 % (measur
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +33,8 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import F, FloatArray32, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.projection import Observations, Overlap, overlap_of, point_weights, project_into_view
+from sfr_loc_map.mapping.multiview.pose_agreement import Overlap, overlap_of
+from sfr_loc_map.mapping.multiview.projection import Observations, point_weights, project_into_view
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 AGREE_SIGMAS = 3.0
@@ -125,15 +126,19 @@ def _compare_points(index: int, views: Sequence[PairView], rig: StereoRig) -> Co
     own = _ranges_of_points(views[index])
     judgements = []
     overlaps = {}
+    agrees = np.zeros(points.size, np.bool_)
+    is_duplicate = np.zeros(points.size, np.bool_)
+    is_conflict = np.zeros(points.size, np.bool_)
     for other_index, other in enumerate(views):
         if other_index == index:
             continue
         observed = project_into_view(points.xyz, other.T_lm_left, other.images, rig)
-        judgements.append(_judge(observed, own, is_earlier=other_index < index))
         overlaps[other_index] = overlap_of(points, observed)
-    agrees = _any_of((judgement.agrees for judgement in judgements), points.size)
-    is_duplicate = _any_of((judgement.is_duplicate for judgement in judgements), points.size)
-    is_conflict = _any_of((judgement.is_conflict for judgement in judgements), points.size)
+        judgement = _judge(observed, own, is_earlier=other_index < index)
+        judgements.append(judgement)
+        agrees |= judgement.agrees
+        is_duplicate |= judgement.is_duplicate
+        is_conflict |= judgement.is_conflict
     fused = _at_weighted_mean(points, own, judgements, agrees)
     return ComparedPoints(
         kept=fused.select(~(is_duplicate | is_conflict)),
@@ -174,14 +179,6 @@ def _judge(observed: Observations, own: PointRanges, *, is_earlier: bool) -> Jud
         is_duplicate=agrees & is_preferred & (observed.sample_distance_px < SAME_POSITION_PX),
         is_conflict=is_farther & is_preferred,
     )
-
-
-def _any_of(masks: Iterable[Mask], size: int) -> Mask:
-    """Return the mask `(size,)` of the points that at least one of the masks contains; all False without masks."""
-    found = np.zeros(size, np.bool_)
-    for mask in masks:
-        found |= mask
-    return found
 
 
 def _at_weighted_mean(

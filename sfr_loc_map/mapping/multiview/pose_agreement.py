@@ -10,17 +10,28 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray32, median
 from sfr_loc_map.geometry.robust_statistics import mad_sigma, spread
-from sfr_loc_map.mapping.disparity.texture import TEXTURE_SIGMAS
+from sfr_loc_map.mapping.disparity.match_check import TEXTURE_SIGMAS
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, SHIFT_PX, Overlap
-from sfr_loc_map.mapping.pair_view import PairView
+from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, SHIFT_PX, Observations
+from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
+OVERLAP_STRIDE = 4  #: Poses are compared by every fourth common point, which is enough for medians.
 MAX_RANGE_RATIO = 1.8
 """Poses disagree if the ratio of measured to expected range differences exceeds this. Correct poses have a ratio of 1
 or less (docs/mapping.md)."""
 MAX_GREY_RATIO = 0.45
 """Poses disagree if the ratio of grey level differences to those at an offset of `SHIFT_PX` exceeds this. Correct poses
 have a ratio of 0.1 to 0.3, and poses with an error of 0.3 deg have 0.45 (docs/mapping.md)."""
+
+
+class Overlap(NamedTuple):
+    """Points of a view that another view observes, and the differences at n samples of these points, `(n,)` each."""
+
+    common: int  #: Number of points that the other view observes.
+    difference: FloatArray32  #: Range differences (`Observations.difference`), metres.
+    difference_sigma: FloatArray32  #: Standard deviations of the range differences, metres.
+    grey_difference: FloatArray32  #: Grey level of the other view minus that of the point.
+    shifted_difference: FloatArray32  #: The same with the grey level of the other view at the offset of `SHIFT_PX`.
 
 
 class PoseAgreement(NamedTuple):
@@ -31,6 +42,21 @@ class PoseAgreement(NamedTuple):
     range_ratio: float  #: Robust ratio of range differences to those expected for correct sigmas and poses.
     #: Robust ratio of grey level differences to those at an offset of `SHIFT_PX`; NaN if there is too little texture.
     grey_ratio: float
+
+
+def overlap_of(points: ViewPoints, observed: Observations) -> Overlap:
+    """Return the overlap of the view of the points with the view that observes them."""
+    indices = observed.indices
+    sampled = indices[::OVERLAP_STRIDE]
+    samples = observed.select(sampled)
+    own_grey = points.intensity[sampled]
+    return Overlap(
+        common=len(indices),
+        difference=samples.difference,
+        difference_sigma=samples.difference_sigma(points.fusion_sigma[sampled]),
+        grey_difference=samples.grey - own_grey,
+        shifted_difference=samples.grey_shifted - own_grey,
+    )
 
 
 def pose_disagreement(range_ratio: float, grey_ratio: float) -> str:

@@ -1,4 +1,7 @@
-"""Observations of a view at the points of another view, and the weights of points in the fusion."""
+"""Observations of a view at the points of another view, and the weights of points in the fusion.
+
+A point is observed if its projection is between four pixels with disparities that are on one surface.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
-from sfr_loc_map.mapping.pair_view import PairView, ViewImages, ViewPoints
+from sfr_loc_map.mapping.pair_view import PairView, ViewImages
 
 FEATHER_PX = 48.0
 """Distance from the image border beyond which points have their full weight, pixels: a twentieth of the side of a
@@ -23,9 +26,8 @@ SHIFT_PX = 8
 """Offset along both axes at which grey levels are also compared, pixels. This offset corresponds to a pose error of
 about 0.5 deg at a focal length of 800 pixels."""
 MIN_OVERLAP = 1000
-"""Minimum number of common points for judging poses. The robust spread of every fourth point (`OVERLAP_STRIDE`) is then
-accurate to 7 %."""
-OVERLAP_STRIDE = 4  #: Poses are compared by every fourth common point, which is enough for medians.
+"""Minimum number of common points for judging poses. The robust spread of every fourth point
+(`pose_agreement.OVERLAP_STRIDE`) is then accurate to 7 %."""
 MIN_DEPTH_M = 1e-3  #: Minimum depth of a projected point, metres: points behind the camera are ignored.
 
 
@@ -64,34 +66,9 @@ class Observations(NamedTuple):
         return Observations._make(values.take(indices, axis=0) for values in self)
 
 
-class Overlap(NamedTuple):
-    """Points of a view that another view observes, and the differences at n samples of these points, `(n,)` each."""
-
-    common: int  #: Number of points that the other view observes.
-    difference: FloatArray32  #: Range differences (`Observations.difference`), metres.
-    difference_sigma: FloatArray32  #: Standard deviations of the range differences, metres.
-    grey_difference: FloatArray32  #: Grey level of the other view minus that of the point.
-    shifted_difference: FloatArray32  #: The same with the grey level of the other view at the offset of `SHIFT_PX`.
-
-
 def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> Observations:
     """Return the observations of points `(N, 3)` in LM by a view whose left camera has the pose `T_lm_left`."""
     return _observe(xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
-
-
-def overlap_of(points: ViewPoints, observed: Observations) -> Overlap:
-    """Return the overlap of the view of the points with the view that observes them."""
-    indices = observed.indices
-    sampled = indices[::OVERLAP_STRIDE]
-    samples = observed.select(sampled)
-    own_grey = points.intensity[sampled]
-    return Overlap(
-        common=len(indices),
-        difference=samples.difference,
-        difference_sigma=samples.difference_sigma(points.fusion_sigma[sampled]),
-        grey_difference=samples.grey - own_grey,
-        shifted_difference=samples.grey_shifted - own_grey,
-    )
 
 
 def point_weights(view: PairView) -> FloatArray32:
@@ -124,13 +101,51 @@ def _point_weights(
     return weights
 
 
+class PixelPosition(NamedTuple):
+    """A position between four pixels of an image."""
+
+    row: int  #: Row of the upper pixels.
+    column: int  #: Column of the left pixels.
+    below: float  #: Distance from the upper pixels, 0 to 1.
+    right: float  #: Distance from the left pixels, 0 to 1.
+    nearest_row: int
+    nearest_column: int
+    distance_px: float  #: Distance from the nearest pixel.
+
+
 @jit_rows_inline
-def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
-    """Interpolate at row `i + t` and column `j + s`, t and s from 0 to 1."""
-    upper = (1 - s) * image[i, j] + s * image[i, j + 1]
-    lower = (1 - s) * image[i + 1, j] + s * image[i + 1, j + 1]
-    value: float = (1 - t) * upper + t * lower
+def _pixel_position(u: float, v: float) -> PixelPosition:
+    """Return the position of column u and row v, which are not negative."""
+    row = int(v)
+    column = int(u)
+    below = v - row
+    right = u - column
+    nearest_row = row + int(below > 0.5)
+    nearest_column = column + int(right > 0.5)
+    row_offset = v - nearest_row
+    column_offset = u - nearest_column
+    distance_px = np.sqrt(row_offset * row_offset + column_offset * column_offset)
+    return PixelPosition(row, column, below, right, nearest_row, nearest_column, distance_px)
+
+
+@jit_rows_inline
+def _bilinear(image: FloatImage, at: PixelPosition) -> float:
+    """Return the image at a position, interpolated bilinearly; NaN if one of the four pixels is NaN."""
+    upper = (1 - at.right) * image[at.row, at.column] + at.right * image[at.row, at.column + 1]
+    lower = (1 - at.right) * image[at.row + 1, at.column] + at.right * image[at.row + 1, at.column + 1]
+    value: float = (1 - at.below) * upper + at.below * lower
     return value
+
+
+@jit_rows_inline
+def _is_one_surface(disparity: FloatImage, at: PixelPosition) -> bool:
+    """Return whether the four pixels around a position are on one surface."""
+    upper = disparity[at.row]
+    lower = disparity[at.row + 1]
+    j = at.column
+    largest = max(max(upper[j], upper[j + 1]), max(lower[j], lower[j + 1]))
+    smallest = min(min(upper[j], upper[j + 1]), min(lower[j], lower[j + 1]))
+    return bool(largest - smallest < SURFACE_JUMP_PX)
 
 
 @jit_rows
@@ -159,34 +174,22 @@ def _observe(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: V
             continue
         u = camera.fx * x / z + camera.cx
         v = camera.fy * y / z + camera.cy
-        has_four_neighbours = u >= 0 and v >= 0 and u < cols - 1 and v < rows - 1
-        if not has_four_neighbours:
+        has_four_pixels = u >= 0 and v >= 0 and u < cols - 1 and v < rows - 1
+        if not has_four_pixels:
             continue
-        j = int(u)
-        i = int(v)
-        s = u - j
-        t = v - i
-        nearest_row = i + int(t > 0.5)
-        nearest_column = j + int(s > 0.5)
-        upper = images.disparity[i]
-        lower = images.disparity[i + 1]
-        sigma = images.fusion_sigma[nearest_row, nearest_column]
-        largest = max(max(upper[j], upper[j + 1]), max(lower[j], lower[j + 1]))
-        smallest = min(min(upper[j], upper[j + 1]), min(lower[j], lower[j + 1]))
-        disparity = _bilinear(images.disparity, i, j, t, s)
-        is_one_surface = largest - smallest < SURFACE_JUMP_PX
+        at = _pixel_position(u, v)
+        disparity = _bilinear(images.disparity, at)
         have_points = disparity > 0.0  # false if one of the four disparities is NaN
-        if not (is_one_surface and have_points):
+        if not (_is_one_surface(images.disparity, at) and have_points):
             continue
         distance = np.sqrt(x * x + y * y + z * z)
+        sigma = images.fusion_sigma[at.nearest_row, at.nearest_column]
         difference[n] = (scale / disparity - z) * (distance / z)
         point_range[n] = distance
         fusion_sigma[n] = sigma
-        weight[n] = _weight(sigma, nearest_row, nearest_column, rows, cols)
-        grey[n] = _bilinear(images.grey, i, j, t, s)
-        if nearest_row + SHIFT_PX < rows and nearest_column + SHIFT_PX < cols:
-            grey_shifted[n] = images.grey[nearest_row + SHIFT_PX, nearest_column + SHIFT_PX]
-        row_offset = v - nearest_row
-        column_offset = u - nearest_column
-        sample_distance_px[n] = np.sqrt(row_offset * row_offset + column_offset * column_offset)
+        weight[n] = _weight(sigma, at.nearest_row, at.nearest_column, rows, cols)
+        grey[n] = _bilinear(images.grey, at)
+        if at.nearest_row + SHIFT_PX < rows and at.nearest_column + SHIFT_PX < cols:
+            grey_shifted[n] = images.grey[at.nearest_row + SHIFT_PX, at.nearest_column + SHIFT_PX]
+        sample_distance_px[n] = at.distance_px
     return Observations(difference, point_range, fusion_sigma, weight, grey, grey_shifted, sample_distance_px)

@@ -8,7 +8,6 @@ numerical derivatives find the maximum, coarse to fine in the blur of the grey l
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -55,50 +54,39 @@ sigma, and a few grey levels for grey level differences."""
 MIN_COVERAGE = F(1e-3)  #: Lower bound of the fraction of a window with points, which is a divisor and must not be 0.
 
 
-class RegisteredViews(NamedTuple):
-    """Result of the registration."""
+def register_views(views: Sequence[PairView], rig: StereoRig) -> tuple[list[PairView], Findings]:
+    """Return the views, each moved to agree with the earlier views where they overlap.
 
-    views: Sequence[PairView]  #: Views at their registered poses.
-    findings: Findings  #: Motions, and poses that could not be registered or were not changed.
-
-
-class RegisteredView(NamedTuple):
-    """Result of the registration of one view."""
-
-    view: PairView  #: The view at its registered pose, or as given if the pose is not changed.
-    findings: Findings  #: Size of the motion, and a warning if the pose is not changed.
-
-
-def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews:
-    """Return the views, each moved to agree with the earlier views where they overlap."""
+    The findings are the motions, and the poses that could not be registered or were not changed.
+    """
     registered = [views[0]]
     findings = Findings()
     for index, view in enumerate(views[1:], start=1):
         motion = _estimate_motion(registered, view, rig)
-        result = _apply_motion(motion, view, index)
-        registered.append(result.view)
-        findings += result.findings
-    return RegisteredViews(registered, findings)
+        moved, of_motion = _apply_motion(motion, view, index)
+        registered.append(moved)
+        findings += of_motion
+    return registered, findings
 
 
-def _apply_motion(motion: Transform | None, view: PairView, index: int) -> RegisteredView:
+def _apply_motion(motion: Transform | None, view: PairView, index: int) -> tuple[PairView, Findings]:
     """Return the view moved by a motion; unchanged if the motion is unknown or exceeds the limits."""
     if motion is None:
         warning = (
             f"pair {index} has too few points in common with the earlier pairs to be registered: its pose is left as "
             "given"
         )
-        return RegisteredView(view, Findings(warnings=(warning,)))
+        return view, Findings(warnings=(warning,))
     rotation_deg = float(np.rad2deg(np.linalg.norm(rotvec_from_matrix(motion.rotation))))
     translation_m = float(np.linalg.norm(motion.translation))
     statistics = {f"pose_turned_deg_{index}": rotation_deg, f"pose_moved_m_{index}": translation_m}
     if rotation_deg <= MAX_ROTATION_DEG and translation_m <= MAX_TRANSLATION_M:
-        return RegisteredView(view.with_pose(view.T_lm_left @ motion), Findings(statistics))
+        return view.with_pose(view.T_lm_left @ motion), Findings(statistics)
     warning = (
         f"pair {index} would agree with the earlier pairs if moved by {rotation_deg:.1f} deg and {translation_m:.2f} "
         f"m: this exceeds {MAX_ROTATION_DEG} deg or {MAX_TRANSLATION_M} m, and its pose is left as given"
     )
-    return RegisteredView(view, Findings(statistics, (warning,)))
+    return view, Findings(statistics, (warning,))
 
 
 def _estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) -> Transform | None:
@@ -155,7 +143,9 @@ def _gauss_newton_step(
 ) -> FloatArray | None:
     """Return one step `(6,)`, rotation vector and translation in the left optical frame; None for too few points.
 
-    The prior applies to the motion relative to the given pose.
+    The prior applies to the motion relative to the given pose. Its Jacobian is approximated by the identity. A step
+    changes the rotation vector of the motion by the inverse right Jacobian of this rotation, and the translation by the
+    rotation itself. At `MAX_ROTATION_DEG` they differ from the identity by 1.7 and 3.5 %.
     """
 
     def residuals(parameters: FloatArray) -> FloatArray:

@@ -3,16 +3,8 @@
 import numpy as np
 
 from helpers.disparity_world import two_planes
-from sfr_loc_map.mapping.disparity.disparity_states import MeasuredDisparity
-from sfr_loc_map.mapping.disparity.exposure import Exposure
 from sfr_loc_map.mapping.disparity.hole_filling import MAX_DEPTH_RATIO, MIN_FILLED_SIGMA_PX, fill_holes
-from sfr_loc_map.mapping.disparity.pair_refinement import RefinedPair
-from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, is_valid
-from sfr_loc_map.mapping.disparity.right_image_correction import RightImageCorrection
-from sfr_loc_map.mapping.disparity.saturation import Saturation
-from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights
-from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
-from sfr_loc_map.mapping.disparity.vertical_disparity import VerticalPolynomial
+from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
 
 F = np.float32
 ROWS, COLS = 60, 160
@@ -35,30 +27,21 @@ class TwoPlanes:
         """Return what is filled of a hole in which nothing was matched."""
         valid = self.visible & ~hole
         disparity, matched = np.where(valid, self.truth, F(0.0)), np.where(valid, self.truth, F(np.nan))
-        flat = np.zeros(valid.shape, bool) if may is None else ~may
-        saturation = Saturation(flat, np.zeros(valid.shape, np.uint8), 0.0)
-        unused = np.zeros_like(disparity)
-        weights = SmoothnessWeights(unused, unused, unused)
-        pair = RefinedPair(
+        saturated = np.zeros(valid.shape, bool) if may is None else ~may
+        given = DisparityScene(
             left=self.left,
             right=self.right,
-            correction=RightImageCorrection(Exposure(1.0, 0.0), VerticalPolynomial(), 0.0),
-            initial_px=matched,
-            field=RefinedDisparity(disparity, unused, unused, weights, unused, self.noise),
-            sigma_px=np.full_like(disparity, 0.1),
+            matched=matched,
+            disparity=disparity,
+            sigma=np.full_like(disparity, 0.1),
+            valid=valid,
         )
-        given = MeasuredDisparity(
-            pair=pair,
-            status=np.where(valid, np.uint8(PixelStatus.MEASURED), np.uint8(PixelStatus.UNMATCHED)),
-            saturation=saturation,
-            measured_textured_fraction=1.0,
-        )
-        found = fill_holes(given)
-        filled = found.status == PixelStatus.FILLED
-        np.testing.assert_array_equal(is_valid(found.status), valid | filled)
-        assert (found.sigma_px[filled] >= MIN_FILLED_SIGMA_PX).all()
-        np.testing.assert_array_equal(found.sigma_px[~filled], pair.sigma_px[~filled])
-        return found.px, filled
+        found = fill_holes(given, saturated, self.noise)
+        filled = found.valid & ~valid
+        np.testing.assert_array_equal(found.valid, valid | filled)
+        assert (found.sigma[filled] >= MIN_FILLED_SIGMA_PX).all()
+        np.testing.assert_array_equal(found.sigma[~filled], given.sigma[~filled])
+        return found.disparity, filled
 
 
 def test_pixels_beside_an_edge_take_their_own_surface_but_not_far_behind_another() -> None:

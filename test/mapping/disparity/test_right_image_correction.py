@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from helpers.disparity_world import hills, make_world
-from sfr_loc_map.mapping.disparity.interpolation import shift_rows
 from sfr_loc_map.mapping.disparity.right_image_correction import MIN_VERTICAL_PX, correct_right_image
-from sfr_loc_map.mapping.disparity.vertical_disparity import VerticalPolynomial, fit_vertical_disparity
+from sfr_loc_map.mapping.disparity.vertical_disparity import VerticalPolynomial, fit_vertical_disparity, shift_rows
 
 
 @pytest.mark.parametrize("offset_px", [0.01, 0.3])
@@ -23,8 +22,8 @@ def test_the_stated_and_the_remaining_vertical_disparity_add_up_to_that_of_the_p
         return fit.polynomial.constant
 
     lowered = shift_rows(right, np.full(right.shape, offset_of(right) - offset_px, np.float32))
-    found = correct_right_image(left, lowered, disparity_px, made.rig.camera)
-    stated_px = found.correction.vertical.constant
+    image, correction = correct_right_image(left, lowered, disparity_px, made.rig.camera)
+    stated_px = correction.vertical.constant
     if offset_px < MIN_VERTICAL_PX:
-        assert found.correction.vertical == VerticalPolynomial()
-    assert stated_px + offset_of(found.image) == pytest.approx(offset_px, abs=0.004)
+        assert correction.vertical == VerticalPolynomial()
+    assert stated_px + offset_of(image) == pytest.approx(offset_px, abs=0.004)

@@ -36,5 +36,5 @@ def two_views() -> TwoViews:
     first, second = (make_world(hills, width=384, height=320, noise=5.0, noise_seed=n) for n in (1, 2))
     mapper = Mapper(first.rig, MappingConfig())
     maps = mapper.process(first.pair, POSE, 0), mapper.process(second.pair, POSE, 1)
-    views = [item.estimate.view for item in maps]
+    views = [item.view for item in maps]
     return TwoViews(first.rig, (views[0], views[1]), first.disparity)

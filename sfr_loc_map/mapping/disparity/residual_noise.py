@@ -1,4 +1,4 @@
-"""The noise of images and of photometric residuals, measured in each pair.
+"""The noise of photometric residuals, measured in each pair.
 
 A photometric residual is a grey level of the warped right image minus that of the left image. Its noise is the sum of
 the noise of both images, and of the rounding of their grey levels. The functions and their uses:
@@ -6,7 +6,6 @@ the noise of both images, and of the rounding of their grey levels. The function
 ========================  ============================================  ===============================================
 function                  what                                          used for
 ========================  ============================================  ===============================================
-`noise_of_image`          standard deviation of one image's noise       the threshold of texture (`texture`)
 `rounding_noise`          standard deviation of a residual that         the lower bound of `overall_noise` and
                           rounding alone causes                         `noise_variance`
 `overall_noise`           standard deviation of all residuals,          clipping residuals for the brightness offset
@@ -24,7 +23,6 @@ iteration. Thresholds of `validity`, `hole_filling` and `multiview` are multiple
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
@@ -53,15 +51,6 @@ do not determine a slope. Chosen by hand: a larger bound flattens the fitted lin
 BLOCK_PIXELS = 16.0
 """Number of pixels of a block of 4 x 4: the factor by which averaging over a block reduces the variance of white noise.
 """
-NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], F)
-"""Difference of two Laplacians, which cancels smooth structure (Immerkaer 1996)."""
-NOISE_GAIN = 6.0  #: Factor by which the mask amplifies white noise: the root of the sum of its squared taps.
-
-
-def noise_of_image(image: FloatImage) -> float:
-    """Return the standard deviation of the noise of an image `(H, W)`, grey levels (Immerkaer 1996)."""
-    response = np.asarray(cv2.filter2D(image, -1, NOISE_MASK), F)
-    return mad_sigma(response[::2, ::2]) / NOISE_GAIN
 
 
 def rounding_noise(image: FloatImage) -> float:

@@ -1,8 +1,8 @@
-"""The likely cause of a pair whose images do not match, from matching downsampled images in other ways.
+"""Whether the images of a pair match: the fraction of the textured pixels that are measured.
 
-The images are matched as given, exchanged, and with nine vertical offsets. This takes less time than a pair that
-matches, because the images are downsampled by 2 and by 4. The data sets of the thresholds are rendered ground, KITTI,
-Middlebury and Mars, as in `checks.MIN_MEASURED_FRACTION`.
+A pair whose images do not match is refused. The message names the likely cause, from matching downsampled images as
+given, exchanged, and with nine vertical offsets. This takes less time than a pair that matches, because the images are
+downsampled by 2 and by 4. The data sets of the thresholds are rendered ground, KITTI, Middlebury and Mars.
 """
 
 from __future__ import annotations
@@ -12,10 +12,27 @@ import math
 import cv2
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.errors import MappingError
+from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.robust_statistics import mad_sigma
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 
+MIN_TEXTURED_FRACTION = 0.02
+"""Minimum textured fraction of an image for judging its matches. Chosen by hand: two percent of a megapixel are 20 000
+pixels. Fewer may all be on one object, which does not show how the images match."""
+TEXTURE_SIGMAS = 2.0
+"""A neighbourhood is textured if its standard deviation exceeds this many standard deviations of the noise. The
+standard deviation of 49 pixels of pure noise is accurate to 10 %."""
+MIN_TEXTURE_GREY = 1.0
+"""Minimum standard deviation of a textured neighbourhood, grey levels; rounding alone causes 0.3."""
+MIN_MEASURED_FRACTION = 0.3
+"""Minimum fraction of the textured pixels that must be measured; below this fraction, matches are due to chance. On
+four data sets (rendered ground, KITTI, Middlebury, Mars) the fraction is 0.07 or less for swapped images, 0.01 or less
+if one image is upside down, and 0.64 or more for correct images (measurements/mapper_trials.md)."""
+NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], F)
+"""Difference of two Laplacians, which cancels smooth structure (Immerkaer 1996)."""
+NOISE_GAIN = 6.0  #: Factor by which the mask amplifies white noise: the root of the sum of its squared taps.
 COARSE_FACTOR = 2
 """Images are downsampled by this factor to find the cause of a mismatch quickly."""
 SWAPPED_FACTOR = 1.5
@@ -37,7 +54,39 @@ MIN_SWAPPED_FRACTION = 0.5
 data sets, the fraction is 0.75 or more for swapped images, and 0.2 or less for unrelated images."""
 
 
-def likely_cause(pair: StereoPair, disparity_count: int) -> str:
+def measured_textured_fraction(left: FloatImage, left_variance: FloatImage, measured: Mask) -> float:
+    """Return the fraction of the left image's textured pixels that are measured; NaN if too few pixels are textured.
+
+    `left_variance` is the `filters.local_variance` of the left image.
+    """
+    threshold = max(TEXTURE_SIGMAS * _noise_of_image(left), MIN_TEXTURE_GREY)
+    textured = left_variance > threshold**2
+    count = np.count_nonzero(textured)
+    if count < MIN_TEXTURED_FRACTION * textured.size:
+        return math.nan
+    return float(np.count_nonzero(measured & textured) / count)
+
+
+def _noise_of_image(image: FloatImage) -> float:
+    """Return the standard deviation of the noise of an image `(H, W)`, grey levels (Immerkaer 1996)."""
+    response = np.asarray(cv2.filter2D(image, -1, NOISE_MASK), F)
+    return mad_sigma(response[::2, ::2]) / NOISE_GAIN
+
+
+def check_matches(pair: StereoPair, fraction: float, disparity_count: int) -> None:
+    """Raise MappingError if so few textured pixels are measured that their matches are due to chance.
+
+    If too few pixels are textured, the fraction is NaN and the pair passes; `findings_of_pair` then adds a warning.
+    """
+    if fraction < MIN_MEASURED_FRACTION:
+        raise MappingError(
+            f"images of stamp {pair.stamp_ns} do not match: only {100 * fraction:.0f} % of the textured pixels "
+            f"could be matched, {100 * MIN_MEASURED_FRACTION:.0f} % are required; "
+            f"{_likely_cause(pair, disparity_count)}"
+        )
+
+
+def _likely_cause(pair: StereoPair, disparity_count: int) -> str:
     """Return the likely cause of a mismatch as a clause of the message, with what to do."""
     left = _downsampled(pair.left, COARSE_FACTOR)
     right = _downsampled(pair.right, COARSE_FACTOR)
