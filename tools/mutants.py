@@ -569,9 +569,9 @@ MUTATIONS = (
         "localisation/ground/evidence.py", "self.follows_transfer and self.may_be_transfer", "self.follows_transfer"
     ),
     Mutation("localisation/ground/evidence.py", "self.is_identified and self.two.is_decided", "self.two.is_decided"),
-    Mutation("localisation/ground/identification.py", "if self.pairs_left > 1:", "if self.pairs_left > 2:"),
+    Mutation("localisation/ground/memory.py", "if self.pairs_left > 1:", "if self.pairs_left > 2:"),
     Mutation(
-        "localisation/ground/identification.py",
+        "localisation/ground/memory.py",
         "return self if self.phase is Phase.UNCERTAIN else Identification(Phase.LEARNING)",
         "return Identification(Phase.LEARNING)",
     ),

@@ -102,7 +102,6 @@ from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.selection import changed_cells
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO, KeyframeJob, KeyframeResult, has_diverged
-from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.pair_statistics import (
     accepted_statistics,
     displayed,
@@ -263,13 +262,14 @@ class Localiser:
         if verdict.refuses:
             return self._refuse_or_begin(state, verdict, frame, findings)
         # 3 predict
-        guesses = state.path.last.predict(pair.stamp_ns, odometry, self._model)
-        prediction = Prediction(guesses, state.calibration.offset)
+        prediction = state.path.last.predict(pair.stamp_ns, odometry, state.calibration.offset, self._model)
         # 4 track, 5 relocalise; beside them, stage 6 begins with a comparison of images, which requires no pose
         change = beside(changed_cells, frame, state.ground_memory)
         tracks = stages.track(frame, landmark_map, prediction, state.recovery, clock)
         # 6 select the ground's motion
-        ground = stages.select_ground(frame, tracks, prediction, state, images, change.result())
+        ground = stages.select_ground(
+            frame, tracks, prediction, state.ground_memory, state.recovery, images, change.result()
+        )
         # 7 correct the right camera
         corrected = stages.correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
         candidate = Candidate(frame, landmark_map.deactivated(ground.not_ground), ground, corrected)

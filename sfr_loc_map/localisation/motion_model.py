@@ -29,8 +29,8 @@ larger, an unobserved motion between two pairs is not reported. If smaller, a st
 for the first pair degrades the first window. The covariance contains the motion in this time in any case."""
 
 
-class Guesses(NamedTuple):
-    """Initial guesses of the next pose of the left camera in the world."""
+class Prediction(NamedTuple):
+    """Prediction of a pair: initial guesses of the left camera's pose in the world, and the right camera's offset."""
 
     #: The last pose, moved again by the last motion, however long that motion lasted (`LastPose.motion_ns`).
     repeated_motion: Pose
@@ -38,9 +38,10 @@ class Guesses(NamedTuple):
     #: If pairs are missing: the last pose, moved by the last motion once for each interval up to this pair. If given:
     #: the pose by wheel odometry.
     others: tuple[Pose, ...]
+    offset: RightOffset  #: Offset of the right camera.
 
     @property
-    def distinct(self) -> list[Pose]:
+    def guesses(self) -> list[Pose]:
         """All guesses without repetitions. After a lost pair, the repeated motion is a standstill."""
         poses: list[Pose] = []
         for pose in (self.repeated_motion, self.standstill, *self.others):
@@ -52,13 +53,6 @@ class Guesses(NamedTuple):
 def _are_equal(first: Pose, second: Pose) -> bool:
     """Return whether two poses are bit-identical."""
     return all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
-
-
-class Prediction(NamedTuple):
-    """Prediction of a pair."""
-
-    guesses: Guesses  #: Initial guesses of the left camera's pose.
-    offset: RightOffset  #: Offset of the right camera.
 
 
 class MotionSince(NamedTuple):
@@ -113,8 +107,8 @@ class LastPose:
         """
         return self.known_ns is not None and stamp_ns - self.known_ns > MAX_JITTER_NS
 
-    def predict(self, stamp_ns: int, odometry: Transform | None, model: RoverModel) -> Guesses:
-        """Return the initial guesses of the next pose.
+    def predict(self, stamp_ns: int, odometry: Transform | None, offset: RightOffset, model: RoverModel) -> Prediction:
+        """Return the prediction of the next pair, with the present offset of the right camera.
 
         The odometry is the motion `T_before_now` of RB since the last known pose (`known_ns`), from another source.
         """
@@ -129,7 +123,7 @@ class LastPose:
             others.append(further)
         if odometry is not None:
             others.append(last @ model.T_left_rb @ odometry @ model.T_rb_left)
-        return Guesses(Pose.of(repeated), Pose.of(last), tuple(map(Pose.of, others)))
+        return Prediction(Pose.of(repeated), Pose.of(last), tuple(map(Pose.of, others)), offset)
 
     def since_last(self, stamp_ns: int, T_world_left: Transform) -> MotionSince:
         """Return the motion from the last known pose to a pose at a stamp."""

@@ -20,8 +20,9 @@ from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_sh
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.ground.cell_change import Change
-from sfr_loc_map.localisation.ground.motion_tools import MotionTools
-from sfr_loc_map.localisation.ground.selection import Ground, GroundSelector
+from sfr_loc_map.localisation.ground.memory import GroundMemory
+from sfr_loc_map.localisation.ground.motions import MotionTools
+from sfr_loc_map.localisation.ground.selection import Ground, select_ground
 from sfr_loc_map.localisation.guards import ShearMean
 from sfr_loc_map.localisation.keyframes import KeyframeMaker, KeyframeResult, max_corners
 from sfr_loc_map.localisation.motion_model import LastPose, Prediction
@@ -46,9 +47,7 @@ class Stages:
         self.tracker = Tracker(config.min_tracked, rig.camera)
         self.relocaliser = Relocaliser(self.tracker, config, rig.camera, self._max_corners)
         self.keyframes = KeyframeMaker(rig, config)
-        self._ground_selector = GroundSelector(
-            MotionTools(self.tracker, self.relocaliser, rig.camera, self._shape, config.min_tracked)
-        )
+        self._motion_tools = MotionTools(self.tracker, self.relocaliser, rig.camera, self._shape, config.min_tracked)
 
     # ---- tracking
 
@@ -63,7 +62,7 @@ class Stages:
         """Track the landmarks of the map; relocalise if the pose is not trusted."""
         landmarks = landmark_map.tracked
         with clock.stage("align"):
-            coarse = self.tracker.align(frame.left, landmark_map.aligned, prediction.guesses.distinct)
+            coarse = self.tracker.align(frame.left, landmark_map.aligned, prediction.guesses)
         with clock.stage("refine"):
             tracks = self.tracker.refine(frame, landmarks, coarse, prediction.offset)
         if tracks.is_trusted:
@@ -77,15 +76,15 @@ class Stages:
         frame: StereoFrame,
         tracks: Tracks,
         prediction: Prediction,
-        state: State,
+        memory: GroundMemory,
+        recovery: RecoveryImages,
         images: ImageComparison,
         change: Change,
     ) -> Ground:
         """Select the ground's motion, unless the left image is frozen or rows of either image are stale."""
-        memory = state.ground_memory
         if images.is_left_frozen or images.blanked_rows.any():
             return Ground.unselected(tracks, memory)
-        return self._ground_selector.select(frame, tracks, prediction, memory, state.recovery, change)
+        return select_ground(self._motion_tools, frame, tracks, prediction, memory, recovery, change)
 
     def correct_right_camera(
         self, tracks: Tracks, calibration: OnlineCalibration, shear_mean: ShearMean

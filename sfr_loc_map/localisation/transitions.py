@@ -12,7 +12,7 @@ An event has the same name here and in the components of the state that it chang
 | its adjustment was singular or diverged | `diverged` | no map, calibration starts again, `has_diverged` |
 | pair arrives | `arrived` | path (stamps), image memory, memory of the ground (stale rows) |
 | pair is accepted | `accepted` | all but `has_diverged` and the image memory |
-| pair is refused because of its pose | `refused` | memory of the ground, only if it outlasts the refusal |
+| pair is refused because of its pose | `refused` | memory of the ground, only if the image contradicts the pose |
 | and its images are good | `recovery_failed` | number of failed recoveries |
 | refused pair is kept | `kept` | path (covariance and step), status, reason |
 | refused pair is lost | `lost` | path (a standstill is predicted), memory of the ground (learnt again), |
@@ -21,7 +21,7 @@ An event has the same name here and in the components of the state that it chang
 | pair begins a window | `window_begun` | all but `shear_mean` and the image memory |
 
 What is learnt from the pose of a pair changes in `accepted` only, with one exception: the memory of the ground also
-learns from a refused pair whose image contradicts its pose (`ground.memory.NextMemory`). The image memory changes with
+learns from a refused pair whose image contradicts its pose (`Ground.memory_after`). The image memory changes with
 every pair that does not repeat the previous pair.
 """
 
@@ -133,7 +133,7 @@ def accepted(
         landmark_map=candidate.landmark_map,
         calibration=candidate.corrected.calibration,
         shear_mean=candidate.corrected.shear_mean,
-        ground_memory=candidate.ground.next_memory.for_verdict(verdict),
+        ground_memory=candidate.ground.memory_after(verdict, state.ground_memory),
         recovery=recovery,
         failed_recoveries=0,
         keyframes=state.keyframes + int(final.is_keyframe),
@@ -149,7 +149,7 @@ def accepted(
 
 def refused(state: State, candidate: Candidate, verdict: Verdict) -> State:
     """Return the state after the pose of a pair was refused, before the pair is kept, lost or begins a window."""
-    return replace(state, ground_memory=candidate.ground.next_memory.for_verdict(verdict))
+    return replace(state, ground_memory=candidate.ground.memory_after(verdict, state.ground_memory))
 
 
 def recovery_failed(state: State) -> State:

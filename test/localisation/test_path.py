@@ -22,8 +22,9 @@ from sfr_loc_map.localisation.backend.online_calibration import (
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.findings import Inflation
+from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO
-from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS
+from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS, Prediction
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
 from sfr_loc_map.localisation.path import external_poses, trajectory
 from sfr_loc_map.localisation.path.path_state import PathState
@@ -174,12 +175,17 @@ def test_lens_distortion_bends_the_path_to_a_circle_whenever_a_pose_from_outside
 # ---- guesses
 
 
+def predicted(path: PathState, stamp_ns: int, odometry: Transform | None = None) -> Prediction:
+    """Return the prediction of the pair after a path."""
+    return path.last.predict(stamp_ns, odometry, RightOffset(), model_of(RIG))
+
+
 def guesses(stamp_ns: int, odometry: Transform | None = None) -> list[np.ndarray]:
     """Return the guesses of a path that has three poses one period apart."""
     path = begun(RIG)
     for number, pose in enumerate(true_path(3)[1:], 1):
         path = move(path, number, pose, rig=RIG)
-    return [Transform(*guess).matrix for guess in path.last.predict(stamp_ns, odometry, model_of(RIG)).distinct]
+    return [Transform(*guess).matrix for guess in predicted(path, stamp_ns, odometry).guesses]
 
 
 @pytest.mark.parametrize("missed", [0, 1, MAX_MISSED_PAIRS, MAX_MISSED_PAIRS + 1])
@@ -195,9 +201,9 @@ def test_constant_velocity_then_standstill_then_as_many_missed_pairs_as_the_stam
 def test_the_motion_over_a_long_gap_is_repeated_as_the_mean_motion_of_one_period() -> None:
     poses = true_path(22)
     path = move(lost_until(move(begun(RIG), 1, poses[1], rig=RIG), 19), 20, poses[20], rig=RIG)
-    guesses = path.last.predict(21 * PERIOD_NS, None, model_of(RIG))
-    assert len(guesses.distinct) == 2
-    repeated = Transform(*guesses.repeated_motion)
+    prediction = predicted(path, 21 * PERIOD_NS)
+    assert len(prediction.guesses) == 2
+    repeated = Transform(*prediction.repeated_motion)
     moved = poses[20].inverse() @ repeated
     np.testing.assert_allclose(moved.rotation, TURN.rotation, atol=1e-12)
     assert np.linalg.norm(moved.translation - TURN.translation) < 0.3 * np.linalg.norm(TURN.translation)
@@ -206,10 +212,10 @@ def test_the_motion_over_a_long_gap_is_repeated_as_the_mean_motion_of_one_period
 def test_after_a_lost_pair_the_only_guesses_are_a_standstill_and_the_odometry() -> None:
     poses = true_path(3)
     path = move(begun(RIG), 1, poses[1], rig=RIG)
-    last = lost_until(path, 3).last
-    assert len(path.last.predict(4 * PERIOD_NS, None, model_of(RIG)).distinct) == 3
-    assert len(last.predict(4 * PERIOD_NS, None, model_of(RIG)).distinct) == 1
-    assert len(last.predict(4 * PERIOD_NS, TURN, model_of(RIG)).distinct) == 2
+    lost = lost_until(path, 3)
+    assert len(predicted(path, 4 * PERIOD_NS).guesses) == 3
+    assert len(predicted(lost, 4 * PERIOD_NS).guesses) == 1
+    assert len(predicted(lost, 4 * PERIOD_NS, TURN).guesses) == 2
 
 
 def test_wheel_odometry_is_a_motion_of_the_rover() -> None:

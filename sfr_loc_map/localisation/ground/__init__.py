@@ -15,7 +15,7 @@ distinguish two motions, the pose is ambiguous.
 
 `selection` lists the steps with their functions, and examples. `cases.CASE_RULES` is the only table of decisions, and
 `thresholds` has all thresholds of these decisions. `GroundMemory` is the only state. It is an immutable value, which
-the localiser keeps and replaces after its verdict on the pair (`NextMemory.for_verdict`).
+the localiser keeps and replaces after its verdict on the pair (`Ground.memory_after`).
 
 A pair is *consistent* with the earlier pairs if one motion explains the pair, the image moved, few cells are excluded
 as dynamic, and landmarks follow the motion also in the cells that were unexplained earlier. A pair is *inconsistent* if
@@ -43,7 +43,7 @@ Two state machines in the memory, `Identification` and `ImageFaults`, connect th
 The case of a pair changes both (`Rule.learns`, `Rule.fault`), and both decide on the case of the next pair: two motions
 are `DECIDED` only if the ground is identified, one motion is `UNCONFIRMED` while the ground stays uncertain, and
 `TRANSFERRED` requires that few pairs in a row were transferred. During a recovery, a pair whose case has no finding is
-`RECOVERING`. `identification` contains all transitions.
+`RECOVERING`. `memory` lists all transitions.
 
 While the ground is not identified, the motion that is not selected may be the ground's. Each pair with a second motion,
 or with an unexplained part of the image, is therefore degraded. Unexplained landmarks in the first tracked pair of a
@@ -79,12 +79,12 @@ The method has four known limits:
 
 | module | content |
 |---|---|
-| `selection` | the order of the steps of a pair, with examples, and the tracks of each case |
-| `cases` | the table of the decisions: condition and consequences of each case |
-| `evidence` | what the decisions depend on, and when a search is made |
-| `searches`, `motion_tools` | searches for motions in a pair, the comparison of two motions, and their tools |
-| `thresholds` | the thresholds of all decisions |
-| `identification`, `memory` | the two state machines, and the memory that contains them |
+| `selection` | the order of the steps of a pair, with examples |
+| `evidence` | what the decisions depend on, and the searches for further motions |
+| `cases` | the table of the decisions: condition and consequences of each case, and the tracks that each case selects |
+| `memory` | the state between pairs, with its two state machines |
+| `motions` | the tools that track and search for a motion |
 | `excluded_cells` | cells that are excluded for several pairs |
 | `cell_change`, `cell_motion`, `double_exposure` | measurements in the images |
+| `thresholds` | the thresholds of all decisions |
 """

@@ -7,13 +7,110 @@ requires a member of `Case` and a rule, and if its condition is new, a field of 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from enum import Enum, auto
 from typing import Final, NamedTuple
 
+from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.findings import Finding
-from sfr_loc_map.localisation.ground.evidence import Evidence
-from sfr_loc_map.localisation.ground.identification import Fault, ImageFaults, Phase
-from sfr_loc_map.localisation.ground.memory import GroundMemory
+from sfr_loc_map.localisation.ground.evidence import Evidence, TwoMotions
+from sfr_loc_map.localisation.ground.excluded_cells import Exclusion
+from sfr_loc_map.localisation.ground.memory import Fault, GroundMemory, ImageFaults, Phase
+from sfr_loc_map.localisation.ground.motions import ComparedPair, Motion
+from sfr_loc_map.localisation.motion_size import MotionSize
+
+NO_DISTANCE: Final = MotionSize(0.0, 0.0)
+
+
+class Selection(NamedTuple):
+    """The motion that is used as the ground's, and what does not follow this motion."""
+
+    motion: Motion
+    is_main: bool  #: Whether the motion is the main motion.
+    exclusion: Exclusion  #: Landmarks and cells that do not move with the ground.
+    other_distance: MotionSize = NO_DISTANCE  #: Distance to the pose of another possible motion; zero if none.
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the pose is trusted and the image moved."""
+        return self.motion.tracks.is_trusted and self.motion.agreement.moves_image
+
+
+# ---- what a case selects
+
+
+def select_main(_: ComparedPair, evidence: Evidence) -> Selection:
+    """Select the main motion, and exclude what is fixed to the camera."""
+    motion = evidence.main
+    rows = motion.tracks.landmarks.rows[motion.agreement.on_fixed]
+    return Selection(motion, is_main=True, exclusion=Exclusion.of_fixed(rows, motion.agreement.fixed_cells))
+
+
+def select_main_with_all(pair: ComparedPair, evidence: Evidence) -> Selection:
+    """Select the main motion, and exclude nothing, because the image does not show what is fixed to the camera."""
+    return Selection(evidence.main, is_main=True, exclusion=Exclusion.nothing(pair.change.stationary.shape))
+
+
+def select_off_body(pair: ComparedPair, evidence: Evidence) -> Selection:
+    """Select the motion of the landmarks outside stationary cells, and exclude the landmarks in these cells.
+
+    The host cell of such a landmark is fixed to the camera if the motion would have moved the landmark. Without these
+    cells, a keyframe would create new landmarks on the body.
+    """
+    found = evidence.off_body
+    assert found is not None, "the condition of the case"
+    tracks = evidence.main.tracks
+    on_stationary = evidence.main.agreement.on_stationary
+    of_all = pair.motion(replace(tracks, pose=found.tracks.pose)).agreement
+    fixed = of_all.host_cells(on_stationary & of_all.are_moved) | found.agreement.fixed_cells
+    return _tracked_without(pair, evidence.main, found, on_stationary, fixed)
+
+
+def select_heavier(pair: ComparedPair, evidence: Evidence) -> Selection:
+    """Select the heavier of two motions. Exclude the landmarks that do not follow this motion, and their cells."""
+    two = evidence.two
+    assert two is not None, "the condition of the case"
+    return _other_of_two(pair, two) if two.other_wins else _main_of_two(two)
+
+
+def select_heavier_with_all(pair: ComparedPair, evidence: Evidence) -> Selection:
+    """Select the heavier of two motions, and exclude nothing, because the other motion may be the ground's."""
+    two = evidence.two
+    assert two is not None, "the condition of the case"
+    motion = two.main
+    if two.other_wins:
+        motion = pair.tracked_from(two.main.tracks.landmarks, two.other.tracks.pose)
+    nothing = Exclusion.nothing(pair.change.stationary.shape)
+    return Selection(motion, is_main=not two.other_wins, exclusion=nothing, other_distance=two.distance)
+
+
+def _main_of_two(motions: TwoMotions) -> Selection:
+    """Select the main motion, and exclude what follows the other motion or is fixed to the camera."""
+    motion = motions.main
+    other = motions.other
+    fixed = motion.agreement.fixed_cells
+    dynamic = other.agreement.cells(other.tracks.inliers) & ~fixed
+    rows = motion.tracks.landmarks.rows[motions.follow_other | motion.agreement.on_fixed]
+    return Selection(motion, is_main=True, exclusion=Exclusion(rows, fixed, dynamic))
+
+
+def _other_of_two(pair: ComparedPair, motions: TwoMotions) -> Selection:
+    """Select the other motion, and exclude the landmarks that follow only the main motion, and their cells."""
+    only_main = motions.main.tracks.inliers & ~motions.follow_other
+    return _tracked_without(pair, motions.main, motions.other, only_main, motions.main.agreement.cells(only_main))
+
+
+def _tracked_without(pair: ComparedPair, of_all: Motion, other: Motion, excluded: Mask, fixed: Mask) -> Selection:
+    """Select another motion: track the main motion's landmarks again from its pose, without some of them.
+
+    The excluded landmarks `(M,)` and the fixed cells `(R, C)` do not follow this motion.
+    """
+    landmarks = of_all.tracks.landmarks
+    motion = pair.tracked_from(landmarks.subset(~excluded), other.tracks.pose)
+    return Selection(motion, is_main=False, exclusion=Exclusion.of_fixed(landmarks.rows[excluded], fixed))
+
+
+# ---- the table
 
 
 class Case(Enum):
@@ -33,18 +130,6 @@ class Case(Enum):
     ONE_MOTION = auto()  #: There is one motion, and the ground is not uncertain after the pair.
 
 
-class Selects(Enum):
-    """Which motion is used as the ground's, and which landmarks and cells are excluded (`selection.selection_of`)."""
-
-    MAIN = auto()  #: The main motion. Excluded is what is fixed to the camera.
-    #: The main motion. Nothing is excluded, because the image does not show what is fixed to the camera.
-    MAIN_WITH_ALL = auto()
-    OFF_BODY = auto()  #: The motion off the body. Excluded are landmarks in stationary cells, and the body's cells.
-    #: The heavier of two motions. Excluded are landmarks that do not follow this motion, and their cells.
-    HEAVIER = auto()
-    HEAVIER_WITH_ALL = auto()  #: The heavier of two motions. Nothing is excluded, as the other may be the ground's.
-
-
 class Learns(Enum):
     """What the memory learns from a pair about the ground's motion."""
 
@@ -58,14 +143,13 @@ class Rule(NamedTuple):
 
     case: Case
     condition: Callable[[Evidence], bool]  #: Whether the case applies, if no earlier rule does.
-    selects: Selects
+    select: Callable[[ComparedPair, Evidence], Selection]  #: Selects the motion, and what to exclude.
     finding: Finding | None = None  #: The finding of the pair.
     #: The finding while the ground is not identified, if it differs. The motion that is not selected may then be the
     #: ground's.
     finding_unidentified: Finding | None = None
     fault: Fault = Fault.NONE  #: What the pair shows about faults of the images.
     learns: Learns = Learns.NOTHING
-    outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
 
 
 CASE_RULES: Final = (
@@ -74,14 +158,14 @@ CASE_RULES: Final = (
     Rule(
         Case.OWN_BODY,
         lambda evidence: evidence.off_body is not None,
-        Selects.OFF_BODY,
+        select_off_body,
         finding_unidentified=Finding.BODY_OR_GROUND,
     ),
-    Rule(Case.UNTRUSTED, lambda evidence: not evidence.is_trusted, Selects.MAIN_WITH_ALL),
+    Rule(Case.UNTRUSTED, lambda evidence: not evidence.is_trusted, select_main_with_all),
     Rule(
         Case.TRANSFERRED,
         lambda evidence: evidence.is_transfer,
-        Selects.MAIN_WITH_ALL,
+        select_main_with_all,
         Finding.PARTIAL_TRANSFER,
         Finding.TRANSFER_OR_MOTION,
         fault=Fault.TRANSFER,
@@ -90,15 +174,15 @@ CASE_RULES: Final = (
     Rule(
         Case.BLENDED,
         lambda evidence: evidence.is_double_exposure,
-        Selects.MAIN_WITH_ALL,
+        select_main_with_all,
         Finding.DOUBLE_EXPOSURE,
         fault=Fault.SUSPECTED,
     ),
-    Rule(Case.DECIDED, lambda evidence: evidence.is_decided, Selects.HEAVIER),
+    Rule(Case.DECIDED, lambda evidence: evidence.is_decided, select_heavier),
     Rule(
         Case.UNDECIDED,
         lambda evidence: evidence.two is not None,
-        Selects.HEAVIER_WITH_ALL,
+        select_heavier_with_all,
         Finding.AMBIGUOUS,
         fault=Fault.SUSPECTED,
         learns=Learns.UNCERTAINTY,
@@ -106,16 +190,15 @@ CASE_RULES: Final = (
     Rule(
         Case.FALSE_STANDSTILL,
         lambda evidence: evidence.is_contradicted,
-        Selects.MAIN_WITH_ALL,
+        select_main_with_all,
         Finding.CONTRADICTED,
         fault=Fault.SUSPECTED,
         learns=Learns.UNCERTAINTY,
-        outlasts_refusal=True,
     ),
     Rule(
         Case.HALF_UNEXPLAINED,
         lambda evidence: evidence.is_half_unexplained,
-        Selects.MAIN,
+        select_main,
         Finding.GROUND_UNCERTAIN,
         fault=Fault.SUSPECTED,
         learns=Learns.UNCERTAINTY,
@@ -123,14 +206,14 @@ CASE_RULES: Final = (
     Rule(
         Case.UNUSUAL,
         lambda evidence: evidence.is_unusual and evidence.has_typical,
-        Selects.MAIN,
+        select_main,
         Finding.UNEXPLAINED,
         Finding.GROUND_UNCERTAIN,
     ),
     Rule(
         Case.UNCONFIRMED_AT_REST,
-        lambda evidence: evidence.stays_uncertain and not evidence.support.moves_image,
-        Selects.MAIN,
+        lambda evidence: evidence.stays_uncertain and not evidence.main.agreement.moves_image,
+        select_main,
         Finding.AT_REST_UNCERTAIN,
         fault=Fault.SUSPECTED,
         learns=Learns.ONE_MOTION,
@@ -138,12 +221,12 @@ CASE_RULES: Final = (
     Rule(
         Case.UNCONFIRMED,
         lambda evidence: evidence.stays_uncertain,
-        Selects.MAIN,
+        select_main,
         Finding.GROUND_UNCERTAIN,
         fault=Fault.SUSPECTED,
         learns=Learns.ONE_MOTION,
     ),
-    Rule(Case.ONE_MOTION, lambda _: True, Selects.MAIN, learns=Learns.ONE_MOTION),
+    Rule(Case.ONE_MOTION, lambda _: True, select_main, learns=Learns.ONE_MOTION),
 )
 """The cases in the order of precedence, with their conditions and consequences."""
 

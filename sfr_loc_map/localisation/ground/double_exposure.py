@@ -26,6 +26,7 @@ from sfr_loc_map.jit import jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.patch import COARSE_SAMPLED_PX, sample
 from sfr_loc_map.localisation.frontend.plane_warp import plane_homographies
+from sfr_loc_map.localisation.ground.thresholds import MIN_MIXTURE_WEIGHT, MIXTURE_PATCHES, MIXTURE_SIGMAS
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4
 
 MIXTURE_LEVEL: Final = 1  #: Pyramid level of the comparison. Keyframes keep this level; it has half the image noise.
@@ -237,3 +238,17 @@ def mixture_of(image: FloatImage, landmarks: Landmarks, shown: Pose, other: Pose
     weight = median(weights)
     deviation = DEVIATION_RATIO * median(np.abs(weights - weight))
     return Mixture(weight, standard_error=float(deviation / np.sqrt(len(weights))), patches=len(weights))
+
+
+def shows_second_exposure(
+    image: FloatImage, landmarks: Landmarks, shown: Pose, other: Pose, camera: StereoCamera, min_tracked: int
+) -> bool:
+    """Return whether an image at the pose `shown` also shows some landmarks from another pose.
+
+    A second exposure requires `MIXTURE_PATCHES` patches, or `min_tracked` if smaller. The other arguments are those of
+    `mixture_of`.
+    """
+    mixture = mixture_of(image, landmarks, shown, other, camera)
+    lower_bound = mixture.weight - MIXTURE_SIGMAS * mixture.standard_error
+    has_enough_patches = mixture.patches >= min(min_tracked, MIXTURE_PATCHES)
+    return has_enough_patches and lower_bound > MIN_MIXTURE_WEIGHT

@@ -1,41 +1,185 @@
-"""Memory of the ground between two pairs: its identification, faults of earlier images, and images to compare with.
+"""Memory of the ground between two pairs (`GroundMemory`), with two state machines.
 
-The memory is one immutable value (`GroundMemory`), whose methods are its only changes.
+The memory is one immutable value. Its methods, and `selection` for a pair in which a motion was selected, are its only
+changes.
+
+`Identification.after`: which motion is the ground's. A pair is consistent with the earlier pairs or not
+(`Consistency`).
+
+| from | a pair is | to |
+|---|---|---|
+| `LEARNING` | consistent, for the third time | `IDENTIFIED` |
+| `LEARNING` | partly consistent | `LEARNING`, counted from the start |
+| `IDENTIFIED` | inconsistent | `UNCERTAIN` for 3 pairs |
+| `LEARNING` | inconsistent | `UNCERTAIN` for 10 pairs |
+| `UNCERTAIN`, more than 3 pairs left | inconsistent | `UNCERTAIN` for 10 pairs |
+| `UNCERTAIN`, at most 3 pairs left | inconsistent | `UNCERTAIN` for 3 pairs |
+| `UNCERTAIN` | consistent, and the last of these pairs | `LEARNING` |
+
+In addition, `Identification.relearning` leads from `LEARNING` and `IDENTIFIED` to `LEARNING`, counted from the start,
+if the pair is lost or a window begins.
+
+`ImageFaults.after`: whether faults of earlier images have an effect.
+
+| a pair | transfers in a row | pairs with motion to recovery |
+|---|---|---|
+| is partially transferred | + 1 | at least 3, or the number of transfers if smaller |
+| shows a double exposure, an ambiguity or an uncertainty | 0 | at least 3 |
+| has no fault, and the image moved | 0 | - 1 |
+
+In addition, `ImageFaults.after_stale_rows` sets at least 1 transfer, and a recovery of at least 1 pair, or of 10 pairs
+if most rows are stale. A new window begins without faults.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum, auto
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask, read_only
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.localisation.findings import Verdict
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.ground.cell_change import LEVEL
+from sfr_loc_map.localisation.ground.cell_motion import Agreement
 from sfr_loc_map.localisation.ground.excluded_cells import ExcludedCells
-from sfr_loc_map.localisation.ground.identification import Consistency, Identification, ImageFaults, Phase
 from sfr_loc_map.localisation.ground.thresholds import (
     AFTER_TRANSFER,
+    CONSISTENT_PAIRS,
     FALLING_GAIN,
+    LONG_RECOVERY_PAIRS,
     MAX_DYNAMIC,
+    MAX_TRANSFERS,
+    MIN_COVERED,
     MIN_EXCESS,
+    MOSTLY_STALE,
     NEARLY_HALF,
     RISING_GAIN,
     TYPICAL_FACTOR,
 )
 
+# ---- which motion is the ground's
 
-class Support(NamedTuple):
-    """How much of a pair supports the main motion, from which the memory may learn."""
 
-    moves_image: bool  #: Whether this motion moves the image.
-    unexplained_fraction: float  #: Fraction of the landmarks that do not follow this motion.
-    unexplained_cells: Mask  #: `(R, C)` cells of these landmarks.
-    inlier_cells: Mask  #: `(R, C)` cells of the landmarks that follow this motion.
+class Phase(Enum):
+    """Phase of the identification of the ground by its motion."""
+
+    LEARNING = auto()  #: No single motion has explained several pairs with motion yet.
+    IDENTIFIED = auto()  #: One motion has explained several pairs with motion.
+    UNCERTAIN = auto()  #: Two motions competed, the image contradicted the motion, or half of it was unexplained.
+
+
+class Consistency(Enum):
+    """Whether a pair is consistent with a single rigid motion of the ground, as seen in the earlier pairs."""
+
+    UNKNOWN = auto()  #: The pair shows no motion, or faulty images.
+    CONSISTENT = auto()  #: One motion explains a pair with motion, also where landmarks were unexplained earlier.
+    PARTIAL = auto()  #: One motion is found, but a dynamic object is in view, or earlier cells stay unexplained.
+    INCONSISTENT = auto()  #: Two motions compete, the image contradicts the motion, or about half is unexplained.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identification:
+    """The phase, and what ends it."""
+
+    phase: Phase = Phase.LEARNING
+    #: Number of consistent pairs until the phase ends; not used if identified.
+    pairs_left: int = CONSISTENT_PAIRS
+    unexplained: Mask | None = None  #: `(R, C)` cells of unexplained landmarks; None if not uncertain.
+
+    def after(self, consistency: Consistency, unexplained: Mask) -> Identification:
+        """Return the identification after a pair. Its unexplained landmarks are in the cells `unexplained` `(R, C)`."""
+        match consistency, self.phase:
+            case (Consistency.INCONSISTENT, _):
+                return self._uncertain(unexplained)
+            case (Consistency.CONSISTENT, Phase.LEARNING | Phase.UNCERTAIN) if self.pairs_left > 1:
+                return replace(self, pairs_left=self.pairs_left - 1)
+            case (Consistency.CONSISTENT, Phase.LEARNING):
+                return Identification(Phase.IDENTIFIED)
+            case (Consistency.CONSISTENT, Phase.UNCERTAIN):
+                return Identification(Phase.LEARNING)
+            case (Consistency.PARTIAL, Phase.LEARNING):
+                return Identification(Phase.LEARNING)
+        return self
+
+    def relearning(self) -> Identification:
+        """Return the identification after a lost pair or in a new window: the ground must be learnt again.
+
+        An uncertainty persists.
+        """
+        return self if self.phase is Phase.UNCERTAIN else Identification(Phase.LEARNING)
+
+    def _uncertain(self, cells: Mask) -> Identification:
+        """Return the identification that is uncertain about landmarks in some cells.
+
+        The cells of a present uncertainty are added. The uncertainty is short if the ground was identified, or if a
+        present uncertainty had at most `CONSISTENT_PAIRS` pairs left.
+        """
+        is_uncertain = self.phase is Phase.UNCERTAIN
+        is_short = self.phase is Phase.IDENTIFIED or (is_uncertain and self.pairs_left <= CONSISTENT_PAIRS)
+        if is_uncertain and self.unexplained is not None:
+            cells = self.unexplained | cells
+        return Identification(Phase.UNCERTAIN, CONSISTENT_PAIRS if is_short else LONG_RECOVERY_PAIRS, cells)
+
+    def is_covered_by(self, inliers: Mask) -> bool:
+        """Return whether inlier cells `(R, C)` are in or beside at least half of the unexplained cells."""
+        if self.unexplained is None:
+            return True
+        beside = cv2.dilate(inliers.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        return bool((beside & self.unexplained).sum() >= MIN_COVERED * self.unexplained.sum())
+
+
+# ---- faults of earlier images
+
+
+class Fault(Enum):
+    """What a pair shows about faults of the images."""
+
+    NONE = auto()
+    SUSPECTED = auto()  #: The next pairs with motion are degraded, because their images may be faulty, too.
+    TRANSFER = auto()  #: Parts of the images were exposed at different times.
+
+
+class ImageFaults(NamedTuple):
+    """Faults of earlier images that have an effect on the next pairs."""
+
+    transfers: int = 0  #: Number of consecutive partially transferred pairs up to the last pair.
+    #: Number of pairs with motion that must follow until earlier faults have no effect. All of these pairs but the
+    #: last are degraded (`Finding.RECOVERING`).
+    recovery_pairs: int = 0
+
+    @property
+    def degrades_next(self) -> bool:
+        """Whether a trusted pair without another finding is degraded next, if its image moves."""
+        return self.recovery_pairs > 1
+
+    def after(self, fault: Fault, *, is_moving: bool) -> ImageFaults:
+        """Return the faults after a pair. Only pairs with motion and without a fault reduce the recovery."""
+        match fault:
+            case Fault.TRANSFER:
+                transfers = self.transfers + 1
+                return ImageFaults(transfers, max(self.recovery_pairs, min(transfers, CONSISTENT_PAIRS)))
+            case Fault.SUSPECTED:
+                return ImageFaults(0, max(self.recovery_pairs, CONSISTENT_PAIRS))
+            case Fault.NONE:
+                return ImageFaults(0, max(self.recovery_pairs - int(is_moving), 0))
+
+    def after_stale_rows(self, stale: Mask) -> ImageFaults:
+        """Return the faults after a pair with stale rows `(H,)`. Later pairs may have stale parts, too."""
+        pairs = LONG_RECOVERY_PAIRS if stale.mean() > MOSTLY_STALE else 1
+        return ImageFaults(max(self.transfers, 1), max(self.recovery_pairs, pairs))
+
+    @property
+    def may_be_transfer(self) -> bool:
+        """Whether the next pair may be partially transferred. Many such pairs in a row have another cause."""
+        return self.transfers < MAX_TRANSFERS
+
+
+# ---- the memory
 
 
 class EarlierImage(NamedTuple):
@@ -65,7 +209,7 @@ class GroundMemory:
     | component | `selected` | `unselected` | `window_begun` | `adjusted` | `lost` | `rows_stale` | `window_failed` |
     |---|---|---|---|---|---|---|---|
     | `excluded` | = cells after the pair | | | | | | one pair older |
-    | `earlier` | one pair older | one pair older | = first image | pose | | | |
+    | `earlier` | = pair, or older | one pair older | = first image | pose | | | |
     | `last_image` | = image of the pair | = None | = None | | | | |
     | `identification` | by the case | | learnt again | | learnt again | | |
     | `faults` | by the case | | = none | | | by the rows | |
@@ -73,7 +217,7 @@ class GroundMemory:
 
     | event | is |
     |---|---|
-    | `selected` | a pair in which the ground's motion was selected, by its case (`cases.CASE_RULES`) |
+    | `selected` | a pair in which the ground's motion was selected, by its case (`selection.learnt_from`) |
     | `unselected` | a pair with a frozen left image or with stale rows, in which no motion was selected |
     | `window_begun` | a pair begins a window |
     | `adjusted` | the adjustment of a keyframe in the background has ended |
@@ -81,9 +225,7 @@ class GroundMemory:
     | `rows_stale` | stale rows are detected in a pair, before its other changes |
     | `window_failed` | a textured pair has too few landmarks for a window |
 
-    The changes by `selected` and `unselected` depend on the verdict on the pair, too (`NextMemory`). They are discarded
-    after a refused pair, unless they outlast a refusal (`cases.Rule`). The earlier image may be replaced only by a pair
-    that can be a reference.
+    What is learnt by `selected` and `unselected` depends on the verdict on the pair, too (`Ground.memory_after`).
     """
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.
@@ -123,43 +265,21 @@ class GroundMemory:
         margin = AFTER_TRANSFER * MIN_EXCESS if self.faults.transfers else MIN_EXCESS
         return unexplained < min(margin + TYPICAL_FACTOR * (self.typical or 0.0), NEARLY_HALF)
 
-    def consistency_of(self, support: Support) -> Consistency:
+    def consistency_of(self, main: Agreement, inliers: Mask) -> Consistency:
         """Return whether a pair is consistent with the earlier pairs, if the main motion is the only motion.
 
         A pair with motion is consistent if few cells are excluded as dynamic, and if inliers cover the cells that were
         unexplained earlier. An unusual pair that is not consistent prolongs an uncertainty.
         """
-        if not support.moves_image:
+        if not main.moves_image:
             return Consistency.UNKNOWN
-        is_covered = self.identification.is_covered_by(support.inlier_cells)
+        is_covered = self.identification.is_covered_by(main.cells(inliers))
         if self.excluded.dynamic_fraction < MAX_DYNAMIC and is_covered:
             return Consistency.CONSISTENT
         is_uncertain = self.identification.phase is Phase.UNCERTAIN
-        if is_uncertain and not self.is_usual(support.unexplained_fraction):
+        if is_uncertain and not self.is_usual(main.unexplained_fraction):
             return Consistency.INCONSISTENT
         return Consistency.PARTIAL
-
-    # ---- events
-
-    def selected(
-        self,
-        *,
-        identification: Identification,
-        faults: ImageFaults,
-        typical: float | None,
-        excluded: ExcludedCells,
-        image: FloatImage,
-    ) -> GroundMemory:
-        """Return the memory after a pair whose pose was estimated from a selected motion.
-
-        Args:
-            identification: Which motion is the ground's, after the pair.
-            faults: Faults of the images, after the pair.
-            typical: Typical fraction of unexplained landmarks, after the pair.
-            excluded: Cells excluded from this pair on, also in a keyframe that the pair becomes.
-            image: Pyramid level `MIXTURE_LEVEL` of the pair's left image.
-        """
-        return GroundMemory(excluded, self.earlier.older(), image, identification, faults, typical)
 
     def typical_after(self, unexplained: float) -> float | None:
         """Return the typical fraction of unexplained landmarks after a pair with one motion.
@@ -172,6 +292,8 @@ class GroundMemory:
         typical = unexplained if self.typical is None else self.typical
         gain = RISING_GAIN if unexplained > typical else FALLING_GAIN
         return typical + gain * (unexplained - typical)
+
+    # ---- events
 
     def unselected(self) -> GroundMemory:
         """Return the memory after a pair in which no motion was selected.
@@ -217,39 +339,3 @@ class GroundMemory:
         if not stale.any():
             return self
         return replace(self, faults=self.faults.after_stale_rows(stale))
-
-
-class NextMemory(NamedTuple):
-    """The memory after a pair, which depends on the verdict on the pair."""
-
-    if_reference: GroundMemory  #: The pair is accepted, and later pairs may be compared with it.
-    if_accepted: GroundMemory  #: The pair is accepted, but later pairs may not be compared with it.
-    if_refused: GroundMemory
-
-    @classmethod
-    def of_selected(
-        cls, before: GroundMemory, learnt: GroundMemory, next_earlier: EarlierImage, *, outlasts_refusal: bool
-    ) -> NextMemory:
-        """Return the memory after a pair in which a motion was selected.
-
-        Args:
-            before: Memory before the pair.
-            learnt: Memory with what the pair shows.
-            next_earlier: Earlier image of the next pairs if they may be compared with this pair.
-            outlasts_refusal: Whether the memory learns from the pair although its pose is refused. The last image is
-                then still that at the last accepted pose.
-        """
-        refused = replace(learnt, last_image=before.last_image) if outlasts_refusal else before
-        return cls(replace(learnt, earlier=next_earlier), learnt, refused)
-
-    @classmethod
-    def of_unselected(cls, before: GroundMemory) -> NextMemory:
-        """Return the memory after a pair in which no motion was selected."""
-        learnt = before.unselected()
-        return cls(learnt, learnt, before)
-
-    def for_verdict(self, verdict: Verdict) -> GroundMemory:
-        """Return the memory after the verdict."""
-        if verdict.refuses:
-            return self.if_refused
-        return self.if_reference if verdict.can_be_reference else self.if_accepted

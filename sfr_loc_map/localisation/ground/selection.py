@@ -1,14 +1,13 @@
-"""Selection of the ground's motion in a pair: the order of the steps (`GroundSelector.select`).
+"""Selection of the ground's motion in a pair: the order of the steps (`select_ground`).
 
 | step | function | result |
 |---|---|---|
 | 1 | `changed_cells`, beside the tracking | `Change`: cells that changed since an earlier image |
-| 2 | `searches.main_motion` | `Motion`: the main tracks, and how far their motion agrees with the pair |
-| 3 | `evidence.evidence_of`, which may search for other motions | `Evidence` |
-| 4 | `cases.rule_of` | `Rule`: the case of the pair, with its consequences |
-| 5 | `selection_of` | `Selection`: tracks that follow the ground, and what is excluded |
-| 6 | `learnt_from` | `GroundMemory` after the pair |
-| 7 | `cases.findings_of` | the findings of the pair: at most one |
+| 2 | `evidence.evidence_of`, which may search for other motions | `Evidence` |
+| 3 | `cases.rule_of` | `Rule`: the case of the pair, with its consequences |
+| 4 | `Rule.select` | `Selection`: tracks that follow the ground, and what is excluded |
+| 5 | `learnt_from` | `GroundMemory` after the pair |
+| 6 | `cases.findings_of` | the findings of the pair: at most one |
 
 If the left image is frozen, or if rows are stale, no motion is selected (`Ground.unselected`).
 
@@ -47,39 +46,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatImage, Mask
-from sfr_loc_map.localisation.findings import Finding
+from sfr_loc_map.localisation.findings import Finding, Verdict
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.ground import cases, searches
+from sfr_loc_map.localisation.ground import cases
 from sfr_loc_map.localisation.ground.cell_change import LEVEL, Change, change_of
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL
 from sfr_loc_map.localisation.ground.evidence import Evidence, evidence_of
-from sfr_loc_map.localisation.ground.excluded_cells import ExcludedCells, Exclusion
-from sfr_loc_map.localisation.ground.identification import Consistency, Fault
-from sfr_loc_map.localisation.ground.memory import EarlierImage, GroundMemory, NextMemory
-from sfr_loc_map.localisation.ground.motion_tools import ComparedPair, Motion, MotionTools
-from sfr_loc_map.localisation.ground.searches import TwoMotions
+from sfr_loc_map.localisation.ground.memory import Consistency, EarlierImage, Fault, GroundMemory
+from sfr_loc_map.localisation.ground.motions import ComparedPair, MotionTools
 from sfr_loc_map.localisation.ground.thresholds import COMPARED_PAIRS, COMPARED_PX, FAR_RATIO
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.motion_size import MotionSize
 from sfr_loc_map.localisation.relocalisation import RecoveryImages
-
-NO_DISTANCE = MotionSize(0.0, 0.0)
-
-
-class Selection(NamedTuple):
-    """The motion that is used as the ground's, and what does not follow this motion."""
-
-    motion: Motion
-    is_main: bool  #: Whether the motion is the main motion.
-    exclusion: Exclusion  #: Landmarks and cells that do not move with the ground.
-    other_distance: MotionSize = NO_DISTANCE  #: Distance to the pose of another possible motion; zero if none.
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether the pose is trusted and the image moved."""
-        return self.motion.tracks.is_trusted and self.motion.agreement.moves_image
 
 
 class Ground(NamedTuple):
@@ -89,7 +68,7 @@ class Ground(NamedTuple):
     findings: frozenset[Finding]
     not_ground: NDArray[np.intp]  #: `(N,)` window rows of the landmarks that do not move with the ground.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
-    next_memory: NextMemory  #: The memory after the pair, by the verdict on the pair.
+    learnt: GroundMemory  #: The memory after the pair, if later pairs may be compared with it.
 
     @classmethod
     def unselected(cls, tracks: Tracks, memory: GroundMemory) -> Ground:
@@ -101,9 +80,22 @@ class Ground(NamedTuple):
             tracks=tracks,
             findings=cases.findings_unselected(memory, is_trusted=tracks.is_trusted),
             not_ground=np.zeros(0, np.intp),
-            other_distance=NO_DISTANCE,
-            next_memory=NextMemory.of_unselected(memory),
+            other_distance=cases.NO_DISTANCE,
+            learnt=memory.unselected(),
         )
+
+    def memory_after(self, verdict: Verdict, before: GroundMemory) -> GroundMemory:
+        """Return the memory after the verdict on the pair, from the memory before the pair.
+
+        A refused pair leaves the memory as it was, unless the image contradicts its pose. The present image replaces
+        the compared image only if later pairs may be compared with it, and the image at the last pose only if the pose
+        is accepted.
+        """
+        if not verdict.refuses:
+            return self.learnt if verdict.can_be_reference else replace(self.learnt, earlier=before.earlier.older())
+        if Finding.CONTRADICTED in self.findings:
+            return replace(self.learnt, earlier=before.earlier.older(), last_image=before.last_image)
+        return before
 
 
 def changed_cells(frame: StereoFrame, memory: GroundMemory) -> Change:
@@ -111,72 +103,54 @@ def changed_cells(frame: StereoFrame, memory: GroundMemory) -> Change:
     return change_of(memory.earlier.image, frame.left[LEVEL].image)
 
 
-class GroundSelector:
-    """Selects the ground's motion. No state is kept between calls."""
+def select_ground(
+    tools: MotionTools,
+    frame: StereoFrame,
+    tracks: Tracks,
+    prediction: Prediction,
+    memory: GroundMemory,
+    recovery: RecoveryImages,
+    change: Change,
+) -> Ground:
+    """Return the ground's motion in a pair. The tracks may follow any motion, trusted or not."""
+    earlier = memory.earlier
+    far_px = FAR_RATIO * tools.shape[1] * earlier.age if memory.is_clear else np.inf
+    pair = ComparedPair(tools, frame, prediction, recovery, change, earlier.pose, far_px)
 
-    def __init__(self, tools: MotionTools) -> None:
-        self._tools = tools
+    evidence = evidence_of(pair, tracks, memory)
+    rule = cases.rule_of(evidence)
+    selection = rule.select(pair, evidence)
+    learnt = learnt_from(pair, rule, evidence, selection, memory)
 
-    def select(
-        self,
-        frame: StereoFrame,
-        tracks: Tracks,
-        prediction: Prediction,
-        memory: GroundMemory,
-        recovery: RecoveryImages,
-        change: Change,
-    ) -> Ground:
-        """Return the ground's motion in a pair. The tracks may follow any motion, trusted or not."""
-        tools = self._tools
-        earlier = memory.earlier
-        far_px = FAR_RATIO * tools.shape[1] * earlier.age if memory.is_clear else np.inf
-        pair = ComparedPair(tools, frame, prediction, recovery, change, earlier.pose, far_px)
-
-        evidence = evidence_of(pair, searches.main_motion(pair, tracks), memory)
-        rule = cases.rule_of(evidence)
-        selection = selection_of(rule.selects, pair, evidence)
-
-        excluded = memory.excluded.after_pair(selection.exclusion, change.stationary, tools.shape)
-        learnt = learnt_from(memory, rule, evidence, selection, excluded, frame.left[MIXTURE_LEVEL].image)
-        next_earlier = _next_earlier(frame, selection, earlier, rule.fault)
-        is_identified = evidence.is_identified
-        is_trusted = selection.motion.tracks.is_trusted
-        return Ground(
-            tracks=selection.motion.tracks,
-            findings=cases.findings_of(rule, learnt.faults, is_identified=is_identified, is_trusted=is_trusted),
-            not_ground=selection.exclusion.rows,
-            other_distance=selection.other_distance,
-            next_memory=NextMemory.of_selected(memory, learnt, next_earlier, outlasts_refusal=rule.outlasts_refusal),
-        )
+    tracks = selection.motion.tracks
+    is_identified = evidence.is_identified
+    findings = cases.findings_of(rule, learnt.faults, is_identified=is_identified, is_trusted=tracks.is_trusted)
+    return Ground(tracks, findings, selection.exclusion.rows, selection.other_distance, learnt)
 
 
 def learnt_from(
-    memory: GroundMemory,
-    rule: cases.Rule,
-    evidence: Evidence,
-    selection: Selection,
-    excluded: ExcludedCells,
-    image: FloatImage,
+    pair: ComparedPair, rule: cases.Rule, evidence: Evidence, selection: cases.Selection, memory: GroundMemory
 ) -> GroundMemory:
     """Return the memory with what a pair shows, by the rule of its case."""
-    support = evidence.support
+    main = evidence.main.agreement
     identification = memory.identification
     typical = memory.typical
     if rule.learns is cases.Learns.UNCERTAINTY:
-        identification = identification.after(Consistency.INCONSISTENT, support.unexplained_cells)
+        identification = identification.after(Consistency.INCONSISTENT, main.cells(main.unexplained))
     elif rule.learns is cases.Learns.ONE_MOTION:
         identification = evidence.after_one_motion
-        typical = memory.typical_after(support.unexplained_fraction)
-    return memory.selected(
+        typical = memory.typical_after(main.unexplained_fraction)
+    return GroundMemory(
+        excluded=memory.excluded.after_pair(selection.exclusion, pair.change.stationary, pair.tools.shape),
+        earlier=_next_earlier(pair.frame, selection, memory.earlier, rule.fault),
+        last_image=pair.frame.left[MIXTURE_LEVEL].image,
         identification=identification,
         faults=memory.faults.after(rule.fault, is_moving=selection.is_moving),
         typical=typical,
-        excluded=excluded,
-        image=image,
     )
 
 
-def _next_earlier(frame: StereoFrame, selection: Selection, earlier: EarlierImage, fault: Fault) -> EarlierImage:
+def _next_earlier(frame: StereoFrame, selection: cases.Selection, earlier: EarlierImage, fault: Fault) -> EarlierImage:
     """Return the image that the next pair is compared with: the present left image, or the earlier image again."""
     if fault is Fault.TRANSFER:
         return earlier.older()
@@ -184,74 +158,3 @@ def _next_earlier(frame: StereoFrame, selection: Selection, earlier: EarlierImag
     if shows_fixed or not selection.is_main or earlier.age > COMPARED_PAIRS:
         return EarlierImage(frame.left[LEVEL].image, selection.motion.tracks.pose)
     return earlier.older()
-
-
-# ---- the tracks of a case
-
-
-def selection_of(selects: cases.Selects, pair: ComparedPair, evidence: Evidence) -> Selection:
-    """Return the motion that is used as the ground's, and what to exclude, as the rule of the case says."""
-    main = evidence.main
-    match selects:
-        case cases.Selects.MAIN:
-            rows = main.tracks.landmarks.rows[main.agreement.on_fixed]
-            return Selection(main, is_main=True, exclusion=Exclusion.of_fixed(rows, main.agreement.fixed_cells))
-        case cases.Selects.MAIN_WITH_ALL:
-            return Selection(main, is_main=True, exclusion=Exclusion.nothing(pair.change.stationary.shape))
-        case cases.Selects.OFF_BODY:
-            assert evidence.off_body is not None, "the condition of the case"
-            return _off_body(pair, main, evidence.off_body)
-        case cases.Selects.HEAVIER:
-            assert evidence.two is not None, "the condition of the case"
-            return _other_of_two(pair, evidence.two) if evidence.two.other_wins else _main_of_two(evidence.two)
-        case cases.Selects.HEAVIER_WITH_ALL:
-            assert evidence.two is not None, "the condition of the case"
-            return _either_of_two(pair, evidence.two)
-
-
-def _off_body(pair: ComparedPair, main: Motion, off_body: Motion) -> Selection:
-    """Select the motion of the landmarks outside stationary cells, and exclude the landmarks in these cells.
-
-    The host cell of such a landmark is fixed to the camera if the motion would have moved the landmark. Without these
-    cells, a keyframe would create new landmarks on the body.
-    """
-    on_stationary = main.agreement.on_stationary
-    all_off_body = pair.motion(replace(main.tracks, pose=off_body.tracks.pose)).agreement
-    fixed = all_off_body.host_cells(on_stationary & all_off_body.are_moved) | off_body.agreement.fixed_cells
-    return _tracked_without(pair, main, off_body, on_stationary, fixed)
-
-
-def _either_of_two(pair: ComparedPair, motions: TwoMotions) -> Selection:
-    """Select the motion with more weight, and exclude nothing."""
-    motion = motions.main
-    if motions.other_wins:
-        motion = pair.tracked_from(motions.main.tracks.landmarks, motions.other.tracks.pose)
-    nothing = Exclusion.nothing(pair.change.stationary.shape)
-    return Selection(motion, is_main=not motions.other_wins, exclusion=nothing, other_distance=motions.distance)
-
-
-def _main_of_two(motions: TwoMotions) -> Selection:
-    """Select the main motion, and exclude what follows the other motion or is fixed to the camera."""
-    main = motions.main
-    other = motions.other
-    fixed = main.agreement.fixed_cells
-    dynamic = other.agreement.cells(other.tracks.inliers) & ~fixed
-    rows = main.tracks.landmarks.rows[motions.follow_other | main.agreement.on_fixed]
-    return Selection(main, is_main=True, exclusion=Exclusion(rows, fixed, dynamic))
-
-
-def _other_of_two(pair: ComparedPair, motions: TwoMotions) -> Selection:
-    """Select the other motion, and exclude the landmarks that follow only the main motion, and their cells."""
-    main = motions.main
-    only_main = main.tracks.inliers & ~motions.follow_other
-    return _tracked_without(pair, main, motions.other, only_main, main.agreement.cells(only_main))
-
-
-def _tracked_without(pair: ComparedPair, main: Motion, other: Motion, excluded: Mask, fixed: Mask) -> Selection:
-    """Select another motion: track the main tracks' landmarks again from its pose, without some of them.
-
-    The excluded landmarks `(M,)` and the fixed cells `(R, C)` do not follow this motion.
-    """
-    landmarks = main.tracks.landmarks
-    motion = pair.tracked_from(landmarks.subset(~excluded), other.tracks.pose)
-    return Selection(motion, is_main=False, exclusion=Exclusion.of_fixed(landmarks.rows[excluded], fixed))

@@ -105,8 +105,8 @@ REPEATED_WEIGHT: Final = 1.5
 beside an object is attributed to the object. If smaller, an object with 1.5 times the landmarks of the ground outweighs
 it."""
 REPEATED_RATIO: Final = 0.5
-"""A motion repeats the last motion if its distance from the repeated motion (`Guesses.repeated_motion`) is at most this
-fraction of the other motion's distance. Distances are image motions. If the two motions are equally far from the
+"""A motion repeats the last motion if its distance from the repeated motion (`Prediction.repeated_motion`) is at most
+this fraction of the other motion's distance. Distances are image motions. If the two motions are equally far from the
 repeated motion, neither repeats the last motion."""
 STANDSTILL_RATIO: Final = 0.15
 """Ratio of the image motion to that of the last motion, below which a motion is a standstill. Chosen by hand. If

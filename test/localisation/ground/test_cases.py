@@ -12,12 +12,18 @@ import pytest
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.localisation.findings import Finding, Inflation, decide
 from sfr_loc_map.localisation.ground.cases import CASE_RULES, Case, Rule, findings_of, rule_of
-from sfr_loc_map.localisation.ground.evidence import Evidence, evidence_of_main
-from sfr_loc_map.localisation.ground.identification import Consistency, Identification, ImageFaults, Phase
-from sfr_loc_map.localisation.ground.memory import EarlierImage, GroundMemory, NextMemory
-from sfr_loc_map.localisation.ground.motion_tools import Motion
-from sfr_loc_map.localisation.ground.searches import TwoMotions, weighed
-from sfr_loc_map.localisation.ground.selection import learnt_from
+from sfr_loc_map.localisation.ground.evidence import Evidence, TwoMotions, evidence_of_main, weighed
+from sfr_loc_map.localisation.ground.excluded_cells import Exclusion
+from sfr_loc_map.localisation.ground.memory import (
+    Consistency,
+    EarlierImage,
+    GroundMemory,
+    Identification,
+    ImageFaults,
+    Phase,
+)
+from sfr_loc_map.localisation.ground.motions import Motion
+from sfr_loc_map.localisation.ground.selection import Ground, learnt_from
 from sfr_loc_map.localisation.ground.thresholds import CONSISTENT_PAIRS, LONG_RECOVERY_PAIRS, MAX_TRANSFERS, OLD_WEIGHT
 
 IMAGE = np.zeros((16, 16), np.float32)
@@ -34,6 +40,7 @@ def evidence_without_outliers(memory: GroundMemory, *, moves_image: bool = True)
     cells = np.ones((2, 2), np.bool_)
     agreement = SimpleNamespace(
         moves_image=moves_image,
+        motion_px=0.0,
         unexplained_fraction=0.0,
         contradicting_fraction=0.0,
         unexplained=None,
@@ -60,8 +67,12 @@ def after(memory: GroundMemory, case: Case, *, moves_image: bool = True) -> Grou
     """Return the memory after a pair of a case that one motion explains, by default a pair with motion."""
     memory = replace(memory, earlier=EarlierImage(IMAGE, HERE))
     evidence = evidence_without_outliers(memory, moves_image=moves_image)
-    selected: Any = SimpleNamespace(is_moving=moves_image)
-    return learnt_from(memory, rule(case), evidence, selected, memory.excluded, IMAGE)
+    nothing = Exclusion.nothing(memory.excluded.life.shape)
+    selected: Any = SimpleNamespace(is_moving=moves_image, is_main=True, exclusion=nothing, motion=evidence.main)
+    frame = SimpleNamespace(left=[SimpleNamespace(image=IMAGE)] * 3)
+    tools = SimpleNamespace(shape=(32, 32))
+    pair: Any = SimpleNamespace(frame=frame, tools=tools, change=SimpleNamespace(stationary=nothing.fixed))
+    return learnt_from(pair, rule(case), evidence, selected, memory)
 
 
 UNTRUSTED = Motion(SimpleNamespace(is_trusted=False), None)  # type: ignore[arg-type]
@@ -114,13 +125,20 @@ def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
 
 def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> None:
     before = replace(GroundMemory.none((32, 32)), earlier=EarlierImage(IMAGE, HERE), last_image=IMAGE)
-    learnt = replace(before, last_image=np.ones((16, 16), np.float32), faults=ImageFaults(transfers=2))
-    refused = decide({Finding.CONTRADICTED})
-    next_earlier = EarlierImage(IMAGE, HERE)
-    assert NextMemory.of_selected(before, learnt, next_earlier, outlasts_refusal=False).for_verdict(refused) is before
-    memory = NextMemory.of_selected(before, learnt, next_earlier, outlasts_refusal=True).for_verdict(refused)
-    assert memory.last_image is before.last_image
-    assert memory.faults.transfers == 2
+    now = np.ones((16, 16), np.float32)
+    learnt = replace(before, earlier=EarlierImage(now, HERE), last_image=now, faults=ImageFaults(transfers=2))
+
+    def memory_after(finding: Finding) -> GroundMemory:
+        ground = Ground(None, frozenset({finding}), None, None, learnt)  # type: ignore[arg-type]
+        return ground.memory_after(decide({finding}), before)
+
+    assert memory_after(Finding.FEW_LANDMARKS) is before
+    assert memory_after(Finding.UNEXPLAINED) is learnt
+    refused = memory_after(Finding.CONTRADICTED)
+    assert refused.last_image is before.last_image
+    assert refused.faults.transfers == 2
+    for memory in (refused, memory_after(Finding.PARTIAL_TRANSFER)):
+        assert memory.earlier == before.earlier.older()
 
 
 def test_a_second_motion_before_the_ground_is_identified_degrades_twelve_pairs() -> None:
@@ -202,7 +220,7 @@ def test_another_motion_of_old_landmarks_alone_has_the_weight_of_old_landmarks()
         )
         return Motion(tracks, None)  # type: ignore[arg-type]
 
-    guesses = SimpleNamespace(repeated_motion=None, standstill=None)
-    pair = SimpleNamespace(guesses=guesses, image_motion_px=lambda *_, **__: 1.0)
+    prediction = SimpleNamespace(repeated_motion=None, standstill=None)
+    pair = SimpleNamespace(prediction=prediction, image_motion_px=lambda *_, **__: 1.0)
     motions = weighed(pair, followed([0, 1, 2, 2]), followed([0, 0, 1]))  # type: ignore[arg-type]
     assert motions.weight_ratio == pytest.approx((2.0 * OLD_WEIGHT + 2.0) / (3.0 * OLD_WEIGHT))

@@ -13,9 +13,8 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.frontend.landmarks import NO_PATCHES, HostPatches, Patches
 from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes
 from sfr_loc_map.localisation.frontend.pyramid import build_pyramid
-from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL, Mixture, mixture_of
-from sfr_loc_map.localisation.ground.motion_tools import ComparedPair
-from sfr_loc_map.localisation.ground.searches import MIXTURE_LANDMARKS
+from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL, Mixture, mixture_of, shows_second_exposure
+from sfr_loc_map.localisation.ground.thresholds import MIXTURE_LANDMARKS
 
 CAMERA = StereoCamera(200.0, 210.0, 119.5, 89.5, 0.1)
 HEIGHT, WIDTH, DEPTH_M = 180, 240, 2.0
@@ -66,11 +65,10 @@ def test_the_weight_of_the_other_exposure_is_found(weight: float, noise: float) 
 
 @pytest.mark.parametrize("min_tracked", [25, 100])
 def test_a_second_exposure_is_found_however_many_landmarks_a_pose_requires(min_tracked: int) -> None:
-    tools = SimpleNamespace(min_tracked=min_tracked, camera=CAMERA)
-    pair = ComparedPair(tools, *[None] * 6)  # type: ignore[arg-type]
+    few = landmarks(MIXTURE_LANDMARKS)
     for weight in (0.0, 0.5):
         image = build_pyramid(grey((1.0 - weight) * view(SHOWN) + weight * view(OTHER)))[MIXTURE_LEVEL].image
-        assert pair.shows_other(image, landmarks(MIXTURE_LANDMARKS), SHOWN, OTHER) == (weight > 0.0)
+        assert shows_second_exposure(image, few, SHOWN, OTHER, CAMERA, min_tracked) == (weight > 0.0)
 
 
 def test_brightness_and_contrast_do_not_change_the_weight() -> None:

@@ -24,7 +24,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig, MotionBounds
 from sfr_loc_map.localisation.estimate import PoseEstimate, StateReason, TrackingState
-from sfr_loc_map.localisation.ground.identification import Identification, Phase
+from sfr_loc_map.localisation.ground.memory import Identification, Phase
 from sfr_loc_map.localisation.ground.thresholds import LONG_RECOVERY_PAIRS
 from sfr_loc_map.localisation.localiser import Localiser
 

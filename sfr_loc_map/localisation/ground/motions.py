@@ -1,25 +1,17 @@
-"""Rigid motions in a pair, and the tools that track and search for motions."""
+"""Rigid motions in a pair: how landmarks are tracked and searched for, and how far a motion agrees with the image."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from sfr_loc_map.geometry.arrays import FloatImage
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landmarks
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.ground.cell_change import Change
 from sfr_loc_map.localisation.ground.cell_motion import Agreement, agreement_of, image_motion
-from sfr_loc_map.localisation.ground.double_exposure import mixture_of
-from sfr_loc_map.localisation.ground.thresholds import (
-    CONVINCING,
-    MIN_AGREEMENT,
-    MIN_MIXTURE_WEIGHT,
-    MIXTURE_PATCHES,
-    MIXTURE_SIGMAS,
-)
-from sfr_loc_map.localisation.motion_model import Guesses, Prediction
+from sfr_loc_map.localisation.ground.thresholds import CONVINCING, MIN_AGREEMENT
+from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 
 
@@ -51,11 +43,6 @@ class ComparedPair(NamedTuple):
     earlier_pose: Pose  #: Pose of the earlier image.
     far_px: float  #: Image motion, px, from which an outlier does not count as unexplained (`thresholds.FAR_RATIO`).
 
-    @property
-    def guesses(self) -> Guesses:
-        """Initial guesses of the pose of the pair."""
-        return self.prediction.guesses
-
     def motion(self, tracks: Tracks) -> Motion:
         """Return the motion of some tracks, from the earlier image to their pose."""
         landmarks = tracks.landmarks
@@ -84,7 +71,7 @@ class ComparedPair(NamedTuple):
         if count < min_tracked:
             return None
         offset = self.prediction.offset
-        start = tracker.align(self.frame.left, landmarks.thinned(ALIGNED_LANDMARKS), self.guesses.distinct)
+        start = tracker.align(self.frame.left, landmarks.thinned(ALIGNED_LANDMARKS), self.prediction.guesses)
         tracks = tracker.refine(self.frame, landmarks, start, offset)
         if tracks.inlier_count < CONVINCING * count:
             pose = self.tools.relocaliser.pose_by_flow(self.frame, self.recovery, landmarks)
@@ -99,13 +86,3 @@ class ComparedPair(NamedTuple):
     def image_motion_px(self, tracks: Tracks, *, start: Pose, end: Pose) -> float:
         """Return the image motion of the landmarks of some tracks between two poses, px."""
         return image_motion(start, end, tracks.landmarks.estimates, self.tools.camera)
-
-    def shows_other(self, image: FloatImage, landmarks: Landmarks, shown: Pose, other: Pose) -> bool:
-        """Return whether an image at the pose `shown` also shows some landmarks from another pose.
-
-        The image is level `MIXTURE_LEVEL` of the left image of this pair or of an earlier pair.
-        """
-        mixture = mixture_of(image, landmarks, shown, other, self.tools.camera)
-        lower_bound = mixture.weight - MIXTURE_SIGMAS * mixture.standard_error
-        has_enough_patches = mixture.patches >= min(self.tools.min_tracked, MIXTURE_PATCHES)
-        return has_enough_patches and lower_bound > MIN_MIXTURE_WEIGHT
