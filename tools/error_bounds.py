@@ -26,12 +26,12 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of, panorama_of
-from sfr_loc_map.localisation.candidate import Candidate, FinalPose
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.findings import Verdict
 from sfr_loc_map.localisation.frontend.patch import HALF
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.stages import Candidate, FinalPose
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import refine_pair

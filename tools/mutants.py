@@ -575,10 +575,8 @@ MUTATIONS = (
         "return self if self.phase is Phase.UNCERTAIN else Identification(Phase.LEARNING)",
         "return Identification(Phase.LEARNING)",
     ),
-    Mutation(
-        "localisation/path/external_poses.py", "external=exact if at_ns > last_ns else", "external=exact if True else"
-    ),
-    Mutation("localisation/path/history.py", "(stamp_ns - earlier.stamp_ns) /", "(later.stamp_ns - stamp_ns) /"),
+    Mutation("localisation/path.py", "external=exact if at_ns > last_ns else", "external=exact if True else"),
+    Mutation("localisation/path.py", "(stamp_ns - earlier.stamp_ns) /", "(later.stamp_ns - stamp_ns) /"),
     Mutation(
         "localisation/uncertainty/path_errors.py",
         "position - self.turned / self.correlated.radians",

@@ -8,16 +8,16 @@ pair is refused, which reason is published, and what enlarges the covariance.
 |---|---|
 | `localiser`, `config`, `estimate` | the interface: `Localiser`, its parameters and its results |
 | `visualisation` | the drawing of an estimate |
-| `stages`, `candidate` | the stages that compute and judge a pose, and the values between them |
+| `stages` | the stages that compute and judge a pose, and the values between them |
 | `stale_images`, `guards`, `findings` | checks of images and poses, and the table of their consequences |
-| `state`, `transitions` | the state between two pairs, and all of its changes |
+| `state` | the state between two pairs, and all of its changes |
 | `path` | poses so far, and external poses |
 | `motion_model`, `relocalisation` | initial guesses of the next pose, and recovery of lost tracking |
 | `frontend` | measurements in one pair, and its pose |
 | `ground` | which of the motions in an image is the ground's |
 | `keyframes`, `backend` | keyframes, their bundle adjustment, and online calibration |
 | `uncertainty` | error sources and covariances |
-| `pair_statistics`, `stage_clock` | the statistics and the durations in an estimate |
+| `pair_statistics` | the statistics of an estimate |
 | `motion_size`, `small_linalg`, `symmetric_matrices` | mathematical tools of several folders |
 | `warm_up` | a small drive that compiles or loads all kernels |
 """

@@ -33,9 +33,9 @@ A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, a
 - Any other guard is called in `Stages.judge`.
 - A guard for a new window is called in `Localiser._begin_window` if it does not need the landmarks of the window,
   otherwise in `Stages.check_window`.
-- The memory of a guard is a field of `State`. A memory that learns from poses is passed to `transitions.accepted` by
-  the `Candidate` and changes only there. The memory of the ground is passed by `Ground`, and may learn from a refused
-  pair as well.
+- The memory of a guard is a field of `State`. A memory that learns from poses is passed to `State.accepted` by the
+  `Candidate` and changes only there. The memory of the ground is passed by `Ground`, and may learn from a refused pair
+  as well.
 
 A guard for the ground's motion is a rule in `ground.cases.CASE_RULES`.
 """
@@ -115,8 +115,6 @@ class Refusal(NamedTuple):
 
     action: Action  #: One of the actions with `Action.refuses`.
     reason: StateReason
-    #: Whether the excluded cells may be the cause. They then age if no window can begin with the pair.
-    ages_excluded_cells: bool = False
 
 
 class Degradation(NamedTuple):
@@ -136,7 +134,7 @@ RULES: Final[dict[Finding, Refusal | Degradation]] = {
     Finding.SWAPPED: Refusal(Action.LOSE, StateReason.NO_STEREO),
     Finding.UNTEXTURED: Refusal(Action.LOSE_OR_BEGIN, StateReason.UNTEXTURED_IMAGES),
     Finding.FROZEN_AND_FEW: Refusal(Action.LOSE_OR_BEGIN, StateReason.REPEATED_IMAGES),
-    Finding.FEW_LANDMARKS: Refusal(Action.LOSE_OR_BEGIN, StateReason.FEW_LANDMARKS, ages_excluded_cells=True),
+    Finding.FEW_LANDMARKS: Refusal(Action.LOSE_OR_BEGIN, StateReason.FEW_LANDMARKS),
     Finding.CONTRADICTED: Refusal(Action.KEEP, StateReason.MOVING_REGIONS),
     Finding.SINGULAR: Refusal(Action.LOSE_OR_BEGIN, StateReason.IMPLAUSIBLE_MOTION),
     Finding.TOO_FAST: Refusal(Action.LOSE_OR_BEGIN, StateReason.IMPLAUSIBLE_MOTION),
@@ -207,7 +205,7 @@ Three findings add nothing to the covariance because it already includes what th
 because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). `UNTEXTURED_SIDE` adds nothing because
 nothing is tracked in an image without texture. `AT_REST_UNCERTAIN` adds nothing because an image without motion shows a
 rover at rest, whichever of its parts is the ground. The covariance of a kept pose (`Action.KEEP`) always grows by the
-unobserved motion since the pose was estimated (`trajectory.kept`).
+unobserved motion since the pose was estimated (`PathState.kept`).
 """
 
 assert RULES.keys() == set(Finding), "each finding requires a rule"
@@ -221,7 +219,6 @@ class Verdict(NamedTuple):
     reason: StateReason | None  #: Reason of the decisive finding; None without findings.
     inflation: Inflation  #: What all findings together add to the covariance.
     can_be_reference: bool  #: Whether the pair may be a reference for later pairs.
-    ages_excluded_cells: bool  #: Whether the excluded cells age if no window can begin with the pair.
 
     @property
     def refuses(self) -> bool:
@@ -229,7 +226,7 @@ class Verdict(NamedTuple):
         return self.action.refuses
 
 
-NO_FINDING: Final = Verdict(None, Action.ACCEPT, None, Inflation.NONE, can_be_reference=True, ages_excluded_cells=False)
+NO_FINDING: Final = Verdict(None, Action.ACCEPT, None, Inflation.NONE, can_be_reference=True)
 """Verdict on a pair without findings."""
 
 
@@ -249,5 +246,4 @@ def decide(findings: frozenset[Finding]) -> Verdict:
         reason=first.reason,
         inflation=inflation,
         can_be_reference=all(rule.can_be_reference for rule in degradations),
-        ages_excluded_cells=isinstance(first, Refusal) and first.ages_excluded_cells,
     )

@@ -23,7 +23,7 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 `stages` contains stages 4 to 9 and the start of a window. Before and after the stages, `Localiser.process`
 
 - adopts the keyframe of the previous call, which was made in the background (`_adopt_keyframe`);
-- applies an external pose once its stamp is reached (`transitions.pose_applied`);
+- applies an external pose once its stamp is reached (`State.pose_applied`);
 - computes the covariance of the published pose (`_estimate`);
 - starts a keyframe in the background: the pair is added to the window, and the window is adjusted (bundle adjustment
   with marginalisation as in OKVIS, Leutenegger et al. 2015; `keyframes`).
@@ -67,8 +67,8 @@ There are three exceptions:
 **What enlarges the covariance.** The covariance of an accepted pose is the sum of its error terms, and findings, kept
 pairs, new windows and external poses add to it. `uncertainty` lists all terms and events with links to their formulas.
 
-The state between two pairs is one immutable value (`state.State`), and `transitions` contains all of its changes. Each
-stage takes and returns values. `findings` describes what a new guard requires, and `uncertainty` where a new error
+The state between two pairs is one immutable value, and its methods are all of its changes (`state.State`). Each stage
+takes and returns values. `findings` describes what a new guard requires, and `uncertainty` where a new error
 source belongs.
 """
 
@@ -82,12 +82,12 @@ import numpy as np
 from sfr_loc_map import __version__
 from sfr_loc_map.configuration.parameters import checked
 from sfr_loc_map.errors import LocalisationError
+from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig, check_rig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
-from sfr_loc_map.localisation import guards, stale_images, transitions, warm_up
+from sfr_loc_map.localisation import guards, stale_images, warm_up
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
-from sfr_loc_map.localisation.candidate import Candidate, FinalPose
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import (
     PoseEstimate,
@@ -108,10 +108,8 @@ from sfr_loc_map.localisation.pair_statistics import (
     refused_statistics,
     residual_statistics,
 )
-from sfr_loc_map.localisation.path import external_poses
 from sfr_loc_map.localisation.relocalisation import MAX_FAILED_RECOVERIES
-from sfr_loc_map.localisation.stage_clock import StageClock
-from sfr_loc_map.localisation.stages import Stages
+from sfr_loc_map.localisation.stages import Candidate, FinalPose, StageClock, Stages
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
 from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
@@ -169,22 +167,22 @@ class Localiser:
         calibration = OnlineCalibration(
             self._rig.camera, (self._rig.height, self._rig.width), self._config.window_keyframes
         )
-        self._state = transitions.started(start, calibration, self._model)
+        self._state = State.started(start, calibration, self._model)
 
     def set_pose(self, pose: StartPose | Transform) -> None:
         """Set an external pose, which is valid at its stamp; without a stamp, at the next pair.
 
         The pose replaces an earlier external pose that is not applied yet. Before the first pair, the pose replaces the
-        start pose. A pose whose stamp is more than `external_poses.MAX_AHEAD_NS` after the next pair is of another
+        start pose. A pose whose stamp is more than `path.MAX_AHEAD_NS` after the next pair is of another
         clock, and applies at the next pair.
 
         All later poses move with the external pose, and their covariances begin with its covariance. The map is
         discarded if no pair was accepted up to 1.5 periods before the stamp at which the pose applies
-        (`external_poses`). The next pair then begins a window.
+        (`path`). The next pair then begins a window.
 
         GeometryError, and no change, if the pose is invalid (`StartPose.of`).
         """
-        self._state = transitions.pose_set(self._state, StartPose.of(pose), self._model)
+        self._state = self._state.pose_set(StartPose.of(pose), self._model)
 
     def pose_at(self, stamp_ns: int) -> Transform | None:
         """Return the pose of RB in DS at a past stamp; None without an accepted pair.
@@ -194,7 +192,7 @@ class Localiser:
 
         The pose is interpolated between two consecutive pairs. Otherwise the pose of the nearest pair is returned.
         """
-        return external_poses.pose_at(self._state.path, stamp_ns, self._model)
+        return self._state.path.pose_at(stamp_ns, self._model)
 
     @property
     def known_ns(self) -> int | None:
@@ -247,7 +245,7 @@ class Localiser:
         stages = self._stages
         # 1 check the images
         images = stale_images.compare(pair, state.image_memory)
-        state = transitions.arrived(state, images, pair.stamp_ns)
+        state = state.arrived(images, pair.stamp_ns)
         landmark_map = state.landmark_map
         findings = guards.check_images(images, has_map=landmark_map is not None) | guards.check_identical(pair)
         verdict = decide(findings)
@@ -271,13 +269,12 @@ class Localiser:
             frame, tracks, prediction, state.ground_memory, state.recovery, images, change.result()
         )
         # 7 correct the right camera
-        corrected = stages.correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
-        candidate = Candidate(frame, landmark_map.deactivated(ground.not_ground), ground, corrected)
+        candidate = stages.correct_right_camera(frame, landmark_map, ground, state.calibration, state.shear_mean)
         # 8 judge
         last = state.path.last
         verdict = stages.judge(last, state.gap_keyframes, candidate, findings | ground.findings)
         if verdict.refuses:
-            state = transitions.refused(state, candidate, verdict)
+            state = state.refused(candidate, verdict)
             return self._refuse_or_begin(state, verdict, frame, findings, candidate.tracks)
         # 9 complete, 10 accept
         final = stages.complete(last, candidate, verdict, clock)
@@ -287,7 +284,7 @@ class Localiser:
         """Accept a pose: compute its errors and the step to it, and learn from the pair."""
         tracks = final.tracks
         residuals = residual_statistics(tracks)
-        after, step = transitions.accepted(state, candidate, verdict, final, residuals.chi_median, self._model)
+        after, step = state.accepted(candidate, verdict, final, residuals.chi_median, self._model)
         keyframe = None
         if final.is_keyframe:
             mask = after.ground_memory.excluded.mask
@@ -308,10 +305,10 @@ class Localiser:
             if state.status is TrackingState.LOST:
                 reason = state.reason
             else:
-                kept, step = transitions.kept(state, reason, stamp_ns, self._model)
+                kept, step = state.kept(reason, stamp_ns, self._model)
                 if kept.path.errors.kept_motion.max() < LOST_VARIANCE:
                     return Outcome(kept, statistics, tracks, step)
-        return Outcome(transitions.lost(state, reason), statistics, tracks)
+        return Outcome(state.lost(reason), statistics, tracks)
 
     def _refuse_or_begin(
         self,
@@ -332,7 +329,7 @@ class Localiser:
         may_begin = verdict.action is Action.LOSE_OR_BEGIN or (verdict.action is Action.KEEP and is_lost)
         landmark_count = len(state.landmark_map.landmarks.rows)
         if may_begin and self._stages.relocaliser.is_good_image(frame, landmark_count):
-            state = transitions.recovery_failed(state)
+            state = state.recovery_failed()
             if state.failed_recoveries >= MAX_FAILED_RECOVERIES and verdict.can_be_reference:
                 return self._begin_window(state, frame, of_images, tracks)
         return self._refuse(state, verdict, frame.stamp_ns, tracks)
@@ -346,20 +343,23 @@ class Localiser:
         state is degraded if the pair has findings, or if the motion since the last pose is unobserved.
         """
         stages = self._stages
-        gap_keyframes = transitions.gap_keyframes_at_window(state, frame.stamp_ns, self._config.window_keyframes)
+        gap_keyframes = state.gap_keyframes_at_window(frame.stamp_ns, self._config.window_keyframes)
         findings = of_images | guards.check_gap(gap_keyframes)
         findings |= guards.check_divergence(has_diverged=state.has_diverged)
         verdict = decide(findings)
         if not verdict.can_be_reference:  # checked first: with a blanked image, no landmark is triangulated
-            return Outcome(transitions.lost(state, verdict.reason), TrackingStatistics(inliers=0), tracks)
-        window = stages.begin_window(state, frame)
+            return Outcome(state.lost(verdict.reason), TrackingStatistics(inliers=0), tracks)
+        pose = Pose.of(state.path.last.T_world_left)
+        mask = state.ground_memory.excluded.mask
+        window = stages.keyframes.begin_window(frame, pose, state.calibration, mask)
         landmarks = window.landmark_map.landmarks
         statistics = TrackingStatistics(features=len(landmarks.rows))
-        verdict = decide(findings | stages.check_window(state, frame, landmarks))
+        verdict = decide(findings | stages.check_window(frame, landmarks, pose, state.calibration, mask))
         if verdict.refuses:
-            state = transitions.window_failed(state, verdict)
-            return Outcome(transitions.lost(state, verdict.reason), replace(statistics, inliers=0), tracks)
-        state, step = transitions.window_begun(state, frame, window, verdict, gap_keyframes, self._model)
+            if verdict.finding is Finding.FEW_LANDMARKS:  # the excluded cells may be the cause
+                state = state.window_failed()
+            return Outcome(state.lost(verdict.reason), replace(statistics, inliers=0), tracks)
+        state, step = state.window_begun(frame, window, verdict, gap_keyframes, self._model)
         return Outcome(state, statistics, tracks, step)
 
     # ---- before and after the stages
@@ -387,22 +387,19 @@ class Localiser:
             self._pending = None
             if pending is None:
                 return
-            result = _result_of(pending)
-            self._state = self._with_keyframe(self._state, result)
-            if result is not None:
-                clock.add("keyframe", result.seconds)
-
-    def _with_keyframe(self, state: State, result: KeyframeResult | None) -> State:
-        """Return the state with the result of a keyframe; None if its adjustment was singular."""
-        if result is None:
-            return transitions.diverged(state)
-        if has_diverged(result.landmark_map.window, state.path.last.T_world_left):
-            return transitions.diverged(state)
-        return transitions.adjusted(state, result, self._model)
+            state = self._state
+            try:
+                result = pending.result()
+            except np.linalg.LinAlgError:
+                self._state = state.diverged()
+                return
+            clock.add("keyframe", result.seconds)
+            is_usable = not has_diverged(result.landmark_map.window, state.path.last.T_world_left)
+            self._state = state.adjusted(result, self._model) if is_usable else state.diverged()
 
     def _commit(self, outcome: Outcome, stamp_ns: int, clock: StageClock) -> PoseEstimate:
         """Store the state after a pair, start its keyframe in the background, and return the estimate."""
-        self._state = transitions.pose_applied(outcome.state, stamp_ns, self._model)
+        self._state = outcome.state.pose_applied(stamp_ns, self._model)
         # A keyframe implies an accepted pose. Only an external pose with a later stamp would discard the map.
         assert outcome.keyframe is None or self._state.landmark_map is not None
         estimate = self._estimate(stamp_ns, self._state, outcome, clock)
@@ -433,11 +430,3 @@ class Localiser:
             step=outcome.step,
             tracks=None if outcome.tracks is None else displayed(outcome.tracks),
         )
-
-
-def _result_of(pending: Future[KeyframeResult]) -> KeyframeResult | None:
-    """Wait for a keyframe and return it; None if its adjustment was singular."""
-    try:
-        return pending.result()
-    except np.linalg.LinAlgError:
-        return None

@@ -5,6 +5,11 @@ The stages take and return values. `Stages` holds their tools and keeps no state
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import perf_counter
+from typing import NamedTuple
+
 import numpy as np
 
 from sfr_loc_map.geometry.camera import Pose
@@ -12,7 +17,6 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.localisation import guards
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
-from sfr_loc_map.localisation.candidate import Candidate, CorrectedTracks, FinalPose
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.findings import RULES, Finding, Refusal, Verdict, decide
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
@@ -24,12 +28,52 @@ from sfr_loc_map.localisation.ground.memory import GroundMemory
 from sfr_loc_map.localisation.ground.motions import MotionTools
 from sfr_loc_map.localisation.ground.selection import Ground, select_ground
 from sfr_loc_map.localisation.guards import ShearMean
-from sfr_loc_map.localisation.keyframes import KeyframeMaker, KeyframeResult, max_corners
+from sfr_loc_map.localisation.keyframes import ImageMask, KeyframeMaker, max_corners
 from sfr_loc_map.localisation.motion_model import LastPose, Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
-from sfr_loc_map.localisation.stage_clock import StageClock
 from sfr_loc_map.localisation.stale_images import ImageComparison
-from sfr_loc_map.localisation.state import State
+
+
+class StageClock:
+    """Durations of the stages of one call, s, by name."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time within the context to a stage."""
+        start = perf_counter()
+        try:
+            yield
+        finally:
+            self.add(name, perf_counter() - start)
+
+    def add(self, name: str, seconds: float) -> None:
+        """Add a time that was measured elsewhere to a stage."""
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+
+
+class Candidate(NamedTuple):
+    """A pair whose pose is to be judged."""
+
+    frame: StereoFrame
+    #: The map, in which landmarks that do not move with the ground are no longer tracked. Their earlier observations
+    #: remain in the window (`SlidingWindow.deactivated`).
+    landmark_map: LandmarkMap
+    ground: Ground
+    tracks: Tracks  #: Tracks of the ground with corrected right observations, and their pose.
+    calibration: OnlineCalibration  #: The calibration, updated by the pair.
+    shear_mean: ShearMean  #: The running mean, updated by the pair.
+    shear_chi2: float = 0.0  #: Squared shear of the rows of this pair, divided by its variance, per degree of freedom.
+
+
+class FinalPose(NamedTuple):
+    """The final pose of an accepted pair."""
+
+    tracks: Tracks  #: The judged tracks. For a keyframe, tracks of all landmarks unless a guard refuses their pose.
+    is_keyframe: bool  #: Whether the pair becomes a keyframe.
+    is_recovery_image: bool  #: Whether the pair may serve to recover lost tracking.
 
 
 class Stages:
@@ -87,26 +131,35 @@ class Stages:
         return select_ground(self._motion_tools, frame, tracks, prediction, memory, recovery, change)
 
     def correct_right_camera(
-        self, tracks: Tracks, calibration: OnlineCalibration, shear_mean: ShearMean
-    ) -> CorrectedTracks:
+        self,
+        frame: StereoFrame,
+        landmark_map: LandmarkMap,
+        ground: Ground,
+        calibration: OnlineCalibration,
+        shear_mean: ShearMean,
+    ) -> Candidate:
         """Estimate the shift of the right image, and correct the right observations for a drift of the right camera.
 
-        Tracks that are not trusted are returned unchanged, because stage 8 refuses them.
+        Tracks that are not trusted remain unchanged, because stage 8 refuses them.
         """
+        tracks = ground.tracks
+        landmark_map = landmark_map.deactivated(ground.not_ground)
+        uncorrected = Candidate(frame, landmark_map, ground, tracks, calibration, shear_mean)
         if not tracks.is_trusted:
-            return CorrectedTracks(tracks, calibration, shear_mean)
+            return uncorrected
         lens_px = calibration.lens.likely_px
         landmarks = tracks.landmarks.estimates
         shift = right_shift(tracks.pose, landmarks, tracks.observed, self._camera, self._shape, lens_px)
         if not np.isfinite(shift.variance):  # too few landmarks are observed in both images
-            return CorrectedTracks(tracks, calibration, shear_mean)
+            return uncorrected
         calibration, drift_px = calibration.with_pair(shift)
         if drift_px != 0.0:
             observations = tracks.observations.copy()
             observations[:, 2:] -= RightOffset(u=drift_px).at(observations[:, 2:], self._camera)
             observed = tracks.observed._replace(uv=observations)
             tracks = self.tracker.solve(tracks.landmarks, observed, tracks.pose)
-        return CorrectedTracks(tracks, calibration, shear_mean.with_pair(shift.shear_chi2), shift.shear_chi2)
+        shear_mean = shear_mean.with_pair(shift.shear_chi2)
+        return Candidate(frame, landmark_map, ground, tracks, calibration, shear_mean, shift.shear_chi2)
 
     # ---- verdict and final pose
 
@@ -121,15 +174,14 @@ class Stages:
         """
         frame = candidate.frame
         tracks = candidate.tracks
-        corrected = candidate.corrected
         findings |= self._refusals_of_pose(last, frame, tracks)
         verdict = decide(findings)
         if verdict.refuses:  # the other guards require a valid pose
             return verdict
-        findings |= guards.check_sides(frame, tracks, self.tracker, corrected.calibration.offset)
+        findings |= guards.check_sides(frame, tracks, self.tracker, candidate.calibration.offset)
         findings |= guards.check_gap(gap_keyframes)
-        findings |= guards.check_calibration(corrected.calibration)
-        findings |= guards.check_shear(corrected.shear_chi2, corrected.shear_mean)
+        findings |= guards.check_calibration(candidate.calibration)
+        findings |= guards.check_shear(candidate.shear_chi2, candidate.shear_mean)
         return decide(findings)
 
     def _refusals_of_pose(self, last: LastPose, frame: StereoFrame, tracks: Tracks) -> frozenset[Finding]:
@@ -170,26 +222,27 @@ class Stages:
         rest = landmark_map.rest_of(tracks.landmarks)
         if not len(rest.rows):
             return tracks
-        offset = candidate.corrected.calibration.offset
+        offset = candidate.calibration.offset
         return self.tracker.complete(candidate.frame, tracks, landmark_map.landmarks, rest, offset)
 
     # ---- the start of a window
 
-    def begin_window(self, state: State, frame: StereoFrame) -> KeyframeResult:
-        """Return a window that begins with a pair at the last known pose."""
-        pose = Pose.of(state.path.last.T_world_left)
-        return self.keyframes.begin_window(frame, pose, state.calibration, state.ground_memory.excluded.mask)
-
-    def check_window(self, state: State, frame: StereoFrame, landmarks: Landmarks) -> frozenset[Finding]:
+    def check_window(
+        self,
+        frame: StereoFrame,
+        landmarks: Landmarks,
+        pose: Pose,
+        calibration: OnlineCalibration,
+        ground_mask: ImageMask | None,
+    ) -> frozenset[Finding]:
         """Apply the guards for the landmarks of a new window.
 
-        If the window has few landmarks, those of the swapped images show whether the order is the cause.
+        If the window has few landmarks, those of the swapped images show whether the order is the cause. The last three
+        arguments are those with which the window began.
         """
         min_tracked = self._config.min_tracked
         findings = guards.check_landmarks(frame, landmarks, min_tracked)
         if len(landmarks.rows) >= max(min_tracked, guards.ORDER_TESTED_RATIO * self._max_corners):
             return findings
-        pose = Pose.of(state.path.last.T_world_left)
-        ground_mask = state.ground_memory.excluded.mask
-        count_if_swapped = self.keyframes.landmark_count(frame.swapped(), pose, state.calibration, ground_mask)
+        count_if_swapped = self.keyframes.landmark_count(frame.swapped(), pose, calibration, ground_mask)
         return findings | guards.check_order(landmarks, count_if_swapped, min_tracked)

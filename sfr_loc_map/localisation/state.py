@@ -1,51 +1,59 @@
-"""State of the localiser between two pairs, and the outcome of one pair.
+"""State of the localiser between two pairs, with all of its changes, and the outcome of one pair.
 
-Each call takes a state and returns the next one. `transitions` contains all changes, with a table of the events.
+The state is one immutable value. Its methods, one for each event, are its only changes (`Localiser` stores the
+results). An event has the same name here and in the components of the state that it changes.
 
-An external pose is applied in one of two ways (`path.external_poses`): the map is anchored to the pose, or the map is
-discarded and the path is reset at the pose. Three stamps of the path answer different questions:
-
-| stamp | question | changed by |
+| event | method | changes |
 |---|---|---|
-| `path.last.known_ns` | since when is the motion unobserved? | accepted pair, new window, reset; first pair |
-| `path.last.accepted_ns` | from which pair are missing pairs counted? | accepted pair, new window |
-| `path.history.last_ns` | what is the last pair to which an external pose can apply? | accepted pair, new window; |
-| | | None after a reset |
+| start of a run, `reset` | `started` | all |
+| an external pose is set | `pose_set` | path (waiting pose; before the first pair, also datum and errors) |
+| its stamp is reached | `pose_applied` | path; if the map is discarded, also map and `has_diverged` |
+| keyframe of the previous call is adjusted | `adjusted` | path (pose, errors, last past pose, error of the next |
+| | | step), map, calibration, recovery images, memory of the ground (pose of the earlier image) |
+| its adjustment was singular or diverged | `diverged` | no map, calibration starts again, `has_diverged` |
+| pair arrives | `arrived` | path (stamps), image memory, memory of the ground (stale rows) |
+| pair is accepted | `accepted` | all but `has_diverged` and the image memory |
+| pair is refused because of its pose | `refused` | memory of the ground, only if the image contradicts the pose |
+| and its images are good | `recovery_failed` | number of failed recoveries |
+| refused pair is kept | `kept` | path (covariance and step), status, reason |
+| refused pair is lost | `lost` | path (a standstill is predicted), memory of the ground (learnt again), |
+| | | status, reason |
+| pair has too few landmarks to begin a window | `window_failed` | memory of the ground (excluded cells age) |
+| pair begins a window | `window_begun` | all but `shear_mean` and the image memory |
 
-The three stamps are equal after an accepted pair and after a pair that begins a window. The other stamps and poses:
-
-| value | meaning | changed by |
-|---|---|---|
-| `path.last.T_world_left` | last known pose, in the present map | accepted pair; adjustment of a keyframe |
-| `path.published` | pose published last, where the next step begins | accepted or kept pair, new window; |
-| | | adjustment of a keyframe with a yaw correction |
-| `path.datum.anchored_ns` | stamp since which a kept pose is unobserved, if later | anchoring; None after a reset |
-| `path.datum.pending` | external pose that is not applied yet | `set_pose`; first pair; when the pose is applied |
-| `path.datum.pending_ns` | stamp at which that pose applies | like `pending`; pair after `set_pose` |
+What is learnt from the pose of a pair changes in `accepted` only, with one exception: the memory of the ground also
+learns from a refused pair whose image contradicts its pose (`Ground.memory_after`). The image memory changes with every
+pair that does not repeat the previous pair.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
-from sfr_loc_map.localisation.estimate import StateReason, StepEstimate, TrackingState, TrackingStatistics
+from sfr_loc_map.localisation.estimate import StartPose, StateReason, StepEstimate, TrackingState, TrackingStatistics
+from sfr_loc_map.localisation.findings import Action, Verdict
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.memory import GroundMemory
 from sfr_loc_map.localisation.guards import ShearMean
-from sfr_loc_map.localisation.keyframes import KeyframeJob
-from sfr_loc_map.localisation.path.path_state import PathState
+from sfr_loc_map.localisation.keyframes import KeyframeJob, KeyframeResult
+from sfr_loc_map.localisation.path import PathState
 from sfr_loc_map.localisation.relocalisation import RecoveryImages
-from sfr_loc_map.localisation.stale_images import ImageMemory
+from sfr_loc_map.localisation.stages import Candidate, FinalPose
+from sfr_loc_map.localisation.stale_images import ImageComparison, ImageMemory
+from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
+from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
     """State that persists between two pairs, except for the keyframe that is being made in the background."""
 
-    path: PathState  #: Last pose, datum, history and accumulated errors.
+    path: PathState  #: Last pose, datum, past poses and accumulated errors.
     calibration: OnlineCalibration  #: Rotation error of the right camera.
     ground_memory: GroundMemory  #: Memory of the selection of the ground.
     landmark_map: LandmarkMap | None = None  #: Window and landmarks; None before a window has begun.
@@ -61,6 +69,175 @@ class State:
     has_diverged: bool = False
     status: TrackingState = TrackingState.INITIALISING  #: State published last.
     reason: StateReason | None = None  #: Reason published last.
+
+    @classmethod
+    def started(cls, start: StartPose, calibration: OnlineCalibration, model: RoverModel) -> State:
+        """Return the state before the first pair."""
+        return cls(PathState.started(start, model), calibration, GroundMemory.none(calibration.shape))
+
+    # ---- before the stages of a pair
+
+    def pose_set(self, pose: StartPose, model: RoverModel) -> State:
+        """Return the state with an external pose, which is applied once its stamp is reached."""
+        return replace(self, path=self.path.pose_set(pose, model))
+
+    def adjusted(self, result: KeyframeResult, model: RoverModel) -> State:
+        """Return the state with the adjusted map, pose and calibration of a keyframe."""
+        landmark_map = result.landmark_map
+        path = self.path.adjusted(landmark_map.window, model, has_yaw_step=result.has_yaw_step)
+        T_after_before = path.last.T_world_left @ self.path.last.T_world_left.inverse()
+        return replace(
+            self,
+            path=path,
+            ground_memory=self.ground_memory.adjusted(T_after_before),
+            landmark_map=landmark_map,
+            calibration=result.calibration,
+            recovery=self.recovery.adjusted(landmark_map.landmarks),
+        )
+
+    def diverged(self) -> State:
+        """Return the state after an adjustment that was singular or diverged. A window may begin at the last pose.
+
+        The map and the estimates of the calibration are discarded. The sums of the path continue. Corrections of the
+        yaw up to here then count as errors (`disparity` in `uncertainty`), because the yaw that they were based on is
+        discarded.
+        """
+        return replace(self, landmark_map=None, calibration=self.calibration.diverged(), has_diverged=True)
+
+    def arrived(self, images: ImageComparison, stamp_ns: int) -> State:
+        """Return the state after a pair arrived and was compared with the previous pair."""
+        return replace(
+            self,
+            path=self.path.arrived(stamp_ns),
+            image_memory=images.memory,
+            ground_memory=self.ground_memory.rows_stale(images.blanked_rows),
+        )
+
+    # ---- an accepted pair
+
+    def accepted(
+        self, candidate: Candidate, verdict: Verdict, final: FinalPose, chi_median: float, model: RoverModel
+    ) -> tuple[State, StepEstimate]:
+        """Return the state after an accepted pair, and the step to its pose.
+
+        Args:
+            candidate: The pair that was judged.
+            verdict: Verdict on the pair.
+            final: Final pose of the pair.
+            chi_median: Median squared Mahalanobis residual of the final pose per degree of freedom; NaN without
+                residuals.
+            model: Extrinsics, camera geometry, bounds and error sources.
+        """
+        pair = AcceptedPair(
+            stamp_ns=candidate.frame.stamp_ns,
+            tracks=final.tracks,
+            landmark_map=candidate.landmark_map,
+            calibration=candidate.calibration,
+            chi_median=chi_median,
+            was_known=self.status is not TrackingState.LOST,
+            shear_chi2=candidate.shear_chi2,
+            inflation=verdict.inflation,
+            other_distance=candidate.ground.other_distance,
+        )
+        path, step = self.path.accepted(pair, model)
+        recovery = self.recovery
+        if final.is_recovery_image:
+            recovery = recovery.accepted(candidate.frame.image, final.tracks)
+        after = replace(
+            self,
+            path=path,
+            landmark_map=candidate.landmark_map,
+            calibration=candidate.calibration,
+            shear_mean=candidate.shear_mean,
+            ground_memory=candidate.ground.memory_after(verdict, self.ground_memory),
+            recovery=recovery,
+            failed_recoveries=0,
+            keyframes=self.keyframes + int(final.is_keyframe),
+            gap_keyframes=max(self.gap_keyframes - int(final.is_keyframe), 0),
+            status=TrackingState.TRACKING if verdict.action is Action.ACCEPT else TrackingState.DEGRADED,
+            reason=verdict.reason,
+        )
+        return after, step
+
+    # ---- a refused pair
+
+    def refused(self, candidate: Candidate, verdict: Verdict) -> State:
+        """Return the state after the pose of a pair was refused, before the pair is kept, lost or begins a window."""
+        return replace(self, ground_memory=candidate.ground.memory_after(verdict, self.ground_memory))
+
+    def recovery_failed(self) -> State:
+        """Return the state after a further good image whose pose was refused."""
+        return replace(self, failed_recoveries=self.failed_recoveries + 1)
+
+    def window_failed(self) -> State:
+        """Return the state after a textured pair with too few landmarks for a window, before the pair is lost."""
+        return replace(self, ground_memory=self.ground_memory.window_failed(self.calibration.shape))
+
+    def kept(self, reason: StateReason | None, stamp_ns: int, model: RoverModel) -> tuple[State, StepEstimate]:
+        """Return the state in which the last pose is published again with a larger covariance, and the step to it."""
+        path, step = self.path.kept(stamp_ns, model)
+        return replace(self, path=path, status=TrackingState.DEGRADED, reason=reason), step
+
+    def lost(self, reason: StateReason | None) -> State:
+        """Return the state in which the pose is unknown."""
+        return replace(
+            self,
+            path=self.path.lost(),
+            ground_memory=self.ground_memory.lost(),
+            status=TrackingState.LOST,
+            reason=reason,
+        )
+
+    # ---- a new window
+
+    def gap_keyframes_at_window(self, stamp_ns: int, window_keyframes: int) -> int:
+        """Return `gap_keyframes` after a pair begins a window.
+
+        After an unobserved motion, the poses are degraded until the window is full. Otherwise, an earlier count
+        continues, because the pair is a keyframe.
+        """
+        if self.path.last.has_gap(stamp_ns):
+            return window_keyframes - 1
+        return max(self.gap_keyframes - 1, 0)
+
+    def window_begun(
+        self, frame: StereoFrame, window: KeyframeResult, verdict: Verdict, gap_keyframes: int, model: RoverModel
+    ) -> tuple[State, StepEstimate]:
+        """Return the state after a pair began a window at the last known pose, and the step to this pose.
+
+        `gap_keyframes` is the number that `gap_keyframes_at_window` returned, on which the verdict depends, too.
+        """
+        landmark_map = window.landmark_map
+        keyframes = self.keyframes + 1
+        status = TrackingState.DEGRADED
+        if verdict.action is Action.ACCEPT:
+            status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
+        path, step = self.path.window_begun(frame.stamp_ns, landmark_map, model)
+        after = replace(
+            self,
+            path=path,
+            landmark_map=landmark_map,
+            calibration=window.calibration,
+            recovery=RecoveryImages.window_begun(frame.image, landmark_map.landmarks),
+            failed_recoveries=0,
+            ground_memory=self.ground_memory.window_begun(frame, Pose.of(self.path.last.T_world_left)),
+            keyframes=keyframes,
+            gap_keyframes=gap_keyframes,
+            has_diverged=False,
+            status=status,
+            reason=verdict.reason,
+        )
+        return after, step
+
+    # ---- after the stages of a pair
+
+    def pose_applied(self, stamp_ns: int, model: RoverModel) -> State:
+        """Return the state after a pair, with a waiting external pose applied if its stamp is reached."""
+        path, discards_map = self.path.pose_applied(stamp_ns, model)
+        if discards_map:
+            # the next window begins at the external pose and continues no window that diverged
+            return replace(self, path=path, landmark_map=None, has_diverged=False)
+        return replace(self, path=path)
 
 
 class Outcome(NamedTuple):

@@ -26,8 +26,7 @@ from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS, Prediction
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
-from sfr_loc_map.localisation.path import external_poses, trajectory
-from sfr_loc_map.localisation.path.path_state import PathState
+from sfr_loc_map.localisation.path import PathState
 from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
 from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
 from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
@@ -68,8 +67,8 @@ def map_of(covariance: np.ndarray) -> SimpleNamespace:
 
 def begun(rig: StereoRig = IN_CAMERA) -> PathState:
     model = model_of(rig)
-    path = trajectory.arrived(external_poses.started(StartPose(Transform.identity()), model), 0)
-    return trajectory.window_begun(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+    path = PathState.started(StartPose(Transform.identity()), model).arrived(0)
+    return path.window_begun(0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
 
 
 def pair_at(
@@ -97,7 +96,7 @@ def pair_at(
 
 def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[PathState, StepEstimate]:
     """Return the path after a pair arrived and its pose was accepted, and the step to it."""
-    return trajectory.accepted(trajectory.arrived(path, pair.stamp_ns), pair, model)
+    return path.arrived(pair.stamp_ns).accepted(pair, model)
 
 
 def move(
@@ -116,14 +115,14 @@ def lost_until(path: PathState, number: int) -> PathState:
     """Return the path after all pairs up to that of a number arrived and were lost."""
     assert path.arrived_ns is not None
     for stamp_ns in range(path.arrived_ns + PERIOD_NS, (number + 1) * PERIOD_NS, PERIOD_NS):
-        path = trajectory.lost(trajectory.arrived(path, stamp_ns))
+        path = path.arrived(stamp_ns).lost()
     return path
 
 
 def adjusted(path: PathState, to: np.ndarray) -> PathState:
     """Return the path after an adjustment moved the newest keyframe to a position."""
     window = SimpleNamespace(newest_pose=Pose(np.eye(3), to), covariance=NOTHING)
-    return trajectory.adjusted(path, window, model_of(IN_CAMERA), has_yaw_step=False)  # type: ignore[arg-type]
+    return path.adjusted(window, model_of(IN_CAMERA), has_yaw_step=False)  # type: ignore[arg-type]
 
 
 def step_to(path: PathState, number: int, to: np.ndarray) -> StepEstimate:
@@ -272,14 +271,14 @@ def test_what_the_images_of_a_pose_may_not_show_lasts_until_the_next_pose() -> N
     now_ns = 2 * PERIOD_NS
     for path in (inflated, adjusted(inflated, STEP)):
         assert path is not None
-        kept, of_kept = trajectory.kept(path, now_ns, model)
-        clear_kept, of_clear = trajectory.kept(clear, now_ns, model)
+        kept, of_kept = path.kept(now_ns, model)
+        clear_kept, of_clear = clear.kept(now_ns, model)
         np.testing.assert_allclose(of_path(kept) - of_path(clear_kept), added)
         assert np.linalg.eigvalsh(of_path(kept) - of_path(path))[0] > 0.0
         np.testing.assert_array_equal(of_kept.covariance, of_clear.covariance)
         for number in (3, 4):  # a window that begins, also after further kept pairs
-            again = trajectory.window_begun(kept, number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
-            clear_again = trajectory.window_begun(clear, number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+            again = kept.window_begun(number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+            clear_again = clear.window_begun(number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
             np.testing.assert_allclose(
                 again.errors.before_window.covariance[:3, :3] - clear_again.errors.before_window.covariance[:3, :3],
                 added,
@@ -291,9 +290,9 @@ def test_the_step_to_a_kept_pose_is_the_motion_of_the_pose_by_an_adjustment() ->
     model = model_of(IN_CAMERA)
     path = adjusted(move(begun(), 1, STEP), STEP + 0.001)
     assert path is not None
-    kept, first = trajectory.kept(path, 2 * PERIOD_NS, model)
+    kept, first = path.kept(2 * PERIOD_NS, model)
     np.testing.assert_allclose(first.motion, [0.001, 0.001, 0.001, 0.0, 0.0, 0.0], atol=1e-15)
-    again = trajectory.kept(kept, 3 * PERIOD_NS, model)[1]
+    again = kept.kept(3 * PERIOD_NS, model)[1]
     np.testing.assert_array_equal(again.motion, np.zeros(6))
 
 
@@ -310,8 +309,8 @@ def test_a_step_from_the_first_pair_of_a_window_does_not_contain_the_motion_befo
     model = model_of(IN_CAMERA)
     before = accepted(begun(), pair_at(1, STEP, inflation, noise=1e-4), model)[0]
     assert np.trace(before.published.noise) > 0.0
-    path = trajectory.lost(before)
-    path, gap = trajectory.window_begun(path, 51 * PERIOD_NS, map_of(NOTHING), model)  # type: ignore[arg-type]
+    path = before.lost()
+    path, gap = path.window_begun(51 * PERIOD_NS, map_of(NOTHING), model)  # type: ignore[arg-type]
     step = step_to(path, 52, 1.1 * STEP)
     of_first_step = step_to(begun(), 1, 0.1 * STEP)
     assert np.sqrt(gap.covariance[0, 0]) == pytest.approx(5.0 * LENGTH / 0.1)  # 5 s at the last speed
@@ -325,12 +324,12 @@ def test_an_unobserved_motion_is_at_most_as_fast_as_the_rover() -> None:
     model = RoverModel.of(IN_CAMERA, bounds, KEYFRAME_FLOW_RATIO)
     pair = replace(pair_at(1, 0.02 * STEP / LENGTH), stamp_ns=100_000)
     path = accepted(begun(), pair, model)[0]
-    gap = trajectory.kept(path, 100_000 + PERIOD_NS, model)[1]
+    gap = path.kept(100_000 + PERIOD_NS, model)[1]
     assert np.sqrt(gap.covariance[0, 0]) == pytest.approx(0.1 * bounds.max_speed_m_s)
 
 
 def test_a_step_from_a_kept_pose_contains_the_motion_while_the_pose_was_kept() -> None:
-    kept, gap = trajectory.kept(move(begun(), 1, STEP), 2 * PERIOD_NS, model_of(IN_CAMERA))
+    kept, gap = move(begun(), 1, STEP).kept(2 * PERIOD_NS, model_of(IN_CAMERA))
     step = step_to(kept, 3, 3.0 * STEP)
     assert np.linalg.eigvalsh(step.covariance - gap.covariance)[0] > -1e-9
 
@@ -339,14 +338,14 @@ def placed_in_the_window_before(start_variance: float) -> tuple[PathState, PathS
     """Return a path of two windows before and after an exact pose from outside that is of the earlier window."""
     model = model_of(IN_CAMERA)
     start = StartPose(Transform.identity(), start_variance * np.eye(6))
-    path = trajectory.arrived(external_poses.started(start, model), 0)
-    path = trajectory.window_begun(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+    path = PathState.started(start, model).arrived(0)
+    path = path.window_begun(0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
     path = move(move(path, 1, STEP), 2, 2.0 * STEP)
-    path = trajectory.window_begun(path, 12 * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+    path = path.window_begun(12 * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
     path = move(path, 13, 3.0 * STEP)
     exact = StartPose(Transform(np.eye(3), STEP), NOTHING, PERIOD_NS)
-    given = external_poses.pose_set(path, exact, model)
-    return path, external_poses.pose_applied(given, 13 * PERIOD_NS, model)[0]
+    given = path.pose_set(exact, model)
+    return path, given.pose_applied(13 * PERIOD_NS, model)[0]
 
 
 def test_an_exact_pose_from_outside_of_an_earlier_window_replaces_the_start_and_keeps_the_gap() -> None:
@@ -371,12 +370,12 @@ def test_the_second_of_two_late_poses_replaces_the_first_and_the_covariance_stay
         path = move(path, number, number * STEP)
     first, second = (StartPose(Transform(np.eye(3), at * STEP), NOTHING, at * PERIOD_NS) for at in stamps)
     twice = once = path
-    twice = external_poses.pose_applied(external_poses.pose_set(twice, first, model), 40 * PERIOD_NS, model)[0]
+    twice = twice.pose_set(first, model).pose_applied(40 * PERIOD_NS, model)[0]
     for number in range(41, 43):
         twice = move(twice, number, number * STEP)
         once = move(once, number, number * STEP)
-    twice = external_poses.pose_applied(external_poses.pose_set(twice, second, model), 42 * PERIOD_NS, model)[0]
-    once = external_poses.pose_applied(external_poses.pose_set(once, second, model), 42 * PERIOD_NS, model)[0]
+    twice = twice.pose_set(second, model).pose_applied(42 * PERIOD_NS, model)[0]
+    once = once.pose_set(second, model).pose_applied(42 * PERIOD_NS, model)[0]
     for number in range(43, 80):
         inflation = Inflation.AMBIGUITY if number == 60 else Inflation.NONE
         twice = move(twice, number, number * STEP, inflation=inflation)
@@ -392,20 +391,18 @@ def test_the_second_of_two_late_poses_replaces_the_first_and_the_covariance_stay
 
 def test_a_pose_from_outside_while_a_pose_is_kept_leaves_the_motion_since_its_stamp_uncertain() -> None:
     model = model_of(IN_CAMERA)
-    path = trajectory.kept(move(begun(), 1, STEP), 11 * PERIOD_NS, model)[0]
+    path = move(begun(), 1, STEP).kept(11 * PERIOD_NS, model)[0]
     exact = StartPose(Transform(np.eye(3), STEP), NOTHING, 3 * PERIOD_NS)
-    path, is_map_forgotten = external_poses.pose_applied(
-        external_poses.pose_set(path, exact, model), 11 * PERIOD_NS, model
-    )
+    path, is_map_forgotten = path.pose_set(exact, model).pose_applied(11 * PERIOD_NS, model)
     assert is_map_forgotten
     at_pair = path.errors.kept_motion
     expected = np.square(LENGTH / 0.1 * 0.8)  # the rover may have continued at its last speed
     assert model.bounds.unseen_speed_m_s < LENGTH / 0.1
     np.testing.assert_allclose(at_pair[[0, 1], [0, 1]], expected, rtol=1e-6)
-    later = trajectory.kept(path, 12 * PERIOD_NS, model)[0].errors.kept_motion
+    later = path.kept(12 * PERIOD_NS, model)[0].errors.kept_motion
     assert np.linalg.eigvalsh(later - at_pair)[0] >= 0.0
-    without_stamp = external_poses.pose_set(path, StartPose(Transform(np.eye(3), STEP), NOTHING), model)
-    at_next = external_poses.pose_applied(without_stamp, 12 * PERIOD_NS, model)[0]
+    without_stamp = path.pose_set(StartPose(Transform(np.eye(3), STEP), NOTHING), model)
+    at_next = without_stamp.pose_applied(12 * PERIOD_NS, model)[0]
     np.testing.assert_array_equal(at_next.errors.kept_motion, NOTHING)
 
 
@@ -415,13 +412,13 @@ def test_an_exact_external_pose_at_a_kept_pair_is_exact_there_and_its_motion_cou
     model = model_of(IN_CAMERA)
     path = move(move(begun(), 1, STEP), 2, 2.0 * STEP)
     for number in range(3, kept_until + 1):
-        path = trajectory.kept(trajectory.arrived(path, number * PERIOD_NS), number * PERIOD_NS, model)[0]
+        path = path.arrived(number * PERIOD_NS).kept(number * PERIOD_NS, model)[0]
     path = set_at(path, kept_until, kept_until)
     position = path.last.T_world_left.translation
     terms = pose_terms(path.errors, position, OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7), model)
     np.testing.assert_array_equal(terms.total[:3, :3], np.zeros((3, 3)))
     unobserved = np.square(LENGTH)  # the rover may have continued at its last speed for one period
-    again = trajectory.kept(path, (kept_until + 1) * PERIOD_NS, model)[0]
+    again = path.kept((kept_until + 1) * PERIOD_NS, model)[0]
     np.testing.assert_allclose(again.errors.kept_motion[0, 0], unobserved, rtol=1e-6)
     if kept_until == 3:
         accepted_next = move(again, 5, 5.0 * STEP)
@@ -433,9 +430,9 @@ def test_jitter_of_the_stamps_does_not_decide_whether_a_pose_from_outside_discar
     model = model_of(IN_CAMERA)
     path = move(move(begun(), 1, STEP), 2, 2.0 * STEP)
     kept_ns = 3 * PERIOD_NS + jitter_ns
-    path = trajectory.kept(trajectory.arrived(path, kept_ns), kept_ns, model)[0]
-    path = external_poses.pose_set(path, StartPose(Transform(np.eye(3), 3.0 * STEP), NOTHING, kept_ns), model)
-    assert not external_poses.pose_applied(path, kept_ns, model)[1]
+    path = path.arrived(kept_ns).kept(kept_ns, model)[0]
+    path = path.pose_set(StartPose(Transform(np.eye(3), 3.0 * STEP), NOTHING, kept_ns), model)
+    assert not path.pose_applied(kept_ns, model)[1]
 
 
 @pytest.mark.parametrize("are_missing", [False, True])
@@ -447,7 +444,7 @@ def test_a_gap_before_the_last_pair_does_not_let_a_much_later_pose_from_outside_
     path = move(path if are_missing else lost_until(path, 99), 100, 2.0 * STEP)
     path = lost_until(path, 240)
     exact = StartPose(Transform(np.eye(3), 3.0 * STEP), NOTHING, 240 * PERIOD_NS)
-    assert external_poses.pose_applied(external_poses.pose_set(path, exact, model), 240 * PERIOD_NS, model)[1]
+    assert path.pose_set(exact, model).pose_applied(240 * PERIOD_NS, model)[1]
 
 
 @pytest.mark.parametrize("kept_pairs", [range(3, 33), ()])
@@ -459,10 +456,10 @@ def test_a_pose_from_outside_between_two_pairs_far_apart_contains_the_motion_to_
     ahead = np.array([0.3, 0.0, 0.0])
     path = move(move(begun(), 1, ahead), 2, 2.0 * ahead)
     for number in kept_pairs:
-        path = trajectory.kept(path, number * PERIOD_NS, model)[0]
+        path = path.kept(number * PERIOD_NS, model)[0]
     path = move(path, 33, 3.0 * ahead)
     exact = StartPose(Transform(np.eye(3), 3.0 * ahead), NOTHING, 9 * PERIOD_NS)
-    path = external_poses.pose_applied(external_poses.pose_set(path, exact, model), 33 * PERIOD_NS, model)[0]
+    path = path.pose_set(exact, model).pose_applied(33 * PERIOD_NS, model)[0]
     error = (path.datum.T_ds_world @ path.last.T_world_left).translation - 3.0 * ahead
     assert error[0] > 0.06
     assert of_path(path)[0, 0] > error[0] ** 2
@@ -495,7 +492,7 @@ def test_a_pose_between_two_pairs_contains_the_unobserved_motion_of_a_gap(
     half_ns = (previous + at) * PERIOD_NS // 2
     model = model_of(IN_CAMERA)
     exact = StartPose(Transform(np.eye(3), STEP), NOTHING, half_ns)
-    path = external_poses.pose_applied(external_poses.pose_set(path, exact, model), at * PERIOD_NS, model)[0]
+    path = path.pose_set(exact, model).pose_applied(at * PERIOD_NS, model)[0]
     unobserved = ((at - previous) / 2 * PERIOD_NS / 1e9 * model.bounds.unseen_speed_m_s) ** 2
     assert (of_path(path)[0, 0] >= 0.9 * unobserved) == is_gap
 
@@ -504,7 +501,7 @@ def set_at(path: PathState, number: int, now: int) -> PathState:
     """Return the path after an exact external pose was applied to the pair of a number, at a later pair."""
     model = model_of(IN_CAMERA)
     exact = StartPose(Transform(np.eye(3), number * STEP), NOTHING, number * PERIOD_NS)
-    return external_poses.pose_applied(external_poses.pose_set(path, exact, model), now * PERIOD_NS, model)[0]
+    return path.pose_set(exact, model).pose_applied(now * PERIOD_NS, model)[0]
 
 
 @pytest.mark.parametrize("now", [2, 3])
@@ -548,7 +545,7 @@ def test_the_noise_of_two_images_is_added_between_a_pose_from_outside_and_the_pr
         path = accepted(begun(), pair_at(1, STEP, noise=noise), model)[0]
         path = accepted(path, pair_at(2, 2.0 * STEP, noise=noise), model)[0]
         if is_new_window:
-            path = trajectory.window_begun(path, 3 * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+            path = path.window_begun(3 * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
         path = accepted(path, pair_at(4, 3.0 * STEP, noise=noise), model)[0]
         return of_path(set_at(path, 1, 4))
 
@@ -597,6 +594,6 @@ def test_the_terms_of_a_straight_path_are_those_of_the_example() -> None:
 @pytest.mark.parametrize("fraction", [0.25, 0.8])
 def test_a_pose_between_two_consecutive_pairs_is_interpolated_in_proportion(fraction: float) -> None:
     path = move(move(begun(), 1, STEP), 2, 2.0 * STEP)
-    found = external_poses.pose_at(path, round((1.0 + fraction) * PERIOD_NS), model_of(IN_CAMERA))
+    found = path.pose_at(round((1.0 + fraction) * PERIOD_NS), model_of(IN_CAMERA))
     assert found is not None
     np.testing.assert_allclose(found.translation, (1.0 + fraction) * STEP, atol=1e-12)

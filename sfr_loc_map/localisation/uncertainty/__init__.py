@@ -22,7 +22,7 @@
 | `inflation`, `correlated_error` | what an unobserved motion and the findings of the guards add to the covariances |
 | `rover_model` | constants of a run: extrinsics, camera geometry, bounds of the motion, error sources |
 
-All functions are pure, and each states its formula. `path.trajectory` calls them with each pair, and `path.PathState`
+All functions are pure, and each states its formula. `path.PathState` calls them with each pair, and
 holds the two states.
 
 Names in the formulas: f is the focal length, px, and b the baseline, m. Z_map is the median depth, m, of the landmarks

@@ -18,7 +18,7 @@ from sfr_loc_map.localisation.motion_size import MotionSize
 
 @dataclass(frozen=True, eq=False)
 class AcceptedPair:
-    """A pair whose pose was accepted: what its errors depend on (`transitions.accepted` collects the values)."""
+    """A pair whose pose was accepted: what its errors depend on (`State.accepted` collects the values)."""
 
     stamp_ns: int
     tracks: Tracks

@@ -118,7 +118,7 @@ class Origin(NamedTuple):
     external: LocatedCovariance  #: Covariance of the external pose, for the present pose.
     #: Covariance of the external pose, for the pairs that are accepted next. If the external pose is later than the
     #: last accepted pair, the present pose is the external pose itself, but later poses continue from the last accepted
-    #: pair (`external_poses`). The errors of that pair relative to the external pose are then added here.
+    #: pair (`path`). The errors of that pair relative to the external pose are then added here.
     external_of_next: LocatedCovariance
     of_map: LocatedCovariance = NOTHING  #: `PathErrors.of_map` at the external pose.
     sums: PathSums = PathSums()  #: Sums over the steps up to the external pose.

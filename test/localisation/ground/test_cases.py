@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from helpers.made_scene import LOC_RIG
 from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.config import MotionBounds
+from sfr_loc_map.localisation.estimate import StartPose, StateReason
 from sfr_loc_map.localisation.findings import Finding, Inflation, decide
 from sfr_loc_map.localisation.ground.cases import CASE_RULES, Case, Rule, findings_of, rule_of
 from sfr_loc_map.localisation.ground.evidence import Evidence, TwoMotions, evidence_of_main, weighed
@@ -25,6 +30,9 @@ from sfr_loc_map.localisation.ground.memory import (
 from sfr_loc_map.localisation.ground.motions import Motion
 from sfr_loc_map.localisation.ground.selection import Ground, learnt_from
 from sfr_loc_map.localisation.ground.thresholds import CONSISTENT_PAIRS, LONG_RECOVERY_PAIRS, MAX_TRANSFERS, OLD_WEIGHT
+from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO
+from sfr_loc_map.localisation.state import State
+from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
 IMAGE = np.zeros((16, 16), np.float32)
 
@@ -208,6 +216,7 @@ def test_a_pair_at_rest_neither_ends_an_uncertainty_nor_prolongs_it() -> None:
     at_rest = rule_of(evidence_without_outliers(memory, moves_image=False))
     later = after(memory, at_rest.case, moves_image=False)
     assert at_rest.finding is Finding.AT_REST_UNCERTAIN
+    assert decide({at_rest.finding}).inflation is Inflation.NONE
     assert later.identification is memory.identification
     assert later.typical is None
 
@@ -224,3 +233,27 @@ def test_another_motion_of_old_landmarks_alone_has_the_weight_of_old_landmarks()
     pair = SimpleNamespace(prediction=prediction, image_motion_px=lambda *_, **__: 1.0)
     motions = weighed(pair, followed([0, 1, 2, 2]), followed([0, 0, 1]))  # type: ignore[arg-type]
     assert motions.weight_ratio == pytest.approx((2.0 * OLD_WEIGHT + 2.0) / (3.0 * OLD_WEIGHT))
+
+
+def test_an_uncertainty_is_reported_again_while_stale_images_are_blanked() -> None:
+    """No motion can then be selected, and the covariance contains the ambiguity as in a pair with good images."""
+    uncertain = after(GroundMemory.none((32, 32)), Case.HALF_UNEXPLAINED)
+    ground = Ground.unselected(SimpleNamespace(is_trusted=True), uncertain)  # type: ignore[arg-type]
+    assert Inflation.AMBIGUITY in decide(ground.findings).inflation
+    assert ground.learnt.identification is uncertain.identification
+
+
+def test_the_ground_must_be_identified_again_after_a_lost_pair() -> None:
+    """The landmarks that are found again may be those of an object."""
+    start = StartPose(Transform.identity())
+    calibration = OnlineCalibration(LOC_RIG.camera, (LOC_RIG.height, LOC_RIG.width), 7)
+    model = RoverModel.of(LOC_RIG, MotionBounds(), KEYFRAME_FLOW_RATIO)
+    state = replace(State.started(start, calibration, model), ground_memory=IDENTIFIED)
+    assert state.lost(StateReason.FEW_LANDMARKS).ground_memory.identification.phase is Phase.LEARNING
+
+
+def test_an_adjustment_does_not_change_the_motion_since_the_image_that_pairs_are_compared_with() -> None:
+    before, after, compared = (Transform(np.eye(3), np.array([x, 0.0, 0.0])) for x in (1.0, 3.0, 0.5))
+    memory = replace(IDENTIFIED, earlier=EarlierImage(IMAGE, Pose.of(compared)))
+    moved = memory.adjusted(after @ before.inverse()).earlier.pose
+    np.testing.assert_allclose(after.translation - moved.position, before.translation - compared.translation)

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from helpers.loc_drive import drive, noisy, run
-from helpers.made_scene import HEIGHT, LOC_RIG, true_pose
+from helpers.made_scene import LOC_RIG, true_pose
 from sfr_loc_map.bench.fault_benchmark import ErrorReport, stated_errors
 from sfr_loc_map.evidence.variants import PairsInMemory
 from sfr_loc_map.faults.injector import FaultInjector
@@ -24,8 +24,6 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig, MotionBounds
 from sfr_loc_map.localisation.estimate import PoseEstimate, StateReason, TrackingState
-from sfr_loc_map.localisation.ground.memory import Identification, Phase
-from sfr_loc_map.localisation.ground.thresholds import LONG_RECOVERY_PAIRS
 from sfr_loc_map.localisation.localiser import Localiser
 
 PAIRS = 14
@@ -56,30 +54,8 @@ def later_truth(truth: Trajectory | None, begin_ns: int) -> Trajectory:
     return Trajectory(truth.stamps_ns[later], truth.positions[later], truth.quats_xyzw[later])
 
 
-def set_identification(by: Localiser, identification: Identification) -> None:
-    """Replace the identification of the ground between two calls."""
-    memory = replace(by._state.ground_memory, identification=identification)
-    by._state = replace(by._state, ground_memory=memory)
-
-
 def masked(estimates: Sequence[PoseEstimate]) -> list[float]:
     return [item.statistics.masked_share or 0.0 for item in estimates]
-
-
-def test_the_ground_must_be_identified_again_after_a_lost_pair() -> None:
-    """The landmarks that are found again may be those of an object."""
-
-    def phase() -> Phase:
-        return by._state.ground_memory.identification.phase
-
-    by = Localiser(LOC_RIG, LocalisationConfig(), true_pose(0))
-    run(DRIVE[:8], by)
-    assert phase() is Phase.IDENTIFIED
-    black = np.zeros_like(DRIVE[8].left)
-    assert run([StereoPair(DRIVE[8].stamp_ns, black, black)], by)[0].state is TrackingState.LOST
-    assert phase() is Phase.LEARNING
-    assert {item.state for item in run(DRIVE[9:14], by)} == {TrackingState.TRACKING}
-    assert phase() is Phase.IDENTIFIED
 
 
 @pytest.mark.sample
@@ -185,40 +161,6 @@ def test_a_fast_drive_on_a_bare_road_is_not_lost(shared_data: Path) -> None:
     states = [localiser.process(replace(pair, left=bare(pair.left), right=bare(pair.right))).state for pair in pairs]
     assert TrackingState.LOST not in states
     assert states.count(TrackingState.TRACKING) > 0.6 * len(states)
-
-
-@pytest.mark.parametrize("stale_from_row", [0, HEIGHT * 3 // 4])
-def test_the_ground_stays_uncertain_while_stale_images_are_blanked(stale_from_row: int) -> None:
-    """No motion can then be selected, and the covariance contains the ambiguity as in a pair with good images."""
-    uncertain = Identification(Phase.UNCERTAIN, pairs_left=LONG_RECOVERY_PAIRS)
-    stale = DRIVE[12].left.copy()
-    stale[stale_from_row:] = DRIVE[11].left[stale_from_row:]
-    sigmas = []
-    for left in (DRIVE[12].left, stale):
-        by = Localiser(LOC_RIG, LocalisationConfig(), true_pose(0))
-        run(DRIVE[:12], by)
-        set_identification(by, uncertain)
-        estimate = by.process(replace(DRIVE[12], left=left))
-        assert estimate.state is TrackingState.DEGRADED
-        sigmas.append(np.sqrt(np.trace(estimate.covariance[:3, :3])))
-    assert sigmas[1] > 0.9 * sigmas[0]
-
-
-def test_an_uncertain_standstill_adds_nothing_to_the_covariance() -> None:
-    """The ground is uncertain when the rover stops, and the images have new noise."""
-    rng = np.random.default_rng(0)
-    by = Localiser(LOC_RIG, LocalisationConfig(), true_pose(0))
-    run(DRIVE[:12], by)
-    last = DRIVE[11]
-    stop = [
-        StereoPair(last.stamp_ns + k * 10**8, noisy(last.left, 1, rng), noisy(last.right, 1, rng)) for k in range(1, 40)
-    ]
-    run(stop[:12], by)
-    uncertain = Identification(Phase.UNCERTAIN, pairs_left=LONG_RECOVERY_PAIRS)
-    set_identification(by, uncertain)
-    stopped = run(stop[12:], by)
-    assert {item.state for item in stopped} == {TrackingState.DEGRADED}
-    assert np.trace(stopped[-1].covariance) < 1.1 * np.trace(stopped[0].covariance)
 
 
 def beside_each_other(left_of: StereoPair, right_of: StereoPair, columns: int, stamp_ns: int, seed: int) -> StereoPair:
