@@ -10,8 +10,7 @@ cause an inferred one. The published reason is therefore not always that of the 
 
 | findings | found by |
 |---|---|
-| `REPEATED_PAIR`, `FROZEN_IMAGE`, `STALE_ROWS` | `guards.check_images`, after the comparison in `stale_images` |
-| `IDENTICAL_IMAGES` | `guards.check_identical` |
+| `REPEATED_PAIR`, `IDENTICAL_IMAGES`, `FROZEN_IMAGE`, `STALE_ROWS` | `guards.check_images`, by `stale_images` |
 | `UNTEXTURED`, `FROZEN_AND_FEW`, `FEW_LANDMARKS` | `guards.check_landmarks`, `guards.check_tracks` |
 | `CONTRADICTED`, `PARTIAL_TRANSFER`, `TRANSFER_OR_MOTION`, `DOUBLE_EXPOSURE` | `ground.cases.findings_of` |
 | `UNEXPLAINED`, `BODY_OR_GROUND`, `AT_REST_UNCERTAIN`, `AMBIGUOUS` | `ground.cases.findings_of` |
@@ -28,8 +27,7 @@ A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, a
 - A guard that needs only the images is called in `Localiser._locate`. Its findings also apply to a window that begins
   with the pair.
 - A guard that refuses poses, and takes little time, is called in `Stages._refusals_of_pose`. For a keyframe, this
-  function is called again with the pose from all landmarks, to decide whether this pose is used. The function asserts
-  that its findings refuse the pair.
+  function is called again with the pose from all landmarks, to decide whether this pose is used.
 - Any other guard is called in `Stages.judge`.
 - A guard for a new window is called in `Localiser._begin_window` if it does not need the landmarks of the window,
   otherwise in `Stages.check_window`.
@@ -59,11 +57,6 @@ class Action(Enum):
     LOSE_OR_BEGIN = auto()
     DEGRADE = auto()  #: The pose is accepted, or a window begins with the pair, and the state is degraded.
     ACCEPT = auto()  #: The pose is accepted.
-
-    @property
-    def refuses(self) -> bool:
-        """Whether the pose of the pair is refused."""
-        return self in (Action.KEEP, Action.LOSE, Action.LOSE_OR_BEGIN)
 
 
 class Finding(Enum):
@@ -113,7 +106,7 @@ class Inflation(Flag):
 class Refusal(NamedTuple):
     """The consequences of a finding that refuses the pose of a pair."""
 
-    action: Action  #: One of the actions with `Action.refuses`.
+    action: Action  #: `KEEP`, `LOSE` or `LOSE_OR_BEGIN`.
     reason: StateReason
 
 
@@ -178,7 +171,7 @@ The stages of a pair (`localiser`) collect the findings. If those of a stage ref
 
 | stage | findings of |
 |---|---|
-| 1 check the images | `check_images`, `check_identical` |
+| 1 check the images | `check_images` |
 | 2 check the map | `check_landmarks` |
 | 6 select the ground | `ground.cases` |
 | 8 judge | `check_tracks`, `check_pose`; unless these refuse the pair, the guards that require a valid pose |
@@ -223,7 +216,7 @@ class Verdict(NamedTuple):
     @property
     def refuses(self) -> bool:
         """Whether the pose of the pair is refused."""
-        return self.action.refuses
+        return self.action in (Action.KEEP, Action.LOSE, Action.LOSE_OR_BEGIN)
 
 
 NO_FINDING: Final = Verdict(None, Action.ACCEPT, None, Inflation.NONE, can_be_reference=True)

@@ -58,22 +58,18 @@ MIN_SHEAR_GAIN: Final = 0.05  #: Minimum gain of the running mean, which then co
 # ---- images
 
 
-def check_images(images: ImageComparison, *, has_map: bool) -> frozenset[Finding]:
-    """Report images, or parts of images, that repeat the previous pair.
+def check_images(pair: StereoPair, images: ImageComparison, *, has_map: bool) -> frozenset[Finding]:
+    """Report images, or parts of images, that repeat the previous pair, and left and right copies of one image.
 
     Without a map, a repeated pair is not reported: its two images belong together, so that a window may begin with the
     pair.
     """
     return (
-        _found(Finding.REPEATED_PAIR, images.is_repeated and has_map)
+        _found(Finding.IDENTICAL_IMAGES, show_one_image(pair))
+        | _found(Finding.REPEATED_PAIR, images.is_repeated and has_map)
         | _found(Finding.FROZEN_IMAGE, images.is_one_frozen)
         | _found(Finding.STALE_ROWS, bool(images.blanked_rows.any()))
     )
-
-
-def check_identical(pair: StereoPair) -> frozenset[Finding]:
-    """Report a pair whose left and right image are the same textured image, possibly with new noise."""
-    return _found(Finding.IDENTICAL_IMAGES, show_one_image(pair))
 
 
 # ---- the pose

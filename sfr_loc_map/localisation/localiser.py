@@ -247,7 +247,7 @@ class Localiser:
         images = stale_images.compare(pair, state.image_memory)
         state = state.arrived(images, pair.stamp_ns)
         landmark_map = state.landmark_map
-        findings = guards.check_images(images, has_map=landmark_map is not None) | guards.check_identical(pair)
+        findings = guards.check_images(pair, images, has_map=landmark_map is not None)
         verdict = decide(findings)
         if verdict.refuses:
             return self._refuse(state, verdict, pair.stamp_ns)

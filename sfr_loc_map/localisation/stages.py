@@ -18,7 +18,7 @@ from sfr_loc_map.localisation import guards
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.findings import RULES, Finding, Refusal, Verdict, decide
+from sfr_loc_map.localisation.findings import Finding, Verdict, decide
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_shift
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
@@ -186,10 +186,8 @@ class Stages:
 
     def _refusals_of_pose(self, last: LastPose, frame: StereoFrame, tracks: Tracks) -> frozenset[Finding]:
         """Return the findings of the fast guards that refuse poses; they are repeated for the pose of a keyframe."""
-        findings = guards.check_tracks(frame, tracks)
-        findings |= guards.check_pose(tracks, last, frame.stamp_ns, self._config.motion)
-        assert all(isinstance(RULES[each], Refusal) for each in findings), "a guard that degrades belongs in `judge`"
-        return findings
+        of_pose = guards.check_pose(tracks, last, frame.stamp_ns, self._config.motion)
+        return guards.check_tracks(frame, tracks) | of_pose
 
     def complete(self, last: LastPose, candidate: Candidate, verdict: Verdict, clock: StageClock) -> FinalPose:
         """Decide what an accepted pair is used for, and solve for the pose of a keyframe from all landmarks.

@@ -111,8 +111,9 @@ def test_two_frozen_images_are_a_repeated_pair_although_their_sky_changed() -> N
 def test_a_frozen_image_does_not_hide_the_stale_rows_of_the_other_one() -> None:
     new = torn(DRIVE[6], DRIVE[5], HEIGHT // 2)
     memory = compare(DRIVE[5], None).memory
-    images = compare(replace(new, left=DRIVE[5].left), memory)
-    assert check_images(images, has_map=True) == {Finding.FROZEN_IMAGE, Finding.STALE_ROWS}
+    pair = replace(new, left=DRIVE[5].left)
+    images = compare(pair, memory)
+    assert check_images(pair, images, has_map=True) == {Finding.FROZEN_IMAGE, Finding.STALE_ROWS}
     assert not images.pair.left.any()
     assert not images.pair.right[HEIGHT // 2 :].any()
     assert images.pair.right[: HEIGHT // 2].any()
