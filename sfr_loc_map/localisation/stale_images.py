@@ -158,10 +158,8 @@ def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
 
 def repeated_rows(before: GreyImage, now: GreyImage) -> RepeatedRows:
     """Return the rows of an image that repeat the previous image."""
-    # fast test, because most images differ by more than noise
-    change = cv2.subtract(now[1 : -1 : ROW_STEPS[0]], before[1 : -1 : ROW_STEPS[0]], dtype=cv2.CV_32F)
-    is_small = cv2.meanStdDev(change)[1].item() ** 2 <= NOISE_MARGIN * MAX_NOISE**2
-    if is_small and is_repeated_with_noise(before, now):
+    some = slice(1, -1, ROW_STEPS[0])
+    if not _differ_by_more_than_noise(before[some], now[some]) and is_repeated_with_noise(before, now):
         return RepeatedRows(np.ones(len(now), np.bool_), is_frozen=True, is_fully_repeated=True)
     same = equal_rows(before, now)
     if same.any():
@@ -170,6 +168,12 @@ def repeated_rows(before: GreyImage, now: GreyImage) -> RepeatedRows:
         if np.count_nonzero(rows) >= MIN_STALE_FRACTION * len(now):
             return RepeatedRows(rows, is_frozen=bool(same[textured].all()), is_fully_repeated=bool(same.all()))
     return RepeatedRows(np.zeros(len(now), np.bool_), is_frozen=False, is_fully_repeated=bool(same.all()))
+
+
+def _differ_by_more_than_noise(before: GreyImage, now: GreyImage) -> bool:
+    """Return whether some rows of two images differ by more than noise. In nearly all pairs, few rows decide."""
+    change = cv2.subtract(now, before, dtype=cv2.CV_32F)
+    return cv2.meanStdDev(change)[1].item() ** 2 > NOISE_MARGIN * MAX_NOISE**2
 
 
 def equal_rows(before: GreyImage, now: GreyImage) -> Mask:
@@ -183,9 +187,8 @@ def equal_rows(before: GreyImage, now: GreyImage) -> Mask:
 
 def is_swapped_repeat(before: StereoPair, now: StereoPair) -> bool:
     """Return whether a pair is the previous pair with left and right swapped, possibly with new noise."""
-    few = slice(len(now.left) // 2, None, PROBE)  # few rows decide in most cases
-    change = cv2.subtract(now.left[few], before.right[few], dtype=cv2.CV_32F)
-    if cv2.meanStdDev(change)[1].item() ** 2 > NOISE_MARGIN * MAX_NOISE**2:
+    few = slice(len(now.left) // 2, None, PROBE)
+    if _differ_by_more_than_noise(before.right[few], now.left[few]):
         return False
     return (
         repeated_rows(before.right, now.left).is_fully_repeated
@@ -200,9 +203,8 @@ def show_one_image(pair: StereoPair) -> bool:
     (`MAX_NEIGHBOUR_CORRELATION`). The noise must be smaller than the texture, because two images without texture
     differ by noise alone as well.
     """
-    few = slice(len(pair.left) // 2, None, PROBE)  # few rows decide in most cases
-    change_of_few = cv2.subtract(pair.right[few], pair.left[few], dtype=cv2.CV_32F)
-    if cv2.meanStdDev(change_of_few)[1].item() ** 2 > NOISE_MARGIN * MAX_NOISE**2:
+    few = slice(len(pair.left) // 2, None, PROBE)
+    if _differ_by_more_than_noise(pair.left[few], pair.right[few]):
         return False
     change = np.asarray(cv2.subtract(pair.right, pair.left, dtype=cv2.CV_32F), np.float32)
     if not _is_noise(change) or float(np.std(pair.left)) <= MIN_DEVIATION:
