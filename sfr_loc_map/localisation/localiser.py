@@ -82,6 +82,7 @@ import numpy as np
 from sfr_loc_map import __version__
 from sfr_loc_map.configuration.parameters import checked
 from sfr_loc_map.errors import LocalisationError
+from sfr_loc_map.geometry.arrays import FloatArray, median
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig, check_rig
@@ -90,6 +91,7 @@ from sfr_loc_map.localisation import guards, stale_images, warm_up
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import (
+    LandmarkTracks,
     PoseEstimate,
     StartPose,
     TrackingState,
@@ -99,15 +101,9 @@ from sfr_loc_map.localisation.estimate import (
 )
 from sfr_loc_map.localisation.findings import Action, Finding, Verdict, decide
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
-from sfr_loc_map.localisation.frontend.tracking import Tracks
+from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, Tracks
 from sfr_loc_map.localisation.ground.selection import changed_cells
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO, KeyframeJob, KeyframeResult, has_diverged
-from sfr_loc_map.localisation.pair_statistics import (
-    accepted_statistics,
-    displayed,
-    refused_statistics,
-    residual_statistics,
-)
 from sfr_loc_map.localisation.relocalisation import MAX_FAILED_RECOVERIES
 from sfr_loc_map.localisation.stages import Candidate, FinalPose, StageClock, Stages
 from sfr_loc_map.localisation.state import Outcome, State
@@ -283,13 +279,25 @@ class Localiser:
     def _accept(self, state: State, candidate: Candidate, verdict: Verdict, final: FinalPose) -> Outcome:
         """Accept a pose: compute its errors and the step to it, and learn from the pair."""
         tracks = final.tracks
-        residuals = residual_statistics(tracks)
-        after, step = state.accepted(candidate, verdict, final, residuals.chi_median, self._model)
+        chi_median = median(tracks.chi2_per_dof[~np.isnan(tracks.chi2_per_dof)])
+        after, step = state.accepted(candidate, verdict, final, chi_median, self._model)
+        offset = after.calibration.offset
+        statistics = TrackingStatistics(
+            features=len(tracks.inliers),
+            inliers=tracks.inlier_count,
+            keyframes=after.keyframes,
+            chi_median=chi_median,
+            residual_px=_median_residual_px(tracks),
+            vertical_offset_px=offset.v,
+            disparity_offset_px=-offset.u,
+            roll_offset_px=offset.roll,
+            masked_share=after.ground_memory.excluded.fraction,
+        )
         keyframe = None
         if final.is_keyframe:
             mask = after.ground_memory.excluded.mask
             keyframe = KeyframeJob(candidate.frame, tracks, candidate.landmark_map.window, after.calibration, mask)
-        return Outcome(after, accepted_statistics(after, tracks, residuals), tracks, step, keyframe)
+        return Outcome(after, statistics, tracks, step, keyframe)
 
     # ---- pairs without an accepted pose
 
@@ -299,7 +307,8 @@ class Localiser:
         While the localiser is lost, a pair that would be kept is lost, too, and the earlier reason is published again.
         A kept pose is lost once the motion since this pose is as uncertain as an unknown pose.
         """
-        statistics = refused_statistics(verdict)
+        is_repeated = verdict.finding is Finding.REPEATED_PAIR
+        statistics = TrackingStatistics(repeated=1) if is_repeated else TrackingStatistics(inliers=0)
         reason = verdict.reason
         if verdict.action is Action.KEEP:
             if state.status is TrackingState.LOST:
@@ -428,5 +437,20 @@ class Localiser:
             stage_s=clock.seconds,
             reason=state.reason,
             step=outcome.step,
-            tracks=None if outcome.tracks is None else displayed(outcome.tracks),
+            tracks=None if outcome.tracks is None else _displayed(outcome.tracks),
         )
+
+
+def _median_residual_px(tracks: Tracks) -> float:
+    """Return the median residual of the inliers, px, from chi-square and the mean variance of each landmark."""
+    found = np.isfinite(tracks.observations[:, ::2])
+    mean_variance = 0.5 * (tracks.variance[:, :, 0] + tracks.variance[:, :, 2])
+    total: FloatArray = np.where(found, mean_variance, 0.0).sum(axis=1)
+    residuals = np.sqrt(tracks.chi2_per_dof * (total / np.maximum(found.sum(axis=1), 1)))
+    return median(residuals[tracks.inliers])
+
+
+def _displayed(tracks: Tracks) -> LandmarkTracks:
+    """Return copies of the displayed values of tracks."""
+    residual = np.sqrt(tracks.chi2_per_dof / INLIER_CHI2_PER_DOF)
+    return LandmarkTracks(tracks.observations[:, :2].copy(), tracks.landmarks.last_seen[:, :2].copy(), residual)

@@ -271,14 +271,13 @@ class PathState:
         return path._reset(pose, pose.stamp_ns, model) if self.arrived_ns is None else path
 
     def pose_applied(self, stamp_ns: int, model: RoverModel) -> tuple[PathState, bool]:
-        """Return the path after a pair, with the waiting external pose applied if its stamp is reached.
+        """Return the path after a pair, with the external pose that waits applied if its stamp is reached.
 
         The second value tells whether the map is to be discarded.
         """
         datum = self.datum
         pose = datum.waiting
-        if pose is None:
-            return self, False
+        assert pose is not None, "a pose waits"
         at_ns = datum.waiting_ns
         if at_ns is None:
             at_ns = _valid_ns(pose, stamp_ns, MAX_AHEAD_NS)

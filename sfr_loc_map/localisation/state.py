@@ -233,6 +233,8 @@ class State:
 
     def pose_applied(self, stamp_ns: int, model: RoverModel) -> State:
         """Return the state after a pair, with a waiting external pose applied if its stamp is reached."""
+        if self.path.datum.waiting is None:
+            return self
         path, discards_map = self.path.pose_applied(stamp_ns, model)
         if discards_map:
             # the next window begins at the external pose and continues no window that diverged
