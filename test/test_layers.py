@@ -98,9 +98,10 @@ NODE_FLOORS = ({"lifecycle"}, {"input"}, {""}, {"launch"})
 """Folders of `nodes` from the bottom; the name of the modules beside them is empty."""
 IO_FLOORS = (
     {"tables"},
-    {"images", "calibration", "clouds"},
+    {"image_codec", "calibration", "clouds"},
     {"bag"},
-    {"source_files", "truth"},
+    {"source_files", "source_format"},
+    {"truth"},
     {"source_config"},
     {"source_settings"},
     {"sequence"},

@@ -116,8 +116,8 @@ def _conversion_of(source: Path, destination: Path, layout: str | None) -> Conve
 
     A file other than a cloud or a bag is a table of poses if its suffix or the suffix of the output is that of a table.
     """
-    from sfr_loc_map.io.bag.files import is_bag
     from sfr_loc_map.io.clouds.cloud_file import SUFFIXES as CLOUDS
+    from sfr_loc_map.io.source_format import is_bag
     from sfr_loc_map.io.tables.trajectory_writer import FILE_SUFFIXES, format_of_name
 
     if not source.is_dir() and suffix_of(source) in CLOUDS:

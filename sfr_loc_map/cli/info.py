@@ -60,9 +60,9 @@ def info(
     from sfr_loc_map.doctor.examination import examine
     from sfr_loc_map.doctor.fixes import with_fix
     from sfr_loc_map.doctor.observation import observe
-    from sfr_loc_map.io.bag.files import is_bag
     from sfr_loc_map.io.registry import check_source_exists, open_source
     from sfr_loc_map.io.source_config import SourceConfig
+    from sfr_loc_map.io.source_format import is_bag
     from sfr_loc_map.io.source_settings import config_beside
     from sfr_loc_map.scoring.provenance import data_set_of
     from sfr_loc_map.source_setup.facts import facts_of, facts_tables

@@ -42,7 +42,7 @@ from sfr_loc_map.cli.options import (
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_suffix, claim_outputs, say, secondary_output, show
 from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, present, write_junit
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
-from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.source_format import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.suffixes import HTML_SUFFIXES
 

@@ -13,7 +13,7 @@ from sfr_loc_map.doctor.swapped_images import StampedImage, are_swapped
 from sfr_loc_map.errors import InputError, split_advice
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
-from sfr_loc_map.io.images.codec import SampleDepth, samples_of
+from sfr_loc_map.io.image_codec import SampleDepth, samples_of
 from sfr_loc_map.issues import Cause, Issue
 from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S, stamp_of
 from sfr_loc_map.message_text import counted

@@ -16,12 +16,13 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.encoding import TYPESTORE
-from sfr_loc_map.io.bag.files import bag_files, is_bag
+from sfr_loc_map.io.bag.files import bag_files
 from sfr_loc_map.io.bag.poses import read_extrinsics
 from sfr_loc_map.io.layouts.head_pose import head_poses
 from sfr_loc_map.io.message_stream import messages_of
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import FramesConfig, SourceConfig, SyncConfig
+from sfr_loc_map.io.source_format import is_bag
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES
 from sfr_loc_map.message_types import COMPRESSED, FIX, JOINTS, POINT, TF
 from sfr_loc_map.suite_names import SIDES, Task

@@ -43,6 +43,7 @@ class PairsInMemory:
     rig: StereoRig
     kept: Sequence[StereoPair]
     ground_truth: Truth | None = None
+    missing_ns: Sequence[int] = ()
 
     @property
     def stamps_ns(self) -> Sequence[int]:

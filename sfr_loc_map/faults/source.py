@@ -43,6 +43,11 @@ class _Faulty(Generic[S]):
         """Stamps of the pairs that are not dropped, including the faults of stamps."""
         return self._injector.stamps_ns([int(stamp_ns) for stamp_ns in self._inner.stamps_ns])
 
+    @property
+    def missing_ns(self) -> Sequence[int]:
+        """Stamps of the missing pairs of the original sequence."""
+        return self._inner.missing_ns
+
     def __len__(self) -> int:
         return int(np.count_nonzero(self._injector.kept))
 

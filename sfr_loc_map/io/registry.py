@@ -1,4 +1,4 @@
-"""The readers of the layouts of sources, and the detection of the layout of a path."""
+"""Opening of a source, and of a ground truth, of any format."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ from sfr_loc_map.configuration.parameters import changed
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import check_exists, check_regular, refusing
-from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.calibration.camera_info import LONG_BASELINE_M
-from sfr_loc_map.io.layouts.euroc import is_euroc, open_euroc
-from sfr_loc_map.io.layouts.folder import is_folder, open_folder
-from sfr_loc_map.io.layouts.image_folder import images_of_other_formats, is_image_folder, open_image_folder
-from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
-from sfr_loc_map.io.sequence import Source, SourceFormat, without_truth
+from sfr_loc_map.io.layouts.euroc import open_euroc
+from sfr_loc_map.io.layouts.folder import open_folder
+from sfr_loc_map.io.layouts.image_folder import open_image_folder
+from sfr_loc_map.io.layouts.kitti import open_kitti
+from sfr_loc_map.io.sequence import Source, without_truth
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
+from sfr_loc_map.io.source_format import SourceFormat, detected_format, folders_of_sides, is_bag
 from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.io.truth.read import truth_of_bag, truth_of_file
+from sfr_loc_map.message_text import alternatives
+from sfr_loc_map.suffixes import suffix_of
+from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
 _log = logging.getLogger(__name__)
-
-Opener = Callable[[Path, SourceConfig], Source]
 
 
 def _open_bag(path: Path, config: SourceConfig) -> Source:
@@ -37,8 +38,7 @@ def _open_bag(path: Path, config: SourceConfig) -> Source:
 class LayoutReader(NamedTuple):
     """The reader of a layout."""
 
-    matches: Callable[[Path], bool]  #: Whether a path has this layout.
-    open: Opener
+    open: Callable[[Path, SourceConfig], Source]
     ignored: tuple[str, ...] = ()  #: Beginnings of the settings that the layout ignores.
 
 
@@ -47,19 +47,15 @@ _ONLY_OF_BAGS = ("topics.", "frames.", "sync.stamps")
 _PAIRS_AND_CALIBRATION = (*_ONLY_OF_BAGS, "sync.", "calibration.")
 """Beginnings of settings that a layout ignores if its files list the stereo pairs and contain the calibration."""
 READERS: dict[SourceFormat, LayoutReader] = {
-    SourceFormat.BAG: LayoutReader(is_bag, _open_bag),
-    SourceFormat.FOLDER: LayoutReader(is_folder, open_folder, _PAIRS_AND_CALIBRATION),
-    SourceFormat.KITTI: LayoutReader(is_kitti, open_kitti, _PAIRS_AND_CALIBRATION),
-    SourceFormat.EUROC: LayoutReader(is_euroc, open_euroc, (*_ONLY_OF_BAGS, "calibration.")),
+    SourceFormat.BAG: LayoutReader(_open_bag),
+    SourceFormat.FOLDER: LayoutReader(open_folder, _PAIRS_AND_CALIBRATION),
+    SourceFormat.KITTI: LayoutReader(open_kitti, _PAIRS_AND_CALIBRATION),
+    SourceFormat.EUROC: LayoutReader(open_euroc, (*_ONLY_OF_BAGS, "calibration.")),
     SourceFormat.IMAGES: LayoutReader(
-        is_image_folder, open_image_folder, (*_ONLY_OF_BAGS, "calibration.baseline_m", "calibration.stereo_layout")
+        open_image_folder, (*_ONLY_OF_BAGS, "calibration.baseline_m", "calibration.stereo_layout")
     ),
 }
-"""The readers of all layouts, in the order of detection.
-
-Trajectories, calibrations and clouds are recognised in `tables/column_detection.py`, `calibration/calibration_file.py`
-and `clouds/cloud_file.py`.
-"""
+"""The readers of all layouts. `source_format.detected_format` determines the layout of a path."""
 
 
 def open_source(path: Path, config: SourceConfig | None = None) -> Source:
@@ -113,19 +109,14 @@ def check_source_exists(path: Path) -> None:
 
 
 def format_of(path: Path) -> SourceFormat:
-    """Return the format of the files of a source; InputError if the path does not exist or has no supported format.
-
-    A bag is `BAG`; `Source.format` also states whether its messages are used as recorded.
-    """
+    """Return `detected_format` of a source; InputError if the path does not exist or has no supported format."""
     check_source_exists(path)
     if path.is_file():
         with refusing(f"'{path}' cannot be read", "give the file itself"):
             check_regular(path)
-    for name, reader in READERS.items():
-        if reader.matches(path):
-            return name
-    if problem := images_of_other_formats(path):
-        raise InputError(problem)
+    if (found_format := detected_format(path)) is not None:
+        return found_format
+    _check_image_formats(path)
     found = ", ".join(sorted(item.name for item in path.iterdir())[:6]) or "nothing" if path.is_dir() else "a file"
     raise InputError(
         f"'{path}' has no supported format: looked for pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "
@@ -133,6 +124,17 @@ def format_of(path: Path) -> SourceFormat:
         f"left/ and right/ with images (and --calibration FILE); found {found}; "
         f"give the folder that contains such files"
     )
+
+
+def _check_image_formats(path: Path) -> None:
+    """Raise InputError if a path has folders of left and right images, all of them in other formats."""
+    for sides in folders_of_sides(path) if path.is_dir() else ():
+        found = sorted({suffix_of(file) for side in sides for file in side.iterdir()} - {""})
+        left, right = (side.name.lower() for side in sides)
+        raise InputError(
+            f"'{path}' has {left}/ and {right}/ without images that end in {alternatives(IMAGE_ENDINGS)}: found "
+            f"{', '.join(found) or 'no file'}; convert the images"
+        )
 
 
 def read_truth(path: Path, config: SourceConfig | None = None) -> Truth:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -16,6 +15,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
+from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
@@ -33,6 +33,10 @@ class LocSequence(Protocol):
     @property
     def rig(self) -> StereoRig:
         """Rig of the localisation cameras, with `T_rb_sb` if the source has it."""
+
+    @property
+    def missing_ns(self) -> Sequence[int]:
+        """Stamps of pairs that are listed but have no images, or whose left image has no right image, ascending."""
 
     @property
     def ground_truth(self) -> Truth | None:
@@ -56,23 +60,15 @@ class NavSequence(Protocol):
     def rig(self) -> StereoRig:
         """Rig of the navigation cameras."""
 
+    @property
+    def missing_ns(self) -> Sequence[int]:
+        """Stamps of pairs that are listed but have no images, or no pose, ascending."""
+
     def __len__(self) -> int:
         """Return the number of pairs."""
 
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs, with truth if the source has it; each call starts from the first pair."""
-
-
-class SourceFormat(StrEnum):
-    """The layout of a source as shown to users; for a bag also whether its messages are used as recorded."""
-
-    FOLDER = "sfr"
-    BAG = "bag"
-    RAW_BAG = "bag of raw images"
-    CONFIGURED_BAG = "bag, as configured"
-    KITTI = "kitti"
-    EUROC = "euroc"
-    IMAGES = "images"
 
 
 class RecordedBag(NamedTuple):
@@ -93,23 +89,19 @@ class Source:
     config: SourceConfig = DEFAULT_SOURCE  #: Configuration that the source is read with.
     truth_files: tuple[Path, ...] = ()  #: Files with the truth besides `path` and `config.truth.file`, by the layout.
     calibration: str = ""  #: Origin of the calibration of the drive, if it is not part of the layout.
+    own_extrinsics: Transform | None = None
+    """Pose of the drive's rig on the rover in the source itself, which `config` may replace; None if unknown."""
     recorded: RecordedBag | None = None  #: The bag, if its messages are used as recorded; None for all other sources.
-    find_missing_loc: Callable[[], tuple[int, ...]] = tuple
-    """Returns `missing_loc_ns`. The function of a bag reads all stamps of the drive."""
-    find_missing_nav: Callable[[], tuple[int, ...]] = tuple
-    """Returns `missing_nav_ns`. The function of a bag reads all stamps of the mapping pairs."""
-    find_own_extrinsics: Callable[[], Transform | None] = lambda: None
-    """Returns the pose of the drive's rig on the rover in the source itself, which `config` may replace, or None."""
 
     @property
     def missing_loc_ns(self) -> tuple[int, ...]:
-        """Stamps of localisation pairs that are listed but have no images, or whose left image has no right image."""
-        return self.find_missing_loc()
+        """`LocSequence.missing_ns`; empty without a drive."""
+        return () if self.loc is None else tuple(self.loc.missing_ns)
 
     @property
     def missing_nav_ns(self) -> tuple[int, ...]:
-        """Stamps of mapping pairs that are listed but have no images, or no pose."""
-        return self.find_missing_nav()
+        """`NavSequence.missing_ns`; empty without mapping pairs."""
+        return () if self.nav is None else tuple(self.nav.missing_ns)
 
     @property
     def skipped_pairs(self) -> int:
@@ -136,7 +128,7 @@ class Source:
         given = self.config.extrinsics.transform()
         if given is None:
             return found
-        own = self.find_own_extrinsics() if self.loc is not None else given
+        own = given if self.loc is None else self.own_extrinsics
         if own is None or not np.allclose(own.matrix, given.matrix, rtol=0.0, atol=EXTRINSICS_ROUNDING):
             return found
         return {name: value for name, value in found.items() if not name.startswith("extrinsics.")}

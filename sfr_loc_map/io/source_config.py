@@ -14,7 +14,7 @@ from sfr_loc_map.configuration.parameters import changed, param
 from sfr_loc_map.configuration.sections import SECTIONS, Configuration
 from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.source_format import is_bag
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.stamp_pairing import MAX_TOLERANCE_S, STAMP_TOLERANCE_S

@@ -11,8 +11,8 @@ from sfr_loc_map.configuration.parameters import flatten, is_empty, suggestion
 from sfr_loc_map.configuration.sections import SECTIONS, Configuration, Key, check_form, check_one_name
 from sfr_loc_map.errors import ConfigError, SfrError, naming_key
 from sfr_loc_map.inputs import parent_of
-from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig, file_in, file_or_topic
+from sfr_loc_map.io.source_format import is_bag
 
 NAME = "sfr.yaml"
 _REMAP_FORM = "{FOUND: EXPECTED}"  #: Form of a remapping in messages.

@@ -25,7 +25,7 @@ from sfr_loc_map.calls.call_record import decode_call
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing
-from sfr_loc_map.io.images.codec import SampleDepth, samples_of
+from sfr_loc_map.io.image_codec import SampleDepth, samples_of
 from sfr_loc_map.io.truth.messages import TruthReader
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.map_feed import MapFeed

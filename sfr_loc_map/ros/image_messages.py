@@ -12,7 +12,7 @@ from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.io.images.codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, unread_codec
+from sfr_loc_map.io.image_codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, unread_codec
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.ros.messages import byte_array
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.hashes import FileState, file_states, hash_path
-from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_format import is_bag
 
 CONFIGURATION_ROLES = ("configuration", "truth_file", "calibration")
 """Roles of the files that determine how a source is read: `sfr.yaml`, and the truth and calibration named there."""

@@ -16,9 +16,9 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import check_exists
-from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.sequence import Source, without_truth
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
+from sfr_loc_map.io.source_format import is_bag
 from sfr_loc_map.io.tables.loaded_trajectory import LoadedTrajectory
 from sfr_loc_map.io.tables.trajectory_file import ESTIMATE_OPTION, TRUTH_OPTION, read_trajectory_file
 from sfr_loc_map.io.truth.conversion import truth_of_rb

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sfr_loc_map import io  # `io` imports its readers of sources on first use; trajectory files require none
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.source_format import is_bag
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.scoring.bag_estimates import read_bag_estimate

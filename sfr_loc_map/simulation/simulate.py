@@ -30,10 +30,10 @@ from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import ConfigError, OutputError, SfrError
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import read_text
+from sfr_loc_map.io import image_codec
 from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX
 from sfr_loc_map.io.calibration.rig_file import rig_json
-from sfr_loc_map.io.images import codec
-from sfr_loc_map.io.images.codec import encode_png
+from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.layouts.folder import pair_row, pairs_lines
 from sfr_loc_map.io.tables.trajectory_writer import trajectory_text
 from sfr_loc_map.signals import deferred_signals
@@ -46,7 +46,7 @@ from sfr_loc_map.suite_names import SIDES, Side, Task
 
 SETTINGS = "simulation.yaml"  #: Name of the file with the settings in the folder of a simulation.
 CODE = tuple(
-    Path(path) for path in (Path(__file__).parent, Path(geometry.__file__).parent, jit.__file__, codec.__file__)
+    Path(path) for path in (Path(__file__).parent, Path(geometry.__file__).parent, jit.__file__, image_codec.__file__)
 )
 """Folders and files of the code that determines the images."""
 

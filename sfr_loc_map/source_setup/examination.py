@@ -11,11 +11,11 @@ from sfr_loc_map.configuration.sections import NOTHING_GIVEN, Configuration, Key
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.bag.bag import Bag
-from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.calibration.calibration_file import CalibrationError
 from sfr_loc_map.io.registry import format_of, open_source, read_truth
-from sfr_loc_map.io.sequence import LocSequence, SourceFormat
+from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_format import SourceFormat, is_bag
 from sfr_loc_map.io.source_settings import FILE_SETTINGS, copied
 from sfr_loc_map.io.truth.of_bag import could_be_truth
 from sfr_loc_map.source_setup.bag_findings import (

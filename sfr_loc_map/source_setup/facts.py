@@ -15,10 +15,10 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.bag.bag import TOPICS_READ, Bag
-from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_format import is_bag
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.source_setup.seen_topics import seen_topics

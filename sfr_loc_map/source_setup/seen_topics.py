@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from sfr_loc_map.io.bag.bag import Bag, Topic
-from sfr_loc_map.io.images.codec import claimed_size
+from sfr_loc_map.io.image_codec import claimed_size
 from sfr_loc_map.io.truth.names import snake_case
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 

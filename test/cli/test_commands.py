@@ -20,7 +20,7 @@ from sfr_loc_map.cli.main import PANELS
 from sfr_loc_map.errors import ExitCode
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.images.files import ImageFileSequence
+from sfr_loc_map.io.layouts.image_files import ImageFileSequence
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 

@@ -22,7 +22,8 @@ from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.hashes import hash_path
-from sfr_loc_map.io.sequence import Source, SourceFormat
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.conditions import Condition

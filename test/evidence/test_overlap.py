@@ -18,7 +18,8 @@ from sfr_loc_map.evidence.overlap import find_overlaps, overlap_rows
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.sequence import Source, SourceFormat
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.score.score import Score
 
@@ -29,6 +30,7 @@ class Pairs:
 
     kept: Sequence[PosedStereoPair]
     rig: StereoRig = NAV_RIG
+    missing_ns: Sequence[int] = ()
 
     @property
     def stamps_ns(self) -> list[int]:

@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.calibration.rectification import rig_of_rectified_infos
 from sfr_loc_map.io.convert import ConvertOptions, convert
-from sfr_loc_map.io.images.codec import samples_of
+from sfr_loc_map.io.image_codec import samples_of
 from sfr_loc_map.io.message_stream import (
     Message,
     PairTracker,

@@ -19,8 +19,8 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.calibration.rig_file import rig_json
 from sfr_loc_map.io.registry import format_of, open_source
-from sfr_loc_map.io.sequence import SourceFormat
 from sfr_loc_map.io.source_config import CalibrationConfig, ExtrinsicsConfig, FramesConfig, SourceConfig, SyncConfig
+from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.suite_names import SIDES
 

@@ -22,7 +22,7 @@ from helpers.made_scene import LOC_RIG, write_folder
 from helpers.processes import Process, node_process, wait_until
 from helpers.score_rows import rows_about
 from sfr_loc_map.io.bag.bag import Bag
-from sfr_loc_map.io.images.codec import encode_png
+from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.live.freshness import NODE_FRESHNESS
 from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.suite_names import SIDES

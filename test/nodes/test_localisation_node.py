@@ -29,7 +29,7 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos, rig_of_rectified_infos
-from sfr_loc_map.io.images.codec import encode_png
+from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks

@@ -18,7 +18,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.images.codec import encode_jpeg, encode_png, samples_of
+from sfr_loc_map.io.image_codec import encode_jpeg, encode_png, samples_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser

@@ -20,7 +20,8 @@ from sfr_loc_map.calls.growing_calls import stats_of
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
-from sfr_loc_map.io.sequence import Source, SourceFormat
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PublishedScore

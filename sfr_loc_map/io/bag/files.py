@@ -1,4 +1,4 @@
-"""Detection of bags, their storage files, and unfinished files, without importing rosbags."""
+"""The storage files of bags, also those of unfinished recordings, without importing rosbags."""
 
 from __future__ import annotations
 
@@ -14,36 +14,21 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import check_exists, check_regular, read_text, refusing
 from sfr_loc_map.json_yaml import converted, parse_yaml
 from sfr_loc_map.suffixes import suffix_of
-from sfr_loc_map.suite_names import SIDES_OF
 
 METADATA = "rosbag2_bagfile_information"  #: Name of the content of metadata.yaml.
 STORAGE_SUFFIXES = (".mcap", ".db3")
-DATA_SET_FILES = tuple(f"{part}/{name}" for part in (".", "loc", "nav") for name in ("pairs.csv", "rig.json"))
-"""Files any of which identifies a data set folder."""
-OTHER_LAYOUTS = (*DATA_SET_FILES, "calib.txt", "mav0")
-"""Files and folders any of which identifies a data set folder, or the folder of a drive of KITTI or EuRoC."""
 ROS1_MAGIC = b"#ROSBAG"
 ROS1_SUFFIXES = (".bag", ".active")  #: Endings of finished files, and of the files of a recorder that was killed.
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  #: Magic number of a Zstandard frame (RFC 8878, 3.1.1).
 
 
-def is_bag(path: Path) -> bool:
-    """Return whether a path looks like a bag: the folder of a ROS 2 bag, its storage file, or a ROS 1 bag.
-
-    The folder of another layout is not a bag, even if it contains a bag, such as one with the ground truth.
-    """
-    if path.is_dir():
-        if (path / "metadata.yaml").exists():
-            return True
-        names = {item.name.lower() for item in path.iterdir()}
-        has_images = any(left in names for left, _ in SIDES_OF)
-        is_other = has_images or any((path / name).exists() for name in OTHER_LAYOUTS)
-        return bool(_stored_in(path)) and not is_other
-    return suffix_of(path) in STORAGE_SUFFIXES or (suffix_of(path) in ROS1_SUFFIXES and is_ros1_bag(path))
+def is_storage_file(path: Path) -> bool:
+    """Return whether a path is named as a storage file of a ROS 2 bag, or is a ROS 1 bag."""
+    return suffix_of(path) in STORAGE_SUFFIXES or is_ros1_bag(path)
 
 
-def _stored_in(folder: Path) -> list[Path]:
+def storage_files(folder: Path) -> list[Path]:
     """Return the storage files in a folder in the order of their numbers."""
     found = (file for file in folder.iterdir() if suffix_of(file) in STORAGE_SUFFIXES and not file.is_dir())
     return sorted(found, key=_by_number)
@@ -94,7 +79,7 @@ def bag_files(path: Path) -> BagFiles:
     check_exists(path, "give the folder of a bag, or its .mcap, .db3 or .bag file")
     found = BagFiles((path,))
     if path.is_dir():
-        stored = _stored_in(path)
+        stored = storage_files(path)
         metadata = path / "metadata.yaml"
         found = _files_of_metadata(metadata, stored) if metadata.exists() else BagFiles(tuple(stored))
     if not found.paths:

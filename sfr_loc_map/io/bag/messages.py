@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.calibration.camera_info import projection
 from sfr_loc_map.io.clouds.point_image import FLOAT32
-from sfr_loc_map.io.images.codec import encode_jpeg
+from sfr_loc_map.io.image_codec import encode_jpeg
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, TF
 from sfr_loc_map.suite_names import Side

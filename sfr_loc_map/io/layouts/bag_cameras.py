@@ -24,7 +24,7 @@ from sfr_loc_map.io.calibration.rectification import (
     rig_of_raw_infos,
     rig_of_rectified_infos,
 )
-from sfr_loc_map.io.images.codec import Samples, samples_of
+from sfr_loc_map.io.image_codec import Samples, samples_of
 from sfr_loc_map.io.source_config import CalibrationConfig
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 from sfr_loc_map.suite_names import SIDES, Task

@@ -29,12 +29,13 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_extrinsics
 from sfr_loc_map.io.clouds.point_image import points_image
-from sfr_loc_map.io.images.codec import SampleDepth
-from sfr_loc_map.io.images.files import check_size
+from sfr_loc_map.io.image_codec import SampleDepth
 from sfr_loc_map.io.layouts.bag_cameras import BagCameras, CameraTopics, calibrated_cameras, image_name, mount_of
 from sfr_loc_map.io.layouts.bag_index import BagIndex, MappingTopics, index_of_drive, index_of_mapping
-from sfr_loc_map.io.sequence import RecordedBag, Source, SourceFormat
+from sfr_loc_map.io.layouts.image_files import check_size
+from sfr_loc_map.io.sequence import RecordedBag, Source
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, CalibrationConfig, SourceConfig
+from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.read import truth_of_bag
 from sfr_loc_map.suite_names import Task
@@ -72,8 +73,9 @@ class _BagPairs:
     def __len__(self) -> int:
         return len(self.index.pairs)
 
+    @property
     def missing_ns(self) -> tuple[int, ...]:
-        """Return `BagIndex.missing_ns`."""
+        """Stamps of the pairs that are skipped (`BagIndex.missing_ns`)."""
         return self.index.missing_ns
 
     def _joined(self, *others: Topic) -> Iterator[tuple[StereoPair, Mapping[str, bytes]]]:
@@ -181,10 +183,8 @@ def open_bag(path: Path, config: SourceConfig = DEFAULT_SOURCE) -> Source:
         loc,
         nav,
         config=config,
-        find_missing_loc=tuple if loc is None else loc.missing_ns,
-        find_missing_nav=tuple if nav is None else nav.missing_ns,
         calibration="" if loc is None else loc.cameras.text,
-        find_own_extrinsics=(lambda: None) if loc is None else partial(_own_extrinsics, loc, config),
+        own_extrinsics=None if loc is None else _own_extrinsics(loc, config),
         recorded=None if is_raw or is_adapted else RecordedBag(path, config.remap),
     )
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,13 +23,13 @@ from sfr_loc_map.io.calibration.opened_file import parse_opencv_yaml
 from sfr_loc_map.io.calibration.programs import SensorPose, read_sensor_yaml
 from sfr_loc_map.io.calibration.rectification import StereoRectifier
 from sfr_loc_map.io.calibration.stereo_calibration import CameraPair, calibrated, pose_of_rig, with_rectification
-from sfr_loc_map.io.images.codec import encode_png
-from sfr_loc_map.io.images.files import ImagePair, complete_pairs
-from sfr_loc_map.io.layouts.configured_drive import configured_drive
+from sfr_loc_map.io.image_codec import encode_png
+from sfr_loc_map.io.layouts.image_files import ImageFileSequence, ImagePair, complete_pairs
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
 from sfr_loc_map.io.layouts.writer import TableWriter
-from sfr_loc_map.io.sequence import Source, SourceFormat
+from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.io.tables.cells.stamp_text import parse_stamp_ns
 from sfr_loc_map.io.tables.cells.text_table import read_lines
 from sfr_loc_map.io.tables.checks.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_stamp_order, check_unit
@@ -49,31 +48,18 @@ LIST_HEADER = "#timestamp [ns],filename"
 _log = logging.getLogger(__name__)
 
 
-def is_euroc(path: Path) -> bool:
-    """Return whether a path looks like an EuRoC sequence: the folder `mav0` or its parent."""
-    return (path / "mav0" / "cam0").is_dir() or (path / "cam0" / "sensor.yaml").exists()
-
-
 def open_euroc(path: Path, config: SourceConfig) -> Source:
-    """Open an EuRoC sequence."""
+    """Open an EuRoC sequence: the folder `mav0` or its parent."""
     folder = path / "mav0" if (path / "mav0").is_dir() else path
     rig, rectifier = _rig_of(folder)
     left, right = (_load_list(folder / name / "data.csv") for name in CAMERAS)
     stamps = stereo_pairs(list(left), list(right), config.sync, f"'{folder}'")
     pairs = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in stamps.items()]
     complete, missing_ns = complete_pairs(pairs, f"'{folder}'")
-    rectify = None if rectifier is None else rectifier.rectify
-    loc = configured_drive(path, config, rig, complete, _load_truth(folder), rectify)
     missing_ns = (*missing_ns, *without_partner(list(left), stamps))
-    return Source(
-        path,
-        SourceFormat.EUROC,
-        loc,
-        None,
-        config=config,
-        find_missing_loc=partial(tuple, missing_ns),
-        find_own_extrinsics=lambda: rig.T_rb_sb,
-    )
+    loc = ImageFileSequence(rig, complete, missing_ns, rectifier=rectifier)
+    loc = loc.configured(path, config, _load_truth(folder))
+    return Source(path, SourceFormat.EUROC, loc, None, config=config, own_extrinsics=rig.T_rb_sb)
 
 
 def _rig_of(folder: Path) -> tuple[StereoRig, StereoRectifier | None]:

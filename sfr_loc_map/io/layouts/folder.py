@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,16 +21,15 @@ from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_bytes, read_table_text, refusing, split_lines
-from sfr_loc_map.io.bag.files import DATA_SET_FILES
 from sfr_loc_map.io.calibration.rig_file import read_rig, rig_json
 from sfr_loc_map.io.clouds.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.clouds.point_image import checked_points
-from sfr_loc_map.io.images.codec import encode_png
-from sfr_loc_map.io.images.files import ImageFiles, ImagePair, complete_pairs, read_pair
-from sfr_loc_map.io.layouts.configured_drive import configured_drive
+from sfr_loc_map.io.image_codec import encode_png
+from sfr_loc_map.io.layouts.image_files import ImageFiles, ImageFileSequence, ImagePair, complete_pairs, read_pair
 from sfr_loc_map.io.layouts.writer import TableWriter
-from sfr_loc_map.io.sequence import Source, SourceFormat
+from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.io.tables.cells.number_text import parse_number
 from sfr_loc_map.io.tables.cells.stamp_text import parse_stamp_ns
 from sfr_loc_map.io.tables.checks.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_unit
@@ -66,11 +64,6 @@ class FolderNavSequence(ImageFiles):
             yield PosedStereoPair(read_pair(entry, self.rig, depth), entry.T_lm_navsb, truth)
 
 
-def is_folder(path: Path) -> bool:
-    """Return whether a path is a data set folder."""
-    return any((path / name).exists() for name in DATA_SET_FILES)
-
-
 @dataclass(frozen=True, slots=True)
 class _PairsFolder:
     """The rig and the pairs of one folder with a pairs.csv."""
@@ -94,16 +87,17 @@ def open_folder(path: Path, config: SourceConfig) -> Source:
             f"'{nav.folder / 'pairs.csv'}' has no poses of the mapping cameras in the local map (LM): add the columns "
             f"{', '.join(NAV_COLUMNS[len(LOC_COLUMNS) :])} to the pairs"
         )
-    drive = None if loc is None else configured_drive(path, config, loc.rig, loc.pairs, _read_truth(loc.folder))
+    drive = None
+    if loc is not None:
+        drive = ImageFileSequence(loc.rig, loc.pairs, loc.missing_ns)
+        drive = drive.configured(path, config, _read_truth(loc.folder))
     return Source(
         path,
         SourceFormat.FOLDER,
         loc=drive,
-        nav=None if nav is None else FolderNavSequence(nav.rig, nav.pairs),
+        nav=None if nav is None else FolderNavSequence(nav.rig, nav.pairs, nav.missing_ns),
         config=config,
-        find_missing_loc=partial(tuple, () if loc is None else loc.missing_ns),
-        find_missing_nav=partial(tuple, () if nav is None else nav.missing_ns),
-        find_own_extrinsics=lambda: None if loc is None else loc.rig.T_rb_sb,
+        own_extrinsics=None if loc is None else loc.rig.T_rb_sb,
     )
 
 

@@ -7,37 +7,28 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
-from sfr_loc_map.io.images.codec import read_grey
-from sfr_loc_map.io.images.files import ImagePair
-from sfr_loc_map.io.layouts.configured_drive import configured_drive
+from sfr_loc_map.io.image_codec import read_grey
+from sfr_loc_map.io.layouts.image_files import ImageFileSequence, ImagePair
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
-from sfr_loc_map.io.sequence import Source, SourceFormat
+from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_format import SourceFormat, image_folders, images_in
 from sfr_loc_map.io.tables.cells.stamp_text import TIMES, UNIT_WORDS, parse_decimal
 from sfr_loc_map.io.tables.checks.stamp_checks import check_fractions_are_padded
 from sfr_loc_map.io.tables.columns.time_units import EARLIEST_CLOCK_S, inferred_time_unit
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.message_text import alternatives
-from sfr_loc_map.suffixes import suffix_of
-from sfr_loc_map.suite_names import IMAGE_ENDINGS, SIDES_OF
 
 _log = logging.getLogger(__name__)
 
 
-def is_image_folder(path: Path) -> bool:
-    """Return whether a path is a folder with two folders of images."""
-    return _sides(path) is not None
-
-
 def open_image_folder(path: Path, config: SourceConfig) -> Source:
     """Open a folder of images with the calibration that the configuration names."""
-    folders = _sides(path)
+    folders = image_folders(path)
     if folders is None:
         raise InputError(f"'{path}' has no folders of left and right images")
     if not config.calibration.file:
@@ -54,49 +45,17 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
     found = read_calibration(Path(config.calibration.file), (width, height))
     left_name, right_name = (folder.name for folder in folders)
     found.pair.check_images(left_name, right_name, f"Rename the folders in '{path}' to right/ and left/")
-    rectify = None if found.rectifier is None else found.rectifier.rectify
-    loc = configured_drive(path, config, found.rig, entries, None, rectify)
+    missing_ns = without_partner(sorted(left), pairs)
+    loc = ImageFileSequence(found.rig, entries, missing_ns, rectifier=found.rectifier).configured(path, config, None)
     return Source(
         path,
         SourceFormat.IMAGES,
         loc,
         None,
         config=config,
-        find_missing_loc=partial(without_partner, sorted(left), pairs),
-        find_own_extrinsics=lambda: found.rig.T_rb_sb,
+        own_extrinsics=found.rig.T_rb_sb,
         calibration=found.pair.text,
     )
-
-
-def images_of_other_formats(path: Path) -> str:
-    """Return the problem of a folder whose folders of left and right images have no supported image; else empty."""
-    folders = {item.name.lower(): item for item in path.iterdir() if item.is_dir()} if path.is_dir() else {}
-    for names in SIDES_OF:
-        if all(name in folders for name in names):
-            found = sorted({suffix_of(file) for name in names for file in folders[name].iterdir()} - {""})
-            return (
-                f"'{path}' has {names[0]}/ and {names[1]}/ without images that end in {alternatives(IMAGE_ENDINGS)}: "
-                f"found {', '.join(found) or 'no file'}; convert the images"
-            )
-    return ""
-
-
-def _sides(path: Path) -> tuple[Path, Path] | None:
-    """Return the folders of left and right images; None if there are no such folders."""
-    if not path.is_dir():
-        return None
-    folders = {item.name.lower(): item for item in path.iterdir() if item.is_dir()}
-    for names in SIDES_OF:
-        if all(name in folders and _images(folders[name]) for name in names):
-            return folders[names[0]], folders[names[1]]
-    return None
-
-
-def _images(folder: Path) -> list[Path]:
-    """Return the images in a folder or in its folder `data`, without hidden files (`._NAME.png` of macOS)."""
-    inner = folder / "data"
-    files = (inner if inner.is_dir() else folder).iterdir()
-    return sorted(file for file in files if suffix_of(file) in IMAGE_ENDINGS and not file.name.startswith("."))
 
 
 def _by_stamp(folder: Path) -> tuple[dict[int, Path], str]:
@@ -104,7 +63,7 @@ def _by_stamp(folder: Path) -> tuple[dict[int, Path], str]:
 
     The unit is inferred from the magnitude of the numbers.
     """
-    files = _images(folder)
+    files = images_in(folder)
     wrong = [file.name for file in files if not (file.stem.isascii() and file.stem.replace(".", "", 1).isdecimal())]
     stems = sorted((file.stem for file in files), key=lambda stem: (len(stem.partition(".")[0]), stem))
     check_fractions_are_padded(stems, f"images of '{folder}'")

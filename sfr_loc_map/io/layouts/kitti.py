@@ -13,7 +13,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,12 +25,12 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import parent_of, read_table, refusing
 from sfr_loc_map.io.calibration.camera_info import check_centre, projection, rig_from_projections
-from sfr_loc_map.io.images.codec import encode_png, read_grey
-from sfr_loc_map.io.images.files import ImagePair, complete_pairs
-from sfr_loc_map.io.layouts.configured_drive import configured_drive
+from sfr_loc_map.io.image_codec import encode_png, read_grey
+from sfr_loc_map.io.layouts.image_files import ImageFileSequence, ImagePair, complete_pairs
 from sfr_loc_map.io.layouts.writer import TableWriter
-from sfr_loc_map.io.sequence import Source, SourceFormat
+from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.io.tables.cells.number_text import parse_number
 from sfr_loc_map.io.tables.cells.stamp_text import seconds_text
 from sfr_loc_map.io.tables.cells.text_table import RowForm, parse_table, read_lines
@@ -42,11 +41,6 @@ from sfr_loc_map.suite_names import IMAGE_ENDINGS, SIDES
 
 CAMERAS = ((0, 1), (2, 3))  #: Numbers of the left and right cameras, in the order of preference: grey, colour.
 _log = logging.getLogger(__name__)
-
-
-def is_kitti(path: Path) -> bool:
-    """Return whether a path looks like a KITTI sequence."""
-    return (path / "calib.txt").exists() and any((path / f"image_{left}").is_dir() for left, _ in CAMERAS)
 
 
 def open_kitti(path: Path, config: SourceConfig) -> Source:
@@ -72,18 +66,9 @@ def open_kitti(path: Path, config: SourceConfig) -> Source:
     check_centre(rig.cx, rig.cy, size, where)
     rig = replace(rig, T_rb_sb=Transform.identity())
     truth = _load_poses(path, stamps, rig, -cameras[left][3] / cameras[left][0])
-    loc = configured_drive(path, config, rig, pairs, truth)
+    loc = ImageFileSequence(rig, pairs, missing_ns).configured(path, config, truth)
     beside = tuple(file for file in _pose_files(path) if file.is_file())
-    return Source(
-        path,
-        SourceFormat.KITTI,
-        loc,
-        None,
-        config=config,
-        find_missing_loc=partial(tuple, missing_ns),
-        find_own_extrinsics=lambda: rig.T_rb_sb,
-        truth_files=beside,
-    )
+    return Source(path, SourceFormat.KITTI, loc, None, config=config, own_extrinsics=rig.T_rb_sb, truth_files=beside)
 
 
 def _check_names(entries: Sequence[ImagePair]) -> None:

@@ -15,7 +15,7 @@ from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
-from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of
+from sfr_loc_map.io.image_codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
 from sfr_loc_map.nodes.input.waiting import Input

@@ -20,7 +20,7 @@ from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.files import bag_files
-from sfr_loc_map.io.images.codec import samples_of
+from sfr_loc_map.io.image_codec import samples_of
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file

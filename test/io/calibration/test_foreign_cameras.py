@@ -21,7 +21,7 @@ from sfr_loc_map.io.bag.messages import camera_info
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.calibration.camera_info import projection
 from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos, rig_of_rectified_infos
-from sfr_loc_map.io.images.codec import encode_png
+from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.columns.pose_columns import TrajectoryFormat

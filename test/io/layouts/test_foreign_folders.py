@@ -17,7 +17,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.clouds.cloud_file import load_cloud
 from sfr_loc_map.io.convert import ConvertOptions, Layout, convert
-from sfr_loc_map.io.images.codec import encode_png
+from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
 from sfr_loc_map.io.source_settings import source_config

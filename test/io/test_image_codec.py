@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.images.codec import PNG_MAGIC, SampleDepth, Samples, decoded, encode_jpeg, encode_png, samples_of
+from sfr_loc_map.io.image_codec import PNG_MAGIC, SampleDepth, Samples, decoded, encode_jpeg, encode_png, samples_of
 
 images = hnp.arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))
 HEADER = SimpleNamespace(stamp=SimpleNamespace(sec=12, nanosec=34))

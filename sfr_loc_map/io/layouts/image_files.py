@@ -1,10 +1,10 @@
-"""Stereo pairs from a list of image files."""
+"""Stereo pairs whose images are files: those of all layouts but bags."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError
@@ -12,14 +12,17 @@ from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.images.codec import SampleDepth, read_samples
+from sfr_loc_map.io.calibration.rectification import StereoRectifier
+from sfr_loc_map.io.image_codec import SampleDepth, read_samples
+from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
+from sfr_loc_map.io.truth.read import truth_of_data_set
+from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
 _log = logging.getLogger(__name__)
 NAMED_FILES = 3  #: Maximum number of missing files in a message.
-Rectify = Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +90,7 @@ class ImageFiles:
 
     rig: StereoRig  #: Rig of the rectified images.
     entries: Sequence[ImagePair]  #: The files, in the order of stamps; `read_pair` requires the rig's size.
+    missing_ns: Sequence[int]  #: Stamps of pairs that are listed but have no images, or whose right image is missing.
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:
@@ -106,12 +110,22 @@ class ImageFileSequence(ImageFiles):
     """A drive of image files (`sequence.LocSequence`)."""
 
     ground_truth: Truth | None = None  #: True poses of RB in DS, or None.
-    #: Rectifies the left and right image; None if the files are rectified.
-    rectify: Rectify | None = None
+    rectifier: StereoRectifier | None = None  #: Rectifies the images; None if the files are rectified.
 
     def pairs(self) -> Iterator[StereoPair]:
         """Yield the pairs, with one pair in memory at a time."""
         depth = self.sample_depth()
         for entry in self.entries:
             pair = read_pair(entry, self.rig, depth)
-            yield pair if self.rectify is None else StereoPair(pair.stamp_ns, *self.rectify(pair.left, pair.right))
+            if self.rectifier is not None:
+                pair = StereoPair(pair.stamp_ns, *self.rectifier.rectify(pair.left, pair.right))
+            yield pair
+
+    def configured(self, path: Path, config: SourceConfig, recorded: RecordedTruth | None) -> ImageFileSequence:
+        """Return the drive of the source `path` with the extrinsics and the truth of the configuration.
+
+        Without extrinsics in the configuration, those of the files are kept. `recorded` is the truth in the files.
+        """
+        T_rb_sb = config.extrinsics.transform() or self.rig.T_rb_sb
+        truth = truth_of_data_set(path, recorded, config.truth)
+        return replace(self, rig=replace(self.rig, T_rb_sb=T_rb_sb), ground_truth=truth)
