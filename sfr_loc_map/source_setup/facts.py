@@ -14,7 +14,8 @@ from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Truth
-from sfr_loc_map.io.bag.bag import TOPICS_READ, Bag
+from sfr_loc_map.io.bag.bag import Bag
+from sfr_loc_map.io.bag.topic_names import TOPICS_READ
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig

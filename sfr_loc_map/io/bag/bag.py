@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 import logging
 import struct
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
@@ -15,10 +14,11 @@ from typing import Any
 from rosbags.rosbag1.reader import ReaderError as Ros1Error
 from rosbags.rosbag2.errors import ReaderError
 
-from sfr_loc_map.errors import ConfigError, InputError, SfrError, naming
+from sfr_loc_map.errors import InputError, SfrError, naming
 from sfr_loc_map.io.bag.encoding import TYPESTORE, readable
 from sfr_loc_map.io.bag.files import ZSTD_MAGIC, bag_files
 from sfr_loc_map.io.bag.readers import BagReader, message_count, messages_of_readers, opened_readers
+from sfr_loc_map.io.bag.topic_names import TopicNames
 from sfr_loc_map.message_stamps import NS_PER_S, serialised_stamp
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.message_types import (
@@ -35,10 +35,8 @@ from sfr_loc_map.message_types import (
     POSE_WITH_COVARIANCE,
     TRANSFORM,
 )
-from sfr_loc_map.topics import COMPRESSED_END, RECTIFIED, names
+from sfr_loc_map.topics import COMPRESSED_END, RECTIFIED
 
-TOPICS_READ = tuple(name.strip("/") for name in names(read=True))
-"""Names of the topics that are read from a bag, in any namespace."""
 STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, DISPARITY}
 """Types of the messages of pairs and results. `Bag.stream` yields these messages with the stamps of their headers."""
 HEADER_FIRST = STAMPED | {POSE_WITH_COVARIANCE, POINT, TRANSFORM, FIX, JOINTS}
@@ -87,12 +85,12 @@ class Bag:
             self.counts = {name: sum(c.msgcount for c in connections if c.topic == name) for name in self.topics}
         if not any(self.counts.values()):
             raise InputError(f"bag '{path}' has no messages: record it again")
-        self._names = self._names_by(remap or {})
+        self.names = TopicNames.of(self.topics, remap or {}, path)
 
     def renamed(self, remap: Mapping[str, str]) -> Bag:
         """Return a copy with topics renamed by `remap` alone; raise InputError or ConfigError if a name is wrong."""
         other = copy(self)
-        other._names = self._names_by(remap)
+        other.names = TopicNames.of(self.topics, remap, self.path)
         return other
 
     def stamped_by(self, stamps: str) -> Bag:
@@ -102,20 +100,8 @@ class Bag:
         return other
 
     def matches(self, name: str) -> list[str]:
-        """Return the names in the bag of the topics that match a name; a relative name matches in any namespace."""
-        if name.startswith("/"):
-            return [topic for topic in self._names if topic.strip("/") == name.strip("/")]
-        exact = [topic for topic, new in self._names.items() if new == name]
-        return exact or [topic for topic, new in self._names.items() if new.endswith("/" + name)]
-
-    def namespaces(self) -> dict[str, list[str]]:
-        """Return, by namespace, the names of `TOPICS_READ` that exactly one topic has, and not by remapping."""
-        found: dict[str, list[str]] = {}
-        for name in TOPICS_READ:
-            topics = self.matches(name)
-            if len(topics) == 1 and (topic := topics[0].strip("/")).endswith(f"/{name}"):
-                found.setdefault(topic.removesuffix(name).rstrip("/"), []).append(name)
-        return found
+        """Return the names in the bag of the topics that match a name (`TopicNames.matching`)."""
+        return self.names.matching(name)
 
     def find(self, name: str, *msgtypes: str) -> Topic | None:
         """Return the topic of a name (`matches`); None if absent.
@@ -206,28 +192,6 @@ class Bag:
                 f"bag '{self.path}' is truncated: {count} of {expected} messages could be read; copy it again"
             )
 
-    def _names_by(self, remap: Mapping[str, str]) -> dict[str, str]:
-        """Return the new name of each topic."""
-        wanted = {old.strip("/"): new.strip("/") for old, new in remap.items()}
-        names = {topic: topic.strip("/") for topic in self.topics}
-        for old, new in wanted.items():
-            if old not in names.values():
-                if new in names.values() and any(f"/{old}".endswith(f"/{name}") for name in TOPICS_READ):
-                    raise ConfigError(
-                        f"bag '{self.path}' has no topic '{old}' to remap to '{new}', but has a topic '{new}': "
-                        f"exchange both names (--remap {new}:={old}, or {old}: {new} in the section topics)"
-                    )
-                near = _near(old, sorted(self.topics))
-                raise InputError(
-                    f"bag '{self.path}' has no topic '{old}' to remap to '{new}': {near}; correct this name"
-                )
-            if not any(f"/{new}".endswith(f"/{name}") for name in TOPICS_READ):
-                raise ConfigError(
-                    f"'{old}' of bag '{self.path}' is remapped to '{new}', but no topic is read as '{new}': "
-                    f"{_near(new, TOPICS_READ)}; correct this name"
-                )
-        return {topic: wanted.get(name, name) for topic, name in names.items()}
-
     @contextmanager
     def _reading(self) -> Iterator[list[BagReader]]:
         """Open the files; any exception that corrupt data causes (KeyError, sqlite3.Error, ...) becomes InputError."""
@@ -248,11 +212,6 @@ def restamped(raw: bytes, stamp_ns: int) -> bytes:
     """Return a CDR message, which begins with a header, with another header stamp (XTypes 1.3, 7.4)."""
     order = "<" if raw[1] & 1 else ">"
     return raw[:4] + struct.pack(f"{order}iI", *divmod(stamp_ns, NS_PER_S)) + raw[12:]
-
-
-def _near(name: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(name, [item.strip("/") for item in known], n=3)
-    return (f"did you mean {alternatives(near)}? " if near else "") + f"the topics are {', '.join(known)}"
 
 
 def _line(error: Exception) -> str:

@@ -166,7 +166,7 @@ def open_bag(path: Path, config: SourceConfig = DEFAULT_SOURCE) -> Source:
             f"bag '{path}' has neither loc/left/image_rect nor nav/left/image_rect: it has "
             f"{', '.join(sorted(bag.topics))}; sfr info '{path}' --write proposes the topics"
         )
-    if len(namespaces := bag.namespaces()) > 1:
+    if len(namespaces := bag.names.namespaces()) > 1:
         listed = "; ".join(f"/{namespace}: {', '.join(names)}" for namespace, names in namespaces.items())
         _log.warning(
             f"bag '{path}': topics of several namespaces are read: {listed}: name the topics in section 'topics' of "
