@@ -6,10 +6,14 @@ from collections.abc import Iterator
 
 
 def mutations(content: object) -> Iterator[object]:
-    """Yield JSON values in which one value is replaced, or removed from its object."""
-    for other in (None, [], {}, "", 1, True, [{}], {"path": {}}):
-        if other != content:
-            yield other
+    """Yield JSON values in which one value is replaced, or removed from its object.
+
+    A value is replaced by null, by the empty value of its own type, and by a filled value of another type.
+    """
+    yield None
+    if content:
+        yield type(content)()
+    yield {"path": {}} if isinstance(content, list) else [{}]
     if isinstance(content, dict):
         for name, value in content.items():
             yield {key: item for key, item in content.items() if key != name}

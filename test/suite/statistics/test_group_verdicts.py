@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import pytest
 from msgspec.structs import replace
 
@@ -17,14 +19,17 @@ from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_o
 from sfr_loc_map.suite.statistics.pooling import DriveScore, pool
 
 
+@functools.cache
+def scored(seed: int, count: int = 60, condition: str = "distance=5") -> Score:
+    """Return the score of a random drive by one condition."""
+    truth, estimate = drive(seed, count=count)
+    return score_of(estimate, truth, TrajectoryScoreConfig(conditions=(condition,)))
+
+
 def test_a_limit_with_a_share_over_drives_by_each_interpretation() -> None:
-    """60 short drives prove 95 % with 95 %, one value a drive. No single drive does; one bad drive is too many."""
-    results = []
-    for number in range(60):
-        truth, estimate = drive(number, count=60)
-        score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
-        results.append(DriveScore(str(number), score))
-    terms = {"prob": 0.95, "confidence": 0.95}
+    """30 short drives prove 90 % with 95 %, one value a drive. No single drive does; one bad drive is too many."""
+    results = [DriveScore(str(number), scored(number)) for number in range(30)]
+    terms = {"prob": 0.9, "confidence": 0.95}
 
     def verdict(interpretation: str, chosen: list[DriveScore], limit: float = 10.0) -> GroupVerdict:
         entry = {**terms, "limit": limit, "interpretation": interpretation}
@@ -33,20 +38,20 @@ def test_a_limit_with_a_share_over_drives_by_each_interpretation() -> None:
         return found
 
     passed = verdict("ensemble", results)
-    assert (passed.state, passed.n, passed.missed_by, passed.over) == ("pass", 60, 0, "all drives")
+    assert (passed.state, passed.n, passed.missed_by, passed.over) == ("pass", 30, 0, "all drives")
     largest = sorted(float(sample_of(score, "position", "distance=5").sizes.max()) for _, score, _ in results)
     assert passed.value == pytest.approx(largest[-1])
     mixed = verdict("mixed", results)
-    assert (mixed.state, mixed.n) == ("pass", 60)
+    assert (mixed.state, mixed.n) == ("pass", 30)
     assert mixed.value <= passed.value
     one_bad = verdict("ensemble", results, limit=0.5 * (largest[-1] + largest[-2]))
     assert (one_bad.state, one_bad.missed_by) == ("not enough data", 1)
-    assert one_bad.proof.more > 30
+    assert one_bad.proof.more > 15
     assert verdict("ensemble", results, limit=0.0).state == "fail"
-    few = verdict("ensemble", results[:40])
-    assert (few.state, few.proof.more) == ("not enough data", 19)
-    repeats = verdict("ensemble", [*results[:40], *[result._replace(drive_key="0") for result in results[40:]]])
-    assert (repeats.state, repeats.n) == ("not enough data", 40), "repeats are one drive"
+    few = verdict("ensemble", results[:20])
+    assert (few.state, few.proof.more) == ("not enough data", 9)
+    repeats = verdict("ensemble", [*results[:20], *[result._replace(drive_key="0") for result in results[20:]]])
+    assert (repeats.state, repeats.n) == ("not enough data", 20), "repeats are one drive"
     assert verdict("temporal", results).state == "not enough data"
 
 
@@ -60,11 +65,7 @@ def group_of(limit: str, bound: object, results: list[DriveScore]) -> GroupVerdi
 
 @pytest.mark.parametrize("statistic", ["rmse", "p50", "p95", "p99", "max"])
 def test_a_limit_on_a_statistic_that_drives_do_not_pool_is_that_of_the_worst_drive(statistic: str) -> None:
-    results = []
-    for number in range(6):
-        truth, estimate = drive(number, count=200)
-        score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
-        results.append(DriveScore(str(number), score))
+    results = [DriveScore(str(number), scored(number, 200)) for number in range(4)]
     values = [score.number("position", statistic, condition="distance=5") for _, score, _ in results]
     for factor, state in ((1.01, "pass"), (0.99, "fail")):
         found = group_of(f"position_{statistic}_m", factor * max(values), results)
@@ -72,22 +73,20 @@ def test_a_limit_on_a_statistic_that_drives_do_not_pool_is_that_of_the_worst_dri
         missed = sum(value > factor * max(values) for value in values)
         assert (found.missed_by, found.n) == (missed, sum(score.figure("position").n for _, score, _ in results))
     repeats = group_of(f"position_{statistic}_m", 0.0, [*results, results[0]])
-    assert repeats.missed_by == 6, "a repeat is the same drive"
-    truth, estimate = drive(0, count=80)
-    short = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+    assert repeats.missed_by == 4, "a repeat is the same drive"
+    short = scored(0, 80)
     few = group_of(f"position_{statistic}_m", 10.0, [DriveScore("short", short)])
     assert (few.state, few.over) == ("not enough data", "worst drive"), short.figure("position").independent
 
 
 def test_a_bound_over_drives_within_the_error_of_the_truth_decides_nothing() -> None:
     results = []
-    for number in range(60):
-        truth, estimate = drive(number, count=60)
-        score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+    for number in range(30):
+        score = scored(number)
         exact = tuple(row for row in score.figures if row.figure != "truth_error")
         noisy = replace(score, figures=(*exact, figure_row("truth_error", value=0.01)))
         results.append(DriveScore(str(number), noisy))
-    terms = {"prob": 0.95, "confidence": 0.95, "interpretation": "ensemble"}
+    terms = {"prob": 0.9, "confidence": 0.95, "interpretation": "ensemble"}
     bound = group_of("position_bound_m", {**terms, "limit": 10.0}, results).value
     for beyond, state in ((0.02, "not enough data"), (0.04, "pass")):  # 1.96 sqrt(2) 0.01 m
         found = group_of("position_bound_m", {**terms, "limit": bound + beyond}, results)
@@ -97,11 +96,7 @@ def test_a_bound_over_drives_within_the_error_of_the_truth_decides_nothing() -> 
 @pytest.mark.parametrize("interpretation", ["ensemble", "mixed", "temporal"])
 @pytest.mark.parametrize("lack", ["short", "unknown", "thinned"])
 def test_a_drive_that_lacks_errors_makes_a_proof_incomplete(interpretation: str, lack: str) -> None:
-    settings = TrajectoryScoreConfig(conditions=("distance=1",))
-    results = [
-        DriveScore(str(number), score_of(estimate, truth, settings))
-        for number, (truth, estimate) in enumerate(drive(number, count=60) for number in range(12))
-    ]
+    results = [DriveScore(str(number), scored(number, condition="distance=1")) for number in range(12)]
     terms = {"limit": 10.0, "prob": 0.5, "confidence": 0.5, "interpretation": interpretation}
     limits = parse_limits({"trajectory": [{"condition": "distance=1", "position_bound_m": terms}]}, "limits")
     assert [item.state for item in verdicts_over(limits, results, ())] == ["pass"]
@@ -112,8 +107,7 @@ def test_a_drive_that_lacks_errors_makes_a_proof_incomplete(interpretation: str,
 def lacking(score: Score, lack: str) -> Score:
     """A score without sub-trajectories, with an unknown error, or with a part of the errors."""
     if lack == "short":
-        truth, estimate = drive(0, count=2)
-        return score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=1",)))
+        return scored(0, 2, "distance=1")
     errors = score.all_errors("position", "distance=1")
     details = replace(score.details, trajectory=replace(score.details.trajectory, sub_trajectories=()))
     columns = tuple((None, *values[1:]) for values in errors.T.tolist())
@@ -123,8 +117,7 @@ def lacking(score: Score, lack: str) -> Score:
 
 def test_a_sequential_test_ends_before_a_drive_that_lacks_errors() -> None:
     """The test passes after 6 drives: a drive that lacks errors prevents the decision only if it is one of them."""
-    settings = TrajectoryScoreConfig(conditions=("distance=1",))
-    scores = [score_of(estimate, truth, settings) for truth, estimate in (drive(k, count=60) for k in range(12))]
+    scores = [scored(number, condition="distance=1") for number in range(12)]
     terms = {"limit": 10.0, "prob": 0.75, "confidence": 0.75, "power": 0.75, "good": 0.05, "interpretation": "ensemble"}
     limits = parse_limits({"trajectory": [{"condition": "distance=1", "position_bound_m": terms}]}, "limits")
     for number, state in ((3, "incomplete"), (9, "pass")):
@@ -139,9 +132,7 @@ def test_a_sequential_test_ends_before_a_drive_that_lacks_errors() -> None:
 def test_drives_of_two_items_under_test_have_no_common_verdict(methods: tuple[str, str], state: str | None) -> None:
     results = []
     for number, name in enumerate(methods):
-        truth, estimate = drive(number, count=60)
         method = MethodRecord(name=name, version="1", kind=MethodKind.PYTHON)
-        score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
-        results.append(DriveScore(str(number), replace(score, method=method)))
+        results.append(DriveScore(str(number), replace(scored(number), method=method)))
     found = {verdict.name: verdict.state for verdict in verdicts_over(None, results, ())}
     assert found.get("items_under_test_max") == state
