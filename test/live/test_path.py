@@ -10,13 +10,21 @@ import pytest
 
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.live.path import MAX_ROWS, LivePath
+from sfr_loc_map.live.path import LivePath
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PoseSample, PublishedScore, Track
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.figures.records import Association, Provenance
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
+
+MAX_ROWS = 400
+
+
+@pytest.fixture
+def short_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A path of at most `MAX_ROWS` rows, a tenth of the usual number."""
+    monkeypatch.setattr("sfr_loc_map.live.path.MAX_ROWS", MAX_ROWS)
 
 
 def pose(track: Track, number: float, transform: Transform, variance: float = 1e-4) -> PoseSample:
@@ -136,6 +144,7 @@ def test_late_poses_begin_no_run_on_the_page_because_they_begin_none_in_the_moni
     assert not [event for event in state.events_to_plain() if event["kind"] == "clock"]
 
 
+@pytest.mark.usefixtures("short_path")
 def test_the_last_pose_is_shown_also_if_the_path_is_thinned() -> None:
     """A long path keeps every second pose and a short loss; the pose that is displayed is the last received one."""
     state = LiveState()
@@ -154,19 +163,22 @@ def test_the_last_pose_is_shown_also_if_the_path_is_thinned() -> None:
     assert state.path.newest.n == last
 
 
+@pytest.mark.usefixtures("short_path")
 @pytest.mark.parametrize("lost_count", [MAX_ROWS, 5 * MAX_ROWS])
 def test_a_long_loss_leaves_room_for_later_poses(lost_count: int) -> None:
     """The path shows the poses after a loss of an hour as densely as the poses before the loss."""
-    path, found_count = LivePath(), 1000
+    path = LivePath()
+    found_count = MAX_ROWS // 4
     for number in range(2 * found_count + lost_count):
         is_lost = found_count <= number < found_count + lost_count
         path.add(pose(Track.ESTIMATE, number, drive(number), LOST_VARIANCE if is_lost else 1e-4))
     before, after = ([row for row in path.rows if (row.n < found_count) is is_before] for is_before in (True, False))
     shown = len([row for row in after if not row.lost])
-    assert len(before) > 50
+    assert len(before) > 5
     assert shown == pytest.approx(len(before), abs=2)
 
 
+@pytest.mark.usefixtures("short_path")
 def test_a_thinned_path_is_bounded_and_shows_each_short_loss() -> None:
     path, lost = LivePath(), {MAX_ROWS // 2, 3 * MAX_ROWS}
     for number in range(4 * MAX_ROWS):

@@ -46,9 +46,11 @@ def test_a_planned_group_without_a_result_is_undecided(tmp_path: Path) -> None:
     parsed = parse_limits(limits, "limits")
     reader = ResultReader(store, parsed)
     states = []
-    for job in (*clean, *faulty):
-        truth, estimate = drive(int(job.source.sha256), count=60)
-        save_score(store, job, score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",))))
+    config = TrajectoryScoreConfig(conditions=("distance=5",))
+    drives = [drive(number, count=60) for number in range(len(sources))]
+    scores = [score_of(estimate, truth, config) for truth, estimate in drives]
+    for job, score in zip((*clean, *faulty), scores * 2, strict=True):
+        save_score(store, job, score)
         states.append(is_suite_decided(store.jobs, reader.results_of(store.jobs), parsed))
         if job is clean[-1]:
             found = summarise(store)
