@@ -57,6 +57,8 @@ MAX_IMAGE_BYTES = 512 * MB
 MAX_CLOUD_BYTES = 4096 * MB
 MAX_TABLE_BYTES = 256 * MB  #: Maximum size of a text table: a trajectory of 1.5 million poses.
 MAX_TABLE_LINES = 4_000_000
+MAX_INVALID = 0.1
+"""Largest fraction of the rows, messages or poses of an input that are skipped as invalid, stray or out of order."""
 MAX_LINE_BYTES = 64_000
 BLOCK_BYTES = 4 * MB
 """Approximate size, bytes, of the blocks of whole lines in which tables are read, to limit memory."""

@@ -23,25 +23,17 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import expansion_limit
 from sfr_loc_map.io.bag.encoding import cdr_of_ros1, is_ros1, readable
 from sfr_loc_map.io.bag.files import MCAP_MAGIC, is_unfinished
-from sfr_loc_map.io.bag.mcap_format import (
-    CHANNEL,
-    CHUNK,
-    CHUNK_HEAD,
-    CHUNK_INDEX,
-    DATA_END,
-    FOOTER,
-    FOOTER_BYTES,
-    FOOTER_SIZE,
-    HEADER,
-    MESSAGE,
-    MESSAGE_HEAD,
-    RECORD_HEAD,
-    SCHEMA,
-    STATISTICS,
-)
 from sfr_loc_map.io.bag.unpacking import unpack_lz4, unpack_zstd
 from sfr_loc_map.json_yaml import parse_yaml
 
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06  #: Opcodes of records.
+CHUNK_INDEX, STATISTICS, DATA_END = 0x08, 0x0B, 0x0F
+RECORD_HEAD = struct.Struct("<BQ")  #: Opcode and length of a record.
+MESSAGE_HEAD = struct.Struct("<HIQQ")  #: Channel, sequence, time of recording, time of publishing.
+CHUNK_HEAD = struct.Struct("<QQQI")  #: First and last time, size and checksum (CRC-32) of the content.
+CHECKSUM_BYTES = 4
+FOOTER_BYTES = 20  #: Offset of the summary, offset of the list of its parts, and a checksum.
+FOOTER_SIZE = RECORD_HEAD.size + FOOTER_BYTES
 LATEST_NS = 2**63 - 1  #: Largest time of recording.
 NO_MESSAGES = ReaderMetadata(
     duration=0,

@@ -27,7 +27,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.files import MCAP_MAGIC
-from sfr_loc_map.io.bag.mcap_format import CHECKSUM_BYTES, CHUNK_HEAD, DATA_END, FOOTER, FOOTER_BYTES, RECORD_HEAD
+from sfr_loc_map.io.bag.mcap_file import CHECKSUM_BYTES, CHUNK_HEAD, DATA_END, FOOTER, FOOTER_BYTES, RECORD_HEAD
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.suite_names import SIDES, Task
 from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE, RECTIFIED, TRUE_POINTS, TRUE_POSES

@@ -141,7 +141,7 @@ def rig_from_projections(
         return StereoRig(*size, fx, fy, cx, cy, baseline_m)
 
 
-def check_projection(p: FloatArray, where: str) -> None:
+def check_projection(p: FloatArray, where: str, advice: str = "correct the calibration") -> None:
     """Raise InputError unless P `(12,)` is that of a rectified camera. P of an uncalibrated camera is zero."""
     found = ""
     p_matrix = p.reshape(3, 4)
@@ -150,7 +150,4 @@ def check_projection(p: FloatArray, where: str) -> None:
     elif np.abs(p_matrix[[0, 1, 2, 2, 2, 1, 2], [1, 0, 0, 1, 3, 3, 2]] - [0, 0, 0, 0, 0, 0, 1]).max() > TOLERANCE:
         found = "projection p is not that of a rectified left or right camera"
     if found:
-        raise InputError(
-            f"{where} is non-rectified ({found}): give rectified images and their camera_info, or raw images on "
-            "image_raw (nodes: parameter input.rectify)"
-        )
+        raise InputError(f"{where} is non-rectified ({found}): {advice}")

@@ -82,7 +82,12 @@ def _side_by_side(name: str, cameras: list[PosedCamera], names: list[str]) -> Ca
             f"{name}: {names[1]} is to the right of {names[0]}: the images of {names[0]} must be the left ones"
         )
     left, right = names
-    return CameraPair(*with_rectification(name, *cameras), f"{name}, {left} and {right}", names=(left, right))
+    return CameraPair(
+        *with_rectification(name, *cameras),
+        f"{name}, {left} and {right}",
+        T_body_left=cameras[0].T_body_cam,
+        names=(left, right),
+    )
 
 
 def _two_files(opened: OpenedFile, one: str, other: str) -> list[Path]:
@@ -219,8 +224,13 @@ class _SensorYaml(SensorPose):
     distortion_coefficients: Annotated[tuple[float, ...], msgspec.Meta(max_length=8)] = (0.0,) * 4
 
 
-def read_sensor_yaml(path: Path) -> PosedCamera:
-    """Read the sensor.yaml of an EuRoC camera."""
+def euroc_pair(files: Sequence[Path]) -> CameraPair:
+    """Read the two sensor.yaml of EuRoC cameras."""
+    cameras = [_euroc_camera(path) for path in files]
+    return _side_by_side("EuRoC", cameras, [f"'{path.parent.name}/{path.name}'" for path in files])
+
+
+def _euroc_camera(path: Path) -> PosedCamera:
     with refusing(f"'{path}' is not a sensor.yaml of an EuRoC camera"):
         content = parse_opencv_yaml(read_text(path))
         camera = converted(content, _SensorYaml)
@@ -229,9 +239,7 @@ def read_sensor_yaml(path: Path) -> PosedCamera:
 
 
 def _euroc(opened: OpenedFile) -> CameraPair:
-    files = _two_files(opened, "cam0", "cam1")
-    cameras = [read_sensor_yaml(path) for path in files]
-    return _side_by_side("EuRoC", cameras, [f"'{path.parent.name}/{path.name}'" for path in files])
+    return euroc_pair(_two_files(opened, "cam0", "cam1"))
 
 
 # ---- ORB-SLAM
@@ -325,34 +333,47 @@ def _is_kannala_brandt(content: Mapping[str, Any]) -> bool:
 
 def _opencv(opened: OpenedFile) -> CameraPair:
     """Read M1, D1, M2, D2 with R1, P1, R2, P2, or else with R and T, from one file or two."""
+    where = f"calibration '{opened.file}'"
     files = [opened.file, *([opened.other] if opened.other else [])]
     values = _opencv_values(files)
     text = "OpenCV " + " and ".join(f"'{file.name}'" for file in files)
-    stated = _states_fisheye(values)
-    is_fisheye = bool(stated)
     ks = [numbers_of(values, f"M{n}", f"K{n}", f"cameraMatrix{n}") for n in (1, 2)]
     for k in ks:
-        check_camera_matrix(k, f"calibration '{opened.file}'")
+        check_camera_matrix(k, where)
     size = size_of(values, opened.size)
     if stated_size(values) is None:
-        check_centre(ks[0][2], ks[0][5], size, f"calibration '{opened.file}'")
+        check_centre(ks[0][2], ks[0][5], size, where)
     ds = [numbers_of(values, f"D{n}", f"distCoeffs{n}", f"distortion_coefficients_{n}") for n in (1, 2)]
-    if stated is None and all(len(d) == 4 and any(d) for d in ds):
-        _log.warning(
-            f"calibration '{opened.file}': 4 distortion coefficients are read as k1, k2, p1, p2: if they are those of "
-            "cv::fisheye, add 'fisheye: 1' to the file; if not, add 'fisheye: 0'"
-        )
+    is_fisheye = _is_fisheye(values, ds, where)
+    lenses = [_OpenCvLens(size, _lens(d, is_fisheye), k, d) for k, d in zip(ks, ds, strict=True)]
     if values.keys() >= {"r1", "r2", "p1", "p2"}:
-        left, right = (
-            RectifiableCamera(
-                size, _lens(d, is_fisheye), d, k, numbers_of(values, f"R{n}"), numbers_of(values, f"P{n}")
-            ).checked(text)
-            for n, k, d in zip((1, 2), ks, ds, strict=True)
-        )
-        if "t" in values:
-            of_p_m = (left.p[3] - right.p[3]) / right.p[0]
-            check_one_baseline({"T": float(np.linalg.norm(numbers_of(values, "T"))), "P2": of_p_m})
-        return CameraPair(left, right, text)
+        return _opencv_rectified(values, lenses, text)
+    return _opencv_posed(values, lenses, text)
+
+
+class _OpenCvLens(NamedTuple):
+    """A camera of a file of OpenCV without its pose: size of the images, model, camera matrix and distortion."""
+
+    size: tuple[int, int]
+    model: str
+    k: tuple[float, ...]
+    d: tuple[float, ...]
+
+
+def _opencv_rectified(values: Mapping[str, Any], lenses: Sequence[_OpenCvLens], text: str) -> CameraPair:
+    """Return the pair whose file has R and P of both cameras, as stereoRectify gives them."""
+    left, right = (
+        RectifiableCamera(size, model, d, k, numbers_of(values, f"R{n}"), numbers_of(values, f"P{n}")).checked(text)
+        for n, (size, model, k, d) in enumerate(lenses, 1)
+    )
+    if "t" in values:
+        of_p_m = (left.p[3] - right.p[3]) / right.p[0]
+        check_one_baseline({"T": float(np.linalg.norm(numbers_of(values, "T"))), "P2": of_p_m})
+    return CameraPair(left, right, text)
+
+
+def _opencv_posed(values: Mapping[str, Any], lenses: Sequence[_OpenCvLens], text: str) -> CameraPair:
+    """Return the pair whose file has R and T between the cameras, as stereoCalibrate gives them."""
     rotation, translation = (np.array(numbers_of(values, name)) for name in ("R", "T"))
     for name, numbers, counts in (("R", rotation, (3, 9)), ("T", translation, (3,))):
         if len(numbers) not in counts:
@@ -361,11 +382,11 @@ def _opencv(opened: OpenedFile) -> CameraPair:
             )
     matrix = matrix_from_rotvec(rotation) if len(rotation) == 3 else rotation.reshape(3, 3)
     T_right_left = Transform.from_matrix(np.c_[matrix, translation])
-    cameras = [
-        PosedCamera(size, (k[0], k[4], k[2], k[5]), d, pose, _lens(d, is_fisheye))
-        for k, d, pose in zip(ks, ds, (Transform.identity(), T_right_left.inverse()), strict=True)
-    ]
-    return CameraPair(*with_rectification(text, *cameras), text)
+    left, right = (
+        PosedCamera(size, (k[0], k[4], k[2], k[5]), d, pose, model)
+        for (size, model, k, d), pose in zip(lenses, (Transform.identity(), T_right_left.inverse()), strict=True)
+    )
+    return CameraPair(*with_rectification(text, left, right), text)
 
 
 def _opencv_values(files: Sequence[Path]) -> dict[str, Any]:
@@ -390,13 +411,21 @@ def _is_read(name: str) -> bool:
     return is_matrix or name in (*MODEL_NAMES, *IMAGE_SIZES) or "fisheye" in name
 
 
-def _states_fisheye(values: Mapping[str, Any]) -> bool | None:
-    """Return whether a flag (`fisheye: 1`) or a model in the file states a fisheye lens; None if it has neither."""
+def _is_fisheye(values: Mapping[str, Any], ds: Sequence[Sequence[float]], where: str) -> bool:
+    """Return whether a flag (`fisheye: 1`) or a model in a file of OpenCV states a fisheye lens.
+
+    A warning reports coefficients `ds` of both cameras that may be those of either lens, if the file has neither.
+    """
     stated = [value for name, value in values.items() if "fisheye" in name]
     flags = [not are_equal(value, 0) and not are_equal(value, "false") for value in stated]
     models = [str(values[name]).lower() for name in MODEL_NAMES if name in values]
     found = [*flags, *(True for model in models if re.search(r"fisheye|\bequi", model))]
-    return any(found) if found else None
+    if not found and all(len(d) == 4 and any(d) for d in ds):
+        _log.warning(
+            f"{where}: 4 distortion coefficients are read as k1, k2, p1, p2: if they are those of cv::fisheye, add "
+            "'fisheye: 1' to the file; if not, add 'fisheye: 0'"
+        )
+    return any(found)
 
 
 # ---- ROS

@@ -25,6 +25,9 @@ from sfr_loc_map.message_text import alternatives
 
 COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
 """Supported distortion models, and the numbers of coefficients that each may have."""
+RECTIFIED_ADVICE = (
+    "give rectified images and their camera_info, or raw images on image_raw (nodes: parameter input.rectify)"
+)
 FISHEYE = ("equidistant", "fisheye")
 MAX_ROTATION_DEFECT = 1e-3  #: Largest accepted entry of R R^T - I.
 MIN_VALID = 0.25  #: Smallest accepted fraction of a rectified image that raw pixels cover.
@@ -58,9 +61,12 @@ class RectifiableCamera:
     def of_rectified_info(cls, name: str, info: Any) -> RectifiableCamera:  # noqa: ANN401 - a CameraInfo of any library
         """Return the camera of rectified images from P in a message; D, K and R belong to the raw image.
 
-        `name` is the topic. InputError for binning or a region of interest, to which P does not apply.
+        `name` is the topic. InputError for binning or a region of interest, to which P does not apply, and for a P that
+        is not that of a rectified camera.
         """
-        return cls.of_rectified(size_of_full_images(name, info), np.asarray(info.p, np.float64))
+        size, p = size_of_full_images(name, info), np.asarray(info.p, np.float64)
+        check_projection(p, name, RECTIFIED_ADVICE)
+        return cls.of_rectified(size, p)
 
     @classmethod
     def of(cls, name: str, info: Any) -> RectifiableCamera:  # noqa: ANN401 - a CameraInfo of any library

@@ -42,6 +42,7 @@ class CameraPair(NamedTuple):
     right: RectifiableCamera
     text: str  #: Program, file, left and right camera: `Kalibr 'camchain.yaml', cam0 and cam1`.
     T_rb_sb: Transform | None = None  #: Pose of the rig in RB, if the file has it.
+    T_body_left: Transform | None = None  #: Pose of the left camera, before rectification, in the body of the file.
     names: tuple[str, str] | None = None
     """Names of the left and the right camera (`cam1`, `cam0`), if the geometry determines which camera is left."""
 
@@ -232,8 +233,10 @@ def _coverage_problem(
     return ""
 
 
-def pose_of_rig(left: PosedCamera, rectified: RectifiableCamera, rig: StereoRig) -> Transform:
-    """Return the pose of a rectified rig in the body; `rectified` is the left camera with its R and P."""
-    T_body_left = Transform(left.T_body_cam.rotation @ np.reshape(rectified.r, (3, 3)).T, left.T_body_cam.translation)
-    T_body_sb = T_body_left @ rig.T_sb_left.inverse()
+def pose_of_rig(pair: CameraPair, rig: StereoRig) -> Transform | None:
+    """Return the pose of the rectified rig of two cameras in the body of their file; None if the file has no body."""
+    if pair.T_body_left is None:
+        return None
+    R_body_left = pair.T_body_left.rotation @ np.reshape(pair.left.r, (3, 3)).T
+    T_body_sb = Transform(R_body_left, pair.T_body_left.translation) @ rig.T_sb_left.inverse()
     return Transform.from_quat(T_body_sb.translation, T_body_sb.quat_xyzw)

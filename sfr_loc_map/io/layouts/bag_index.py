@@ -15,7 +15,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import refusing
+from sfr_loc_map.inputs import MAX_INVALID, refusing
 from sfr_loc_map.io.bag.bag import Bag, Topic, restamped
 from sfr_loc_map.io.bag.frames import pose_of
 from sfr_loc_map.io.layouts.bag_cameras import BagCameras, CameraTopics, require_topic
@@ -26,8 +26,6 @@ from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
 from sfr_loc_map.message_types import POINTS, POSE
 from sfr_loc_map.stamp_pairing import match_stamps
 from sfr_loc_map.topics import NAV_POSE, TRUE_POINTS
-
-MAX_UNORDERED = 0.1  #: Largest fraction of messages that are ignored because their stamps do not increase.
 
 _log = logging.getLogger(__name__)
 
@@ -150,7 +148,7 @@ def _increasing(stamps_ns: Sequence[int], where: str) -> list[int]:
     is_later = np.ones(len(stamps), np.bool_)
     is_later[1:] = stamps[1:] > np.maximum.accumulate(stamps)[:-1]
     ignored = int(np.count_nonzero(~is_later))
-    if ignored > MAX_UNORDERED * len(stamps):
+    if ignored > MAX_INVALID * len(stamps):
         check_stamp_order(stamps, where, strict=True)
     if ignored:
         _log.warning(

@@ -16,13 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
+from sfr_loc_map.errors import naming
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.calibration.opened_file import parse_opencv_yaml
-from sfr_loc_map.io.calibration.programs import SensorPose, read_sensor_yaml
+from sfr_loc_map.io.calibration.programs import SensorPose, euroc_pair
 from sfr_loc_map.io.calibration.rectification import StereoRectifier
-from sfr_loc_map.io.calibration.stereo_calibration import CameraPair, calibrated, pose_of_rig, with_rectification
+from sfr_loc_map.io.calibration.stereo_calibration import calibrated, pose_of_rig
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.layouts.image_files import ImageFileSequence, ImagePair, complete_pairs
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
@@ -65,11 +66,12 @@ def open_euroc(path: Path, config: SourceConfig) -> Source:
 def _rig_of(folder: Path) -> tuple[StereoRig, StereoRectifier | None]:
     """Return the rectified rig, with its pose in B, and its rectifier; None if the images are rectified."""
     name = f"'{folder}'"
-    left, right = (read_sensor_yaml(folder / camera / "sensor.yaml") for camera in CAMERAS)
-    cameras = with_rectification(name, left, right)
-    found = calibrated(CameraPair(*cameras, "EuRoC"), name)
+    with naming(folder):
+        pair = euroc_pair([folder / camera / "sensor.yaml" for camera in CAMERAS])
+        pair.check_images(*CAMERAS, "Correct T_BS in sensor.yaml, or exchange the names of both folders")
+    found = calibrated(pair, name)
     with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
-        return replace(found.rig, T_rb_sb=pose_of_rig(left, cameras[0], found.rig)), found.rectifier
+        return replace(found.rig, T_rb_sb=pose_of_rig(pair, found.rig)), found.rectifier
 
 
 def _load_truth(folder: Path) -> RecordedTruth | None:

@@ -1,9 +1,10 @@
 """Checks of true paths: which poses are possible given the others, and which components are known.
 
-The checks apply to every file and topic. An impossible pose has a stray stamp or an unreachable position; it is ignored
-and counted. `geometry.plausibility` has already decided whether each single pose is valid. An attitude that never
-changes along a path that turns is the placeholder of a position tracker (GNSS, prism); only the positions are then
-kept. A height that never changes, or zero roll and pitch, along such a path are placeholders of a planar source.
+The checks apply to every file and topic. An impossible pose has a stray stamp or an unreachable position. It is ignored
+and counted; if more than `MAX_INVALID` of the poses are impossible, all are kept, and this is reported.
+`geometry.plausibility` has already decided whether each single pose is valid. An attitude that never changes along a
+path that turns is the placeholder of a position tracker (GNSS, prism); only the positions are then kept. A height that
+never changes, or zero roll and pitch, along such a path are placeholders of a planar source.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import MAX_INVALID
 from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_stamps import NS_PER_S
@@ -28,7 +30,6 @@ MIN_JUMP_M = 1.0  #: Smallest jump, m. Smaller jumps may be position noise at tw
 JUMPS_PER_STEP = 20.0  #: Smallest ratio of a jump to the median step of the path: rovers pause and accelerate.
 MIN_STAMPS = 3  #: Smallest number of stamps for the detection of stray stamps.
 MIN_POSITIONS = 4  #: Smallest number of positions for the detection of jumps.
-MAX_STRAY = 0.1  #: Largest fraction of poses that is ignored as stray. If it is exceeded, all are kept and reported.
 STRAY_S = 86_400.0  #: A stray stamp is more than a day, s, and twice the drive's duration from the median stamp.
 SAME_ATTITUDE = 1e-6  #: Largest quaternion component x or y if roll and pitch are zero; files round to 1e-6.
 HELD_ATTITUDE = 5e-4  #: Largest change of a component of a constant quaternion: 0.06 deg, less than any vehicle.
@@ -48,10 +49,10 @@ def stray_stamps(stamps_ns: IntArray) -> Mask:
     if len(stamps_ns) < MIN_STAMPS:
         return np.zeros(len(stamps_ns), np.bool_)
     middle = int(np.partition(stamps_ns, len(stamps_ns) // 2)[len(stamps_ns) // 2])
-    low, high = np.quantile(stamps_ns.astype(np.float64) - middle, (MAX_STRAY, 1.0 - MAX_STRAY))
+    low, high = np.quantile(stamps_ns.astype(np.float64) - middle, (MAX_INVALID, 1.0 - MAX_INVALID))
     limit = max(STRAY_S * NS_PER_S, 2.0 * (high - low))
     away = np.abs(stamps_ns.astype(np.float64) - middle) > limit
-    return away if away.mean() <= MAX_STRAY else np.zeros(len(stamps_ns), np.bool_)
+    return away if away.mean() <= MAX_INVALID else np.zeros(len(stamps_ns), np.bool_)
 
 
 def check_clock(stamps_ns: IntArray, name: str) -> None:
@@ -93,7 +94,7 @@ def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:
 
 
 def are_too_fast(stamps_ns: IntArray, positions: FloatArray) -> bool:
-    """Return whether more than `MAX_STRAY` of the steps between positions `(N, 3)`, m, exceed `MAX_SPEED_M_PER_S`.
+    """Return whether more than `MAX_INVALID` of the steps between positions `(N, 3)`, m, exceed `MAX_SPEED_M_PER_S`.
 
     The positions are then in another unit, or those of several bodies. Steps below `MIN_JUMP_M` may be noise.
     """
@@ -101,7 +102,7 @@ def are_too_fast(stamps_ns: IntArray, positions: FloatArray) -> bool:
         return False
     steps_m = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     reach_m = MAX_SPEED_M_PER_S * np.abs(np.diff(stamps_ns)) / NS_PER_S
-    return bool((steps_m > np.maximum(MIN_JUMP_M, reach_m)).mean() > MAX_STRAY)
+    return bool((steps_m > np.maximum(MIN_JUMP_M, reach_m)).mean() > MAX_INVALID)
 
 
 def has_constant_attitude(poses: Trajectory) -> bool:
@@ -115,7 +116,7 @@ def has_constant_attitude(poses: Trajectory) -> bool:
     largest = int(np.argmax(np.abs(quats[len(quats) // 2])))
     upright = quats * np.where(quats[:, largest] < 0.0, -1.0, 1.0)[:, None]  # q and -q are the same attitude
     is_held: Mask = np.all(np.abs(upright - np.median(upright, axis=0)) <= HELD_ATTITUDE, axis=1)
-    return bool(is_held.mean() >= 1.0 - MAX_STRAY) and path_turns(poses.positions)
+    return bool(is_held.mean() >= 1.0 - MAX_INVALID) and path_turns(poses.positions)
 
 
 def first_at_each_place(positions: FloatArray) -> IntArray:
@@ -169,15 +170,15 @@ def possible_poses(poses: Trajectory) -> tuple[Mask, tuple[str, ...]]:
         findings.append(f"{_of(~kept)} poses have stamps that are 0 or days away from the others: ignored")
     rows = np.flatnonzero(kept)
     jumping = jumping_positions(poses.stamps_ns[rows], poses.positions[rows])
-    is_ambiguous = bool(len(rows)) and float(jumping.mean()) > MAX_STRAY
+    is_ambiguous = bool(len(rows)) and float(jumping.mean()) > MAX_INVALID
     if jumping.any() and not is_ambiguous:
         text = f"poses require speeds of more than {MAX_SPEED_M_PER_S:g} m/s: ignored"
         findings.append(f"{_of(jumping)} {text}")
         kept[rows[jumping]] = False
     if is_ambiguous or are_too_fast(poses.stamps_ns[kept], poses.positions[kept]):
         findings.append(
-            f"more than {100.0 * MAX_STRAY:g} % of the poses require speeds of more than {MAX_SPEED_M_PER_S:g} m/s and "
-            "are kept: verify the units of the positions and stamps, and that all poses are of one body"
+            f"more than {100.0 * MAX_INVALID:g} % of the poses require speeds of more than {MAX_SPEED_M_PER_S:g} m/s "
+            "and are kept: verify the units of the positions and stamps, and that all poses are of one body"
         )
     return kept, tuple(findings)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.inputs import read_table_text, split_lines
+from sfr_loc_map.inputs import MAX_INVALID, read_table_text, split_lines
 from sfr_loc_map.io.tables.cells.cell_grid import CellGrid
 from sfr_loc_map.io.tables.cells.decimal_marks import DecimalMarks
 from sfr_loc_map.io.tables.cells.number_text import parse_number
@@ -31,7 +31,6 @@ _COMMENTS = tuple(sign.encode() for sign in COMMENTS)
 _NUMBER_STARTS = np.frombuffer(b"+-.0123456789", np.uint8)
 _SPACES = np.frombuffer(b" \t\v\f", np.uint8)
 NO_VALUE = ("", "nan", "null", "none", "-")  #: Spellings of a missing value, in lower case.
-MAX_INVALID = 0.1  #: Largest fraction of invalid rows that are skipped.
 
 
 def read_lines(path: Path) -> list[str]:

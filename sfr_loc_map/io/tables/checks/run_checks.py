@@ -6,8 +6,8 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.inputs import MAX_INVALID
 
-MAX_REPEATED = 0.1  #: Largest fraction of poses with the stamp of another pose that may be those of one body.
 MAX_EQUAL = 2  #: Largest mean number of poses with one stamp; some tools write each pose twice.
 SAME_PLACE_M = 0.01  #: Largest distance of positions at equal stamps that may be noise, m.
 APART_STEPS = 5.0  #: Smallest distance of two bodies, as a multiple of the median step between different stamps.
@@ -61,10 +61,13 @@ def _check_one_run(name: str, lines: IntArray, stamps_ns: IntArray) -> None:
 
 
 def _check_one_body(name: str, lines: IntArray, stamps_ns: IntArray, positions: FloatArray) -> None:
-    """Raise InputError if positions `(N, 3)` with equal stamps are apart, as those of two bodies."""
+    """Raise InputError if positions `(N, 3)` with equal stamps are apart, as those of two bodies.
+
+    Up to `MAX_INVALID` of the poses may have the stamp of another pose.
+    """
     order = np.argsort(stamps_ns, kind="stable")
     is_equal = np.diff(stamps_ns[order]) == 0
-    if np.count_nonzero(is_equal) <= MAX_REPEATED * len(order):
+    if np.count_nonzero(is_equal) <= MAX_INVALID * len(order):
         return
     ordered = positions[order]
     apart_m = np.linalg.norm(np.diff(ordered, axis=0), axis=1)[is_equal]

@@ -13,6 +13,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.plausibility import plausible_attitudes, plausible_rotations
+from sfr_loc_map.inputs import MAX_INVALID
 from sfr_loc_map.io.tables.columns.header_columns import unknown_header, without_names
 from sfr_loc_map.io.tables.columns.pose_columns import (
     FRAME,
@@ -69,7 +70,7 @@ LAYOUTS = (
 )
 """All supported layouts without a header; docs/formats.md contains the same table."""
 SMALLEST_STAMP = 1e7  #: Smaller integers are frame numbers, without a unit.
-FIT = 0.9  #: Minimum fraction of rows that must fit a layout; the others are invalid rows.
+FIT = 1.0 - MAX_INVALID  #: Minimum fraction of rows that must fit a layout; the others are invalid rows.
 HALF_FIT = 0.5  #: Minimum fraction if no layout reaches `FIT`, so that error messages can name the invalid rows.
 
 

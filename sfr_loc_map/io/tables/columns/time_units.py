@@ -12,14 +12,14 @@ from sfr_loc_map.io.tables.cells.number_text import is_number, number_or_nan
 from sfr_loc_map.io.tables.cells.stamp_text import NANOSECOND_DIGITS, TIMES, UTC_UNIT, is_time
 from sfr_loc_map.message_stamps import NS_PER_S
 
-EARLIEST_CLOCK_S = 3e8  #: Stamps of clocks are in 1979 or later; smaller stamps count from the start of a program.
-LATEST_CLOCK_S = 4.62e9  #: 146 years after 1970, the limit of stamps; larger numbers have a smaller unit.
-LONGEST_SENSOR_STEP = 10.0  #: Longest step of stamps from which seconds are inferred.
-SECONDS_OR_MILLISECONDS = 1.0
-"""Shortest step of stamps that is plausible for a sensor both in seconds and in milliseconds."""
-LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps in seconds.
-EARLIEST_DAY = 1e4  #: Days of Excel, MATLAB and Julian dates are larger numbers.
-LONGEST_STEP_DAY = 1e-4  #: Longest step of a sensor, days (9 s).
+EARLIEST_CLOCK_S = 3e8  #: Earliest time of a clock, s since 1970 (in 1979). Earlier stamps count from a start.
+LATEST_CLOCK_S = 4.62e9  #: Latest time of a clock, s since 1970 (in 2116). Larger numbers are not seconds.
+LONGEST_SENSOR_STEP = 10.0  #: Longest period of a sensor, s.
+AMBIGUOUS_STEP = 1.0
+"""Shortest ambiguous step of stamps with decimals: slow sensors have a period of 1 s, and fast ones of 1 ms."""
+LONGEST_STEP_S = 1000.0  #: Longest step between poses in a file whose format prescribes seconds, s.
+EARLIEST_DAY = 1e4  #: Smallest date in days: that of Excel in 1927; dates of MATLAB and Julian dates are larger.
+LONGEST_STEP_DAY = 1e-4  #: Longest period of a sensor, days (9 s).
 
 
 class UnitOrigin(Enum):
@@ -79,22 +79,22 @@ def inferred_time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
     step, has_decimals = figures.step, figures.has_decimals
     may_be_clock = figures.magnitude >= EARLIEST_CLOCK_S
     may_be_seconds = figures.magnitude <= LATEST_CLOCK_S
-    is_short = step <= LONGEST_STEP_S if is_seconds or may_be_clock else step < SECONDS_OR_MILLISECONDS
+    is_short = step <= LONGEST_STEP_S if is_seconds or may_be_clock else step < AMBIGUOUS_STEP
     are_days = figures.magnitude >= EARLIEST_DAY and not may_be_clock and 0.0 < step <= LONGEST_STEP_DAY
     rules = (
-        # a time of a clock, 1979 to 2116, is possible in only one unit
+        # a number that is a time of a clock, 1979 to 2116, in one of these units has this unit
         *((unit, figures.is_clock_in(unit)) for unit in ("ms", "us", "ns")),
-        # days of Excel, MATLAB or Julian dates
+        # dates in days, which are not supported
         ("", has_decimals and are_days),
-        # resolution of nanoseconds, or fractions of seconds
+        # nine decimals, or decimals and a plausible step
         ("s", may_be_seconds and figures.has_nine_decimals),
         ("s", may_be_seconds and has_decimals and is_short),
-        # whole numbers whose steps are those of a sensor, 1 ms to 10 s, in only one unit; milliseconds overlap with
-        # seconds and microseconds
+        # whole numbers whose step is the period of a sensor, 1 ms to 10 s, in only one unit; a step of milliseconds
+        # may also be one of seconds or of microseconds
         ("s", not has_decimals and step <= LONGEST_SENSOR_STEP and (is_seconds or may_be_clock)),
         ("us", not has_decimals and 1e4 < step <= 1e6),
         ("ns", not has_decimals and step > 1e7),
-        # a slow sensor, in a layout of seconds
+        # a slow sensor, in a format that prescribes seconds
         ("s", is_seconds and may_be_clock and step <= LONGEST_STEP_S),
     )
     return next((unit for unit, applies in rules if applies), "")
