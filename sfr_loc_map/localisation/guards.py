@@ -68,7 +68,7 @@ def check_images(pair: StereoPair, images: ImageComparison, *, has_map: bool) ->
         _found(Finding.IDENTICAL_IMAGES, show_one_image(pair))
         | _found(Finding.REPEATED_PAIR, images.is_repeated and has_map)
         | _found(Finding.FROZEN_IMAGE, images.is_one_frozen)
-        | _found(Finding.STALE_ROWS, bool(images.blanked_rows.any()))
+        | _found(Finding.STALE_ROWS, images.has_stale_rows)
     )
 
 

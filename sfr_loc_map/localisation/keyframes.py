@@ -119,15 +119,6 @@ class KeyframeMaker:
         self._is_large = rig.width * rig.height >= LARGE_IMAGE_PX
         self._max_corners = max_corners(rig, config)
 
-    def masks(self, ground_mask: ImageMask | None) -> tuple[ImageMask | None, ImageMask | None]:
-        """Return the masks of the left and the right image; None if nothing is masked."""
-        left = self._left_mask
-        if left is None:
-            return ground_mask, self._right_mask
-        if ground_mask is None:
-            return left, self._right_mask
-        return np.minimum(left, ground_mask), self._right_mask
-
     def is_needed(self, tracks: Tracks, landmark_map: LandmarkMap) -> bool:
         """Return whether few landmarks of the last keyframe are tracked, or the landmarks moved far in the image."""
         last_seen = tracks.landmarks.last_seen
@@ -193,7 +184,9 @@ class KeyframeMaker:
     ) -> tuple[SlidingWindow, OnlineCalibration]:
         """Add landmarks at new corners that are matched in stereo, away from those observed in the newest keyframe."""
         known = _observed_in_newest(window)
-        mask, right_mask = self.masks(ground_mask)
+        mask = self._left_mask if ground_mask is None else ground_mask
+        if self._left_mask is not None and ground_mask is not None:
+            mask = np.minimum(self._left_mask, ground_mask)
         corners = find_corners(frame.left[0].image, known[:, :2].copy(), self._max_corners, BORDER, mask)
         if not len(corners):
             return window, calibration
@@ -205,7 +198,7 @@ class KeyframeMaker:
             known,
             min(focal_baseline / MIN_DEPTH_M, MAX_DISPARITY_RATIO * self._rig.width),
             calibration.offset.v,
-            right_mask,
+            self._right_mask,
             own_slopes=self._is_large,
         )
         calibration = calibration.with_matches(found.right, found.right[:, 1] - found.uv[:, 1])

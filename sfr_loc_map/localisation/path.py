@@ -201,7 +201,7 @@ class PathState:
         last = self.last.accepted(
             pair.stamp_ns, pair.T_world_left, since, period_ns=self.period_ns, was_known=pair.was_known
         )
-        was_accepted = pair.was_known and self.published.kept_s == 0.0
+        was_accepted = pair.was_known and self.published.kept_s == 0.0  # the previous pair was neither lost nor kept
         follows_directly = was_accepted and self.last.is_followed_by(pair.stamp_ns)
         history = self.history.with_pose(_past_pose(last, errors, follows_directly=follows_directly))
         return replace(self, last=last, errors=errors, published=published, history=history), step

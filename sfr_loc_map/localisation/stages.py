@@ -10,8 +10,6 @@ from contextlib import contextmanager
 from time import perf_counter
 from typing import NamedTuple
 
-import numpy as np
-
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.localisation import guards
@@ -126,7 +124,7 @@ class Stages:
         change: Change,
     ) -> Ground:
         """Select the ground's motion, unless the left image is frozen or rows of either image are stale."""
-        if images.is_left_frozen or images.blanked_rows.any():
+        if images.is_left_frozen or images.has_stale_rows:
             return Ground.unselected(tracks, memory)
         return select_ground(self._motion_tools, frame, tracks, prediction, memory, recovery, change)
 
@@ -150,7 +148,7 @@ class Stages:
         lens_px = calibration.lens.likely_px
         landmarks = tracks.landmarks.estimates
         shift = right_shift(tracks.pose, landmarks, tracks.observed, self._camera, self._shape, lens_px)
-        if not np.isfinite(shift.variance):  # too few landmarks are observed in both images
+        if shift is None:
             return uncorrected
         calibration, drift_px = calibration.with_pair(shift)
         if drift_px != 0.0:
@@ -223,7 +221,7 @@ class Stages:
         offset = candidate.calibration.offset
         return self.tracker.complete(candidate.frame, tracks, landmark_map.landmarks, rest, offset)
 
-    # ---- the start of a window
+    # ---- a new window
 
     def check_window(
         self,

@@ -118,6 +118,11 @@ class ImageComparison(NamedTuple):
     is_right_frozen: bool = False  #: Whether the right image repeats the previous right image, and is blanked.
 
     @property
+    def has_stale_rows(self) -> bool:
+        """Whether rows were blanked in an image whose other rows are new."""
+        return bool(self.blanked_rows.any())
+
+    @property
     def is_one_frozen(self) -> bool:
         """Whether exactly one image is frozen; False for a repeated pair."""
         return self.is_left_frozen or self.is_right_frozen

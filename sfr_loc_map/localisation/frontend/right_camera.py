@@ -55,7 +55,6 @@ class RightShift(NamedTuple):
     """Shift of right positions along the rows at the principal point, equivalent to a yaw of the right camera."""
 
     px: float  #: Shift to the right, px, in addition to the corrections applied when landmarks were triangulated.
-    variance: float  #: Variance of the shift due to the landmarks alone, px^2; infinite with too few landmarks.
     #: Squared Mahalanobis norm of the shears of both images (rolling shutter), per degree of freedom.
     shear_chi2: float
     uv: FloatArray  #: `(N, 2)` left pixels of the landmarks that agree with the pose.
@@ -76,8 +75,10 @@ def right_shift(
     camera: StereoCamera,
     shape: tuple[int, int],
     lens_px: float,
-) -> RightShift:
+) -> RightShift | None:
     """Estimate the shift of the right image in a pair whose pose is solved, and test whether an image is sheared.
+
+    None if too few landmarks are observed in both images, or if the equations are not finite.
 
     The depths of the landmarks come from earlier pairs. If the right camera has rotated since then, all right positions
     are shifted by about the same amount, and left positions are not shifted. No motion of the rig explains such a
@@ -99,16 +100,17 @@ def right_shift(
     left_uv = observations.uv[:, :2]
     right_uv = observations.uv[:, 2:]
     if np.count_nonzero(weight) < MIN_SHIFT_LANDMARKS:
-        return RightShift(0.0, np.inf, 0.0, left_uv[:0], left_uv[:0, 0])
+        return None
     equations = _step_equations(linearised, weight, camera.normalised(left_uv), camera.normalised(right_uv))
-    px, variance = _shift_of(equations)
+    if not np.isfinite(equations.information).all():
+        return None
     # A shear about another row is the same shear and a shift, so that only distances from the middle row matter.
     middle_row = 0.5 * (shape[0] - 1)
     farthest = float(np.abs((right_uv[:, 1] - middle_row) / camera.fy).max())
     shear_chi2 = _shear_chi2(equations, lens_px / farthest)
     agrees = weight > MIN_INLIER_WEIGHT
     disparity = linearised.residuals[agrees, 2] - linearised.residuals[agrees, 0]
-    return RightShift(px, variance, shear_chi2, left_uv[agrees], disparity)
+    return RightShift(_shift_px(equations), shear_chi2, left_uv[agrees], disparity)
 
 
 def _in_both_images(
@@ -141,12 +143,12 @@ def _step_equations(
     return _StepEquations(weighted.T @ jacobian.reshape(-1, UNKNOWNS), weighted.T @ linearised.residuals.ravel())
 
 
-def _shift_of(equations: _StepEquations) -> tuple[float, float]:
-    """Return the shift, px, and its variance, px^2, from the equations of pose and shift; the shears are held at 0."""
+def _shift_px(equations: _StepEquations) -> float:
+    """Return the shift, px, from the equations of pose and shift; the shears are held at 0."""
     size = SHIFT + 1
     information = equations.information[:size, :size]
     inverse_row = np.linalg.solve(information, np.eye(size)[SHIFT])
-    return float(inverse_row @ equations.rhs[:size]), float(inverse_row[SHIFT])
+    return float(inverse_row @ equations.rhs[:size])
 
 
 def _shear_chi2(equations: _StepEquations, lens_sigma: float) -> float:

@@ -5,13 +5,20 @@ more landmarks follow and that continues the previous motion. Landmarks of anoth
 moving objects) are no longer tracked, and their image cells are excluded for several pairs. If the images do not
 distinguish two motions, the pose is ambiguous.
 
-    left image, earlier image --------+
-    tracks of the landmarks ----------+--> Evidence --> first rule of `cases.CASE_RULES` whose condition is true
-    GroundMemory (earlier pairs) -----+                     |              |               |
-                                                            v              v               v
-                                                        Selection      finding      GroundMemory
-                                                 (tracks of the ground,          (after the pair)
-                                                  excluded landmarks)
+    left image, earlier image ---- cell_change ----> changed and stationary cells
+                                                         |
+    tracks of the landmarks ------ cell_motion ----> main motion: landmarks and cells that agree with it
+                                                         |
+    GroundMemory (earlier pairs) -------------------> Evidence <---- searches, if the case is still open: own body,
+                                                         |           second exposure, second motion
+                                                         v
+                                  first rule of `cases.CASE_RULES` whose condition is true
+                                       |                 |                 |
+                                       v                 v                 v
+                                   Selection          finding         what is learnt
+                               (tracks of the ground,                      |
+                                excluded landmarks and cells)              v
+                                                              GroundMemory (after the pair)
 
 `selection` lists the steps with their functions, and examples. `cases.CASE_RULES` is the only table of decisions, and
 `thresholds` has all thresholds of these decisions. `GroundMemory` is the only state. It is an immutable value, which

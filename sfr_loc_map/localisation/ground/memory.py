@@ -76,7 +76,7 @@ class Phase(Enum):
 class Consistency(Enum):
     """Whether a pair is consistent with a single rigid motion of the ground, as seen in the earlier pairs."""
 
-    UNKNOWN = auto()  #: The pair shows no motion, or faulty images.
+    UNKNOWN = auto()  #: The pair shows no motion.
     CONSISTENT = auto()  #: One motion explains a pair with motion, also where landmarks were unexplained earlier.
     PARTIAL = auto()  #: One motion is found, but a dynamic object is in view, or earlier cells stay unexplained.
     INCONSISTENT = auto()  #: Two motions compete, the image contradicts the motion, or about half is unexplained.

@@ -46,7 +46,7 @@ def test_lens_errors_are_measured_over_the_image_wherever_the_principal_point_is
     camera = CAMERA._replace(cx=centre[0], cy=centre[1])
     calibration = OnlineCalibration(camera, (512, 512), 7)
     for _ in range(20):
-        calibration, _ = calibration.with_pair(RightShift(0.0, 1.0, 0.0, uv, disparity))
+        calibration, _ = calibration.with_pair(RightShift(0.0, 0.0, uv, disparity))
     assert np.count_nonzero(calibration.lens.sums[0]) == calibration.lens.sums.shape[1]
     assert calibration.lens.rms_px == pytest.approx(0.2, abs=0.05)
 

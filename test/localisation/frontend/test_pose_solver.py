@@ -102,7 +102,7 @@ def test_a_landmark_behind_the_start_pose_is_weighted_once_it_is_in_front() -> N
 # ---- rotation of the right camera
 
 
-def shift_found(uv: np.ndarray) -> RightShift:
+def shift_found(uv: np.ndarray) -> RightShift | None:
     observations = StereoObservations(uv, VARIANCE)
     pose = solve_pose(START, LANDMARKS, observations, CAMERA, 30).pose
     return right_shift(pose, LANDMARKS, observations, CAMERA, SHAPE, 0.0)
@@ -115,11 +115,11 @@ def test_a_shift_is_found_though_the_pose_was_solved_without_and_some_landmarks_
     uv[:20, 2] += RANDOM.uniform(3, 20, 20)
     uv[20:30, 2:] = np.nan
     found = shift_found(uv)
+    assert found is not None
     # robust weights make one step fall short by up to a third
     assert found.px == pytest.approx(shift_px, rel=0.3, abs=0.005)
-    assert 0.0 < found.variance < 0.1**2
     uv[6:, 2:] = np.nan
-    assert shift_found(uv)[:3] == (0.0, np.inf, 0.0)
+    assert shift_found(uv) is None
 
 
 def test_the_shear_statistic_is_small_for_noise_and_large_for_a_rolling_shutter() -> None:
