@@ -58,4 +58,5 @@ def rays_from_cameras(
             "pair index is required"
         )
     centres = np.stack([pose.translation for pose in poses_lm_left])
-    return np.asarray(xyz - centres.take(pair_index, axis=0))
+    rays = centres.take(pair_index, axis=0)
+    return np.subtract(xyz, rays, out=rays)  # in place, because a cloud may have millions of points

@@ -11,7 +11,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,9 @@ from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
 from sfr_loc_map.inputs import MAX_CLOUD_BYTES, check_is_not_packed, read_bytes, refusing
 from sfr_loc_map.io.clouds.fields import CloudFields, Columns, stated_in
-from sfr_loc_map.io.clouds.npz import npz_bytes, read_npz
-from sfr_loc_map.io.clouds.pcd import pcd_bytes, read_pcd
-from sfr_loc_map.io.clouds.ply import ply_bytes, read_ply
+from sfr_loc_map.io.clouds.npz import read_npz, write_npz
+from sfr_loc_map.io.clouds.pcd import read_pcd, write_pcd
+from sfr_loc_map.io.clouds.ply import read_ply, write_ply
 from sfr_loc_map.io.tables.columns.length_units import unit_in_comment
 from sfr_loc_map.message_text import alternatives, counted
 from sfr_loc_map.suffixes import check_suffix, suffix_of
@@ -231,22 +231,21 @@ def save_points(path: Path, xyz: FloatArray) -> None:
 
 def _save_fields(path: Path, fields: CloudFields) -> None:
     check_suffix(path, SUFFIXES)
-    content = FORMATS[suffix_of(path)].to_bytes(fields)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(content)
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        FORMATS[suffix_of(path)].write(fields, stream)
 
 
 class CloudFormat(NamedTuple):
     """The reader and the writer of a format; the reader raises ValueError for corrupt data."""
 
     read: Callable[[bytes], CloudFields]
-    to_bytes: Callable[[CloudFields], bytes]
+    write: Callable[[CloudFields, BinaryIO], None]
 
 
 FORMATS = {
-    ".ply": CloudFormat(read_ply, ply_bytes),
-    ".pcd": CloudFormat(read_pcd, pcd_bytes),
-    ".npz": CloudFormat(read_npz, npz_bytes),
+    ".ply": CloudFormat(read_ply, write_ply),
+    ".pcd": CloudFormat(read_pcd, write_pcd),
+    ".npz": CloudFormat(read_npz, write_npz),
 }
 """Formats of clouds by the ending of the file name."""
 SUFFIXES = tuple(FORMATS)

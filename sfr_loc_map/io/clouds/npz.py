@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import io
+from typing import BinaryIO
 
 import numpy as np
 
@@ -11,17 +11,15 @@ from sfr_loc_map.io.clouds.array_file import npz_names, parse_npz
 from sfr_loc_map.io.clouds.fields import FUSED, PAIR_STAMPS, CloudFields, check_names_differ, stated_in
 
 
-def npz_bytes(fields: CloudFields) -> bytes:
-    """Return a cloud as an NPZ archive."""
-    buffer = io.BytesIO()
+def write_npz(fields: CloudFields, stream: BinaryIO) -> None:
+    """Write a cloud as an NPZ archive."""
     members = {name: np.ascontiguousarray(values) for name, values in fields.columns.items()}
     fused, pair_stamps_ns = stated_in(fields.comments)
     if fused is not None:
         members[FUSED] = np.array(fused)
     if pair_stamps_ns is not None:
         members[PAIR_STAMPS] = np.array(pair_stamps_ns, np.int64)
-    np.savez(buffer, **members)  # type: ignore[arg-type]
-    return buffer.getvalue()
+    np.savez(stream, **members)  # type: ignore[arg-type]
 
 
 def read_npz(data: bytes) -> CloudFields:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -25,8 +25,8 @@ PADDING = "_"  #: Name of PCD fields without content.
 NO_VIEWPOINT = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
 
 
-def pcd_bytes(fields: CloudFields) -> bytes:
-    """Return a cloud as a PCD file in little-endian binary."""
+def write_pcd(fields: CloudFields, stream: BinaryIO) -> None:
+    """Write a cloud as a PCD file in little-endian binary."""
     records = fields.records()
     kinds = [records.dtype[name] for name in fields.columns]
     head = [
@@ -43,7 +43,8 @@ def pcd_bytes(fields: CloudFields) -> bytes:
         f"POINTS {len(records)}",
         "DATA binary",
     ]
-    return b"".join((("\n".join(head) + "\n").encode(), records.data))  # one copy of the records
+    stream.write(("\n".join(head) + "\n").encode())
+    stream.write(records.data)
 
 
 def read_pcd(data: bytes) -> CloudFields:

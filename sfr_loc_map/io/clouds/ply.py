@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import BinaryIO
 
 import numpy as np
 
@@ -32,14 +33,15 @@ PLY_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">
 _PLY_END = re.compile(rb"^end_header[^\n]*\n", re.MULTILINE)
 
 
-def ply_bytes(fields: CloudFields) -> bytes:
-    """Return a cloud as a PLY file in little-endian binary."""
+def write_ply(fields: CloudFields, stream: BinaryIO) -> None:
+    """Write a cloud as a PLY file in little-endian binary."""
     records = fields.records()
     properties = [f"property {PLY_NAMES[records.dtype[name].str[1:]]} {name}" for name in fields.columns]
     comments = [f"comment {text}" for text in fields.comments]
     vertices = [f"element vertex {len(records)}", *properties]
     head = ["ply", "format binary_little_endian 1.0", *comments, *vertices, "end_header"]
-    return b"".join((("\n".join(head) + "\n").encode(), records.data))  # one copy of the records
+    stream.write(("\n".join(head) + "\n").encode())
+    stream.write(records.data)
 
 
 @dataclass(frozen=True, slots=True)

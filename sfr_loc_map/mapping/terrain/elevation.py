@@ -120,5 +120,7 @@ def _height_variance_ratio(
     """
     if poses_lm_left is None:
         return np.full(len(xyz), 1.0 + TYPICAL_SLOPE**2)
-    x_squared, y_squared, z_squared = np.square(rays_from_cameras(xyz, pair_index, poses_lm_left)).T
+    squares = rays_from_cameras(xyz, pair_index, poses_lm_left)
+    np.square(squares, out=squares)
+    x_squared, y_squared, z_squared = squares.T
     return np.asarray(z_squared / (x_squared + y_squared + z_squared) + TYPICAL_SLOPE**2)
