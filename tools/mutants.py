@@ -388,8 +388,8 @@ MUTATIONS = (
     Mutation(JOB, "self.path), self.source_sha256", "self.path), object()"),
     Mutation(STORE, ', *sorted(self.failures.glob("*.json"))):', ",):"),
     Mutation(JOB, "self.fault_seed), self.repeat)", "self.fault_seed))"),
-    Mutation(STORE, "elif hash_path(Path(file.path)) != file.sha256:", "elif False:"),
-    Mutation(STORE, "if to_plain(limits_in(Path(suite))) != self._plan.limits:", "if False:"),
+    Mutation(STORE, "hash_path(Path(file.path)) != file.sha256:", "False:"),
+    Mutation(STORE, "if content.get(HASH) != hash_of_values(content):", "if False:"),
     # edited scores
     Mutation("scoring/input_files.py", "if _states_of(self.path) != self.states:", "if False:"),
     Mutation("scoring/provenance.py", "partial=rules.partial) != rules:", "partial=rules.partial) == rules:"),

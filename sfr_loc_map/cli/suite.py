@@ -118,7 +118,7 @@ def _list_jobs(specification: SuiteSpecification, store: Store, workers: int | N
         _tell(text)
     for job in planned.jobs:
         say(f"{job.key}  {job.label}")
-    count, total = len(planned.jobs), len(planned.all_jobs)
+    count, total = len(planned.jobs), len(planned.plan.jobs)
     at_a_time = f", {min(slots_for(specification.settings, workers), count)} at a time" if count else ""
     say(f"{count} of {total} jobs to run{at_a_time}")
     return count
@@ -217,9 +217,9 @@ def report(
 
     propose("sfr report A B", why="compares with an earlier suite")
     claim_outputs(json_path, junit, inputs=(folder,), overwrite=overwrite)
-    store, unchecked = _open_store(folder)
+    store = _open_store(folder)
     with store.locked_if_free() as is_locked:
-        summary = summarise(store, unchecked)
+        summary = summarise(store)
         if is_locked:
             write_summary(summary, store)
         else:
@@ -260,8 +260,8 @@ def drives(
     else:
         reason = "has no effect with a suite, because the limits of the suite define it: omit the option or the suite"
         refuse_given(context, asked, reason)
-        store, _ = _open_store(folder)
-        counts = list(drive_counts(summarise(store).results, store.limits))
+        summary = summarise(_open_store(folder))
+        counts = list(drive_counts(summary.results, summary.limits))
     show(counts, json_path, [drive_count_table(counts)])
 
 
@@ -306,18 +306,17 @@ def history(
     not_judged([result.shortage] if result.shortage else [], lenient=lenient)
 
 
-def _open_store(folder: Path) -> tuple[Store, list[str]]:
-    """Return the folder of a suite, and warnings about parts of its plan that could not be compared with the suite."""
-    from sfr_loc_map.suite.running.plan_check import check_plan
+def _open_store(folder: Path) -> Store:
+    """Return the folder of a suite; InputError if its plan was edited, or if the suite's file has changed since."""
     from sfr_loc_map.suite.running.store import Store
 
     if not (folder / "plan.json").is_file():
         raise InputError(f"'{folder}' is not a suite: plan.json is missing; give a folder made by sfr suite run")
     store = Store(folder)
-    unchecked = check_plan(store)
-    for text in unchecked:
-        warn(text)
-    return store, unchecked
+    if store.plan.search:
+        raise InputError(f"'{folder}' is the folder of a search, not of a suite: its results are in search.html")
+    store.check_files()
+    return store
 
 
 def _present(
@@ -349,7 +348,7 @@ def _present(
     show(summary.to_dict(), json_path, suite_tables(summary))
     if is_written:
         say(f"report: {store.folder / 'report.html'}", err=True)
-    planned = store.planned_refusals
+    planned = store.plan.refusals
     for refusal in summary.refusals:
         text = f"{'skipped' if refusal in planned else 'removed'}: {refusal.reason}"
         if text not in told:

@@ -3,13 +3,13 @@
 `run.py` calls these steps in their order:
 
     SUITE.yaml
-      running/specification.py    reads the file: SuiteSpecification (configurations.py, variants.py for budgets)
-        running/source_readers.py reads each entry of `sources`: StatedSource; source_names.py makes the names unique
-      running/plan.py             hashes each source (digests.py, facts_cache.py) and finds copies of drives
-                                  (drive_copies.py): PlannedSource. Combines sources, faults and configurations: Job
+      running/specification.py    parse, check and discover: SuiteSpecification (configurations.py, variants.py)
+        running/source_entries.py finds the sources of each entry of `sources`, with unique names
+      running/plan.py             combines sources, faults and configurations: Plan, a list of Job
+        running/source_inspection.py  reads and hashes the data of a source (digests.py, source_cache.py)
+        running/drive_copies.py   finds the sources that are copies or parts of one drive
       running/data_set.py         compares the sources with the hashes in the limits
-      running/store.py            DIR/plan.json lists the jobs; a job with neither result nor failure is waiting
-      running/plan_check.py       for `sfr suite report`: compares DIR/plan.json with a plan made again
+      running/store.py            DIR/plan.json; a job with neither result nor failure in DIR is waiting
       running/cluster.py          gives the waiting jobs to Dask workers, with limits of time and memory
         running/job_run.py        on a worker: opens or renders the source, executes and scores the job: Score
       running/store.py            DIR/results/KEY.json or DIR/failures/KEY.json (job_outcome.py)

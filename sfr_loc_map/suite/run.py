@@ -7,30 +7,26 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import InterruptedRunError, SfrError
 from sfr_loc_map.message_text import one_line
-from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.stored.score_json import json_line
 from sfr_loc_map.signals import hold
 from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
 from sfr_loc_map.suite.running.data_set import check_data_sets
-from sfr_loc_map.suite.running.facts_cache import FactsCache
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome, JobState
-from sfr_loc_map.suite.running.plan import make_plan
-from sfr_loc_map.suite.running.source_readers import has_changed
-from sfr_loc_map.suite.running.specification import Refusal, SuiteSettings, SuiteSpecification
+from sfr_loc_map.suite.running.plan import Plan, make_plan
+from sfr_loc_map.suite.running.source_inspection import has_changed
+from sfr_loc_map.suite.running.specification import SuiteSettings, SuiteSpecification
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.groups import is_suite_decided
 from sfr_loc_map.suite.statistics.scored_job import ResultReader
 from sfr_loc_map.suite.statistics.summary import Summary, summarise
 
 if TYPE_CHECKING:
-    from distributed import Client
-
     from sfr_loc_map.suite.search.search import SearchResult
     from sfr_loc_map.suite.search.specification import SearchSpecification
 
@@ -64,7 +60,7 @@ def run_suite(
     settings = specification.settings
     with store.locked():
         planned = plan_run(specification, store, retry_failed=retry_failed)
-        store.save_plan(planned.all_jobs, planned.refusals, specification.stated_limits, specification.files)
+        store.save_plan(planned.plan)
         planned.check_finished(store)
         for text in planned.texts:
             say(text)
@@ -72,8 +68,8 @@ def run_suite(
         try:
             if planned.jobs:
                 slots = min(slots_for(settings, workers), len(planned.jobs))
-                with suite_workers(store, settings, slots, scheduler, say) as suite_client:
-                    run_and_keep(planned.jobs, store, settings, suite_client, say, progress, is_decided)
+                with suite_workers(store, settings, slots, scheduler, say) as at_work:
+                    run_and_keep(planned.jobs, store, at_work, say, progress, is_decided)
         except KeyboardInterrupt as error:
             counts = _reported(store, planned.reader).counts
             raise InterruptedRunError(
@@ -123,13 +119,13 @@ def run_search(
     settings = specification.running
     slots = slots_for(settings, workers)
     with store.locked(), ExitStack() as stack:
-        store.check_owner(search=specification.path)
-        if store.search_file is None:  # a search that is killed before it saves its plan keeps its folder
-            store.save_plan([], search=specification.path)
-        suite_client = cache(lambda: stack.enter_context(suite_workers(store, settings, slots, scheduler, say)))
+        store.check_owner(specification.path, is_search=True)
+        if not store.plan_file.exists():  # a search that is killed before it saves its plan keeps its folder
+            store.save_plan(Plan.of_search(specification.path))
+        started = cache(lambda: stack.enter_context(suite_workers(store, settings, slots, scheduler, say)))
 
         def run_points(jobs: Sequence[Job]) -> None:
-            run_and_keep(jobs, store, settings, suite_client(), say, progress)
+            run_and_keep(jobs, store, started(), say, progress)
 
         result = find_worst_case(specification, store, run_points, at_random=at_random)
         write_text(json_line(result.to_dict()), store.folder / "search.json")
@@ -142,17 +138,15 @@ def run_search(
 class PlannedRun:
     """A run of a suite before any job is executed."""
 
-    all_jobs: Sequence[Job]  #: All jobs of the suite.
-    refusals: Sequence[Refusal]  #: Sources that are unreadable or lack data for a task.
-    limits: Limits | None  #: Limits of the suite; None if there are none.
-    reader: ResultReader  #: Reader of the results.
+    plan: Plan  #: All jobs of the suite, and the refused sources.
+    reader: ResultReader  #: Reads the results, and judges them by the limits of the suite.
     jobs: Sequence[Job]  #: Jobs to execute, in their order.
     not_needed: int = 0  #: Number of waiting jobs that are skipped, because the existing results decide all limits.
 
     @property
     def texts(self) -> Iterator[str]:
         """Lines about skipped sources and skipped jobs."""
-        for refusal in self.refusals:
+        for refusal in self.plan.refusals:
             yield f"skipped: {refusal.reason}"
         if self.not_needed:
             yield f"decided by the existing results: {self.not_needed} waiting jobs are not needed"
@@ -162,15 +156,16 @@ class PlannedRun:
 
         A run calls this before its first job, so that a damaged file is reported before the work and not after it.
         """
-        self.reader.results_of(self.all_jobs)
-        for job in self.all_jobs:
+        self.reader.results_of(self.plan.jobs)
+        for job in self.plan.jobs:
             if store.state(job) is JobState.FAILED:
                 store.failure(job)
         store.left_over()
 
     def is_decided(self) -> bool:
         """Return whether the results that exist now decide all limits by sequential tests."""
-        return is_suite_decided(self.all_jobs, self.reader.results_of(self.all_jobs), self.limits)
+        jobs = self.plan.jobs
+        return is_suite_decided(jobs, self.reader.results_of(jobs), self.reader.limits)
 
 
 def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: bool) -> PlannedRun:
@@ -180,18 +175,12 @@ def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: b
     jobs are executed, if `retry_failed` is set. OutputError if the folder belongs to another suite or to a search.
     InputError if the limits name another data set than that of a job.
     """
-    store.check_owner(suite=specification.path)
-    all_jobs, refusals = make_plan(specification, FactsCache(store.cache).facts_of, store.cache)
+    store.check_owner(specification.path)
+    plan = make_plan(specification, store.cache)
     wanted = (JobState.WAITING, JobState.FAILED) if retry_failed else (JobState.WAITING,)
-    jobs = [job for job in all_jobs if store.state(job) in wanted]
+    jobs = [job for job in plan.jobs if store.state(job) in wanted]
     check_data_sets(jobs, specification.limits)
-    planned = PlannedRun(
-        all_jobs=all_jobs,
-        refusals=refusals,
-        limits=specification.limits,
-        reader=ResultReader(store, specification.limits),
-        jobs=jobs,
-    )
+    planned = PlannedRun(plan=plan, reader=ResultReader(store, specification.limits), jobs=jobs)
     if not jobs or not specification.settings.stop_when_decided:
         return planned
     if planned.is_decided():
@@ -206,43 +195,34 @@ def slots_for(settings: SuiteSettings, workers: int | None) -> int:
     return workers or max(1, cores // settings.threads)
 
 
-class SuiteClient(NamedTuple):
-    """A Dask client and the workers of its scheduler."""
-
-    client: Client
-    workers: SuiteWorkers
-
-
 @contextmanager
 def suite_workers(
     store: Store, settings: SuiteSettings, slots: int, scheduler: str | None, say: Say
-) -> Iterator[SuiteClient]:
-    """Yield a Dask client with its workers. The records of the workers are saved in the folder."""
+) -> Iterator[SuiteWorkers]:
+    """Yield the workers of a Dask client. Their records are saved in the folder."""
     with connected(settings, workers=slots, scheduler=scheduler) as client:
-        workers = SuiteWorkers(client, lambda text: say(one_line(text)), settings.wait_s)
+        at_work = SuiteWorkers(client, settings, lambda text: say(one_line(text)))
         try:
-            yield SuiteClient(client, workers)
+            yield at_work
         finally:
-            store.add_workers(list(workers.records.values()))
+            store.add_workers(list(at_work.records.values()))
 
 
 def run_and_keep(
     jobs: Sequence[Job],
     store: Store,
-    settings: SuiteSettings,
-    suite_client: SuiteClient,
+    at_work: SuiteWorkers,
     say: Say,
     progress: Progress,
     is_decided: Callable[[], bool] | None = None,
 ) -> None:
-    """Run jobs on the workers of a client, and save each outcome when the job has finished.
+    """Run jobs on workers, and save each outcome when the job has finished.
 
     A job fails if the files of its source have changed since the plan hashed them, because its result is then not that
     of the planned data. With `is_decided`, stop when the saved results decide the limits. `say` receives the line that
     reports this.
     """
-    client, workers = suite_client
-    with closing(run_jobs(client, jobs, settings.timeout_s, store.cache, workers)) as outcomes:
+    with closing(run_jobs(jobs, at_work, store.cache)) as outcomes:
         progress(0, len(jobs), None)
         for done, (job, found) in enumerate(outcomes, 1):
             outcome = source_changed(job) if has_changed(job.source) else found

@@ -62,11 +62,12 @@ def measured(name: str, tasks: int, seconds: float, sources: list[Path], folder:
         for number in range(tasks)
         for path in [sources[number % len(sources)]]
     ]
-    with connected(SuiteSettings(), workers=WORKERS, scheduler=None) as client:
+    settings = SuiteSettings(timeout_s=60.0, wait_s=60.0)
+    with connected(settings, workers=WORKERS, scheduler=None) as client:
         client.register_plugin(Sleeping())
-        at_work = SuiteWorkers(client, print, 60.0)
+        at_work = SuiteWorkers(client, settings, print)
         begun = time.monotonic()
-        done = sum(outcome.cause is None for _, outcome in run_jobs(client, jobs, 60.0, folder, at_work))
+        done = sum(outcome.cause is None for _, outcome in run_jobs(jobs, at_work, folder))
         wall = time.monotonic() - begun
     gaps = defaultdict[str, list[float]](list)
     slept, span = 0.0, 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,10 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.suite.running.job import Job, JobTask
+from sfr_loc_map.suite.running.plan import Plan, PlanFile, SuiteRun
 from sfr_loc_map.suite.running.sources import Recording
+from sfr_loc_map.suite.running.specification import Refusal
+from sfr_loc_map.suite.running.store import Store
 
 SFR = (sys.executable, "-m", "sfr_loc_map")
 MEASURED = ("timing", "memory")
@@ -42,6 +46,24 @@ JOB = Job(
     threads=1,
     code="c",
 )
+
+
+def save_jobs(
+    store: Store,
+    jobs: Sequence[Job],
+    refusals: Sequence[Refusal] = (),
+    limits: Mapping[str, object] = {},
+    files: Sequence[Path] = (),
+) -> None:
+    """Save a plan with these jobs in the folder of a suite."""
+    plan = Plan(
+        jobs=tuple(jobs),
+        refusals=tuple(refusals),
+        stated_limits=limits,
+        files=tuple(PlanFile.of(path) for path in files),
+        run=SuiteRun.now(),
+    )
+    store.save_plan(plan)
 
 
 def results(folder: Path) -> dict[str, object]:

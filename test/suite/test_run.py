@@ -15,12 +15,10 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 from sfr_loc_map.suite import Store, load_specification, make_plan, run, run_suite
 from sfr_loc_map.suite.running.digests import files_of_source
-from sfr_loc_map.suite.running.facts_cache import FactsCache
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import JobOutcome, JobState
 from sfr_loc_map.suite.running.job_run import run_job
-from sfr_loc_map.suite.running.source_readers import state_of
-from sfr_loc_map.suite.running.specification import SuiteSettings
+from sfr_loc_map.suite.running.source_inspection import state_of
 
 pytest.importorskip("distributed", reason="needs the extra [suite]")
 LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 1.0}]}
@@ -69,9 +67,8 @@ def test_a_job_whose_source_changes_during_the_run_fails(
 
     monkeypatch.setattr(run, "run_jobs", run_jobs)
     store = Store(tmp_path / "out")
-    nothing: Any = None
-    client = run.SuiteClient(nothing, nothing)
-    run.run_and_keep([job], store, SuiteSettings(), client, lambda line: None, lambda *step: None)
+    at_work: Any = None
+    run.run_and_keep([job], store, at_work, lambda line: None, lambda *step: None)
     assert store.state(job) is (JobState.DONE if change == "none" else JobState.FAILED)
     if change != "none":
         assert "was changed while the suite was running" in store.failure(job).message
@@ -81,7 +78,7 @@ def test_a_score_of_other_files_is_refused(tmp_path: Path) -> None:
     """An estimate that was swapped between plan and job gives a score whose inputs are not those of the plan."""
     suite = made_suite(tmp_path, 2)
     store = Store(tmp_path / "out")
-    jobs, _ = make_plan(load_specification(suite), FactsCache(store.cache).facts_of, store.cache)
+    jobs = make_plan(load_specification(suite), store.cache).jobs
     (tmp_path / "drive0.csv").write_bytes((tmp_path / "drive1.csv").read_bytes())
     score = run_job(jobs[0], tmp_path, store.cache)
     store.save(jobs[0], JobOutcome(result=to_json(score)))

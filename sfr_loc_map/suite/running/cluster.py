@@ -156,12 +156,12 @@ def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
 class SuiteWorkers:
     """The workers of a scheduler. Workers with the code of the client offer the resource that each job requires."""
 
-    def __init__(self, client: Client, say: Callable[[str], None], wait_s: float) -> None:
+    def __init__(self, client: Client, settings: SuiteSettings, say: Callable[[str], None]) -> None:
+        self.client = client
+        self.settings = settings
         self.resource = f"sfr-{code_fingerprint()}"
         self.records: dict[str, WorkerRecord] = {}
-        self._client = client
         self._say = say
-        self._wait_s = wait_s
         self._asked_at = -ASK_EVERY_S
         self._slots = 0
         self._without_since = time.monotonic()  # start of the time without a suitable worker
@@ -180,7 +180,7 @@ class SuiteWorkers:
             return self._slots
         self._asked_at = now
         self._read_events()
-        workers = self._client.scheduler_info(n_workers=-1)["workers"]
+        workers = self.client.scheduler_info(n_workers=-1)["workers"]
         fit = [worker for worker in workers.values() if worker["resources"].get(self.resource, 0) > 0]
         self._slots = sum(int(worker["nthreads"]) for worker in fit)
         if self._slots:
@@ -189,14 +189,14 @@ class SuiteWorkers:
             return self._slots
         waited_s = now - self._without_since
         reason = self._reason(list(workers))
-        if waited_s > self._wait_s:
+        if waited_s > self.settings.wait_s:
             raise InputError(
-                f"{reason}: no usable worker joined in {self._wait_s:g} s; finished results are kept: start a worker "
-                "of the same version, then repeat the command to run the remaining jobs"
+                f"{reason}: no usable worker joined in {self.settings.wait_s:g} s; finished results are kept: start a "
+                "worker of the same version, then repeat the command to run the remaining jobs"
             )
         if waited_s > SAY_AFTER_S and reason != self._reported:
             self._reported = reason
-            self._say(f"{reason}: waiting up to {self._wait_s:g} s for a usable worker")
+            self._say(f"{reason}: waiting up to {self.settings.wait_s:g} s for a usable worker")
         return 0
 
     def ask_again(self) -> None:
@@ -210,7 +210,7 @@ class SuiteWorkers:
 
     def _read_events(self) -> None:
         """Read the events in which joining workers have reported their code."""
-        events = self._client.get_events(JOINED)
+        events = self.client.get_events(JOINED)
         for _, event in events[self._events_read :]:
             if event["resource"] == self.resource:
                 record = self._record(event["worker"])
@@ -225,7 +225,7 @@ class SuiteWorkers:
     def _reason(self, workers: Sequence[str]) -> str:
         """Return why no worker may run a job."""
         if not workers:
-            return f"no worker at the scheduler {self._client.scheduler_info()['address']}"
+            return f"no worker at the scheduler {self.client.scheduler_info()['address']}"
         unknown = WorkerRecord(worker="", set_aside="has not reported its version")
         known = [self.records.get(worker, unknown) for worker in workers]
         lacks = [f"{at.host} ({worker}): {at.set_aside}" for worker, at in zip(workers, known, strict=True)]
@@ -233,9 +233,7 @@ class SuiteWorkers:
         return f"none of {len(lacks)} workers is usable: {'; '.join(lacks[:SHOWN])}{more}"
 
 
-def run_jobs(
-    client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path, workers: SuiteWorkers
-) -> Generator[tuple[Job, JobOutcome]]:
+def run_jobs(jobs: Sequence[Job], workers: SuiteWorkers, cache: Path) -> Generator[tuple[Job, JobOutcome]]:
     """Yield each job with its outcome when the job has finished.
 
     Only as many jobs are submitted as run in parallel, because Dask counts the death of a worker against all jobs on
@@ -244,6 +242,7 @@ def run_jobs(
     """
     from distributed.scheduler import KilledWorker
 
+    client = workers.client
     waiting = deque(jobs)
     submitted: dict[Future[JobOutcome], Job] = {}
     done: SimpleQueue[Future[JobOutcome]] = SimpleQueue()
@@ -255,7 +254,7 @@ def run_jobs(
             job = waiting.popleft()
             future = client.submit(
                 run_on_worker,
-                *(job, timeout_s, str(cache.absolute())),
+                *(job, workers.settings.timeout_s, str(cache.absolute())),
                 key=(f"sfr-{job.task}", job.key, time.time_ns()),
                 resources={workers.resource: 1},
                 retries=TRIES - 1,

@@ -9,7 +9,7 @@
     label         the displayed name
     description   names and inputs that the files of the job state, so that a later plan recognises its work
 
-`sources.py` lists the identities of sources. `plan_check.py` compares the content of the jobs of two plans.
+`sources.py` lists the identities of sources.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ from sfr_loc_map.suite.running.configurations import (
     values_in_section,
 )
 from sfr_loc_map.suite.running.job import NATIVE_THREADS, Job, JobTask
-from sfr_loc_map.suite.running.source_readers import local_path
+from sfr_loc_map.suite.running.source_cache import local_path
 from sfr_loc_map.suite.running.sources import Estimate
 from sfr_loc_map.suite_names import Task
 

@@ -1,4 +1,4 @@
-"""Sources that are created in the cache of a suite: rendered simulations, and remote sources that fsspec can read."""
+"""The files of the sources: rendered simulations and fetched recordings are created once in the cache of a suite."""
 
 from __future__ import annotations
 
@@ -16,11 +16,15 @@ from sfr_loc_map.message_text import one_line
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import digest
-from sfr_loc_map.suite.running.source_names import last_part
-from sfr_loc_map.suite.running.sources import Simulation
+from sfr_loc_map.suite.running.sources import PlannedSource, Simulation
 
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
+
+
+def local_path(source: PlannedSource, cache: Path) -> Path:
+    """Return the path at which a job reads a source; a simulation is rendered to `cache`."""
+    return rendered(source, cache) if isinstance(source, Simulation) else Path(source.path)
 
 
 def rendered(source: Simulation, cache: Path) -> Path:
@@ -75,6 +79,12 @@ def _created_once(target: Path, create: Callable[[Path], object]) -> Path:
             with atomic_path(target) as part:
                 create(part)
     return target
+
+
+def last_part(path: str) -> str:
+    """Return the name of a file or folder in a path or a URL, without the query of the URL."""
+    location = path.partition("?")[0] if "://" in path else path
+    return location.rstrip("/").rpartition("/")[2]
 
 
 def expand(url: str) -> list[str]:

@@ -1,71 +1,45 @@
-"""The sources of a suite in their two phases: as the suite's file states them, and as the plan gives them to its jobs.
+"""The sources of a suite before and after their data are read.
 
-    StatedRecording   a path                          ┐
-    StatedRemote      a URL, which the plan fetches   ┴─► Recording
-    StatedEstimate    an estimate with its truth        ─► Estimate
-    StatedSimulation  a scenario with a seed            ─► Simulation
+    entry of `sources`                before the data are read     in the plan
+    a path, a glob or a URL           StatedFile                   Recording
+    an estimate with its truth        StatedFile                   Estimate
+    a scenario with its seeds         Simulation                   Simulation
 
-`source_readers.py` reads stated sources from the suite's file, and inspects their data for the plan. To add a kind, add
-its two classes here, and a case in `read_entry`, `inspected`, `local_path` and `has_changed` there.
+`source_entries.py` reads the entries, and `source_inspection.py` reads the data. To add a kind, add its class here, and
+a case in `sources_of_entry`, `inspected` and `has_changed` there.
+
+A source has these identities:
+
+    name             displayed name, unique in the suite; the variants of an error budget share that of their simulation
+    location         path or URL in the suite's file
+    sha256           hash of the data, or of the settings of a simulation
+    data_identity    what two suites must have in common for a comparison: `sha256`, or name and truth of an estimate
+    drive_identity   the drive that the source shows: copies and parts of one drive share this identity
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TypeAlias
 
 from msgspec import Struct
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Stated:
-    """Fields of the stated sources of all kinds. They are known before the data of the sources are read."""
+class StatedFile(Struct, frozen=True, kw_only=True):
+    """A recording, or an estimate with its ground truth, whose data were not read yet."""
 
-    name: str  #: Short name, unique in the suite; the variants of an error budget share the name of their simulation.
-    entry: int = 0  #: Number of the entry of `sources` in the suite's file, from 1; 0 for a source of a search.
-    location: str  #: Path or URL of a recording, path of a scenario or of an estimate.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StatedRecording(_Stated):
-    """A recording on this host."""
+    name: str
+    location: str  #: Path or URL.
+    truth: str = ""  #: Path of the ground truth of an estimate; empty for a recording.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StatedRemote(_Stated):
-    """A recording that fsspec reads from a URL."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StatedEstimate(_Stated):
-    """An estimate with its ground truth, for a score."""
-
-    truth: str  #: Path of the ground truth.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StatedSimulation(_Stated):
-    """A drive or a panorama that is rendered from the settings of a scenario."""
-
-    settings: Mapping[str, object]  #: All settings of the scenario.
-    sha256: str  #: Hash of the settings.
-    seed: int  #: Seed of the settings.
-    variant: str = ""  #: Variant of an error budget (`variants.py`); empty without a budget.
-    faults: str = ""  #: Faults that belong to the variant, joined by `+`.
-
-
-StatedSource: TypeAlias = StatedRecording | StatedRemote | StatedEstimate | StatedSimulation
-
-
-class _Planned(Struct, frozen=True, kw_only=True, tag_field="kind"):
+class _Source(Struct, frozen=True, kw_only=True, tag_field="kind"):
     """Fields of the planned sources of all kinds."""
 
-    name: str  #: Name of the stated source.
-    entry: int = 0  #: Number of the entry of the stated source.
+    name: str
     path: str  #: Path of the recording, of the scenario or of the estimate.
-    sha256: str  #: Hash of the data, or of the settings of a simulation: part of the key of a job.
-    drive: str  #: Hash that identifies the drive; copies and parts of one drive share the hash.
+    sha256: str
+    drive: str  #: Hash that identifies the drive among the sources of one kind.
     identical: tuple[str, ...] = ()  #: Names of further sources with the same data, which have the same jobs.
 
     @property
@@ -75,7 +49,7 @@ class _Planned(Struct, frozen=True, kw_only=True, tag_field="kind"):
 
     @property
     def location(self) -> str:
-        """Location of the stated source."""
+        """Path or URL in the suite's file."""
         return self.path
 
     @property
@@ -89,7 +63,7 @@ class _Planned(Struct, frozen=True, kw_only=True, tag_field="kind"):
         return self.kind, self.drive
 
 
-class Recording(_Planned, frozen=True, kw_only=True, tag="file"):
+class Recording(_Source, frozen=True, kw_only=True, tag="file"):
     """A recording on this host; a remote recording was fetched."""
 
     state: str  #: State of the files before they were hashed (`state_of`).
@@ -101,7 +75,7 @@ class Recording(_Planned, frozen=True, kw_only=True, tag="file"):
         return self.url or self.path
 
 
-class Estimate(_Planned, frozen=True, kw_only=True, tag="estimate"):
+class Estimate(_Source, frozen=True, kw_only=True, tag="estimate"):
     """An estimate with its ground truth."""
 
     truth: str  #: Path of the ground truth.
@@ -115,28 +89,14 @@ class Estimate(_Planned, frozen=True, kw_only=True, tag="estimate"):
         return self.name, self.truth_sha256
 
 
-class Simulation(_Planned, frozen=True, kw_only=True, tag="simulated"):
-    """A simulated source, which the first of its jobs renders."""
+class Simulation(_Source, frozen=True, kw_only=True, tag="simulated"):
+    """A drive or a panorama that the first of its jobs renders from the settings of a scenario."""
 
-    settings: Mapping[str, object]  #: Those of `StatedSimulation`, like the following fields.
-    seed: int
-    variant: str = ""
-    faults: str = ""
-
-    @classmethod
-    def of(cls, stated: StatedSimulation) -> Simulation:
-        """Return the source of a plan, whose drive is not a copy of another drive."""
-        return cls(
-            name=stated.name,
-            entry=stated.entry,
-            path=stated.location,
-            sha256=stated.sha256,
-            drive=stated.sha256,
-            settings=stated.settings,
-            seed=stated.seed,
-            variant=stated.variant,
-            faults=stated.faults,
-        )
+    settings: Mapping[str, object]  #: All settings of the scenario.
+    seed: int  #: Seed of the settings.
+    variant: str = ""  #: Variant of an error budget (`variants.py`); empty without a budget.
+    faults: str = ""  #: Faults that belong to the variant, joined by `+`.
 
 
+StatedSource: TypeAlias = StatedFile | Simulation
 PlannedSource: TypeAlias = Recording | Estimate | Simulation

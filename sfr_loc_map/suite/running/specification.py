@@ -1,13 +1,15 @@
-"""The file of a suite (docs/suites.md): sources, faults, configurations, tasks, limits and settings."""
+"""Reads the file of a suite (docs/suites.md) in three steps: `parse`, `check` and `discover`."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from sfr_loc_map.configuration.parameters import build, flatten, param, suggestion
 from sfr_loc_map.configuration.yaml_file import load_yaml
@@ -20,9 +22,8 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.suite.running.configurations import Configuration, read_configurations
 from sfr_loc_map.suite.running.job import JobTask
-from sfr_loc_map.suite.running.source_names import with_unique_names
-from sfr_loc_map.suite.running.source_readers import read_entry, stated_simulation
-from sfr_loc_map.suite.running.sources import StatedSimulation, StatedSource
+from sfr_loc_map.suite.running.source_entries import simulation_of, sources_of_entry, with_unique_names
+from sfr_loc_map.suite.running.sources import Simulation, StatedSource
 from sfr_loc_map.suite.running.variants import ErrorSource, parse_budget, variants_of
 
 LISTS = ("sources", "perturb", "tasks", "conditions")
@@ -70,38 +71,55 @@ class Refusal(Struct, frozen=True, rename={"name": "path"}):
     #: Name of the source, or text of an entry of `sources` without a source. Its key in `suite.json`: `path`.
     name: str
     reason: str
-    entry: int = 0  #: Number of the entry of `sources`, from 1; 0 for a source that is no longer part of the suite.
-    source: str = ""  #: Location of the source (`StatedSource.location`); empty for the complete entry.
-    task: str = ""  #: Task for which the source has no data; empty for all tasks.
-
-    @property
-    def subject(self) -> tuple[int, str, str]:
-        """What is refused, by which the refusals of two plans are compared."""
-        return self.entry, self.source, self.task
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SuiteSpecification:
-    """Content of the file of a suite."""
+    """Content of the file of a suite, with the sources that its entries state."""
 
     path: Path  #: File of the suite.
-    sources: tuple[StatedSource, ...]  #: One for each match and each seed, with unique names.
-    refusals: tuple[Refusal, ...]  #: Entries without a match, or with a server that does not answer.
-    faults: tuple[str, ...]  #: Injected faults; first an empty text, if the source is also run without faults.
+    entries: Sequence[object]  #: Entries of `sources`.
+    perturb: tuple[str, ...]  #: Injected faults.
+    budget: tuple[ErrorSource, ...]  #: Sources of error of an error budget; empty without a budget.
     configurations: Mapping[str, Configuration]
-    tasks: tuple[JobTask, ...] | None  #: Requested tasks; None: those of `DEFAULT_TASKS` for which a source has data.
-    budget: tuple[str, ...]  #: Names of the sources of error of a budget; empty if there is none.
-    scoring: TrajectoryScoreConfig  #: Settings of the scores, including conditions that only the limits name.
-    limits: Limits | None  #: Limits; None if there are none.
+    tasks: tuple[JobTask, ...]  #: Tasks in the file; empty if it states none.
+    conditions: tuple[str, ...]
     stated_limits: Mapping[str, Any]  #: The limits as stated in their file; empty if there are none.
+    limits: Limits | None  #: None if there are none.
     limits_file: Path | None  #: File of the limits; None if they are in the suite's file or missing.
-    kept_errors: tuple[tuple[str, str], ...]  #: Figures and conditions with a limited tolerance bound.
     settings: SuiteSettings  #: Scalar settings.
+    sources: tuple[StatedSource, ...] = ()  #: One for each match and each seed of the entries, with unique names.
+    refusals: tuple[Refusal, ...] = ()  #: Entries without a match, or with a server that does not answer.
 
     @property
     def files(self) -> tuple[Path, ...]:
         """The file of the suite, and the file of its limits if there is one."""
         return (self.path,) if self.limits_file is None else (self.path, self.limits_file)
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Faults of the jobs; first an empty text, if the sources are also run without faults."""
+        return ("", *self.perturb) if self.settings.nominal else self.perturb
+
+    @property
+    def requested_tasks(self) -> tuple[JobTask, ...]:
+        """Tasks for which each source must have data; empty if the sources are run with the tasks that they allow."""
+        return (JobTask.LOCALISE,) if self.budget else self.tasks
+
+    @property
+    def scoring(self) -> TrajectoryScoreConfig:
+        """Settings of the scores, including conditions that only the limits name."""
+        settings = self.settings
+        of_limits = () if self.limits is None else self.limits.conditions
+        conditions = tuple(dict.fromkeys((*self.conditions, *of_limits)))
+        return TrajectoryScoreConfig(conditions, settings.spacing, settings.rebase, settings.partial)
+
+    @property
+    def kept_errors(self) -> tuple[tuple[str, str], ...]:
+        """Figures and conditions with a limited tolerance bound, which requires the errors of all drives."""
+        limits = () if self.limits is None else self.limits.limits
+        pairs = ((item.limited.figure, item.condition) for item in limits if item.terms is not None)
+        return tuple(sorted({(figure, condition) for figure, condition in pairs if condition is not None}))
 
 
 def load_specification(path: Path | str) -> SuiteSpecification:
@@ -110,7 +128,17 @@ def load_specification(path: Path | str) -> SuiteSpecification:
     Paths in the file are relative to its folder. ConfigError if the file is missing or invalid. InputError if no
     source is found, or if a file of a method cannot be read.
     """
-    path = Path(path)
+    specification = parse(Path(path))
+    check(specification)
+    sources, refusals = discover(specification)
+    return dataclasses.replace(specification, sources=tuple(sources), refusals=tuple(refusals))
+
+
+# ---- parse: each value by itself
+
+
+def parse(path: Path) -> SuiteSpecification:
+    """Return the content of the file of a suite, without sources; ConfigError if a key or a value is invalid."""
     content = load_yaml(path)
     check_keys(content, (*LISTS, *OTHERS, *flatten(SuiteSettings())), path)
     if empty := [name for name in NOT_EMPTY if content.get(name) == []]:
@@ -121,42 +149,18 @@ def load_specification(path: Path | str) -> SuiteSpecification:
     has_limits = "limits" in content
     limits_value = content.pop("limits", None)
     stated_limits = _stated_limits(limits_value, path) if has_limits else {}
-    settings = build(SuiteSettings, content, origin=str(path))
-    if not lists["sources"]:
-        raise ConfigError(f"{path}: 'sources' is missing or empty: give paths, globs or simulations")
-    tasks = _tasks(lists["tasks"], path)
-    if not settings.nominal and not lists["perturb"]:
-        raise ConfigError(f"{path}: with 'nominal: false' at least one fault in 'perturb' is required")
-    for faults in lists["perturb"]:
-        with naming_key(f"{path}: 'perturb'"):
-            for fault in str(faults).split("+"):
-                parse_fault(fault)
-    sources, refusals = _sources(lists["sources"], path)
-    if budget:
-        sources = [*_budget_sources(sources, budget, path)]
-    if budget and (has_limits or lists["perturb"] or lists["tasks"] not in ([], ["localise"])):
-        raise ConfigError(
-            f"{path}: 'budget' cannot be combined with 'limits' or 'perturb', and requires 'tasks: [localise]'"
-        )
-    with naming_key(f"{path}: 'conditions'"):
-        named = [Condition.parse(str(text)).setting for text in lists["conditions"] or ["distance=5"]]
-    limits = parse_limits(stated_limits, f"{path}: limits") if has_limits else None
-    named += () if limits is None else limits.conditions
-    _check_effects(settings, limits, budget, path)
-    conditions = tuple(dict.fromkeys(named))
+    settings = build(SuiteSettings, content, origin=str(path))  # of the keys that are left
     return SuiteSpecification(
         path=path,
-        sources=tuple(sources),
-        refusals=tuple(refusals),
-        faults=(*([""] if settings.nominal else []), *map(str, lists["perturb"])),
+        entries=lists["sources"],
+        perturb=_faults(lists["perturb"], path),
+        budget=budget,
         configurations=read_configurations(configurations, path),
-        tasks=(JobTask.LOCALISE,) if budget else tasks,
-        budget=tuple(source.name for source in budget),
-        scoring=TrajectoryScoreConfig(conditions, settings.spacing, settings.rebase, settings.partial),
-        limits=limits,
+        tasks=_tasks(lists["tasks"], path),
+        conditions=_conditions(lists["conditions"] or ["distance=5"], path),
         stated_limits=stated_limits,
+        limits=parse_limits(stated_limits, f"{path}: limits") if has_limits else None,
         limits_file=path.parent / limits_value if isinstance(limits_value, str) else None,
-        kept_errors=() if limits is None else _kept_errors(limits),
         settings=settings,
     )
 
@@ -177,71 +181,25 @@ def _list_in(content: dict[str, Any], name: str, path: Path) -> list[Any]:
     return value
 
 
-def _check_effects(settings: SuiteSettings, limits: Limits | None, budget: Sequence[ErrorSource], path: Path) -> None:
-    """Raise ConfigError if a setting has no effect in this suite."""
-    is_sequential = [] if limits is None else [limit.good is not None for limit in limits.limits]
-    if settings.stop_when_decided and not (is_sequential and all(is_sequential)):
-        raise ConfigError(f"{path}: 'stop_when_decided' has no effect unless every limit has 'good': remove it")
-    if settings.order_seed and not any(is_sequential):
-        raise ConfigError(f"{path}: 'order_seed' has no effect without a limit with 'good': remove it")
-    if budget and settings.repeats > 1:
-        raise ConfigError(f"{path}: 'repeats' has no effect in a suite with 'budget': remove it, and give more seeds")
+def _faults(texts: Sequence[object], path: Path) -> tuple[str, ...]:
+    """Return the faults of `perturb`, each one or several that are joined by `+`."""
+    faults = tuple(map(str, texts))
+    with naming_key(f"{path}: 'perturb'"):
+        for joined in faults:
+            for fault in joined.split("+"):
+                parse_fault(fault)
+    return faults
 
 
-def limits_in(path: Path) -> Mapping[str, Any]:
-    """Return the limits in the file of a suite, or in the limits file that it names; empty if there are none."""
-    content = load_yaml(path)
-    return _stated_limits(content["limits"], path) if "limits" in content else {}
-
-
-def _tasks(names: Sequence[object], path: Path) -> tuple[JobTask, ...] | None:
+def _tasks(names: Sequence[object], path: Path) -> tuple[JobTask, ...]:
     if unknown := [name for name in names if name not in list(JobTask)]:
         raise ConfigError(f"{path}: 'tasks' has {unknown[0]!r:.40}: {alternatives(JobTask)} is required")
-    return tuple(JobTask(str(name)) for name in names) or None
+    return tuple(JobTask(str(name)) for name in names)
 
 
-def _sources(entries: Sequence[object], path: Path) -> tuple[list[StatedSource], list[Refusal]]:
-    """Return the sources of the entries, and the entries that cannot be read; InputError if no entry can be read."""
-    sources: list[StatedSource] = []
-    refusals: list[Refusal] = []
-    for number, entry in enumerate(entries, 1):
-        try:
-            found = list(read_entry(entry, path.absolute().parent, f"{path}: source {number}"))
-            sources += [replace(source, entry=number) for source in found]
-        except InputError as error:
-            refusals.append(Refusal(str(entry), str(error), entry=number))
-    if not sources:
-        raise InputError(refusals[0].reason)
-    return with_unique_names(sources), refusals
-
-
-def _kept_errors(limits: Limits) -> tuple[tuple[str, str], ...]:
-    """Return the figures and conditions with a limited tolerance bound, which requires the errors of all drives."""
-    pairs = ((item.limited.figure, item.condition) for item in limits.limits if item.terms is not None)
-    return tuple(sorted({(figure, condition) for figure, condition in pairs if condition is not None}))
-
-
-def _budget_sources(
-    sources: Sequence[StatedSource], budget: Sequence[ErrorSource], path: Path
-) -> Iterator[StatedSimulation]:
-    """Yield each simulation with each combination of the sources of error that the budget requires."""
-    for source in sources:
-        if not isinstance(source, StatedSimulation):
-            raise ConfigError(
-                f"{path}: 'budget' requires sources 'simulate: SCENARIO', but '{source.name}' is not simulated"
-            )
-        names: dict[tuple[str, str], str] = {}
-        for variant in variants_of(budget):
-            settings = variant.settings(source.settings)
-            simulation = stated_simulation(Path(source.location), settings, source.seed, f"{path}: 'budget'")
-            faults = variant.faults(source.seed)
-            equal = names.setdefault((simulation.sha256, faults), variant.name)
-            if equal != variant.name:
-                raise ConfigError(
-                    f"{path}: 'budget': the variants '{equal}' and '{variant.name}' of '{source.name}' are equal; each "
-                    "source of error must change the scenario"
-                )
-            yield replace(simulation, name=source.name, entry=source.entry, variant=variant.name, faults=faults)
+def _conditions(texts: Sequence[object], path: Path) -> tuple[str, ...]:
+    with naming_key(f"{path}: 'conditions'"):
+        return tuple(Condition.parse(str(text)).setting for text in texts)
 
 
 def _stated_limits(value: object, path: Path) -> Mapping[str, Any]:
@@ -252,3 +210,73 @@ def _stated_limits(value: object, path: Path) -> Mapping[str, Any]:
             f"{path}: 'limits' is {value!r:.40}: the name of a limits file, or limits as NAME: VALUE, is required"
         )
     return dict(content)
+
+
+# ---- check: values that exclude or require each other
+
+
+def check(specification: SuiteSpecification) -> None:
+    """Raise ConfigError if values of a suite's file contradict each other, or if a setting has no effect."""
+    path = specification.path
+    settings = specification.settings
+    limits = specification.limits
+    if not specification.entries:
+        raise ConfigError(f"{path}: 'sources' is missing or empty: give paths, globs or simulations")
+    if not settings.nominal and not specification.perturb:
+        raise ConfigError(f"{path}: with 'nominal: false' at least one fault in 'perturb' is required")
+    is_sequential = [] if limits is None else [limit.good is not None for limit in limits.limits]
+    if settings.stop_when_decided and not (is_sequential and all(is_sequential)):
+        raise ConfigError(f"{path}: 'stop_when_decided' has no effect unless every limit has 'good': remove it")
+    if settings.order_seed and not any(is_sequential):
+        raise ConfigError(f"{path}: 'order_seed' has no effect without a limit with 'good': remove it")
+    if not specification.budget:
+        return
+    if limits is not None or specification.perturb or specification.tasks not in ((), (JobTask.LOCALISE,)):
+        raise ConfigError(
+            f"{path}: 'budget' cannot be combined with 'limits' or 'perturb', and requires 'tasks: [localise]'"
+        )
+    if settings.repeats > 1:
+        raise ConfigError(f"{path}: 'repeats' has no effect in a suite with 'budget': remove it, and give more seeds")
+
+
+# ---- discover: the sources that the entries state
+
+
+def discover(specification: SuiteSpecification) -> tuple[list[StatedSource], list[Refusal]]:
+    """Return the sources of the entries, and the entries that cannot be read; InputError if no entry can be read.
+
+    With a budget, each simulation is there with each combination of the sources of error that the budget requires.
+    """
+    folder = specification.path.absolute().parent
+    sources: list[StatedSource] = []
+    refusals: list[Refusal] = []
+    for number, entry in enumerate(specification.entries, 1):
+        try:
+            sources += list(sources_of_entry(entry, folder, f"{specification.path}: source {number}"))
+        except InputError as error:
+            refusals.append(Refusal(str(entry), str(error)))
+    if not sources:
+        raise InputError(refusals[0].reason)
+    named = with_unique_names(sources)
+    if specification.budget:
+        named = [variant for source in named for variant in _variants(source, specification)]
+    return named, refusals
+
+
+def _variants(source: StatedSource, specification: SuiteSpecification) -> Iterator[Simulation]:
+    """Yield a simulation with each combination of the sources of error that a budget requires."""
+    origin = f"{specification.path}: 'budget'"
+    if not isinstance(source, Simulation):
+        raise ConfigError(f"{origin} requires sources 'simulate: SCENARIO', but '{source.name}' is not simulated")
+    names: dict[tuple[str, str], str] = {}
+    for variant in variants_of(specification.budget):
+        settings = variant.settings(source.settings)
+        simulation = simulation_of(Path(source.path), settings, source.seed, origin)
+        faults = variant.faults(source.seed)
+        equal = names.setdefault((simulation.sha256, faults), variant.name)
+        if equal != variant.name:
+            raise ConfigError(
+                f"{origin}: the variants '{equal}' and '{variant.name}' of '{source.name}' are equal; each source of "
+                "error must change the scenario"
+            )
+        yield replace(simulation, name=source.name, variant=variant.name, faults=faults)

@@ -1,7 +1,6 @@
 """The folder of a suite. Results are files, from which the state of each job follows.
 
-DIR/plan.json               jobs in the order of the suite's file, refused sources, limits, code; path and hash of the
-                            suite's file and of the limits file
+DIR/plan.json               the plan (`Plan`) with its hash
 DIR/results/KEY.json        score of a job (sfr-score/2)
 DIR/failures/KEY.json       cause of the failure of a job
 DIR/workers.json            workers of the runs: finished jobs, and why a worker was set aside
@@ -20,10 +19,8 @@ the cache are complete or absent, so that several processes can write them.
 from __future__ import annotations
 
 import fcntl
-import socket
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -34,54 +31,17 @@ from sfr_loc_map.errors import ConfigError, InputError, OutputError
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import MAX_JSON_BYTES, MB, read_text, refusing
 from sfr_loc_map.json_yaml import parse_json
-from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.stored.score_json import from_dict, from_plain, json_line, to_plain
-from sfr_loc_map.package_commit import package_commit
+from sfr_loc_map.metrics.stored.score_json import HASH, from_dict, from_plain, hash_of_values, json_line, to_plain
 from sfr_loc_map.suite.running.job import PROVENANCE_PREFIX, Job, JobDescription
 from sfr_loc_map.suite.running.job_outcome import JobFailure, JobOutcome, JobState, WorkerRecord
+from sfr_loc_map.suite.running.plan import Plan, PlanOwner
 from sfr_loc_map.suite.running.sources import Estimate
-from sfr_loc_map.suite.running.specification import Refusal, limits_in
+from sfr_loc_map.suite.running.specification import Refusal
 
 PLAN, WORKERS = "plan.json", "workers.json"
 ADVICE = "delete this file and run the suite again"
 T = TypeVar("T")
-
-
-class PlanFile(msgspec.Struct, frozen=True):
-    """A file from which a plan was made."""
-
-    path: str
-    sha256: str
-
-
-class SuiteRun(msgspec.Struct, frozen=True):
-    """Code, host and time of a run of a suite."""
-
-    git: dict[str, str | None]  #: Commit, branch and date of the code; None if unknown.
-    host: str
-    time: str  #: ISO 8601 in UTC.
-
-    @classmethod
-    def now(cls) -> SuiteRun:
-        """Return the facts of a run that starts now on this host."""
-        time = datetime.now(UTC).isoformat(timespec="seconds")
-        return cls(package_commit()._asdict(), socket.gethostname(), time)
-
-
-class Plan(msgspec.Struct, frozen=True, kw_only=True):
-    """Content of `plan.json`.
-
-    Jobs and refusals are JSON values, because those that another version wrote are replaced without being read.
-    """
-
-    jobs: list[dict[str, Any]] = []
-    limits: dict[str, Any] = {}  #: Limits as stated in the file of the suite.
-    refusals: list[dict[str, Any]] = []
-    run: SuiteRun | None = None  #: The last run; None before the first.
-    files: list[PlanFile] = []  #: The file of the suite, and the file of its limits if there is one.
-    search: str = ""  #: File of the search to which the folder belongs; empty for a suite.
 
 
 class ResultProvenance(msgspec.Struct, frozen=True):
@@ -108,10 +68,7 @@ class Store:
             raise OutputError(f"'{folder}' contains {others[0]} and is not the folder of a suite: choose another name")
         for path in (self.results, self.failures, self.cache):
             make_folder(path, "choose another folder")
-        self._plan = Plan()
-        if self.plan_file.exists():
-            self._plan = _record(Plan, _read(self.plan_file), self.plan_file)
-        self._jobs: tuple[Job, ...] | None = None
+        self._plan: Plan | None = None
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -137,100 +94,56 @@ class Store:
                 ) from error
             yield is_locked
 
-    def save_plan(
-        self,
-        jobs: Sequence[Job],
-        refusals: Sequence[Refusal] = (),
-        limits: Mapping[str, object] = {},
-        files: Sequence[Path] = (),
-        search: Path | None = None,
-    ) -> None:
-        """Save the jobs and limits of the current file of the suite, and its unreadable sources.
+    # ---- the plan
 
-        `files` are the file of the suite and the file of its limits, if there is one. `search` is the file of a search.
-        ConfigError if there are so many jobs that the plan could not be read again.
-        """
-        self._plan = Plan(
-            jobs=to_plain(jobs),
-            limits=to_plain(limits),
-            refusals=to_plain(refusals),
-            run=SuiteRun.now(),
-            files=[PlanFile(str(path.absolute()), hash_path(path)) for path in files],
-            search="" if search is None else str(search.absolute()),
-        )
-        text = json_line(self._plan)
+    def save_plan(self, plan: Plan) -> None:
+        """Save a plan with the hash of its values; ConfigError if it has so many jobs that it could not be read."""
+        content = to_plain(plan)
+        text = json_line({**content, HASH: hash_of_values(content)})
         if len(text) > MAX_JSON_BYTES:
-            raise ConfigError(f"the plan of {len(jobs)} jobs exceeds {MAX_JSON_BYTES / MB:g} MB: split the suite")
+            raise ConfigError(f"the plan of {len(plan.jobs)} jobs exceeds {MAX_JSON_BYTES / MB:g} MB: split the suite")
         write_text(text, self.plan_file)
-        self._jobs = None
+        self._plan = plan
 
-    def check_owner(self, *, suite: Path | None = None, search: Path | None = None) -> None:
-        """Raise OutputError if the folder belongs to another file than the given file of a suite or of a search.
+    @property
+    def plan(self) -> Plan:
+        """The saved plan; InputError if the file was written by another version, or was edited."""
+        if self._plan is None:
+            content = _read(self.plan_file)
+            plan = _record(Plan, content, self.plan_file)
+            if content.get(HASH) != hash_of_values(content):
+                raise InputError(f"'{self.plan_file}' was edited, as its {HASH} shows: run the suite again")
+            self._plan = plan
+        return self._plan
+
+    def check_owner(self, file: Path, *, is_search: bool = False) -> None:
+        """Raise OutputError if the folder belongs to another file of a suite, or of a search, than the given file.
 
         The file of the folder may have been moved: a missing file does not protect the folder from a file of its kind.
+        Plans of other versions are accepted, because a run replaces them.
         """
-        owners = {"suite": self.suite_file, "search": self.search_file}
-        given = {"suite": suite, "search": search}
-        for kind, owner in owners.items():
-            file = given[kind]
-            is_other = file is None or (owner is not None and owner.exists() and owner.resolve() != file.resolve())
-            if owner is not None and is_other:
-                raise OutputError(f"'{self.folder}' is the folder of the {kind} '{owner}': choose another folder")
+        if not self.plan_file.exists():
+            return
+        owner = _record(PlanOwner, _read(self.plan_file), self.plan_file)
+        of_folder = Path(owner.search or owner.files[0].path) if owner.search or owner.files else None
+        if of_folder is None:
+            return
+        has_same_kind = bool(owner.search) == is_search
+        if has_same_kind and (not of_folder.exists() or of_folder.resolve() == file.resolve()):
+            return
+        kind = "search" if owner.search else "suite"
+        raise OutputError(f"'{self.folder}' is the folder of the {kind} '{of_folder}': choose another folder")
 
-    def check_files(self) -> tuple[str, ...]:
-        """Compare the plan with the suite's file and the limits file; return those of them that are missing.
+    def check_files(self) -> None:
+        """Raise InputError if the suite's file or the limits file has changed since the plan was made.
 
-        Raise InputError if a file has changed, or if the limits of the plan differ from those of the suite's file.
+        A missing file is accepted, because the plan has what the run has read from it.
         """
-        files = self._plan.files
-        absent = []
-        for file in files:
-            if not Path(file.path).is_file():
-                absent.append(file.path)
-            elif hash_path(Path(file.path)) != file.sha256:
+        for file in self.plan.files:
+            if Path(file.path).is_file() and hash_path(Path(file.path)) != file.sha256:
                 raise InputError(f"'{file.path}' has changed since '{self.plan_file}' was written: run the suite again")
-        if files and not absent:
-            suite = files[0].path
-            if to_plain(limits_in(Path(suite))) != self._plan.limits:
-                raise InputError(
-                    f"'{self.plan_file}' has limits that differ from those of '{suite}': run the suite again"
-                )
-        return tuple(absent)
 
-    @property
-    def search_file(self) -> Path | None:
-        """The file of the search to which the folder belongs; None if there is none."""
-        return Path(self._plan.search) if self._plan.search else None
-
-    @property
-    def suite_file(self) -> Path | None:
-        """The file of the suite; None if the plan does not name this file."""
-        files = self._plan.files
-        return Path(files[0].path) if files else None
-
-    @property
-    def run(self) -> dict[str, Any]:
-        """Code, host and time of the last run as JSON values; empty before the first run."""
-        run = self._plan.run
-        return {} if run is None else msgspec.to_builtins(run)
-
-    @property
-    def limits(self) -> Limits | None:
-        """Limits of the suite; None if there are none."""
-        limits = self._plan.limits
-        return parse_limits(limits, f"'{self.plan_file}': limits") if limits else None
-
-    def read_refusals(self) -> tuple[Refusal, ...]:
-        """Return the unreadable sources of the last run, and the sources that have results but no job any more.
-
-        InputError if a result or a failure that is not of a job cannot be read.
-        """
-        return (*self.planned_refusals, *self.left_over())
-
-    @property
-    def planned_refusals(self) -> tuple[Refusal, ...]:
-        """Sources of the last run that are unreadable or lack data for a task."""
-        return _record(tuple[Refusal, ...], self._plan.refusals, self.plan_file)
+    # ---- results and failures
 
     def left_over(self) -> tuple[Refusal, ...]:
         """Return the sources that have a result or a failure in the folder, but no job of the same work in the plan.
@@ -238,9 +151,9 @@ class Store:
         Without these sources, a suite would count as complete after a bad drive was removed from its file. Results and
         failures of work that is planned with other code, configuration or data are superseded.
         """
-        keys = {job.key for job in self.jobs}
+        keys = {job.key for job in self.plan.jobs}
         planned: dict[object, set[object]] = {}
-        for description in (job.description for job in self.jobs):
+        for description in (job.description for job in self.plan.jobs):
             planned.setdefault(description.work, set()).update(description.source_identities)
         found = []
         for path in (*sorted(self.results.glob("*.json")), *sorted(self.failures.glob("*.json"))):
@@ -305,13 +218,6 @@ class Store:
             failed.unlink(missing_ok=True)
             return
         write_text(json_line(JobFailure.of(job, outcome.cause, outcome.message)), failed)
-
-    @property
-    def jobs(self) -> tuple[Job, ...]:
-        """The jobs of the suite in the order of its file."""
-        if self._jobs is None:
-            self._jobs = _record(tuple[Job, ...], self._plan.jobs, self.plan_file)
-        return self._jobs
 
 
 def _description(configuration: Mapping[str, object], path: Path) -> JobDescription:

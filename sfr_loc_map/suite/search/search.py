@@ -21,6 +21,7 @@ from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, LimitedNumber, fau
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobState
+from sfr_loc_map.suite.running.plan import Plan
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.search.record import (
     LOST_RATIO,
@@ -117,7 +118,7 @@ def find_worst_case(
     try:
         return _search(specification, points, at_random=at_random)
     finally:  # also after an interruption, the folder has the plan of its results
-        store.save_plan(list(points.planned.values()), search=specification.path)
+        store.save_plan(Plan.of_search(specification.path, points.planned.values()))
 
 
 class _Points:

@@ -25,8 +25,7 @@ from sfr_loc_map.metrics.score.score import JUDGED_ROW, Score
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import Job, JobTask
-from sfr_loc_map.suite.running.source_readers import changed_scenario, scenario_settings, stated_simulation
-from sfr_loc_map.suite.running.sources import Simulation
+from sfr_loc_map.suite.running.source_entries import changed_scenario, scenario_settings, simulation_of
 from sfr_loc_map.suite.running.specification import SuiteSettings, check_keys
 
 Point = tuple[float, ...]
@@ -153,7 +152,7 @@ class SearchSpecification:
         settings = {**self.base, **self.settings_at(point)}
         return Job(
             task=JobTask.LOCALISE,
-            source=Simulation.of(stated_simulation(self.scenario, settings, seed, str(self.path))),
+            source=simulation_of(self.scenario, settings, seed, str(self.path)),
             faults=self.faults_at(point),
             fault_seed=self.running.seed,
             configuration="default",
@@ -204,7 +203,7 @@ def load_search(path: Path | str) -> SearchSpecification:
     given = scenario_settings(scenario)
     base = changed_scenario(scenario, changes, f"{path}: 'set'")
     for seed in seeds:
-        stated_simulation(scenario, base, seed, f"{path}: 'seeds'")
+        simulation_of(scenario, base, seed, f"{path}: 'seeds'")
     with naming_key(f"{path}: 'condition'"):
         condition = Condition.parse(settings.condition).setting
     parameters = tuple(_parameter(name, value, base, f"{path}: '{name}'") for name, value in ranges.items())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import msgspec
 from msgspec import Struct
@@ -54,7 +54,7 @@ def _several_items(results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
         yield from deviations_of_all([text], results)
 
 
-def deviations_of_all(sentences: Sequence[str], results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
+def deviations_of_all(sentences: Iterable[str], results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
     """Yield sentences that are about all results as deviations."""
     for text in sentences:
         yield CommonDeviation(text=text, results=len(results), of="all results")

@@ -69,7 +69,8 @@ class ResultReader:
     """Reads the results of a suite, and judges them by limits. Each result is read once."""
 
     def __init__(self, store: Store, limits: Limits | None) -> None:
-        self._store, self._limits = store, limits
+        self.limits = limits
+        self._store = store
         self._read: dict[str, ScoredJob] = {}  # by key of the job
 
     def results_of(self, jobs: Sequence[Job]) -> list[ScoredJob]:
@@ -89,7 +90,7 @@ class ResultReader:
     def _judged(self, job: Job) -> ScoredJob:
         """Return the result of a job, judged by the limits that apply to its subjects."""
         score = self._store.score(job)
-        of_score = limits_about(self._limits, tasks_of(score))
+        of_score = limits_about(self.limits, tasks_of(score))
         return ScoredJob(job, judged_by(score, of_score, partial=job.scoring.partial))
 
 

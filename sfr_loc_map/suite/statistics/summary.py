@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import msgspec
 from msgspec import Struct
 
 from sfr_loc_map import __version__
 from sfr_loc_map.metrics.completeness.expected_items import suite_completeness
 from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.figures.rows import Figure
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.limits import Limits, Rules
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
@@ -143,14 +145,15 @@ class Summary:
         return {**head, **self.run, **parts, "results": [result.to_dict() for result in self.results]}
 
 
-def summarise(store: Store, unchecked: Sequence[str] = (), reader: ResultReader | None = None) -> Summary:
+def summarise(store: Store, reader: ResultReader | None = None) -> Summary:
     """Read the results in the folder of a suite, judge them by the limits of the plan, and return their summary.
 
-    `unchecked` are sentences about parts of the plan that were not compared with the suite. They are deviations. A
-    `reader` with the limits of the plan may have read some of the results before. InputError if a result or a failure
-    cannot be read, or if a result is not that of its job.
+    A `reader` with the limits of the plan may have read some of the results before. InputError if the plan, a result or
+    a failure cannot be read, or if a result is not that of its job.
     """
-    jobs, limits = store.jobs, store.limits
+    plan = store.plan
+    jobs = plan.jobs
+    limits = parse_limits(plan.stated_limits, f"'{store.plan_file}': limits") if plan.stated_limits else None
     reader = reader or ResultReader(store, limits)
     in_state: dict[JobState, list[Job]] = {state: [] for state in JobState}
     for job in jobs:
@@ -158,24 +161,23 @@ def summarise(store: Store, unchecked: Sequence[str] = (), reader: ResultReader 
     results = reader.results_of(in_state[JobState.DONE])
     unfinished = [*in_state[JobState.FAILED], *in_state[JobState.WAITING]]
     order_seed = jobs[0].order_seed if jobs else 0
-    about_all = (*unchecked, *_chosen_order(order_seed))
     return Summary(
         jobs=len(jobs),
         waiting=len(in_state[JobState.WAITING]),
         groups=tuple(groups_of(results, limits, unfinished)),
         results=tuple(results),
         failures=tuple(store.failure(job) for job in in_state[JobState.FAILED]),
-        refusals=store.read_refusals(),
+        refusals=(*plan.refusals, *store.left_over()),
         code=jobs[0].code if jobs else "",
         order_seed=order_seed,
         workers=store.workers(),
-        run=store.run,
+        run=msgspec.to_builtins(plan.run),
         budgets=tuple(budgets_of(results, jobs)),
         waiting_jobs=tuple(job.label for job in in_state[JobState.WAITING]),
         planned_groups=planned_groups_of(jobs),
         copies=tuple(copies_in(jobs)),
         replaced_truths=replaced_truths_in(results),
-        deviations=(*deviations_of_all(about_all, results), *common_deviations(results)),
+        deviations=(*deviations_of_all(_chosen_order(order_seed), results), *common_deviations(results)),
         limits=limits,
     )
 

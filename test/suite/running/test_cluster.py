@@ -35,13 +35,14 @@ def test_a_job_that_fails_has_its_cause_and_fails_no_other_job(tmp_path: Path, m
     from helpers.misbehaving_jobs import Misbehaving
 
     found = {}
-    with connected(SuiteSettings(memory_mb=600), workers=2, scheduler=None) as client:
+    settings = SuiteSettings(memory_mb=600, timeout_s=5.0, wait_s=60.0)
+    with connected(settings, workers=2, scheduler=None) as client:
         client.register_plugin(Misbehaving())
-        at_work = SuiteWorkers(client, print, 60.0)
+        at_work = SuiteWorkers(client, settings, print)
         for tries, names in ((1, DEADLY), (2, OTHERS)):
             monkeypatch.setattr(cluster, "TRIES", tries)
             jobs = [replace(JOB, source=recording(name, sha256=name)) for name in names]
-            for job, outcome in run_jobs(client, jobs, 5.0, tmp_path, at_work):
+            for job, outcome in run_jobs(jobs, at_work, tmp_path):
                 found[job.source.name] = outcome
     for name, (cause, words) in (DEADLY | OTHERS).items():
         assert found[name].cause == cause, name

@@ -8,27 +8,35 @@ from pathlib import Path
 import pytest
 import yaml
 
+from helpers.made_suites import save_jobs
 from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.suite.running import source_inspection
 from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome
 from sfr_loc_map.suite.running.plan import make_plan
-from sfr_loc_map.suite.running.source_readers import SourceFacts
+from sfr_loc_map.suite.running.source_inspection import RecordingFacts
 from sfr_loc_map.suite.running.sources import Simulation
 from sfr_loc_map.suite.running.specification import Refusal, load_specification
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.summary import copies_in
 
 
-def facts(path: Path) -> SourceFacts:
+@pytest.fixture(autouse=True)
+def _facts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(source_inspection, "facts_of", facts)
+
+
+def facts(path: Path, cache: Path) -> RecordingFacts:
     if path.name.startswith("broken"):
         raise InputError(f"'{path}' is broken")
-    return SourceFacts(sha256=path.read_text(), pairs=5, nav_pairs=0 if path.name.startswith("drive") else 3)
+    return RecordingFacts(sha256=path.read_text(), pairs=5, nav_pairs=0 if path.name.startswith("drive") else 3)
 
 
 def plan_of(folder: Path, **content: object) -> tuple[list[Job], list[Refusal]]:
     suite = folder / "suite.yaml"
     suite.write_text(yaml.safe_dump(content))
-    return make_plan(load_specification(suite), facts, folder / "cache")
+    plan = make_plan(load_specification(suite), folder / "cache")
+    return [*plan.jobs], [*plan.refusals]
 
 
 def test_every_combination_once(tmp_path: Path) -> None:
@@ -53,10 +61,10 @@ def test_a_source_without_data_for_a_requested_task_is_refused(tmp_path: Path) -
     """Without `tasks`, each source is run with the tasks for which it has data."""
     for name in ("drive1", "both"):
         (tmp_path / name).write_text(name)
-    for tasks, refused in ((["localise", "map"], [("drive1", "map")]), (["map"], [("drive1", "map")]), (None, [])):
+    for tasks, refused in ((["localise", "map"], ["drive1"]), (["map"], ["drive1"]), (None, [])):
         given = {} if tasks is None else {"tasks": tasks}
         jobs, refusals = plan_of(tmp_path, sources=["drive1", "both"], **given)
-        assert [(item.name, item.task) for item in refusals] == refused
+        assert [item.name for item in refusals] == refused
         assert {job.source.name for job in jobs} >= {"both"}
 
 
@@ -127,10 +135,10 @@ def test_a_simulation_with_changed_settings_cannot_be_removed_from_a_suite(tmp_p
     store = Store(tmp_path / "out")
     for job in jobs:
         store.save(job, JobOutcome(cause=FailureCause.DIED, message="crashed"))
-    store.save_plan(jobs)
-    assert not store.read_refusals()
-    store.save_plan(plan_of(tmp_path, sources=[good])[0])
-    assert [item.name for item in store.read_refusals()] == ["flat-0 (drive.pairs=4)"]
+    save_jobs(store, jobs)
+    assert not store.left_over()
+    save_jobs(store, plan_of(tmp_path, sources=[good])[0])
+    assert [item.name for item in store.left_over()] == ["flat-0 (drive.pairs=4)"]
 
 
 def test_a_simulation_that_another_simulation_renames_is_the_same_source(tmp_path: Path) -> None:
@@ -139,8 +147,8 @@ def test_a_simulation_that_another_simulation_renames_is_the_same_source(tmp_pat
     store = Store(tmp_path / "out")
     for job in plan_of(tmp_path, sources=[first])[0]:
         store.save(job, JobOutcome(cause=FailureCause.DIED, message="crashed"))
-    store.save_plan([replace(job, code="other") for job in plan_of(tmp_path, sources=[first, added])[0]])
-    assert not store.read_refusals(), "the work is repeated with other code and with the name 'flat-0 (drive.pairs=3)'"
+    save_jobs(store, [replace(job, code="other") for job in plan_of(tmp_path, sources=[first, added])[0]])
+    assert not store.left_over(), "the work is repeated with other code and with the name 'flat-0 (drive.pairs=3)'"
 
 
 def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace as struct_replace
 
 from helpers.json_mutations import mutations
-from helpers.made_suites import JOB, recording
+from helpers.made_suites import JOB, recording, save_jobs
 from sfr_loc_map.errors import ConfigError, InputError, OutputError
 from sfr_loc_map.metrics.figures.records import Provenance
 from sfr_loc_map.metrics.score.score import Score
@@ -20,6 +20,7 @@ from sfr_loc_map.suite.run import PlannedRun
 from sfr_loc_map.suite.running import store as store_module
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome, WorkerRecord
+from sfr_loc_map.suite.running.plan import Plan
 from sfr_loc_map.suite.running.sources import Recording, Simulation
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import Store
@@ -42,12 +43,12 @@ def test_a_source_that_was_run_and_is_in_no_job_is_reported(tmp_path: Path) -> N
     for job in (JOB, bad, again):
         store.save(job, result_of(job))
     store.save(gone, JobOutcome(cause=FailureCause.BAD_INPUT, message="cut off"))
-    store.save_plan([JOB, bad, gone, again])
-    assert not store.read_refusals()
-    store.save_plan([JOB])
-    assert sorted(item.name for item in store.read_refusals()) == ["a", "b", "c"], "a repeat is work of its own"
-    store.save_plan([replace(job, code="other", fault_seed=7) for job in (JOB, bad, gone, again)])
-    assert not store.read_refusals(), "with other code, and with a seed of no faults, the same work is done again"
+    save_jobs(store, [JOB, bad, gone, again])
+    assert not store.left_over()
+    save_jobs(store, [JOB])
+    assert sorted(item.name for item in store.left_over()) == ["a", "b", "c"], "a repeat is work of its own"
+    save_jobs(store, [replace(job, code="other", fault_seed=7) for job in (JOB, bad, gone, again)])
+    assert not store.left_over(), "with other code, and with a seed of no faults, the same work is done again"
 
 
 @pytest.mark.parametrize("removed", ["seed", "fault", "repeat"])
@@ -65,18 +66,18 @@ def test_a_failed_job_cannot_be_removed_from_a_suite(removed: str, tmp_path: Pat
     }[removed]
     store = Store(tmp_path)
     store.save(failed, CRASHED)
-    store.save_plan([first, failed])
-    assert not store.read_refusals()
-    store.save_plan([first, replace(failed, code="other")])
-    assert not store.read_refusals(), "the job is repeated with other code"
-    store.save_plan([first])
-    assert [item.name for item in store.read_refusals()] == [failed.source.name]
+    save_jobs(store, [first, failed])
+    assert not store.left_over()
+    save_jobs(store, [first, replace(failed, code="other")])
+    assert not store.left_over(), "the job is repeated with other code"
+    save_jobs(store, [first])
+    assert [item.name for item in store.left_over()] == [failed.source.name]
 
 
 @pytest.mark.parametrize("folder", ["results", "failures"])
 def test_a_damaged_file_of_no_job_is_refused(folder: str, tmp_path: Path) -> None:
     store = Store(tmp_path)
-    store.save_plan([JOB])
+    save_jobs(store, [JOB])
     (tmp_path / folder / "other.json").write_text("[]")
     with pytest.raises(
         InputError, match=r"cannot read '.*other\.json': Expected `object`, got `array`; delete this file"
@@ -87,11 +88,11 @@ def test_a_damaged_file_of_no_job_is_refused(folder: str, tmp_path: Path) -> Non
 def test_a_failure_without_a_description_is_refused(tmp_path: Path) -> None:
     """The work of this failure is unknown, so that no job of the plan could be recognised as its repetition."""
     store = Store(tmp_path)
-    store.save_plan([JOB])
+    save_jobs(store, [JOB])
     failure = {"key": "other", "label": "localise c", "source": "c.mcap", "cause": "bad input", "message": "cut off"}
     (store.failures / "other.json").write_text(json.dumps(failure))
     with pytest.raises(InputError, match="missing required field `description`; delete this file"):
-        store.read_refusals()
+        store.left_over()
 
 
 def fetched(sha256: str) -> Recording:
@@ -112,14 +113,14 @@ def test_another_source_of_the_same_name_supersedes_nothing(tmp_path: Path) -> N
     }
     found = {}
     for name, source in others.items():
-        store.save_plan([replace(bad, source=source, code="other")])
-        found[name] = [item.name for item in store.read_refusals()]
+        save_jobs(store, [replace(bad, source=source, code="other")])
+        found[name] = [item.name for item in store.left_over()]
     assert found == {"another drive": ["a"], "new data": [], "the same data elsewhere": [], "from a server": ["a"]}
     before = replace(bad, source=fetched("1"))
     (store.results / f"{bad.key}.json").unlink()
     store.save(before, result_of(before))
-    store.save_plan([replace(bad, source=fetched("3"), code="other")])
-    assert not store.read_refusals(), "a server has a new version of its file"
+    save_jobs(store, [replace(bad, source=fetched("3"), code="other")])
+    assert not store.left_over(), "a server has a new version of its file"
 
 
 def test_a_result_whose_hash_was_removed_is_refused(tmp_path: Path) -> None:
@@ -137,7 +138,7 @@ def test_a_result_whose_hash_was_removed_is_refused(tmp_path: Path) -> None:
 def test_a_plan_that_could_not_be_read_again_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(store_module, "MAX_JSON_BYTES", 1000)
     with pytest.raises(ConfigError, match="the plan of 9 jobs exceeds"):
-        Store(tmp_path).save_plan([JOB] * 9)
+        save_jobs(Store(tmp_path), [JOB] * 9)
     assert not (tmp_path / "plan.json").exists()
 
 
@@ -156,24 +157,38 @@ def test_a_plan_is_compared_with_its_files(tmp_path: Path) -> None:
     suite.write_text("limits: limits.yaml\n")
     limits.write_text("memory: {localisation_peak_bytes: 5}\n")
     store = Store(tmp_path / "out")
-
-    def planned(peak: int) -> None:
-        store.save_plan([JOB], limits={"memory": {"localisation_peak_bytes": peak}}, files=(suite, limits))
-
-    planned(5)
-    assert store.check_files() == ()
-    planned(6)
-    with pytest.raises(InputError, match="has limits that differ from those of"):
-        store.check_files()
-    planned(5)
+    save_jobs(store, [JOB], files=(suite, limits))
+    store.check_files()
     limits.write_text("memory: {localisation_peak_bytes: 6}\n")
     with pytest.raises(InputError, match="has changed since"):
         store.check_files()
     limits.unlink()
-    assert store.check_files() == (str(limits),)
+    store.check_files()
 
 
-@pytest.mark.parametrize("edited", ["plan", "workers", "result", "left-over result", "failure", "left-over failure"])
+def test_an_edited_plan_is_refused(tmp_path: Path) -> None:
+    """A suite would pass if a job and its result could be deleted, or if its limits could be edited."""
+    store = Store(tmp_path / "out")
+    save_jobs(store, [JOB, replace(JOB, repeat=1)], limits={"memory": {"localisation_peak_bytes": 5}})
+    assert Store(store.folder).plan == store.plan
+    plan = json.loads(store.plan_file.read_text())
+    edits = [
+        {"jobs": plan["jobs"][:1]},
+        {"jobs": [*plan["jobs"], plan["jobs"][0] | {"repeat": 2}]},
+        {"limits": {"memory": {"localisation_peak_bytes": 6}}},
+        {"limits": {}},
+        {"files": [{"path": "other.yaml", "sha256": "0"}]},
+        {"content_sha256": None},
+    ]
+    for edit in edits:
+        store.plan_file.write_text(json.dumps(plan | edit))
+        with pytest.raises(InputError, match="was edited, as its content_sha256 shows: run the suite again"):
+            summarise(Store(store.folder))
+    save_jobs(store, [JOB])
+    assert Store(store.folder).plan.jobs == (JOB,), "a run replaces an edited plan"
+
+
+@pytest.mark.parametrize("edited", ["workers", "result", "left-over result", "failure", "left-over failure"])
 def test_an_edited_file_of_a_suite_is_read_or_refused(tmp_path: Path, edited: str) -> None:
     done, failed, gone, lost = (replace(JOB, source=recording(name, sha256=name)) for name in "abcd")
     suite = tmp_path / "suite.yaml"
@@ -182,14 +197,13 @@ def test_an_edited_file_of_a_suite_is_read_or_refused(tmp_path: Path, edited: st
     store = Store(folder)
     limits = {"memory": {"localisation_peak_bytes": 5}}
     refusals = [Refusal("gone.mcap", "source 'gone.mcap': no match")]
-    store.save_plan([done, failed], refusals, limits, files=[suite])
+    save_jobs(store, [done, failed], refusals, limits, files=[suite])
     store.add_workers([WorkerRecord(worker="tcp://127.0.0.1:1")])
     for job in (done, gone):
         store.save(job, result_of(job))
     for job in (failed, lost):
         store.save(job, CRASHED)
     path = {
-        "plan": folder / "plan.json",
         "workers": folder / "workers.json",
         "result": store.results / f"{done.key}.json",
         "left-over result": store.results / f"{gone.key}.json",
@@ -200,28 +214,14 @@ def test_an_edited_file_of_a_suite_is_read_or_refused(tmp_path: Path, edited: st
     for content in mutations(json.loads(path.read_text())):
         path.write_text(json.dumps(content))
         with suppress(InputError, ConfigError):
-            changed = Store(folder)
-            changed.check_files()
-            json_line(summarise(changed).to_dict())
-
-
-def test_the_facts_of_a_run_replace_no_other_part_of_a_summary(tmp_path: Path) -> None:
-    store = Store(tmp_path)
-    store.save_plan([JOB])
-    path = tmp_path / "plan.json"
-    plan = json.loads(path.read_text())
-    plan["run"] |= {"schema": "x", "counts": 1}
-    path.write_text(json.dumps(plan))
-    found = summarise(Store(tmp_path)).to_dict()
-    assert found == summarise(store).to_dict()
-    assert {"git", "host", "time"} <= found.keys()
+            json_line(summarise(Store(folder)).to_dict())
 
 
 @pytest.mark.parametrize("text", ["", "null", "[" * 10_000, "{", "\xff", '{"sources": ' + "1" * 5000 + "}"])
 @pytest.mark.parametrize("name", ["plan.json", "workers.json", "results/other.json", "failures/other.json"])
 def test_a_damaged_file_of_a_suite_is_refused_in_one_line(tmp_path: Path, name: str, text: str) -> None:
     store = Store(tmp_path)
-    store.save_plan([JOB])
+    save_jobs(store, [JOB])
     store.save(JOB, result_of(JOB))
     (tmp_path / name).write_bytes(text.encode("latin-1"))
     with pytest.raises(InputError, match=r"^cannot read '.*json': [^\n]*; delete this file and run the suite again$"):
@@ -233,29 +233,28 @@ def test_a_folder_belongs_to_one_file(tmp_path: Path) -> None:
     suite.write_text("sources: []\n")
     other.write_text("sources: []\n")
     of_suite, of_search = Store(tmp_path / "a"), Store(tmp_path / "b")
-    of_suite.save_plan([JOB], files=[suite])
-    of_search.save_plan([JOB], search=suite)
-    reopened = Store(tmp_path / "b")
-    of_suite.check_owner(suite=suite)
-    reopened.check_owner(search=suite)
-    for store, kind, file in ((of_suite, "suite", other), (of_suite, "search", suite), (reopened, "suite", suite)):
+    save_jobs(of_suite, [JOB], files=[suite])
+    of_search.save_plan(Plan.of_search(suite))
+    of_suite.check_owner(suite)
+    of_search.check_owner(suite, is_search=True)
+    for store, file, is_search in ((of_suite, other, False), (of_suite, suite, True), (of_search, suite, False)):
         with pytest.raises(OutputError, match="choose another folder"):
-            store.check_owner(**{kind: file})
+            store.check_owner(file, is_search=is_search)
     suite.rename(tmp_path / "moved.yaml")
-    of_suite.check_owner(suite=tmp_path / "moved.yaml")
-
-
-def planned_run(store: Store) -> PlannedRun:
-    return PlannedRun(all_jobs=[JOB], refusals=[], limits=None, reader=ResultReader(store, None), jobs=[])
+    of_suite.check_owner(tmp_path / "moved.yaml")
 
 
 def test_a_damaged_result_is_found_before_a_run(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    store.save_plan([JOB])
+    save_jobs(store, [JOB])
     store.save(JOB, result_of(JOB))
-    planned_run(store).check_finished(store)
+
+    def check() -> None:
+        PlannedRun(plan=store.plan, reader=ResultReader(store, None), jobs=[]).check_finished(store)
+
+    check()
     path = store.results / f"{JOB.key}.json"
     path.write_text(path.read_text().replace('"figures":[]', '"figures":[1]'))
     with pytest.raises(InputError, match="delete this file and run the suite again") as refused:
-        planned_run(store).check_finished(store)
+        check()
     assert "sfr score" not in str(refused.value)

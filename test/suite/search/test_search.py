@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from helpers.made_suites import save_jobs
 from sfr_loc_map.errors import ConfigError, InputError, OutputError
 from sfr_loc_map.metrics.figures.records import Association, Provenance
 from sfr_loc_map.metrics.figures.rows import figure_row
@@ -16,7 +17,6 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.suite import run_search
 from sfr_loc_map.suite.pages.search_page import render_search
-from sfr_loc_map.suite.running.facts_cache import FactsCache
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome
 from sfr_loc_map.suite.running.plan import make_plan
@@ -109,7 +109,7 @@ def test_the_case_repeats_the_faults_and_the_settings_of_the_jobs(tmp_path: Path
     result = find_worst_case(specification, store, Host(store).run)
     with_fault = replace(result, case=result.tried[0])
     (tmp_path / "case.yaml").write_text(case_file(with_fault))
-    planned, _ = make_plan(load_specification(tmp_path / "case.yaml"), FactsCache(store.cache).facts_of, store.cache)
+    planned = make_plan(load_specification(tmp_path / "case.yaml"), store.cache).jobs
     assert all(job.faults.startswith("blurred:share=0.3,amount=") for job in planned)
     searched = [job for job in specification.jobs_at(with_fault.case.point) if job.source.seed == result.case_seed]
     assert [job.key for job in planned] == [job.key for job in searched]
@@ -199,7 +199,7 @@ def test_a_fault_that_has_an_effect_at_every_amount_is_no_parameter(specificatio
 def test_a_search_refuses_the_folder_of_a_suite(specification: SearchSpecification, tmp_path: Path) -> None:
     """Its plan would replace that of the suite."""
     store = Store(tmp_path / "out")
-    store.save_plan([], files=(specification.path,))
+    save_jobs(store, [], files=(specification.path,))
     before = store.plan_file.read_text()
     with pytest.raises(OutputError, match="is the folder of the suite"):
         run_search(specification, store)

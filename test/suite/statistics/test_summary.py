@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace as struct_replace
 
 from helpers.cli_result import Sfr
-from helpers.made_suites import JOB, recording
+from helpers.made_suites import JOB, recording, save_jobs
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -42,7 +42,7 @@ def test_a_planned_group_without_a_result_is_undecided(tmp_path: Path) -> None:
     clean = [dataclasses.replace(JOB, source=source) for source in sources]
     faulty = [dataclasses.replace(job, faults="black") for job in clean]
     store = Store(tmp_path)
-    store.save_plan([*clean, *faulty], limits=limits)
+    save_jobs(store, [*clean, *faulty], limits=limits)
     parsed = parse_limits(limits, "limits")
     reader = ResultReader(store, parsed)
     states = []
@@ -51,7 +51,7 @@ def test_a_planned_group_without_a_result_is_undecided(tmp_path: Path) -> None:
     scores = [score_of(estimate, truth, config) for truth, estimate in drives]
     for job, score in zip((*clean, *faulty), scores * 2, strict=True):
         save_score(store, job, score)
-        states.append(is_suite_decided(store.jobs, reader.results_of(store.jobs), parsed))
+        states.append(is_suite_decided(store.plan.jobs, reader.results_of(store.plan.jobs), parsed))
         if job is clean[-1]:
             found = summarise(store)
             assert [item.state for item in found.on_limits] == ["pass"]
@@ -67,19 +67,19 @@ def test_a_suite_with_limits_and_without_a_result_is_incomplete(sfr: Sfr, tmp_pa
     suite, store = tmp_path / "suite.yaml", Store(tmp_path / "out")
     limits = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 1.0}]}
     suite.write_text(json.dumps({"sources": ["a"], "limits": limits}))
-    store.save_plan([JOB], limits=limits, files=[suite])
+    save_jobs(store, [JOB], limits=limits, files=[suite])
     assert summarise(store).verdict == "incomplete"
     done = sfr("suite", "report", store.folder)
     assert done.code == 3
     assert "1 of 1 jobs have no result yet" in done.err
-    store.save_plan([JOB])
+    save_jobs(store, [JOB])
     assert summarise(store).verdict is None
 
 
 def test_a_report_of_a_suite_names_each_refused_source(sfr: Sfr, tmp_path: Path) -> None:
     suite, store = tmp_path / "suite.yaml", Store(tmp_path / "out")
     suite.write_text("sources: [gone.mcap]\n")
-    store.save_plan([], [Refusal("gone.mcap", "source 'gone.mcap': no match")], files=[suite])
+    save_jobs(store, [], [Refusal("gone.mcap", "source 'gone.mcap': no match")], files=[suite])
     done = sfr("suite", "report", store.folder, "--json", "-")
     assert done.code == 2
     assert "skipped: source 'gone.mcap': no match" in done.err
@@ -88,7 +88,7 @@ def test_a_report_of_a_suite_names_each_refused_source(sfr: Sfr, tmp_path: Path)
 def test_a_plan_of_an_earlier_version_is_refused_in_one_line(tmp_path: Path) -> None:
     """The key `task` of a job was `kind`."""
     store = Store(tmp_path)
-    store.save_plan([JOB])
+    save_jobs(store, [JOB])
     plan = json.loads((tmp_path / "plan.json").read_text())
     plan["jobs"][0]["kind"] = plan["jobs"][0].pop("task")
     (tmp_path / "plan.json").write_text(json.dumps(plan))
@@ -99,7 +99,7 @@ def test_a_plan_of_an_earlier_version_is_refused_in_one_line(tmp_path: Path) -> 
 
 def test_a_ground_truth_in_place_of_that_of_the_recording_is_listed(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    store.save_plan([JOB])
+    save_jobs(store, [JOB])
     inputs = {"truth_file": InputFile(path="survey.csv", sha256="0")}
     provenance = Provenance(version="", configuration={"suite.key": JOB.key}, inputs=inputs)
     store.save(JOB, JobOutcome(result=to_json(Score(figures=(), provenance=provenance))))
@@ -111,7 +111,7 @@ def test_a_ground_truth_in_place_of_that_of_the_recording_is_listed(tmp_path: Pa
 
 def test_a_run_reads_each_result_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store, jobs = Store(tmp_path), [dataclasses.replace(JOB, repeat=number) for number in range(3)]
-    store.save_plan(jobs)
+    save_jobs(store, jobs)
     read: list[str] = []
     score_of_job = Store.score
 
@@ -136,7 +136,7 @@ def test_a_run_reads_each_result_once(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_a_chosen_order_of_the_drives_is_a_deviation(tmp_path: Path, seed: int) -> None:
     """The verdict of a sequential test can depend on the order, so that the seed could be chosen after the results."""
     store = Store(tmp_path)
-    store.save_plan([dataclasses.replace(JOB, order_seed=seed)])
+    save_jobs(store, [dataclasses.replace(JOB, order_seed=seed)])
     content = summarise(store).to_dict()
     assert content["order_seed"] == seed
     stated = [item["text"] for item in content["deviations"]]
@@ -155,7 +155,7 @@ def test_given_results_are_of_the_items_of_the_suite(
     localised = dataclasses.replace(JOB, task=JobTask.LOCALISE, configuration=configuration)
     given = dataclasses.replace(JOB, task=JobTask.SCORE, configuration="-")
     store = Store(tmp_path)
-    store.save_plan([localised, given])
+    save_jobs(store, [localised, given])
     for number, (job, item) in enumerate(((localised, "nav"), (given, name))):
         truth, estimate = drive(number, count=60)
         score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))

@@ -10,7 +10,6 @@ from helpers.cli_result import Sfr
 from helpers.made_suites import made_suite
 from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.suite import Store, Summary, load_specification, make_plan, summarise
-from sfr_loc_map.suite.running.facts_cache import FactsCache
 from sfr_loc_map.suite.running.job_outcome import JobOutcome
 from sfr_loc_map.suite.running.job_run import run_job
 from sfr_loc_map.suite.statistics.verdict_texts import verdict_texts_of
@@ -21,9 +20,9 @@ LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_
 def summary_of(suite: Path, out: Path) -> Summary:
     store = Store(out)
     specification = load_specification(suite)
-    jobs, _ = make_plan(specification, FactsCache(store.cache).facts_of, store.cache)
-    store.save_plan(jobs, limits=specification.stated_limits, files=specification.files)
-    for job in jobs:
+    plan = make_plan(specification, store.cache)
+    store.save_plan(plan)
+    for job in plan.jobs:
         store.save(job, JobOutcome(result=to_json(run_job(job, out, store.cache))))
     return summarise(store)
 

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from sfr_loc_map.suite.running import facts_cache
+from sfr_loc_map.suite.running import source_inspection
 from sfr_loc_map.suite.running.digests import files_hash
-from sfr_loc_map.suite.running.facts_cache import FactsCache
-from sfr_loc_map.suite.running.source_readers import SourceFacts
+from sfr_loc_map.suite.running.source_inspection import RecordingFacts, facts_of
 
 
 @pytest.fixture
@@ -17,19 +16,19 @@ def reads(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """Replace the reading of sources; return the sources that were read."""
     found: list[Path] = []
 
-    def inspect(path: Path) -> SourceFacts:
+    def read(path: Path) -> RecordingFacts:
         found.append(path)
-        return SourceFacts(sha256=files_hash(path), pairs=1, nav_pairs=0)
+        return RecordingFacts(sha256=files_hash(path), pairs=1, nav_pairs=0)
 
-    monkeypatch.setattr(facts_cache, "inspect_file", inspect)
+    monkeypatch.setattr(source_inspection, "read_facts", read)
     return found
 
 
 def test_a_source_is_read_once(tmp_path: Path, reads: list[Path]) -> None:
     drive = tmp_path / "drive.mcap"
     drive.write_text("drive")
-    first = FactsCache(tmp_path / "cache").facts_of(drive)
-    assert FactsCache(tmp_path / "cache").facts_of(drive) == first
+    first = facts_of(drive, tmp_path / "cache")
+    assert facts_of(drive, tmp_path / "cache") == first
     assert reads == [drive]
 
 
@@ -39,10 +38,10 @@ def test_a_source_is_read_again_when_a_file_changes(tmp_path: Path, reads: list[
     files = {"drive/0.png": "image", "mytruth.csv": "truth", "drive/sfr.yaml": "truth: {source: ../mytruth.csv}\n"}
     for name, text in files.items():
         (tmp_path / name).write_text(text)
-    cache = FactsCache(tmp_path / "cache")
-    before = cache.facts_of(tmp_path / "drive")
+    cache = tmp_path / "cache"
+    before = facts_of(tmp_path / "drive", cache)
     (tmp_path / changed).write_text(files[changed] + "\n")
-    assert cache.facts_of(tmp_path / "drive").sha256 != before.sha256
+    assert facts_of(tmp_path / "drive", cache).sha256 != before.sha256
     assert len(reads) == 2
 
 
@@ -53,8 +52,8 @@ def test_a_source_is_read_again_with_other_code(
     drive = tmp_path / "drive.mcap"
     drive.write_text("drive")
     for code in ("before", "before", "after"):
-        monkeypatch.setattr(facts_cache, "code_fingerprint", lambda code=code: code)
-        FactsCache(tmp_path / "cache").facts_of(drive)
+        monkeypatch.setattr(source_inspection, "code_fingerprint", lambda code=code: code)
+        facts_of(drive, tmp_path / "cache")
     assert len(reads) == 2
 
 
@@ -62,9 +61,9 @@ def test_a_source_is_read_again_with_other_code(
 def test_a_damaged_file_of_the_cache_is_written_again(tmp_path: Path, reads: list[Path], text: str) -> None:
     drive = tmp_path / "drive.mcap"
     drive.write_text("drive")
-    cache = FactsCache(tmp_path / "cache")
-    first = cache.facts_of(drive)
+    cache = tmp_path / "cache"
+    first = facts_of(drive, cache)
     (file,) = (tmp_path / "cache/facts").glob("*.json")
     file.write_bytes(text.encode("latin-1"))
-    assert cache.facts_of(drive) == cache.facts_of(drive) == first
+    assert facts_of(drive, cache) == facts_of(drive, cache) == first
     assert len(reads) == 2
