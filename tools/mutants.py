@@ -524,9 +524,9 @@ MUTATIONS = (
     Mutation("methods/method_process.py", "MethodCall(measured.usage,", "MethodCall(type(measured.usage)(stated_s),"),
     Mutation("methods/call_monitor.py", "return min(between_s,", "return min(0.0,"),
     Mutation("methods/call_monitor.py", 'self.monitor.memory.check(peak, "had")', "pass"),
-    Mutation("methods/channel.py", "if now_s >= check_s:", "if False:"),
+    Mutation("methods/supervised_process.py", "if now_s >= check_s:", "if False:"),
     Mutation("methods/method_process.py", 'reply.get("number") != number', "False"),
-    Mutation("methods/channel.py", "if now_s > end_s:", "if now_s > end_s and not self._unread:"),
+    Mutation("methods/supervised_process.py", "if now_s > end_s:", "if now_s > end_s and not self._unread:"),
     # calls of the run, and what limits allow
     Mutation(CALL_CHECKS, "apart_ns <= nearness_ns(stamps_ns)", "apart_ns == 0"),
     Mutation(CALL_CHECKS, '_check_same("attitudes", apart_deg', '_check_same("attitudes", 0.0 * apart_deg'),

@@ -6,11 +6,9 @@ A method under test (in the documentation also: a candidate) is called through t
       isolated_localiser.py, isolated_mapper.py    one call for a pair or a set: checks the values of the answer
         map_arrays.py                              clouds and disparity images in the answer of a mapper
         isolated_method.py                         starts an ended process again, at the last known pose
-          request.py                               a call that is to be made: its kind and its pairs
-          method_process.py                        one process: measures its calls and reads its answers
+          method_process.py                        one process: starts it, measures its calls, reads its answers
             scratch_folder.py                      shared images, log, arrays of the answers
-            supervised_process.py                  starts the process in three steps, ends it, exchanges messages
-              channel.py                           messages as lines of JSON, with a timeout
+            supervised_process.py                  the process with its pipes: messages as lines of JSON, with a timeout
             call_monitor.py                        time and memory from outside, leaks, misstated times
             isolation.py                           files and environment variables that the process may use
     ---- process boundary -------------------------------------------------------------------------------------
@@ -19,9 +17,10 @@ A method under test (in the documentation also: a candidate) is called through t
                 adapters/*.py                      one module for each interface of methods
                   the method
 
-`registry.py` finds a method by its name. `method_call.py` has the result of a call, and the failures.
-`point_bounds.py` has the bounds of points for both sides of the boundary. `config_truth.py` refuses a configuration
-that contains the ground truth. `ours.py` is our method with the interface of a candidate.
+`registry.py` finds a method by its name. `method_call.py` has the request and the record of a call, and the failures.
+`isolated_method.py` alone starts and ends the process of a method. `point_bounds.py` has the bounds of points for both
+sides of the boundary. `config_truth.py` refuses a configuration that contains the ground truth. `ours.py` is our method
+with the interface of a candidate.
 
 Another interface requires a module in `adapters/` with `open_method(setup)`, which returns an object as described in
 `child/loop.py`, and a row in `registry.py` (`_BUILT_IN`, or `_PEERS` for a method of another interpreter). A user's own

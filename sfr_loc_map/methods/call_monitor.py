@@ -100,7 +100,7 @@ class ProcessMemory:
             return self.file_bytes()
         except OSError as error:
             text = f"has a file that cannot be measured ({error.strerror}): its memory is unknown"
-            raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text, ended=True) from error
+            raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text) from error
 
     def resident_bytes(self, process: int) -> int | None:
         """Return the resident memory of one process with the files, None if unknown; reset its high-water mark."""
@@ -111,7 +111,7 @@ class ProcessMemory:
         """Raise MethodFailureError if the limit is exceeded."""
         if resident_bytes > self.limit_mb * MB:
             text = f"{verb} {resident_bytes // MB} MB resident: at most {self.limit_mb} MB is allowed"
-            raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text, ended=True)
+            raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text)
 
 
 @dataclass(frozen=True, slots=True)

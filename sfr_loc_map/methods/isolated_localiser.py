@@ -16,10 +16,9 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.methods.child.loop import Answer, Pose
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
-from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
+from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, Request, RequestedPair
 from sfr_loc_map.methods.method_process import ProcessSettings
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.methods.request import Request, RequestedPair
 from sfr_loc_map.metrics.figures.records import FindingKind
 from sfr_loc_map.metrics.frames.covariance import UPPER, check_variances, step_variances, symmetric
 

@@ -21,10 +21,9 @@ from sfr_loc_map.mapping.search_range import search_range_of
 from sfr_loc_map.methods.child.loop import Answer
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.map_arrays import Arrays, cloud_in, disparity_in, largest_files
-from sfr_loc_map.methods.method_call import MethodCall
+from sfr_loc_map.methods.method_call import MethodCall, Request, RequestedPair
 from sfr_loc_map.methods.method_process import ProcessSettings
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.methods.request import Request, RequestedPair
 
 F = np.float32
 DISPARITY_SIGMA_PX = F(0.5)  #: Standard deviation assumed for disparities of matchers, which do not estimate it.

@@ -12,11 +12,10 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.hashes import FileState
 from sfr_loc_map.methods.child.loop import Answer
-from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, NotStartedAgainError
+from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, NotStartedAgainError, Request
 from sfr_loc_map.methods.method_process import MethodProcess, ProcessSettings
 from sfr_loc_map.methods.own_code import code_sha256, code_state
 from sfr_loc_map.methods.registry import Method
-from sfr_loc_map.methods.request import Request
 from sfr_loc_map.metrics.figures.records import FindingKind, MethodRecord
 
 T = TypeVar("T")
@@ -61,6 +60,9 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
     def close(self) -> None:
         """End the process; later calls do not start it again."""
         self._starts_left = 0
+        self._end_process()
+
+    def _end_process(self) -> None:
         if self._process is not None:
             self._process.close()
             self._process = None
@@ -86,26 +88,27 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         for requested in request.pairs:
             if fault := self.rig.fault_of_size(requested.pair.left):  # the right image has the size of the left image
                 raise MethodError(f"image of stamp {requested.pair.stamp_ns} {fault}")
-        call = MethodCall()
         try:
             process = self._running_process(T_ds_rb)
             self._calls += 1
             call, returned = process.call(request, self._calls)
-            answer, contents = returned.result()
-            _check_stamp(request.pairs[-1].pair, answer)
-            return call, read(answer, contents)
         except NotStartedAgainError as error:  # a call that was not made has no finding
             return MethodCall(reason=str(error)), None
-        except MethodFailureError as error:
+        except MethodFailureError as error:  # the process did not start, or is of no further use
+            self._end_process()
             text = str(error)
-            if error.ended:
-                self._process = None
-            if error.ended and not self._starts_left:
+            if not self._starts_left:
                 text += f"; not started again after {1 + self._settings.limits.restarts} starts"
-            return call.failed(error.kind, text), None
+            return MethodCall().failed(error.kind, text), None
         except KeyboardInterrupt:  # the answer of the process is outstanding
             self.close()
             raise
+        try:
+            answer, contents = returned.result()
+            _check_stamp(request.pairs[-1].pair, answer)
+            return call, read(answer, contents)
+        except MethodFailureError as error:  # the process runs on
+            return call.failed(error.kind, str(error)), None
 
 
 def _state_of(method: Method) -> tuple[FileState, ...]:

@@ -10,13 +10,13 @@ from pathlib import Path
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.methods.call_monitor import CallFindings, CallMonitor, Measurement
-from sfr_loc_map.methods.child.loop import Answer, Camera, Reply, Setup
+from sfr_loc_map.methods.child.loop import Answer, Camera, Hello, Ready, Reply, Setup
+from sfr_loc_map.methods.child.supervisor import Started
 from sfr_loc_map.methods.isolation import isolation_of, rules_of, search_path_of
-from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
+from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, Request, numbers_of
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.methods.request import Request, numbers_of
 from sfr_loc_map.methods.scratch_folder import ScratchFolder
-from sfr_loc_map.methods.supervised_process import SupervisedProcess, load_adapter, open_method, restrict
+from sfr_loc_map.methods.supervised_process import SupervisedProcess
 from sfr_loc_map.metrics.calls.call_score import is_statistic
 from sfr_loc_map.metrics.figures.records import FindingKind
 from sfr_loc_map.suite_names import Task
@@ -61,9 +61,10 @@ class Returned:
     """What a process returned in a call: the reply, and the content of each requested file that exists."""
 
     reply: Reply
-    contents: Mapping[str, bytes | MethodFailureError]  #: The error is the reason why a file cannot be read.
+    contents: Mapping[str, bytes]
+    unreadable: str = ""  #: Why a file cannot be read; empty if all were read.
 
-    def result(self) -> tuple[Answer, dict[str, bytes]]:
+    def result(self) -> tuple[Answer, Mapping[str, bytes]]:
         """Return the answer of the adapter and the files of its arrays; MethodFailureError without a valid result."""
         if "fault" in self.reply:
             raise MethodFailureError(FindingKind(self.reply["fault"]), self.reply.get("text", ""))
@@ -71,12 +72,9 @@ class Returned:
             raise MethodFailureError(
                 FindingKind.INVALID_RESULT, "the process of the method answered without a result or a time"
             )
-        contents: dict[str, bytes] = {}
-        for suffix, content in self.contents.items():
-            if isinstance(content, MethodFailureError):
-                raise content
-            contents[suffix] = content
-        return self.reply["result"], contents
+        if self.unreadable:
+            raise MethodFailureError(FindingKind.INVALID_RESULT, self.unreadable)
+        return self.reply["result"], self.contents
 
 
 class MethodProcess:
@@ -96,50 +94,50 @@ class MethodProcess:
             self._folder = resources.enter_context(ScratchFolder(rig.height, rig.width))
             self._supervised = resources.enter_context(SupervisedProcess(method, self._folder, limits.memory_mb))
             rules = rules_of(method, self._folder.path, settings.hidden)
+            memory = self._supervised.memory
+            check = memory.usage
             try:
-                started = restrict(self._supervised, rules, timeout_s)
-                loaded = load_adapter(self._supervised, started, timeout_s)
+                # the process is restricted, and has loaded neither the adapter nor the method
+                started = self._supervised.exchange(rules, Started, timeout_s, check)
+                pid = started["process"]
+                # the adapter is loaded, but no code of the method
+                self._supervised.exchange(None, Ready, timeout_s, check)
+                base_bytes = memory.resident_bytes(pid)
+                # the method is loaded and warmed up
                 setup = settings.setup(self._folder.images, T_ds_rb)
-                opened = open_method(self._supervised, loaded, setup, timeout_s)
+                hello = self._supervised.exchange(setup, Hello, timeout_s, check)
+                self.idle_bytes = memory.resident_bytes(pid)
             except MethodFailureError as error:
-                raise MethodFailureError(error.kind, f"method {method.name} {error}", ended=True) from error
-            self._monitor = CallMonitor(
-                self._supervised.memory, loaded.process, loaded.base_bytes, keeps_rate=settings.keeps_rate
-            )
+                raise MethodFailureError(error.kind, f"method {method.name} {error}") from error
+            self._monitor = CallMonitor(memory, pid, base_bytes, keeps_rate=settings.keeps_rate)
             self._resources = resources.pop_all()
         self.isolation = isolation_of(started["isolation"], can_read_all_files=started["can_read_all_files"])
-        self.idle_bytes = opened.idle_bytes
-        self.version = opened.hello["version"]
-        self.fuses, self.maps_sets = opened.hello["fuses"], opened.hello["maps_sets"]
+        self.version = hello["version"]
+        self.fuses = hello["fuses"]
+        self.maps_sets = hello["maps_sets"]
 
     def call(self, request: Request, number: int) -> tuple[MethodCall, Returned]:
         """Make the call `number`. Return its record, and what the process returned.
 
         The call begins before its pairs are shared, and ends when the answer and the files of its arrays are read. Work
-        of the method between two calls is added to the second call. MethodFailureError if the call fails. The process
-        is then closed.
+        of the method between two calls is added to the second call. MethodFailureError if the process ended, did not
+        answer or exceeded its memory, or if it answered another call. The process is then of no further use.
         """
         self._folder.remove_arrays(request.largest_files)
-        try:
-            running = self._monitor.begin_call(self._last_call)
-            self._folder.begin_call()
-            self._folder.share([requested.pair for requested in request.pairs])
-            order = request.order(number, self._folder.output)
-            reply = self._supervised.exchange(order, Reply, self._call_timeout_s, running.check_memory)
-            if reply.get("number") != number:  # the method wrote a line, so that later answers would lag
-                text = (
-                    f"the process of the method answered call {reply.get('number')} in place of call {number}: the "
-                    "method must not write to the pipe of the answers"
-                )
-                raise MethodFailureError(FindingKind.INVALID_RESULT, text, ended=True)
-            contents = {suffix: self._folder.content(suffix, limit) for suffix, limit in request.largest_files.items()}
-            measured = running.end()
-        except MethodFailureError:
-            self.close()
-            raise
-        self._last_call = measured
-        known = {suffix: content for suffix, content in contents.items() if content is not None}
-        return self._record(measured, reply), Returned(reply, known)
+        running = self._monitor.begin_call(self._last_call)
+        self._folder.begin_call()
+        self._folder.share([requested.pair for requested in request.pairs])
+        order = request.order(number, self._folder.output)
+        reply = self._supervised.exchange(order, Reply, self._call_timeout_s, running.check_memory)
+        if reply.get("number") != number:  # the method wrote a line, so that later answers would lag
+            text = (
+                f"the process of the method answered call {reply.get('number')} in place of call {number}: the method "
+                "must not write to the pipe of the answers"
+            )
+            raise MethodFailureError(FindingKind.INVALID_RESULT, text)
+        contents, unreadable = self._folder.arrays(request.largest_files)
+        self._last_call = running.end()
+        return self._record(self._last_call, reply), Returned(reply, contents, unreadable)
 
     def _record(self, measured: Measurement, reply: Reply) -> MethodCall:
         """Return the record of a call; without time and memory if the method raised an error."""

@@ -6,7 +6,7 @@ import mmap
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
 from typing import BinaryIO, Self
@@ -16,8 +16,6 @@ import numpy as np
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.inputs import read_bytes
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.methods.method_call import MethodFailureError
-from sfr_loc_map.metrics.figures.records import FindingKind
 from sfr_loc_map.process_tree import bytes_of_files
 
 SHARED_MEMORY = Path("/dev/shm")
@@ -77,17 +75,21 @@ class ScratchFolder(AbstractContextManager["ScratchFolder"]):
             with suppress(OSError):  # the method may have made a folder of this name, which is then no valid array
                 self._array_file(suffix).unlink()
 
-    def content(self, suffix: str, limit: int) -> bytes | MethodFailureError | None:
-        """Return the content of an array's file of at most `limit` bytes, or why the file cannot be read.
+    def arrays(self, limits: Mapping[str, int]) -> tuple[dict[str, bytes], str]:
+        """Return the content of the arrays' files by suffix; of a file of more than its limit, bytes, nothing is read.
 
-        None without a file.
+        The text is the reason why a file cannot be read, empty if all files that exist were read.
         """
-        try:
-            return read_bytes(self._array_file(suffix), limit)
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError) as error:
-            return MethodFailureError(FindingKind.INVALID_RESULT, f"the {suffix} cannot be read: {error}")
+        contents: dict[str, bytes] = {}
+        unreadable = ""
+        for suffix, limit in limits.items():
+            try:
+                contents[suffix] = read_bytes(self._array_file(suffix), limit)
+            except FileNotFoundError:
+                continue
+            except (OSError, ValueError) as error:
+                unreadable = unreadable or f"the {suffix} cannot be read: {error}"
+        return contents, unreadable
 
     def _array_file(self, suffix: str) -> Path:
         return Path(f"{self.output}.{suffix}.npy")

@@ -1,27 +1,23 @@
-"""The supervisor with the process of a method, and the three steps of their start.
-
-Each step requires the result of the step before it, and raises MethodFailureError if it fails:
-
-    restrict        Started          the process is restricted, and has loaded neither the adapter nor the method
-    load_adapter    LoadedAdapter    the adapter is loaded, but no code of the method
-    open_method     OpenedMethod     the method is loaded and warmed up
-"""
+"""The supervisor with the process of a method, and the messages to and from this process."""
 
 from __future__ import annotations
 
+import json
 import os
+import select
 import signal
 import subprocess
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
-from dataclasses import dataclass
 from typing import Self, TypeVar
+
+import msgspec
 
 from sfr_loc_map.child_process import ending_of
 from sfr_loc_map.methods.call_monitor import ProcessMemory
-from sfr_loc_map.methods.channel import Channel, ClosedChannelError
-from sfr_loc_map.methods.child.loop import Hello, Order, Ready, Setup
-from sfr_loc_map.methods.child.supervisor import Rules, Started
+from sfr_loc_map.methods.child.loop import Order, Setup
+from sfr_loc_map.methods.child.supervisor import Rules
 from sfr_loc_map.methods.isolation import environment_of
 from sfr_loc_map.methods.method_call import MethodFailureError
 from sfr_loc_map.methods.registry import ADAPTERS, CHILD, Method
@@ -29,7 +25,9 @@ from sfr_loc_map.methods.scratch_folder import ScratchFolder
 from sfr_loc_map.metrics.figures.records import FindingKind
 from sfr_loc_map.process_tree import ProcessTree
 
+CHECK_S = 0.05  #: Period of the checks while an answer is awaited.
 EXIT_TIMEOUT_S = 10.0  #: Time in which an ended process exits.
+LONGEST_ANSWER = 16_000_000  #: Bytes.
 
 T = TypeVar("T")
 
@@ -90,37 +88,84 @@ class SupervisedProcess(AbstractContextManager["SupervisedProcess"]):
         how = "closed its output but is still running"
         with suppress(subprocess.TimeoutExpired):
             how = ending_of(self._process.wait(EXIT_TIMEOUT_S))
-        return MethodFailureError(FindingKind.CRASHED, f"{how}: {self._folder.last_log_line()}", ended=True)
+        return MethodFailureError(FindingKind.CRASHED, f"{how}: {self._folder.last_log_line()}")
 
 
-@dataclass(frozen=True, slots=True)
-class LoadedAdapter:
-    """A restricted process that has loaded the adapter, but no code of the method."""
-
-    process: int  #: Process id.
-    base_bytes: int | None  #: Resident memory, None if unknown.
+class ClosedChannelError(Exception):
+    """The process has closed its end of the channel."""
 
 
-@dataclass(frozen=True, slots=True)
-class OpenedMethod:
-    """A method that is loaded and warmed up."""
+class Channel:
+    """The pipes of a process, through which messages pass as lines of JSON."""
 
-    hello: Hello
-    idle_bytes: int | None  #: Resident memory, None if unknown.
+    def __init__(self, orders: int, answers: int) -> None:
+        """Use the descriptors of the process's standard input and output."""
+        os.set_blocking(orders, False)  # a method that does not read must not delay the timeout
+        self._orders, self._answers = orders, answers
+        self._unread = b""
 
+    def exchange(
+        self, message: Rules | Setup | Order | None, kind: type[T], timeout_s: float, check: Callable[[], object]
+    ) -> T:
+        """Send a message and return the answer; `check` is called periodically meanwhile, and may raise an error.
 
-def restrict(supervised: SupervisedProcess, rules: Rules, timeout_s: float) -> Started:
-    """Restrict the process to the paths of the rules."""
-    return supervised.exchange(rules, Started, timeout_s, supervised.memory.usage)
+        Without a message, the next line of the process is awaited. MethodFailureError if the answer is late or not of
+        this kind.
+        """
+        request = b"" if message is None else json.dumps(message).encode() + b"\n"
+        line = self._answer(request, timeout_s, check)
+        try:
+            return msgspec.convert(json.loads(line), kind)
+        except (ValueError, RecursionError) as error:
+            text = (
+                f"the process of the method wrote {line[:80]!r} in place of an answer ({error}): the method must not "
+                "write to the pipe of the answers"
+            )
+            raise MethodFailureError(FindingKind.INVALID_RESULT, text) from error
 
+    def _answer(self, request: bytes, timeout_s: float, check: Callable[[], object]) -> bytes:
+        """Send a request, and return the next line of the output.
 
-def load_adapter(supervised: SupervisedProcess, started: Started, timeout_s: float) -> LoadedAdapter:
-    """Wait until the restricted process has loaded the adapter."""
-    supervised.exchange(None, Ready, timeout_s, supervised.memory.usage)
-    return LoadedAdapter(started["process"], supervised.memory.resident_bytes(started["process"]))
+        Check and timeout depend on the clock only, whatever the method reads or writes meanwhile.
+        """
+        streams = select.poll()
+        streams.register(self._answers, select.POLLIN)
+        if request:
+            streams.register(self._orders, select.POLLOUT)
+        now_s = time.monotonic()
+        end_s, check_s = now_s + timeout_s, now_s + CHECK_S
+        while request or b"\n" not in self._unread:
+            now_s = time.monotonic()
+            if now_s >= check_s:
+                check()
+                check_s = time.monotonic() + CHECK_S
+            if now_s > end_s:
+                text = f"has not answered for {timeout_s:g} s"
+                raise MethodFailureError(FindingKind.HANGING, text)
+            ready = dict(streams.poll(1000 * max(check_s - now_s, 0.0)))
+            if self._orders in ready:
+                request = self._send(request)
+                if not request:
+                    streams.unregister(self._orders)
+            if self._answers in ready:
+                self._receive()
+        line, _, self._unread = self._unread.partition(b"\n")
+        return line
 
+    def _send(self, request: bytes) -> bytes:
+        """Write as much of a request as the pipe accepts; return the rest."""
+        try:
+            return request[os.write(self._orders, request) :]
+        except BlockingIOError:
+            return request
+        except OSError as error:
+            raise ClosedChannelError from error
 
-def open_method(supervised: SupervisedProcess, loaded: LoadedAdapter, setup: Setup, timeout_s: float) -> OpenedMethod:
-    """Let the adapter load the method and warm it up."""
-    hello = supervised.exchange(setup, Hello, timeout_s, supervised.memory.usage)
-    return OpenedMethod(hello, supervised.memory.resident_bytes(loaded.process))
+    def _receive(self) -> None:
+        data = os.read(self._answers, 65536)
+        if not data:
+            raise ClosedChannelError
+        self._unread += data
+        if len(self._unread) > LONGEST_ANSWER:
+            text = f"answered more than {LONGEST_ANSWER // 1_000_000} MB"
+            raise MethodFailureError(FindingKind.INVALID_RESULT, text)

@@ -16,11 +16,11 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.methods.channel import Channel
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import find_method
+from sfr_loc_map.methods.supervised_process import Channel
 from sfr_loc_map.runs.localiser_run import localise
 from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.runs.under_test import UnderTest
