@@ -168,6 +168,7 @@ def search(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Search for the scenario with the smallest margin (extra search); exit code 1 if it misses the limit."""
+    from sfr_loc_map.metrics.stored.score_json import to_plain
     from sfr_loc_map.suite.pages.search_page import search_tables
     from sfr_loc_map.suite.run import run_search
     from sfr_loc_map.suite.running.store import Store
@@ -179,7 +180,7 @@ def search(
     _refuse_workers_of(context, scheduler)
     specification, store = load_search(search), Store(out)
     with _progress() as progress:
-        result = run_search(
+        record = run_search(
             specification,
             store,
             workers=workers,
@@ -188,12 +189,11 @@ def search(
             say=_tell,
             progress=progress,
         )
-    record = result.record
-    show(result.to_dict(), json_path, search_tables(record))
-    for point, reason in result.left_out.items():
-        say(one_line(f"skipped: {result.named(point)}: {reason}"), err=True)
+    show(to_plain(record), json_path, search_tables(record))
+    for item in record.left_out:
+        say(one_line(f"skipped: {item.point}: {item.reason}"), err=True)
     say(f"report: {store.folder / 'search.html'}", err=True)
-    if result.found.fails:
+    if record.found.fails:
         number, ratio = f"{record.figure} {record.statistic}", record.found.ratio
         worst = f"a drive has no {number}" if ratio is None else f"{number} is {ratio:.3g} times the limit"
         raise FailedVerdictError(
@@ -277,10 +277,10 @@ def history(
 
     A planned job without a result in the last run counts as worse. Exit code 3 if no figure could be tested.
     """
+    from sfr_loc_map.suite.history.history import find_changes
+    from sfr_loc_map.suite.history.night import Night, check_order
     from sfr_loc_map.suite.pages.page import render_history
     from sfr_loc_map.suite.pages.tables import history_tables
-    from sfr_loc_map.suite.statistics.history import find_changes
-    from sfr_loc_map.suite.statistics.night import Night, check_order
 
     propose("sfr report A B", why="compares two of these runs in full")
     check_suffix(html, HTML_SUFFIXES)

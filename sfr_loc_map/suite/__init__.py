@@ -21,9 +21,8 @@
 
 `search/` chooses points of a scenario, runs their jobs in the same way and reads their results from the folder. The
 page of a search, `search.json` and the evidence of a test report are made from one record (`search/record.py`).
-`statistics/comparison.py` compares two summaries. `statistics/history.py` compares the `suite.json` of many nights:
-`night.py` reads a night, `night_changes.py` finds the nights at which a figure changed, and `night_comparison.py` tests
-one night. Jobs are paired by `statistics/pairing.py`. `store.py` states which process writes which file.
+`statistics/comparison.py` compares two summaries, and `history/` compares the `suite.json` of many nights. Both pair
+the jobs by `PairKey` (job.py). `store.py` states which process writes which file.
 
 Terms, each with one meaning in this package:
 

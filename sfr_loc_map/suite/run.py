@@ -27,7 +27,7 @@ from sfr_loc_map.suite.statistics.scored_job import ResultReader
 from sfr_loc_map.suite.statistics.summary import Summary, summarise
 
 if TYPE_CHECKING:
-    from sfr_loc_map.suite.search.search import SearchResult
+    from sfr_loc_map.suite.search.record import SearchRecord
     from sfr_loc_map.suite.search.specification import SearchSpecification
 
 Say = Callable[[str], None]
@@ -102,8 +102,8 @@ def run_search(
     at_random: bool = False,
     say: Say = lambda line: None,
     progress: Progress = lambda done, total, last: None,
-) -> SearchResult:
-    """Search for the worst case, write the page and the file of the case, and return the result.
+) -> SearchRecord:
+    """Search for the worst case, write the page and the file of the case, and return the record.
 
     `workers`, `scheduler` and `say` are those of `run_suite`. Workers are only started if a point has no result yet.
     With `at_random`, all points are drawn uniformly. `progress` counts the jobs of a batch of points.
@@ -114,7 +114,7 @@ def run_search(
     """
     # imported late, because the imports are slow
     from sfr_loc_map.suite.pages.search_page import render_search
-    from sfr_loc_map.suite.search.search import CASE, case_file, find_worst_case
+    from sfr_loc_map.suite.search.search import CASE, find_worst_case
 
     settings = specification.running
     slots = slots_for(settings, workers)
@@ -127,11 +127,11 @@ def run_search(
         def run_points(jobs: Sequence[Job]) -> None:
             run_and_keep(jobs, store, started(), say, progress)
 
-        result = find_worst_case(specification, store, run_points, at_random=at_random)
-        write_text(json_line(result.to_dict()), store.folder / "search.json")
-        write_text(render_search(result.record), store.folder / "search.html")
-        write_text(case_file(result), store.folder / CASE)
-    return result
+        record, case_file = find_worst_case(specification, store, run_points, at_random=at_random)
+        write_text(json_line(record), store.folder / "search.json")
+        write_text(render_search(record), store.folder / "search.html")
+        write_text(case_file, store.folder / CASE)
+    return record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

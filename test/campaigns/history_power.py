@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sfr_loc_map.suite.history.history import FALSE_ALARM_RATE
+from sfr_loc_map.suite.history.night_changes import changes_of
+from sfr_loc_map.suite.history.night_comparison import SCALES
 from sfr_loc_map.suite.statistics.figures import ComparedKind
-from sfr_loc_map.suite.statistics.history import FALSE_ALARM_RATE
-from sfr_loc_map.suite.statistics.night_changes import changes_of
-from sfr_loc_map.suite.statistics.night_comparison import SCALES
 
 DRIVES = 45
 LENGTHS = {20: 13, 200: 100, 400: 300}  #: Night of the change by nights of the history.

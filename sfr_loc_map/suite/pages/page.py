@@ -12,11 +12,11 @@ from sfr_loc_map.metrics.stored.score_json import json_line
 from sfr_loc_map.report.page import render_overview, render_page
 from sfr_loc_map.report.plots import Plot, Values, axis, error_scale, largest, log_axis, marks, plain, scaled, span
 from sfr_loc_map.report.summary import Banner
+from sfr_loc_map.suite.history.history import History
 from sfr_loc_map.suite.pages.export import write_parquet
 from sfr_loc_map.suite.pages.tables import FIRST_TABLES, PAGES, history_tables, linked, suite_tables
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.budget import Budget
-from sfr_loc_map.suite.statistics.history import History
 from sfr_loc_map.suite.statistics.summary import Summary
 
 GROUPS = "groups, by their number in the table"

@@ -17,6 +17,8 @@ from sfr_loc_map.metrics.figures.subjects import Scope, Subject
 from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.report.verdict_style import verdict_cell
 from sfr_loc_map.report.verdict_view import VerdictView
+from sfr_loc_map.suite.history.history import Change, DeviationOfNights, History
+from sfr_loc_map.suite.history.night_comparison import MIN_REFERENCE
 from sfr_loc_map.suite.running.job import SHORT_KEY
 from sfr_loc_map.suite.running.job_outcome import WorkerRecord
 from sfr_loc_map.suite.statistics.budget import Budget, BudgetRow, row_with_fraction
@@ -26,8 +28,6 @@ from sfr_loc_map.suite.statistics.drive_count import DriveCount
 from sfr_loc_map.suite.statistics.figures import map_error_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
 from sfr_loc_map.suite.statistics.groups import Group
-from sfr_loc_map.suite.statistics.history import Change, DeviationOfNights, History
-from sfr_loc_map.suite.statistics.night_comparison import MIN_REFERENCE
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 from sfr_loc_map.suite.statistics.summary import JobCounts, ReplacedTruth, Summary
 from sfr_loc_map.tables.model import MIB, MILLIMETRE, MILLISECOND, PERCENT, Column, Table, Unit, fitting, number

@@ -26,7 +26,7 @@ T = TypeVar("T")
 PACKAGE = Path(__file__).parents[2]
 LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg", "embreex")
 """Libraries that can change a figure."""
-EVALUATION_ONLY = ("report/", "suite/pages/", "suite/statistics/", "live/", "bench/")
+EVALUATION_ONLY = ("report/", "suite/pages/", "suite/statistics/", "suite/history/", "live/", "bench/")
 """Folders of the package that cannot change a result, because they only show or evaluate results. All other code
 is hashed, because a replay runs the command line and the nodes."""
 HASHED = (".py", ".json", ".xml")  #: Suffixes of code and its data files. XML files are DDS profiles.

@@ -2,7 +2,7 @@
 
     key           hash of all inputs of the result except names and paths of sources; names the files of the job
     pairing       hash of data, task, faults, repeat and scoring: pairs jobs of two suites, even with other code or
-                  parameters
+                  parameters; `PairKey` adds the configuration if a suite has several
     drive_key     hash of drive, task and faults: repeats and copies of a drive share this hash, because their errors
                   depend on each other. Sequential tests take the drives in the order of this hash
     group         task, configuration and faults: the errors of a group are pooled
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import NamedTuple
@@ -72,6 +72,22 @@ class GroupKey(NamedTuple):
     def text(self) -> str:
         """Displayed name: `localise, default, black:share=0.1`."""
         return ", ".join(self.parts)
+
+
+class PairKey(NamedTuple):
+    """Identity of a job among several suites."""
+
+    pairing: str  #: Hash of work and data (`Job.pairing`).
+    configuration: str  #: Name of the configuration; empty if each suite has only one.
+
+    def without_configuration(self) -> PairKey:
+        """Return the key of a job of a suite with one configuration."""
+        return self._replace(configuration="")
+
+
+def have_one_configuration(suites: Iterable[Iterable[PairKey]]) -> bool:
+    """Return whether each suite has only one configuration, whose name may then differ between the suites."""
+    return all(len({key.configuration for key in keys}) < 2 for keys in suites)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

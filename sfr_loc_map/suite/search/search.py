@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from functools import cached_property
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Any, NamedTuple
 
 import msgspec
 import yaml
@@ -25,12 +24,10 @@ from sfr_loc_map.suite.running.plan import Plan
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.search.record import (
     LOST_RATIO,
-    CoverageRecord,
     LeftOutRecord,
     ParameterRecord,
     PointRecord,
     SearchRecord,
-    SliceRecord,
     ratio_text,
 )
 from sfr_loc_map.suite.search.specification import WITHOUT_EFFECT, Point, SearchSettings, SearchSpecification
@@ -53,66 +50,16 @@ RunWaitingJobs = Callable[[Sequence[Job]], None]
 """Runs jobs and stores their results in the folder of the suite."""
 
 
-@dataclass(frozen=True)
-class SearchResult:
-    """The result of a search."""
+class FoundCase(NamedTuple):
+    """A finished search, and the suite that repeats its reduced case."""
 
-    specification: SearchSpecification
-    usual: TriedPoint  #: The unchanged scenario.
-    left_out: Mapping[Point, str]  #: Points whose scenario cannot be run, with the reason. They do not count as misses.
-    tried: tuple[TriedPoint, ...]  #: Points of the search with a result, in the order of the search.
-    found: TriedPoint  #: The point with the smallest margin.
-    case: TriedPoint  #: The reduced case (`reduced`); `found` if `found` meets the limit.
-    case_seed: int  #: Seed with the largest ratio at the case.
-    slices: tuple[SliceRecord, ...]
-    coverage: tuple[CoverageRecord, ...]
-    correlations: tuple[float, ...]  #: Rank correlation of each parameter with the ratio.
-
-    @cached_property
-    def record(self) -> SearchRecord:
-        """The result as a record, for JSON and pages."""
-        specification, chosen = self.specification, self.specification.settings
-        largest = max([LOST_RATIO, *(item.ratio for item in self.tried if not item.is_lost)])
-        return SearchRecord(
-            version=__version__,
-            search=str(specification.path),
-            figure=chosen.figure,
-            statistic=chosen.statistic,
-            condition=chosen.condition,
-            limit=chosen.limit,
-            lost_ratio=largest,
-            parameters=msgspec.convert(to_plain(specification.parameters), list[ParameterRecord]),
-            points=[self._point(item) for item in self.tried],
-            left_out=[LeftOutRecord(self.named(point), reason) for point, reason in self.left_out.items()],
-            usual=self._point(self.usual),
-            found=self._point(self.found),
-            case=self._point(self.case),
-            slices=[replace(cut, ratios=_limited(cut.ratios, largest)) for cut in self.slices],
-            coverage=list(self.coverage),
-            correlations=list(self.correlations),
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as JSON values."""
-        return dict(to_plain(self.record))
-
-    def named(self, point: Point) -> dict[str, float]:
-        """Return the values of a point by parameter name."""
-        pairs = zip(self.specification.parameters, point, strict=True)
-        return {parameter.name: value for parameter, value in pairs}
-
-    def _point(self, item: TriedPoint) -> PointRecord:
-        jobs = [job.key for job in self.specification.jobs_at(item.point)]
-        return PointRecord(None if item.is_lost else item.ratio, self.named(item.point), jobs)
-
-
-def _limited(rows: Sequence[Sequence[float | None]], largest: float) -> list[list[float | None]]:
-    return [[None if ratio is None else min(ratio, largest) for ratio in row] for row in rows]
+    record: SearchRecord
+    case_file: str  #: Text of the file of the suite.
 
 
 def find_worst_case(
     specification: SearchSpecification, store: Store, run_waiting_jobs: RunWaitingJobs, *, at_random: bool = False
-) -> SearchResult:
+) -> FoundCase:
     """Search, reduce the worst point and compute slices through it; points with results are not run again."""
     points = _Points(specification, store, run_waiting_jobs)
     try:
@@ -156,38 +103,64 @@ class _Points:
         return max(self._specification.jobs_at(point), key=self._ratio_of).seed
 
 
-def _search(specification: SearchSpecification, points: _Points, *, at_random: bool) -> SearchResult:
-    chosen, parameters, usual_point = specification.settings, specification.parameters, specification.usual
+def _search(specification: SearchSpecification, points: _Points, *, at_random: bool) -> FoundCase:
+    chosen = specification.settings
+    parameters = specification.parameters
     chooser = RandomChooser(parameters, chosen.seed) if at_random else TreeChooser(parameters, chosen.seed)
-    (usual_ratio,) = points.evaluate([usual_point])
-    if usual_ratio is None:
-        reason = points.left_out[usual_point]
-        raise InputError(f"{specification.path}: the unchanged scenario cannot be run: {reason}")
-    if TriedPoint(usual_point, usual_ratio).is_lost:
-        raise InputError(
-            f"{specification.path}: the unchanged scenario has no {chosen.figure} {chosen.statistic} over "
-            f"{chosen.condition}; choose a figure and a condition that its drive has"
-        )
+    usual = _usual_point(specification, points)
     tried = list(search_worst(chooser, points.evaluate, chosen.points, chosen.batch))
     if not tried:
         last_reason = [*points.left_out.values()][-1]
         raise InputError(f"{specification.path}: no point can be run; reason for the last point: {last_reason}")
-    usual = TriedPoint(usual_point, usual_ratio)
     found = max([usual, *tried], key=lambda item: item.ratio)
     case = reduced(found, parameters, points.evaluate)
     slices = slices_of(parameters, case, tried, chosen.slices, points.evaluate) if chosen.slices else []
-    return SearchResult(
-        specification=specification,
-        usual=usual,
-        left_out=points.left_out,
-        tried=tuple(tried),
-        found=found,
-        case=case,
-        case_seed=points.worst_seed(case.point),
-        slices=tuple(slices),
-        coverage=tuple(coverage_of(parameters, [item.point for item in tried])),
-        correlations=tuple(rank_correlations(tried, len(parameters))),
+    largest = max([LOST_RATIO, *(item.ratio for item in tried if not item.is_lost)])
+    record = SearchRecord(
+        version=__version__,
+        search=str(specification.path),
+        figure=chosen.figure,
+        statistic=chosen.statistic,
+        condition=chosen.condition,
+        limit=chosen.limit,
+        lost_ratio=largest,
+        parameters=msgspec.convert(to_plain(parameters), list[ParameterRecord]),
+        points=[_recorded(specification, item) for item in tried],
+        left_out=[LeftOutRecord(specification.named(point), reason) for point, reason in points.left_out.items()],
+        usual=_recorded(specification, usual),
+        found=_recorded(specification, found),
+        case=_recorded(specification, case),
+        slices=[replace(cut, ratios=_limited(cut.ratios, largest)) for cut in slices],
+        coverage=coverage_of(parameters, [item.point for item in tried]),
+        correlations=rank_correlations(tried, len(parameters)),
     )
+    return FoundCase(record, case_file(specification, case, points.worst_seed(case.point)))
+
+
+def _usual_point(specification: SearchSpecification, points: _Points) -> TriedPoint:
+    """Run the unchanged scenario; InputError if it cannot be run, or if its drive lacks the figure."""
+    chosen = specification.settings
+    (ratio,) = points.evaluate([specification.usual])
+    if ratio is None:
+        reason = points.left_out[specification.usual]
+        raise InputError(f"{specification.path}: the unchanged scenario cannot be run: {reason}")
+    usual = TriedPoint(specification.usual, ratio)
+    if usual.is_lost:
+        raise InputError(
+            f"{specification.path}: the unchanged scenario has no {chosen.figure} {chosen.statistic} over "
+            f"{chosen.condition}; choose a figure and a condition that its drive has"
+        )
+    return usual
+
+
+def _recorded(specification: SearchSpecification, item: TriedPoint) -> PointRecord:
+    jobs = [job.key for job in specification.jobs_at(item.point)]
+    return PointRecord(None if item.is_lost else item.ratio, specification.named(item.point), jobs)
+
+
+def _limited(rows: Sequence[Sequence[float | None]], largest: float) -> list[list[float | None]]:
+    """Return the ratios of a slice, of which those without the figure become the largest ratio of the search."""
+    return [[None if ratio is None else min(ratio, largest) for ratio in row] for row in rows]
 
 
 def _is_open(store: Store, job: Job) -> bool:
@@ -209,17 +182,17 @@ def _check_host(store: Store, jobs: Sequence[Job]) -> None:
             )
 
 
-def case_file(result: SearchResult) -> str:
-    """Return the text of a suite file that repeats the found case with its worst seed, and judges the case.
+def case_file(specification: SearchSpecification, case: TriedPoint, seed: int) -> str:
+    """Return the text of a suite file that repeats a case with a seed, and judges the case.
 
     A warning reports that a suite cannot limit the searched number, so that the case is not judged.
     """
-    specification, point = result.specification, result.case.point
+    point = case.point
     chosen = specification.settings
     settings = {**specification.changes, **specification.settings_at(point)}
     settings.pop("seed", None)
     content: dict[str, Any] = {
-        "sources": [{"simulate": str(specification.scenario), "seeds": [result.case_seed], "set": to_plain(settings)}],
+        "sources": [{"simulate": str(specification.scenario), "seeds": [seed], "set": to_plain(settings)}],
         "tasks": ["localise"],
         "conditions": list(specification.scoring.conditions),
         **{name: value for name, value in asdict(specification.running).items() if name not in WITHOUT_EFFECT},
@@ -234,7 +207,7 @@ def case_file(result: SearchResult) -> str:
             f"{chosen.figure}{f', part {chosen.part}' if chosen.part else ''}, so {CASE} repeats the case without a "
             "verdict"
         )
-    ratio = ratio_text(None if result.case.is_lost else result.case.ratio)
+    ratio = ratio_text(None if case.is_lost else case.ratio)
     head = f"# Found by a search for {chosen.figure} {chosen.statistic}, limit {chosen.limit:g}: {ratio}.\n"
     return head + yaml.safe_dump(content, sort_keys=False)
 

@@ -127,6 +127,11 @@ class SearchSpecification:
         """Point of the unchanged scenario."""
         return tuple(parameter.usual for parameter in self.parameters)
 
+    def named(self, point: Point) -> dict[str, float]:
+        """Return the values of a point by parameter name."""
+        pairs = zip(self.parameters, point, strict=True)
+        return {parameter.name: value for parameter, value in pairs}
+
     def settings_at(self, point: Point) -> dict[str, object]:
         """Return the settings of the scenario at a point."""
         pairs = zip(self.parameters, point, strict=True)

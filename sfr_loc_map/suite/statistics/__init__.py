@@ -1,1 +1,1 @@
-"""Statistics over the results of one suite, of two suites, and of the suites of many nights."""
+"""Statistics over the results of one suite, and the comparison of two suites."""

@@ -26,9 +26,9 @@ from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.statistics.intervals import Interval, holm
 from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.suite.running.job import PairKey, have_one_configuration
 from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind, figures_of
-from sfr_loc_map.suite.statistics.pairing import PairKey, have_one_configuration, without_configuration
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 from sfr_loc_map.suite.statistics.summary import Summary
@@ -168,7 +168,7 @@ def _by_pair_key(*suites: Summary) -> list[dict[PairKey, ScoredJob]]:
         {PairKey(result.job.pairing, result.job.configuration): result for result in suite.results} for suite in suites
     ]
     if have_one_configuration(found):
-        return [{without_configuration(key): result for key, result in results.items()} for results in found]
+        return [{key.without_configuration(): result for key, result in results.items()} for results in found]
     return found
 
 

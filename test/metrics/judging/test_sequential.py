@@ -9,7 +9,7 @@ from sfr_loc_map.metrics.judging.proof import prove
 from sfr_loc_map.metrics.judging.sequential import SequentialTest
 from sfr_loc_map.metrics.score.limits import Population, Terms
 from sfr_loc_map.metrics.statistics.tolerance import Sample, zero_failure_count
-from sfr_loc_map.suite.statistics.campaign_plan import course_of, fixed_plan
+from sfr_loc_map.suite.statistics.drive_count import course_of, fixed_plan
 
 TEST = SequentialTest(good=0.01, bad=0.05, confidence=0.95, power=0.9)
 

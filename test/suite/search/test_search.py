@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -24,7 +23,7 @@ from sfr_loc_map.suite.running.specification import load_specification
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.search.search import case_file, find_worst_case
 from sfr_loc_map.suite.search.specification import SearchSpecification, load_search
-from sfr_loc_map.suite.search.worst_case import BISECTIONS
+from sfr_loc_map.suite.search.worst_case import BISECTIONS, WITHOUT_FIGURE, TriedPoint
 
 pytest.importorskip("optuna")
 ASSOCIATION = Association(matched=100, estimate_poses=100, truth_poses=100)
@@ -64,14 +63,16 @@ def test_the_worst_case_is_reduced_and_runs_again(specification: SearchSpecifica
     store = Store(tmp_path / "out")
     host = Host(store)
     result = find_worst_case(specification, store, host.run)
-    assert result.usual.ratio == pytest.approx(0.25)
-    assert result.found.fails
-    assert result.case.point[1] == 0.0, "the yaw is not needed"
-    step = (40.0 - result.found.point[0]) / 2.0**BISECTIONS
-    assert 10.0 - step <= result.case.point[0] <= 10.0, "the sun is as high as it may be"
-    (tmp_path / "case.yaml").write_text(case_file(result))
+    record = result.record
+    elevation = record.case.point["light.sun_elevation_deg"]
+    assert record.usual.ratio == pytest.approx(0.25)
+    assert record.found.fails
+    assert record.case.point["yaw"] == 0.0, "the yaw is not needed"
+    step = (40.0 - record.found.point["light.sun_elevation_deg"]) / 2.0**BISECTIONS
+    assert 10.0 - step <= elevation <= 10.0, "the sun is as high as it may be"
+    (tmp_path / "case.yaml").write_text(result.case_file)
     (source,) = load_specification(tmp_path / "case.yaml").sources
-    assert source.settings["light.sun_elevation_deg"] == result.case.point[0]
+    assert source.settings["light.sun_elevation_deg"] == elevation
     assert source.settings["drive.pairs"] == 20
 
     again = Host(store)
@@ -92,9 +93,9 @@ def test_an_unchanged_scenario_that_misses_the_limit_is_the_worst_case(
             score = Score(figures=(row,), association=ASSOCIATION, provenance=provenance)
             store.save(job, JobOutcome(result=to_json(score)))
 
-    result = find_worst_case(specification, store, run)
-    assert result.found == result.case == result.usual
-    assert result.record.found.fails
+    record, _ = find_worst_case(specification, store, run)
+    assert record.found == record.case == record.usual
+    assert record.found.fails
 
 
 def test_the_case_repeats_the_faults_and_the_settings_of_the_jobs(tmp_path: Path) -> None:
@@ -106,12 +107,11 @@ def test_the_case_repeats_the_faults_and_the_settings_of_the_jobs(tmp_path: Path
     (tmp_path / "search.yaml").write_text(yaml.safe_dump(content))
     specification = load_search(tmp_path / "search.yaml")
     store = Store(tmp_path / "out")
-    result = find_worst_case(specification, store, Host(store).run)
-    with_fault = replace(result, case=result.tried[0])
-    (tmp_path / "case.yaml").write_text(case_file(with_fault))
+    point = (7.0, 3.0)
+    (tmp_path / "case.yaml").write_text(case_file(specification, TriedPoint(point, 1.5), 2))
     planned = make_plan(load_specification(tmp_path / "case.yaml"), store.cache).jobs
     assert all(job.faults.startswith("blurred:share=0.3,amount=") for job in planned)
-    searched = [job for job in specification.jobs_at(with_fault.case.point) if job.source.seed == result.case_seed]
+    searched = [job for job in specification.jobs_at(point) if job.source.seed == 2]
     assert [job.key for job in planned] == [job.key for job in searched]
 
 
@@ -136,11 +136,9 @@ def test_the_case_has_the_limit_of_the_search_or_a_warning(
     settings: dict[str, object],
     expected: str | None,
 ) -> None:
-    store = Store(tmp_path / "out")
-    result = find_worst_case(specification, store, Host(store).run)
     file = specification.path
     file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | settings))
-    (tmp_path / "case.yaml").write_text(case_file(replace(result, specification=load_search(file))))
+    (tmp_path / "case.yaml").write_text(case_file(load_search(file), TriedPoint((10.0, 0.1), 1.5), 1))
     limits = load_specification(tmp_path / "case.yaml").limits
     found = [] if limits is None else [(limit.name, limit.limit) for limit in limits.limits]
     assert found == ([] if expected is None else [(expected, 0.1)])
@@ -218,7 +216,7 @@ def test_a_search_that_is_killed_at_its_start_keeps_its_folder(
     other = tmp_path / "other.yaml"
     other.touch()
     with pytest.raises(OutputError, match="is the folder of the search"):
-        Store(tmp_path / "out").check_owner(search=other)
+        Store(tmp_path / "out").check_owner(other, is_search=True)
 
 
 def test_a_change_of_the_code_during_a_search_changes_no_job(
@@ -260,14 +258,13 @@ def test_a_scenario_that_cannot_be_run_is_no_worst_case(specification: SearchSpe
             if elevation < 12.0:
                 store.save(job, JobOutcome(cause=FailureCause.BAD_INPUT, message="the sun is too low"))
 
-    result = find_worst_case(specification, store, run)
-    assert not result.found.fails
-    assert result.left_out
-    assert all(point[0] < 12.0 for point in result.left_out)
-    assert set(result.left_out.values()) == {"the sun is too low"}
-    assert len(result.tried) + len(result.left_out) == specification.settings.points
-    assert len(result.to_dict()["left_out"]) == len(result.left_out)
-    assert not {item.point for item in result.tried} & set(result.left_out)
+    record, _ = find_worst_case(specification, store, run)
+    assert not record.found.fails
+    assert record.left_out
+    assert all(item.point["light.sun_elevation_deg"] < 12.0 for item in record.left_out)
+    assert {item.reason for item in record.left_out} == {"the sun is too low"}
+    assert len(record.points) + len(record.left_out) == specification.settings.points
+    assert not any(item.point == left.point for item in record.points for left in record.left_out)
 
 
 def test_a_lost_drive_is_a_miss(specification: SearchSpecification, tmp_path: Path) -> None:
@@ -279,13 +276,13 @@ def test_a_lost_drive_is_a_miss(specification: SearchSpecification, tmp_path: Pa
             assert isinstance(elevation, float)
             Host(store, has_pieces=elevation > 12.0).run([job])
 
-    result = find_worst_case(specification, store, run)
-    assert result.found.is_lost
-    assert not result.left_out
-    assert result.record.found.ratio is None
-    assert "a drive without the figure" in case_file(replace(result, case=result.found))
-    page = render_search(result.record)
-    assert "no figure" in page
+    record, _ = find_worst_case(specification, store, run)
+    assert not record.left_out
+    assert record.found.ratio is None
+    assert record.found.fails
+    lost = TriedPoint(specification.usual, WITHOUT_FIGURE)
+    assert "a drive without the figure" in case_file(specification, lost, 1)
+    assert "no figure" in render_search(record)
 
 
 def test_a_lost_drive_is_worse_than_any_drive_with_the_figure(
@@ -303,12 +300,12 @@ def test_a_lost_drive_is_worse_than_any_drive_with_the_figure(
             assert isinstance(elevation, float)
             Host(store, has_pieces=elevation > 8.0).run([job])
 
-    result = find_worst_case(specification, store, run)
-    finite = [item.ratio for item in result.tried if not item.is_lost]
+    record, _ = find_worst_case(specification, store, run)
+    finite = [item.ratio for item in record.points if item.ratio is not None]
     assert max(finite) > 2.0
-    assert result.found.is_lost
-    assert result.found.point[0] <= 8.0
-    assert result.record.lost_ratio == max(finite)
+    assert record.found.ratio is None
+    assert record.found.point["light.sun_elevation_deg"] <= 8.0
+    assert record.lost_ratio == max(finite)
 
 
 @pytest.mark.parametrize(("change", "has_pieces"), [({"figure": "nees", "statistic": "max"}, True), ({}, False)])

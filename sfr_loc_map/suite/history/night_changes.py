@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.suite.statistics.night_comparison import MIN_REFERENCE, Scale, Shift, compare_nights, known_mean
+from sfr_loc_map.suite.history.night_comparison import MIN_REFERENCE, Scale, Shift, compare_nights, known_mean
 
 WINDOWS = (1, 4)  #: Lengths of the mean, nights: 1 detects large changes immediately, 4 detects small changes later.
 REFERENCE = 30  #: Maximum number of reference nights.

@@ -13,10 +13,10 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.metrics.stored.score_json import from_plain
+from sfr_loc_map.suite.running.job import PairKey
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
-from sfr_loc_map.suite.statistics.pairing import PairKey, without_configuration
 from sfr_loc_map.suite.statistics.summary import SCHEMA
 
 MAX_NUMBER = 1e100  #: Largest accepted value of a figure; squares and sums of such values are finite.
@@ -100,9 +100,9 @@ class Night:
 
     def without_configurations(self) -> Night:
         """Return the night with jobs that are identified by their work and data only, not by their configuration."""
-        labels = {without_configuration(key): label for key, label in self.labels.items()}
-        paths = {without_configuration(key): path for key, path in self.paths.items()}
-        figures = {without_configuration(key): of_job for key, of_job in self.figures.items()}
+        labels = {key.without_configuration(): label for key, label in self.labels.items()}
+        paths = {key.without_configuration(): path for key, path in self.paths.items()}
+        figures = {key.without_configuration(): of_job for key, of_job in self.figures.items()}
         return replace(self, labels=labels, paths=paths, figures=figures)
 
 

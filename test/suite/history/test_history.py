@@ -14,13 +14,13 @@ from helpers.json_mutations import mutations
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.metrics.stored.score_json import json_line, to_plain
+from sfr_loc_map.suite.history.history import FALSE_ALARM_RATE, Change, History, find_changes
+from sfr_loc_map.suite.history.night import Night
+from sfr_loc_map.suite.history.night_changes import changes_of
+from sfr_loc_map.suite.history.night_comparison import SCALES, compare_nights
 from sfr_loc_map.suite.pages.page import render_history
+from sfr_loc_map.suite.running.job import PairKey
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
-from sfr_loc_map.suite.statistics.history import FALSE_ALARM_RATE, Change, History, find_changes
-from sfr_loc_map.suite.statistics.night import Night
-from sfr_loc_map.suite.statistics.night_changes import changes_of
-from sfr_loc_map.suite.statistics.night_comparison import SCALES, compare_nights
-from sfr_loc_map.suite.statistics.pairing import PairKey
 from sfr_loc_map.suite.statistics.summary import SCHEMA
 
 DRIVES = [f"drive {number}" for number in range(45)]

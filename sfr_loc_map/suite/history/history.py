@@ -25,11 +25,9 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.statistics.intervals import Interval
 from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.suite.statistics.common_deviations import without_numbers
-from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
-from sfr_loc_map.suite.statistics.night import Night, with_figures_of_other_nights
-from sfr_loc_map.suite.statistics.night_changes import FoundChange, changes_of
-from sfr_loc_map.suite.statistics.night_comparison import (
+from sfr_loc_map.suite.history.night import Night, with_figures_of_other_nights
+from sfr_loc_map.suite.history.night_changes import FoundChange, changes_of
+from sfr_loc_map.suite.history.night_comparison import (
     MIN_JOBS_OF_SCATTER,
     MIN_REFERENCE,
     SCALES,
@@ -37,7 +35,9 @@ from sfr_loc_map.suite.statistics.night_comparison import (
     is_last_night_tested,
     known_mean,
 )
-from sfr_loc_map.suite.statistics.pairing import PairKey, have_one_configuration
+from sfr_loc_map.suite.running.job import PairKey, have_one_configuration
+from sfr_loc_map.suite.statistics.common_deviations import without_numbers
+from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
 
 FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and jobs.
 SHORT_COMMIT = 9
