@@ -533,7 +533,7 @@ MUTATIONS = (
     Mutation(CALL_CHECKS, "    _check_calls_of_poses(has_call)\n", ""),
     Mutation(CALL_CHECKS, "named[pair.stamp_ns] != {hash_of_pair(pair)}", "False"),
     Mutation(CALL_CHECKS, "made != {hash_of_cloud(cloud)}", "False"),
-    Mutation("methods/method_process.py", "CallMonitor(memory, pid, base_bytes,", "CallMonitor(memory, pid, self.idle_bytes,"),
+    Mutation("methods/method_process.py", "(memory, pid, base_bytes,", "(memory, pid, self.idle_bytes,"),
     Mutation(
         CALL_POSES,
         "lost = (states == TrackingState.LOST) | initialises_again(",

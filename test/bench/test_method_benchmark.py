@@ -15,8 +15,7 @@ from helpers.made_scene import NAV_RIG, loc_pair, write_folder
 from helpers.score_rows import number
 from sfr_loc_map.bench import method_benchmark
 from sfr_loc_map.bench.figure_rows import FigureRow, medians, nested, ratios
-from sfr_loc_map.bench.method_benchmark import compare_methods
-from sfr_loc_map.bench.passes import PassResult, run_pass
+from sfr_loc_map.bench.method_benchmark import PassResult, compare_methods, run_pass
 from sfr_loc_map.bench.trials import LocaliserTrial, MapperTrial, rover_trajectory
 from sfr_loc_map.errors import InputError, MethodError
 from sfr_loc_map.geometry.transform import Transform
