@@ -3,18 +3,18 @@
 A run is a sequence of increasing stamps that the nodes process; if the stamps jump back, a new run begins. A record
 contains the content of a received message, independent of ROS.
 
-    nodes ──► feed, map_feed (thread of ROS)       nodes ◄── operator ◄── commands (the buttons of a page)
+    topics ──► feed, map_feed (thread of ROS)       nodes ◄── operator ◄── commands (the buttons of a page)
             │ records (`updates`)
             ▼
-    LiveState.put (`state`): path, timeline, node_reports, shown_score, freshness
-            │ JSON values (`live_to_plain`, `to_plain`), images and maps
+    LiveState.put (`state`): path, call_log, node_reports, freshness, timeline, shown_score, run_end
+            │ JSON values (`values`), images and maps
             ├──► server, viewer (event loop) ──► messages ──► web/app.js and a module for each panel
             └──► terminal
 
-The feed writes the received data to the state, and the operator writes the results of commands. The server adds the end
-of the run, viewers select the displayed media, and `messages` and `terminal` advance the time of the timeline
-(`LiveState.tick`). Each view reads the state while it holds `LiveState.lock`, and never delays the feed. `headline`
-composes the verdict for all views, and `displayed_media` states which images and maps the feed must prepare.
+Only the feed writes received data to the state. The server adds the end of the run, and `messages` and `terminal`
+advance the time of the timeline (`LiveState.tick`). All views show the same `values`, whose verdict is composed by
+`headline`. Each view reads the state while it holds `LiveState.lock`, and never delays the feed. The feed prepares
+images and maps only while a page is visible (`LiveState.watch`).
 `page_process` starts the page beside `sfr run` or a replay, as a process that runs `main`. `run_end` reports to the
 process of the page how the run ended. `config`, `access` and `connections` protect the server.
 
@@ -23,8 +23,8 @@ A panel is added in these places:
 - a section in `web/index.html`, whose id is the name of the panel,
 - a module `web/NAME.js` with the function that draws the panel, and its row in `panels` of `web/app.js`,
 - the explanation of its terms in `web/terms.js`,
-- for data that the page does not yet receive: a record in `updates`, its source in `feed`, and its cases in `_take_in`
-  and `live_to_plain` of `state`. The page receives the data in the message `live`.
+- for data that the page does not yet receive: a record in `updates`, its source in `feed`, and its case in `_take_in`
+  of `state`. If it is a value in `live_values` of `values`, the page receives it in the message `live`.
 """
 
 import lazy_loader

@@ -1,17 +1,16 @@
-"""Commands of an operator to the nodes, and the interface for executing them."""
+"""Commands of an operator to the nodes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from types import MappingProxyType
 from typing import Protocol
 
 import msgspec
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.message_text import one_line
+from sfr_loc_map.suite_names import MONITOR_NODE, SUITE_NODES, Task
 
 MAX_TEXT = 200  #: Maximum length of a command's texts.
 
@@ -25,6 +24,15 @@ class Action(StrEnum):
     FINISH = "finish"
     SAVE = "save"
     BOOKMARK = "bookmark"
+
+
+TRANSITIONS = (Action.ACTIVATE, Action.DEACTIVATE)  #: Actions of all nodes that change the state of their lifecycle.
+SERVICES = {Action.RESET: SUITE_NODES, Action.FINISH: (Task.MAPPING.node, MONITOR_NODE), Action.SAVE: (MONITOR_NODE,)}
+"""Actions that are services of the same name, each with the nodes that offer the service."""
+NODE_ACTIONS = {
+    node: (*TRANSITIONS, *(action for action, nodes in SERVICES.items() if node in nodes)) for node in SUITE_NODES
+}
+"""Actions of each node."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,32 +54,13 @@ class Command:
 
 
 class Operator(Protocol):
-    """Executes commands through the nodes' services.
-
-    `run` returns a text about the result and may take seconds; it raises an SfrError if the command fails. `close`
-    cancels pending commands.
-    """
-
-    @property
-    def actions(self) -> frozenset[Action]: ...  # noqa: D102
-
-    @property
-    def node_actions(self) -> Mapping[str, Sequence[Action]]: ...  # noqa: D102
-
-    def run(self, command: Command) -> str: ...  # noqa: D102
-
-    def close(self) -> None: ...  # noqa: D102
-
-
-class NoOperator:
-    """The operator before the graph is joined, when no command is possible."""
-
-    actions: frozenset[Action] = frozenset()
-    node_actions: Mapping[str, Sequence[Action]] = MappingProxyType({})
+    """Executes commands: `operator.NodeOperator`, which requires ROS, unlike the server that calls it."""
 
     def run(self, command: Command) -> str:
-        """Raise an InputError."""
-        raise InputError(f"'{command.action}' is not possible yet: this process has not joined the ROS graph yet")
+        """Execute a command, which may take seconds, and return a text about the result.
+
+        An SfrError is raised if the command fails.
+        """
 
     def close(self) -> None:
-        """Do nothing, because no command is pending."""
+        """Cancel the commands in progress."""

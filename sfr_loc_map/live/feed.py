@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 from threading import Event, Thread
@@ -80,7 +81,7 @@ class RosFeed(Peer):
         super().__init__(page_node_name(os.getpid()), f"/{namespace.strip('/')}", remaps=remaps)
         self._state = state
         self._space = namespace.strip("/")
-        self._subscriptions: dict[updates.MediaKind, list[Subscription]] = {}
+        self._media: list[Subscription] = []  # subscriptions to tracks and maps while a viewer shows them
         self._images_of: dict[str, Subscription] = {}  # subscription to the images of each camera
         self._depths: dict[str, SampleDepth] = {}
         self._next_images: dict[str, float] = {}  # time of the next pair of each rig
@@ -94,7 +95,7 @@ class RosFeed(Peer):
         self._connected_publisher = self.ros_node.create_publisher(String, topic, LATCHED)
         self._closed = Event()
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
-        state.operator = NodeOperator(self.ros_node)
+        self.operator = NodeOperator(self.ros_node)
         self._subscribe_to_figures()
         self.ros_node.create_timer(GRAPH_PERIOD_S, self._examine_graph)
 
@@ -103,7 +104,7 @@ class RosFeed(Peer):
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._state.operator.close()
+        self.operator.close()
         self._closed.set()
         self._thread.join(5.0)
         self._map_worker.stop()
@@ -142,31 +143,24 @@ class RosFeed(Peer):
         subscription = self._receive(kind, TRUE_POSES, partial(self._on_truth, TruthReader(msgtype), kind), BEST_EFFORT)
         return partial(self.ros_node.destroy_subscription, subscription)
 
-    def _follow_viewers(self, wanted: frozenset[updates.MediaKind]) -> None:
-        """Subscribe only to the displayed media."""
-        for media in wanted - self._subscriptions.keys():
-            self._subscriptions[media] = self._subscribe_to(media)
-        for media in self._subscriptions.keys() - wanted:
-            ended = self._subscriptions.pop(media)
-            if media is updates.MediaKind.IMAGES:
-                ended += self._images_of.values()
-                self._images_of.clear()
-            for subscription in ended:
+    def _follow_viewers(self) -> None:
+        """Subscribe to images, tracks and maps only while a viewer shows them."""
+        if not self._state.is_watched:
+            for subscription in (*self._media, *self._images_of.values()):
                 self.ros_node.destroy_subscription(subscription)
-        if updates.MediaKind.IMAGES in wanted:
-            for name in CAMERAS:
-                self._find_image_topic(name)
-
-    def _subscribe_to(self, media: updates.MediaKind) -> list[Subscription]:
-        match media:
-            case updates.MediaKind.IMAGES:  # image topics are subscribed to once they have a publisher
-                return [self._receive(PointCloud2, TRACKS, self._on_tracks, IMAGE_QOS)]
-            case updates.MediaKind.MAPS:  # the cloud gives the errors, and a grid if none is published
-                return [
-                    self._receive_map(CLOUD, PointCloud2, self._maps.add_cloud, LATCHED),
-                    self._receive_map(ELEVATION, PointCloud2, self._maps.add_elevation, LATCHED),
-                    self._receive_map(HAZARD, OccupancyGrid, self._maps.add_hazard, LATCHED),
-                ]
+            self._media.clear()
+            self._images_of.clear()
+            return
+        if not self._media:
+            self._media = [
+                self._receive(PointCloud2, TRACKS, self._on_tracks, IMAGE_QOS),
+                # the cloud gives the errors, and a grid if none is published
+                self._receive_map(CLOUD, PointCloud2, self._maps.add_cloud, LATCHED),
+                self._receive_map(ELEVATION, PointCloud2, self._maps.add_elevation, LATCHED),
+                self._receive_map(HAZARD, OccupancyGrid, self._maps.add_hazard, LATCHED),
+            ]
+        for name in CAMERAS:  # image topics are subscribed to once they have a publisher
+            self._find_image_topic(name)
 
     def _find_image_topic(self, name: str) -> None:
         """Subscribe to the first of an image's topics that has a publisher; report if no topic has one.
@@ -292,14 +286,22 @@ class RosFeed(Peer):
     # ---- the graph
 
     def _examine_graph(self) -> None:
-        """Detect the nodes, and subscribe to the media that the viewers display."""
-        self._follow_viewers(self._state.displayed.wanted)
+        """Detect the nodes, and subscribe to what the viewers display."""
+        self._follow_viewers()
         published = self.ros_node.get_publishers_info_by_topic(self.ros_node.resolve_topic_name(TRUE_POSES))
         self._truth.follow([str(info.topic_type) for info in published])
         names = self.ros_node.get_node_names_and_namespaces()
         nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)
-        self._state.put(updates.GraphNodes(nodes, time.time(), self.count_losses()))
+        self._state.put(updates.GraphNodes(nodes, time.time(), self._lost_by_name()))
         self._publish_connected_nodes()
+
+    def _lost_by_name(self) -> dict[str, int]:
+        """Return the number of lost messages by the name of the topic in the state: that of the camera for images."""
+        found = Counter[str]()
+        for topic, count in self.count_losses().items():
+            camera = topic.rpartition("/image_")[0]
+            found[camera or topic] += count
+        return found
 
     def _publish_connected_nodes(self) -> None:
         """Publish which nodes of the suite are connected, if the set has grown.

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
+
+from sfr_loc_map.topics import ESTIMATE, REPORT
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +27,8 @@ TOPIC_FRESHNESS = Freshness(after_s=1.6, periods=3.0)
 """Limits for a topic. The period of a topic varies with its source, so two messages may be missing."""
 SLOWEST_PERIOD_S = 5.0
 """Assumed period of a topic with a single message, s, because a longer period of poses or figures is unusual."""
+MAX_TOPICS = 32
+STALE_TOPICS = {ESTIMATE: "pose", REPORT: "figures"}  #: Topics whose silence makes the displayed data stale.
 NEWEST_WEIGHT = 0.2  #: Weight of the newest interval in a smoothed period, which averages over about five intervals.
 
 
@@ -63,3 +68,26 @@ class ReceivedTopic:
         # The rate is unknown if all messages arrived at the same time.
         rate_hz = round(1.0 / self.period_s, 2) if self.period_s > 1e-6 else None
         return {"stamp_ns": stamp, "age_s": age_s, "rate_hz": rate_hz, "stale": self.is_stale(now_s), "lost": lost}
+
+
+@dataclass(slots=True)
+class ReceivedTopics:
+    """The topics of a run, by name."""
+
+    by_name: dict[str, ReceivedTopic] = field(default_factory=dict)
+    lost: Mapping[str, int] = field(default_factory=dict)  #: Messages lost in transport to this process, by topic.
+
+    def add(self, name: str, stamp_ns: int | None, received_s: float) -> None:
+        """Add a message; topics beyond `MAX_TOPICS` are ignored."""
+        if name in self.by_name or len(self.by_name) < MAX_TOPICS:
+            self.by_name[name] = ReceivedTopic.after(self.by_name.get(name), stamp_ns, received_s)
+
+    def silences(self, now_s: float) -> list[str]:
+        """Return in words for how long the stale topics of `STALE_TOPICS` have been silent."""
+        known = [(text, self.by_name[name]) for name, text in STALE_TOPICS.items() if name in self.by_name]
+        return [f"no {text} for {topic.age_s(now_s):.1f} s" for text, topic in known if topic.is_stale(now_s)]
+
+    def to_plain(self, now_s: float) -> dict[str, Any]:
+        """Return the topics as JSON values, by name."""
+        found = sorted(self.by_name.items())
+        return {name: topic.to_plain(now_s, self.lost.get(name, 0)) for name, topic in found}

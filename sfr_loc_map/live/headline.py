@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sfr_loc_map.live.limit_bars import LimitBar
-from sfr_loc_map.live.run_end import Aborted
+from sfr_loc_map.live.run_end import ShownEnd
 from sfr_loc_map.report.summary import Banner
 
 NO_FIGURES_YET = Banner.without_verdict("waiting", "No figures yet: waiting for metrics/report of the monitor.")
@@ -31,22 +31,23 @@ def headline(
     *,
     age_s: float | None,
     stale_reasons: Sequence[str],
-    ended_s: float | None,
-    aborted: Aborted | None,
+    end: ShownEnd,
 ) -> Headline:
     """Return the headline of a run. The states take precedence in the order aborted, ended, stale, up to date."""
-    shown = overall or (NO_FIGURES_YET if aborted is None and ended_s is None else NO_FIGURES)
+    shown = overall or (NO_FIGURES if end.is_over else NO_FIGURES_YET)
     judged = [shown.text]
     if bars and bars[0].margin:
         judged.append(f"{'Worst' if bars[0].state == 'fail' else 'Least margin'}: {bars[0].text}.")
     age = "" if overall is None or age_s is None else f"{age_s:.0f} s old"
-    if aborted is not None:
-        how = [f"{aborted.by} at {clock_time(aborted.at_s)}."]
+    if end.aborted is not None:
+        how = [f"{end.aborted.by} at {clock_time(end.aborted.at_s)}."]
         if overall is not None:
             how.append(f"Verdict until then: {overall.state}.")
         return Headline("■", "fail", "aborted", "", " ".join([*how, *judged]))
-    if ended_s is not None:
-        return Headline(shown.icon, shown.style, f"{shown.state}, ended at {clock_time(ended_s)}", "", " ".join(judged))
+    if end.at_s is not None:
+        return Headline(
+            shown.icon, shown.style, f"{shown.state}, ended at {clock_time(end.at_s)}", "", " ".join(judged)
+        )
     if stale_reasons:
         return Headline("○", "stale", shown.state, age, " ".join([f"{', '.join(stale_reasons)}.", *judged]))
     return Headline(shown.icon, shown.style, shown.state, age, " ".join(judged))

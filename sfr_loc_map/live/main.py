@@ -33,8 +33,8 @@ def serve_page(
     """Serve the page of the nodes in a namespace until a signal; `remaps` are the nodes' rules `FROM:=TO`."""
     from sfr_loc_map.live.feed import RosFeed
 
-    with RosFeed(state, namespace, remaps):
-        server = LiveServer(config, state, namespace)
+    with RosFeed(state, namespace, remaps) as feed:
+        server = LiveServer(config, state, feed.operator, namespace)
         asyncio.run(serve_until_signal(server, open_browser=open_browser, end_file=end_file))
 
 

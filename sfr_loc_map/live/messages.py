@@ -2,16 +2,17 @@
 
 Text messages of the server are JSON objects with their kind as `type`:
 
-    hello     title, row_fields, terms   the first message: name of the run, fields of a pose, terms of the tables
-    live      LiveState.live_to_plain    state of the run, every `LIVE_PERIOD_S`; also shows that the server is alive
-    score     ShownScore.to_plain        score of the monitor, when it has changed
-    events    events                     all events, when one of them begins or ends
+    hello     title, terms               the first message: name of the run, and terms of the tables
+    live      values.live_values         state of the run, every `LIVE_PERIOD_S`; also shows that the server is alive
+    score     values.score_values        score of the monitor, when it has changed
+    events    values.event_values        all events, when one of them begins or ends
     path      whole, rows, last,         new poses, and the last one; if `whole`, the poses replace the earlier ones;
               before_m                   distance travelled before the first pose
     calls     first, calls               new calls; the page keeps no call before the number `first`
 
-`live`, `score` and `events` are equal for all pages (`CommonTexts`). Binary messages are images and top-view maps
-(`binary_message`). A page sends only `{"type": "want", "media": [...]}` with the media that it displays.
+`live`, `score` and `events` are equal for all pages (`CommonTexts`), and a `Viewer` sends each page its own `path` and
+`calls`. Binary messages are images and top-view maps (`binary_message`). A page sends only
+`{"type": "visible", "visible": true}`, or false: it is sent images and maps while it is visible.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import numpy as np
 from sfr_loc_map.live.shown_score import ShownScore
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import ImageSample, Media
+from sfr_loc_map.live.values import event_values, live_values, score_values
 
 LIVE_PERIOD_S = 0.25  #: Period at which the state of the run is sent, s.
 
@@ -76,10 +78,10 @@ class CommonTexts:
                 state.tick(now_s)
             if state.score is not None and state.score is not self._score:
                 self._score = state.score
-                self.by_kind["score"] = text_message("score", state.score.to_plain())
+                self.by_kind["score"] = text_message("score", score_values(state))
             if self._events_version != state.timeline.version:
                 self._events_version = state.timeline.version
-                self.by_kind["events"] = text_message("events", {"events": state.events_to_plain()})
+                self.by_kind["events"] = text_message("events", event_values(state))
             if is_due:
                 self._live_s = now_s
-                self.by_kind["live"] = text_message("live", state.live_to_plain(now_s))
+                self.by_kind["live"] = text_message("live", live_values(state, now_s))

@@ -1,4 +1,4 @@
-"""The last reports of each node, and its calls, as the JSON values that all views show."""
+"""The last reports of each node, as the JSON values that all views show."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 
 from sfr_loc_map.calls.call_record import CallRecord, outcome_text
 from sfr_loc_map.live import updates
+from sfr_loc_map.live.commands import NODE_ACTIONS
 from sfr_loc_map.live.freshness import NODE_FRESHNESS
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.message_types import DROPPED, HealthKey, Level, StatusKind
@@ -17,7 +18,6 @@ from sfr_loc_map.suite_names import Task
 
 MAX_VALUES = 100  #: Maximum number of kept values of a node's health.
 MAX_LETTERS = 300  #: Maximum length of a kept text.
-CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Displayed times.
 LOCALISATION_NODE = Task.LOCALISATION.node
 
 
@@ -34,15 +34,14 @@ class NodeReports:
     heard_s: float = 0.0
     in_graph: bool | None = None
 
-    def add(self, update: updates.NodeCall | updates.Status) -> None:
-        """Add a call or a status."""
-        self.heard_s = max(self.heard_s, update.received_s)
-        if isinstance(update, updates.NodeCall):
-            self.call = update.record
-        else:
-            self._add_status(update)
+    def add_call(self, call: updates.NodeCall) -> None:
+        """Add a call."""
+        self.heard_s = max(self.heard_s, call.received_s)
+        self.call = call.record
 
-    def _add_status(self, status: updates.Status) -> None:
+    def add_status(self, status: updates.Status) -> None:
+        """Add a status."""
+        self.heard_s = max(self.heard_s, status.received_s)
         message = status.message[:MAX_LETTERS]
         if status.kind is not StatusKind.HEALTH:
             self.problem = message
@@ -84,6 +83,7 @@ class NodeReports:
             "problem": self.problem,
             "values": self.values,
             "drops": self._drops(),
+            "actions": list(NODE_ACTIONS.get(self.name, ())),
         }
 
 
@@ -114,20 +114,3 @@ def state_of_pose(call: CallRecord | None, *, covariance_is_lost: bool) -> Repor
     if covariance_is_lost and found.state != TrackingState.LOST:
         return ReportedState(TrackingState.LOST.value)
     return found
-
-
-@dataclass(frozen=True, slots=True)
-class NumberedCall:
-    """A call with its number in the run."""
-
-    n: int
-    call: updates.NodeCall
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return the call as JSON values."""
-        record = self.call.record
-        times = {"processing_time_s": record.processing_time_s, **record.times}
-        known = {name: times[name] for name in CALL_TIMES if name in times and math.isfinite(times[name])}
-        call = self.call
-        about = {"n": self.n, "node": call.node, "stamp_ns": str(record.stamp_ns), "received_s": call.received_s}
-        return about | asdict(state_after(record)) | {"memory_bytes": record.peak_rss_bytes, **known}

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from threading import Event
-from typing import Any, ClassVar
+from typing import Any
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -16,25 +16,18 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError
-from sfr_loc_map.live.commands import Action, Command
+from sfr_loc_map.live.commands import SERVICES, Action, Command
 from sfr_loc_map.ros.services import call_service
-from sfr_loc_map.suite_names import MONITOR_NODE, SUITE_NODES, Task
+from sfr_loc_map.suite_names import SUITE_NODES
 from sfr_loc_map.topics import BOOKMARK
 
-TRANSITIONS = {Action.ACTIVATE: Transition.TRANSITION_ACTIVATE, Action.DEACTIVATE: Transition.TRANSITION_DEACTIVATE}
-SERVICES = {Action.RESET: SUITE_NODES, Action.FINISH: (Task.MAPPING.node, MONITOR_NODE), Action.SAVE: (MONITOR_NODE,)}
-"""Nodes that offer each service."""
+TRANSITION_IDS = {Action.ACTIVATE: Transition.TRANSITION_ACTIVATE, Action.DEACTIVATE: Transition.TRANSITION_DEACTIVATE}
 FOUND_S, ANSWER_S, POLL_S = 2.0, 10.0, 0.02
 """Time to find a service, time to wait for its answer, and period at which both are checked, s."""
 
 
 class NodeOperator:
     """Calls services of the suite's nodes through a ROS node in their namespace, which another thread spins."""
-
-    actions = frozenset({*TRANSITIONS, *SERVICES, Action.BOOKMARK})
-    node_actions: ClassVar[Mapping[str, tuple[Action, ...]]] = {
-        node: (*TRANSITIONS, *(action for action, nodes in SERVICES.items() if node in nodes)) for node in SUITE_NODES
-    }
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -49,8 +42,8 @@ class NodeOperator:
         if action is Action.BOOKMARK:
             self._bookmarks.publish(String(data=command.text or "bookmark"))
             return "bookmark published"
-        if action in TRANSITIONS and node in SUITE_NODES:
-            request = ChangeState.Request(transition=Transition(id=TRANSITIONS[action]))
+        if action in TRANSITION_IDS and node in SUITE_NODES:
+            request = ChangeState.Request(transition=Transition(id=TRANSITION_IDS[action]))
             if not self._call(ChangeState, f"{node}/change_state", request).success:
                 raise NodeError(f"{node} refuses to {action}: see its log")
             return f"{node}: {action} done"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -47,14 +47,9 @@ class PathRow:
     error_m: Point | None
     distance_m: float  # along the true path; without truth, along the estimated path
 
-    def to_plain(self) -> list[Any]:
-        """Return JSON values in the order of `ROW_FIELDS`; stamps are strings, because JavaScript would round them."""
-        return [
-            str(value) if name == "stamp_ns" else value for name, value in zip(ROW_FIELDS, astuple(self), strict=True)
-        ]
-
-
-ROW_FIELDS = tuple(field.name for field in fields(PathRow))
+    def to_plain(self) -> dict[str, Any]:
+        """Return JSON values; the stamp is a string, because JavaScript would round the number."""
+        return asdict(self) | {"stamp_ns": str(self.stamp_ns)}
 
 
 class LivePath:

@@ -47,6 +47,21 @@ class Aborted:
         return {"by": self.by, "at": self.at_s}
 
 
+@dataclass(slots=True)
+class ShownEnd:
+    """The end of a run as the views show it; without values during the run."""
+
+    at_s: float | None = None  #: Time of the end, s.
+    aborted: Aborted | None = None
+    report_page: bytes = b""  #: HTML report; empty if there is none.
+    has_score: bool = False  #: Whether the shown score is that of the complete run, which no other score replaces.
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the run is over."""
+        return self.at_s is not None
+
+
 class EndFile:
     """The file with the end of a run: written by the run's process, and read periodically by the page's process."""
 

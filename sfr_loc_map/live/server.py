@@ -23,12 +23,13 @@ from aiohttp import WSMsgType, http_exceptions, web
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.live.access import TOKEN_COOKIE, is_equal, refusal_of
-from sfr_loc_map.live.commands import Command
+from sfr_loc_map.live.commands import Action, Command, Operator
 from sfr_loc_map.live.config import LiveConfig
 from sfr_loc_map.live.connections import IDLE_TIMEOUT_S, BoundedConnections
 from sfr_loc_map.live.messages import LIVE_PERIOD_S, CommonTexts
 from sfr_loc_map.live.run_end import EndFile, RunEnd
 from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.values import state_json
 from sfr_loc_map.live.viewer import Viewer
 from sfr_loc_map.signals import stopping
 
@@ -67,11 +68,13 @@ END_PERIOD_S = 0.1  #: Period of the check whether the run is over, s.
 class LiveServer:
     """Serves the page of a run at `url`. All methods but the constructor run in one event loop."""
 
-    def __init__(self, config: LiveConfig, state: LiveState, title: str = "") -> None:
+    def __init__(self, config: LiveConfig, state: LiveState, operator: Operator, title: str = "") -> None:
         """Read the page's files; the title, for example a namespace, is displayed in the header."""
         self.state = state
         self.url = ""  # known once the page is served
-        self._config, self._title = config, title
+        self._config = config
+        self._operator = operator
+        self._title = title
         self._command_token = secrets.token_urlsafe(18)
         self._files = _page_files(self._command_token)
         self._viewers: list[Viewer] = []
@@ -102,7 +105,7 @@ class LiveServer:
                 ready(self.url)
                 await self._send_changes()
         finally:
-            self.state.operator.close()
+            self._operator.close()
             await runner.cleanup()
 
     def show_end(self, run_end: RunEnd | None = None) -> None:
@@ -111,10 +114,7 @@ class LiveServer:
         Later silence is then not reported as stale data.
         """
         now_s = time.time()
-        if run_end is None:
-            self.state.end_reception(now_s)
-        else:
-            self.state.end(run_end, now_s)
+        self.state.end(run_end or RunEnd(), now_s)
         self._notify_viewers(now_s, at_once=True)
 
     def _application(self) -> web.Application:
@@ -210,18 +210,18 @@ class LiveServer:
 
     async def _get_state(self, request: web.Request) -> web.Response:
         now_s = time.time()
-        content = self.state.to_plain(now_s)
+        content = state_json(self.state, now_s)
         content["live"]["server"] = {
             "version": __version__,
             "title": self._title,
             "uptime_s": round(now_s - self._begin_s, 3),
-            "actions": sorted(self.state.operator.actions),
+            "actions": sorted(Action),
             "pages": len(self._viewers),
         }
         return web.json_response(content, dumps=lambda value: json.dumps(value, allow_nan=False))
 
     async def _get_report(self, request: web.Request) -> web.Response:
-        page = self.state.report_page
+        page = self.state.shown_end.report_page
         if not page:
             raise web.HTTPNotFound
         return web.Response(body=page, content_type="text/html", charset="utf-8", headers=REPORT_HEADERS)
@@ -235,7 +235,7 @@ class LiveServer:
             async with asyncio.timeout(IDLE_TIMEOUT_S):
                 content = await request.read()
             command = Command.parse(content)
-            text = await asyncio.to_thread(self.state.operator.run, command)
+            text = await asyncio.to_thread(self._operator.run, command)
         except TimeoutError:
             raise web.HTTPRequestTimeout from None
         except (SfrError, web.RequestPayloadError) as error:
@@ -267,7 +267,7 @@ class LiveServer:
                     viewer.receive(received.data)
         finally:
             self._viewers.remove(viewer)
-            self.state.displayed.forget(viewer)
+            self.state.watch(viewer, is_watching=False)
             sender.cancel()
         return channel
 

@@ -15,8 +15,6 @@ from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.tables.model import Cell, Table
 
-NO_SCORE_SHOWN: dict[str, Any] = {"overall": None, "tables": [], "limits": [], "errors": None}
-"""Content of a page before the first score."""
 AS_PUBLISHED: dict[str, Any] = {
     "frame": "",
     "lever_arm_m": list(NO_LEVER),
@@ -27,11 +25,23 @@ AS_PUBLISHED: dict[str, Any] = {
 
 
 class ShownScore:
-    """A score, its JSON values, and the displayed tables and bars."""
+    """A score with its JSON values and its limits as bars."""
 
     def __init__(self, score: Score, received_s: float) -> None:
-        self.score, self.received_s, self.content = score, received_s, to_dict(score)
-        self.overall, self.tables, self.bars = banner_of(score), score_tables(score), limit_bars(score)
+        self.score = score
+        self.received_s = received_s
+        self.content = to_dict(score)
+        self.overall = banner_of(score)
+        self.bars = limit_bars(score)
+        self.plain: dict[str, Any] = {
+            "overall": asdict(self.overall),
+            "tables": [_table_to_plain(table) for table in score_tables(score)],
+            "limits": [asdict(bar) for bar in self.bars],
+            "errors": _errors_to_plain(score),
+            "warnings": list(score.warnings),
+            "received_s": received_s,
+        }
+        """The displayed content as JSON values."""
 
     @property
     def converts_truth(self) -> bool:
@@ -41,17 +51,6 @@ class ShownScore:
         if not isinstance(monitor, dict):
             return False
         return any(monitor.get(f"truth.{name}", default) != default for name, default in AS_PUBLISHED.items())
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return the content of a page as JSON values."""
-        return {
-            "overall": asdict(self.overall),
-            "tables": [_table_to_plain(table) for table in self.tables],
-            "limits": [asdict(bar) for bar in self.bars],
-            "errors": _errors_to_plain(self.score),
-            "warnings": list(self.score.warnings),
-            "received_s": self.received_s,
-        }
 
 
 def _errors_to_plain(score: Score) -> dict[str, Any] | None:

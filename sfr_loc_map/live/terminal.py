@@ -20,14 +20,13 @@ from rich.text import Text
 
 from sfr_loc_map.live.headline import clock_time
 from sfr_loc_map.live.keyboard import Keyboard
-from sfr_loc_map.live.shown_score import ShownScore
 from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.values import live_values, score_values
 from sfr_loc_map.message_text import one_line, printable
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.report.verdict_style import OPEN, style_of
 from sfr_loc_map.report.verdict_style import STYLES as VERDICT_STYLES
-from sfr_loc_map.tables.formats import to_rich
-from sfr_loc_map.tables.model import ABSENT, METRE, MIB, MILLISECOND, Table, fitting, number
+from sfr_loc_map.tables.model import ABSENT, METRE, MIB, MILLISECOND, fitting, number
 
 PERIOD_S = 0.5  #: Period of the screen.
 LINE_PERIOD_S = 1.0  #: Period of the lines without a terminal.
@@ -81,8 +80,8 @@ class Terminal:
     def drawing(self, now_s: float) -> RenderableType:
         """Return the content of the screen, the most important parts first."""
         with self._state.lock:
-            live = self._state.live_to_plain(now_s)
-            body = Group(*_parts(self._state, live, now_s, self._title, self._console.width))
+            live, score = live_values(self._state, now_s), score_values(self._state)
+        body = Group(*_parts(live, score, now_s, self._title, self._console.width))
         layout = Layout()
         foot = Text("q: quit", "reverse", no_wrap=True, overflow="ellipsis")
         layout.split_column(Layout(body), Layout(foot, size=1))
@@ -100,21 +99,22 @@ class Terminal:
 def one_line_of(state: LiveState, now_s: float) -> str:
     """Return one line with the verdict and its age or end, headline figures, state and nodes."""
     with state.lock:
-        live, score = state.live_to_plain(now_s), state.score
-        shown = live["headline"]
-        parts = [clock_time(now_s), f"{_word(shown)}: {shown['text'].rstrip('.')}"]
-        for table in _figures(score):
-            for title, unit, *cells in table.rows:
-                numbers = zip(table.columns[2:], cells, strict=True)
-                known = [f"{column.title} {cell.text}" for column, cell in numbers if cell.text != ABSENT]
-                parts.append(f"{title.text}, {unit.text} {' '.join(known)}")
+        live, score = live_values(state, now_s), score_values(state)
+    shown = live["headline"]
+    parts = [clock_time(now_s), f"{_word(shown)}: {shown['text'].rstrip('.')}"]
+    for headings, rows in _figures(score):
+        for title, unit, *numbers in rows:
+            known = [f"{heading} {text}" for heading, text in zip(headings[2:], numbers, strict=True) if text != ABSENT]
+            parts.append(f"{title}, {unit} {' '.join(known)}")
     parts += _now(live)
     for node in live["nodes"]:
         parts.append(" ".join((node["name"], node["level"], *_costs(node, live))))
     return printable(" ".join("; ".join(parts).split()))
 
 
-def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str, width: int) -> Iterator[RenderableType]:
+def _parts(
+    live: dict[str, Any], score: dict[str, Any], now_s: float, title: str, width: int
+) -> Iterator[RenderableType]:
     head = Grid.grid(Column(ratio=1, no_wrap=True), Column(justify="right", no_wrap=True), expand=True)
     head.add_row(Text(f"sfr live  {one_line(title)}", "bold"), clock_time(now_s))
     yield head
@@ -129,18 +129,21 @@ def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str, wid
             words = _node_words(node, live)
             nodes.add_row(*(words if wide else (*words[:4], words[-1])))
         yield nodes
-    if state.score is not None and state.score.bars:
+    if score["limits"]:
         limits = Grid("verdict", "of", box=None, pad_edge=False, padding=(0, 1, 0, 0))
         for name in ("value", "limit", "margin"):
             limits.add_column(name, justify="right", no_wrap=True)
-        for bar in state.score.bars:
-            style = style_of(bar.state).colour
-            limits.add_row(Text(f"{bar.icon} {bar.state}", style), bar.name, bar.value, bar.limit, bar.margin)
+        for bar in score["limits"]:
+            verdict = Text(f"{bar['icon']} {bar['state']}", style_of(bar["state"]).colour)
+            limits.add_row(verdict, bar["name"], bar["value"], bar["limit"], bar["margin"])
         yield limits
-    yield from map(Text, _notes(state, live))
-    for grid in map(to_rich, _figures(state.score)):
-        grid.title = grid.caption = grid.box = None
-        grid.padding = (0, 1, 0, 0)
+    yield from map(Text, _notes(live, score))
+    for headings, rows in _figures(score):
+        grid = Grid(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+        for place, heading in enumerate(headings):
+            grid.add_column(Text(heading), justify="left" if place < 2 else "right", overflow="fold")
+        for row in rows:
+            grid.add_row(*map(Text, row))
         yield grid
 
 
@@ -148,8 +151,12 @@ def _word(shown: dict[str, str]) -> str:
     return ", ".join(filter(None, (f"{shown['icon']} {shown['word']}", shown["age"])))
 
 
-def _figures(score: ShownScore | None) -> list[Table]:
-    return [] if score is None else [table for table in score.tables if table.name == "headline"]
+def _figures(score: dict[str, Any]) -> Iterator[tuple[list[str], list[list[str]]]]:
+    """Yield headings and rows of the table of headline figures: name and unit, then numbers."""
+    for table in score["tables"]:
+        if table["name"] == "headline":
+            headings = [column["heading"] for column in table["columns"]]
+            yield headings, [[cell.get("text", "") for cell in row] for row in table["rows"]]
 
 
 def _node_words(node: dict[str, Any], live: dict[str, Any]) -> list[Text | str]:
@@ -186,7 +193,7 @@ def _now(live: dict[str, Any]) -> Iterator[str]:
             yield f"error x y z: {' '.join(number(value, unit=unit, signed=True) for value in error)} {unit.symbol}"
 
 
-def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
+def _notes(live: dict[str, Any], score: dict[str, Any]) -> Iterator[str]:
     """Yield problems of nodes, dropped messages by cause, and unreadable inputs."""
     for node in live["nodes"]:
         name = one_line(node["name"])
@@ -194,9 +201,8 @@ def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
             yield f"{name}: {one_line(node['message'])}"
         if drops := [f"{count} {cause}" for cause, count in node["drops"].items() if count]:
             yield f"{name} dropped: {', '.join(drops)}"
-    if lost := [f"{count} of {topic}" for topic, count in state.lost.items() if count]:
+    if lost := [f"{topic['lost']} of {name}" for name, topic in live["topics"].items() if topic["lost"]]:
         yield "lost in transport to this view: " + ", ".join(lost)
-    if state.score is not None:
-        yield from (f"warning: {one_line(text)}" for text in state.score.score.warnings)
-    if state.problems:
-        yield f"unreadable input: {state.problems[-1]}"
+    yield from (f"warning: {one_line(text)}" for text in score["warnings"])
+    if live["problems"]:
+        yield f"unreadable input: {live['problems'][-1]}"

@@ -1,16 +1,14 @@
 """Records that a feed (the ROS node) passes to the live state.
 
-Times are those of the host's system clock, s. Stamps are those of the messages. A new record extends `Record`, is a
-member of `Update`, and has a case in `LiveState._take_in`.
+Times are those of the host's system clock, s. Stamps are those of the messages. A new record is a member of `Update`,
+and has a case in `LiveState._take_in`.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import ClassVar
 
 import numpy as np
 
@@ -27,74 +25,16 @@ class Track(StrEnum):
     TRUTH = "truth"
 
 
-class MediaKind(StrEnum):
-    """Kinds of media, which are costly to prepare, so that a feed prepares them only while a viewer displays them."""
-
-    IMAGES = "images"
-    MAPS = "maps"
-
-
-class Record(ABC):
-    """A record of a feed."""
-
-    __slots__ = ()
-
-    @property
-    @abstractmethod
-    def subject(self) -> str:
-        """What the record is about, in words of a user."""
-
-    @property
-    @abstractmethod
-    def time_s(self) -> float:
-        """When the record was received or its message was published."""
-
-
-class ReceivedRecord(Record):
-    """A record whose time is that of its reception."""
-
-    __slots__ = ()
-    received_s: float
-
-    @property
-    def time_s(self) -> float:
-        """When the record was received."""
-        return self.received_s
-
-
-class MessageRecord(Record):
-    """A record of a message on a topic, whose time is that of its publication."""
-
-    __slots__ = ()
-    topic: str
-    published_s: float
-
-    @property
-    def subject(self) -> str:
-        """What the record is about, in words of a user."""
-        return f"a message on {self.topic}"
-
-    @property
-    def time_s(self) -> float:
-        """When the message was published."""
-        return self.published_s
-
-
 @dataclass(frozen=True, slots=True)
-class PublishedScore(ReceivedRecord):
+class PublishedScore:
     """The score of the monitor, as JSON."""
 
     text: str
     received_s: float
 
-    @property
-    def subject(self) -> str:
-        """What the record is about, in words of a user."""
-        return "a score"
-
 
 @dataclass(frozen=True, slots=True)
-class PoseSample(ReceivedRecord):
+class PoseSample:
     """A pose of RB in DS: position, m, quaternion, and for estimates the covariance `(6, 6)` in ROS order.
 
     The quaternion has unit length, or is 0 0 0 0 if the attitude is unknown, which is possible only for the truth.
@@ -108,11 +48,6 @@ class PoseSample(ReceivedRecord):
     covariance: FloatArray | None = None
 
     @property
-    def subject(self) -> str:
-        """What the record is about, in words of a user."""
-        return f"a pose of the {self.track}"
-
-    @property
     def has_attitude(self) -> bool:
         """Whether the attitude is known."""
         return any(self.quat_xyzw)
@@ -124,21 +59,16 @@ class PoseSample(ReceivedRecord):
 
 
 @dataclass(frozen=True, slots=True)
-class NodeCall(ReceivedRecord):
+class NodeCall:
     """A call of a node."""
 
     node: str
     record: CallRecord
     received_s: float
 
-    @property
-    def subject(self) -> str:
-        """What the record is about, in words of a user."""
-        return f"a call of {self.node}"
-
 
 @dataclass(frozen=True, slots=True)
-class Status(ReceivedRecord):
+class Status:
     """A status of a node on /diagnostics: health, unusable input or internal fault."""
 
     node: str
@@ -148,15 +78,10 @@ class Status(ReceivedRecord):
     values: Mapping[str, str]
     received_s: float
 
-    @property
-    def subject(self) -> str:
-        """What the record is about, in words of a user."""
-        return f"a status of {self.node}"
-
 
 @dataclass(frozen=True, slots=True)
-class ImageStamp(MessageRecord):
-    """Stamp and publication time of an image. Images are received only while a viewer displays images."""
+class ImageStamp:
+    """Stamp and publication time of an image. Images are received only while a viewer displays them."""
 
     topic: str
     stamp_ns: int
@@ -164,10 +89,9 @@ class ImageStamp(MessageRecord):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImageSample(MessageRecord):
+class ImageSample:
     """An image reduced for the screen: JPEG data, width and height, and the original width and height."""
 
-    kind: ClassVar[MediaKind] = MediaKind.IMAGES
     topic: str
     stamp_ns: int
     jpeg: bytes
@@ -178,28 +102,17 @@ class ImageSample(MessageRecord):
 
 
 @dataclass(frozen=True, slots=True)
-class ImageProblem(Record):
+class ImageProblem:
     """Why the images of a topic cannot be displayed; empty if they can."""
 
     topic: str
     text: str
 
-    @property
-    def subject(self) -> str:
-        """What the record is about, in words of a user."""
-        return f"a message on {self.topic}"
-
-    @property
-    def time_s(self) -> float:
-        """A problem has no time."""
-        return 0.0
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ElevationSample(MessageRecord):
+class ElevationSample:
     """A top-view map, thinned for the screen; its layers are named height, sigma, error, hazard, ..."""
 
-    kind: ClassVar[MediaKind] = MediaKind.MAPS
     topic: str
     stamp_ns: int
     origin_m: tuple[float, float]  # corner of cell (0, 0), LM
@@ -211,17 +124,12 @@ class ElevationSample(MessageRecord):
 
 
 @dataclass(frozen=True, slots=True)
-class GraphNodes(ReceivedRecord):
+class GraphNodes:
     """Nodes of the suite that are in the graph, and the number of lost messages of each topic."""
 
     nodes: frozenset[str]
     received_s: float
     lost: Mapping[str, int] = field(default_factory=dict)
-
-    @property
-    def subject(self) -> str:
-        """What the record is about, in words of a user."""
-        return "a list of the nodes"
 
 
 Media = ImageSample | ElevationSample  #: Large records, of which only the newest of each topic is kept.

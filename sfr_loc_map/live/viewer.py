@@ -16,19 +16,21 @@ from aiohttp import web
 
 from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.live.messages import binary_message, text_message
-from sfr_loc_map.live.path import ROW_FIELDS, PathRow
+from sfr_loc_map.live.path import PathRow
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import Media, MediaKind
+from sfr_loc_map.live.updates import Media
 from sfr_loc_map.report.glossary import TERMS
 
 SEND_TIMEOUT_S = 10.0  #: A page that accepts no data for this time is disconnected.
 
 
 class Viewer:
-    """An open page: the messages sent to it and the media that it displays. Used only in the server's event loop."""
+    """An open page, and the messages sent to it. Used only in the server's event loop."""
 
     def __init__(self, state: LiveState, channel: web.WebSocketResponse) -> None:
-        self._state, self._channel = state, channel
+        self._state = state
+        self._channel = channel
+        self._is_visible = False
         self._changed = asyncio.Event()
         self._texts: dict[str, str] = {}  # latest message of each kind that is sent to all pages
         self._sent_texts: dict[str, str] = {}
@@ -45,18 +47,19 @@ class Viewer:
         self._changed.set()
 
     def receive(self, text: str) -> None:
-        """Process a message of the page: `{"type": "want", "media": [...]}` names the displayed media."""
+        """Process a message of the page, which states whether the page is visible."""
         content: Any = None
         with suppress(ValueError):
             content = parse_json(text)
         match content:
-            case {"type": "want", "media": [*wanted]}:
-                self._state.displayed.show(self, frozenset(kind for kind in MediaKind if kind.value in wanted))
+            case {"type": "visible", "visible": bool(is_visible)}:
+                self._is_visible = is_visible
+                self._state.watch(self, is_watching=is_visible)
         self._changed.set()
 
     async def send_all(self, title: str) -> None:
         """Send new data until a ConnectionError (the page has left) or a TimeoutError (the page accepts no data)."""
-        await self._send(text_message("hello", {"title": title, "row_fields": ROW_FIELDS, "terms": {**TERMS}}))
+        await self._send(text_message("hello", {"title": title, "terms": {**TERMS}}))
         while True:
             self._changed.clear()
             for text in (*self._new_texts(), *self._new_rows(), *self._new_calls()):
@@ -94,7 +97,7 @@ class Viewer:
     def _new_calls(self) -> list[str]:
         """Return the calls that are new to the page, and the number of the first call that the page keeps."""
         with self._state.lock:
-            first, end = self._state.call_numbers
+            first, end = self._state.calls.first, self._state.calls.end
             calls = [call for call in self._state.calls if call.n >= self._next_call]
         if (first, end) == (self._first_call, self._next_call):
             return []
@@ -102,8 +105,11 @@ class Viewer:
         return [text_message("calls", {"first": first, "calls": [call.to_plain() for call in calls]})]
 
     def _next_media(self) -> Media | None:
-        """Return a new image or map that the page shows, from the topic that has waited longest."""
-        newest = self._state.shown_media(self)
+        """Return a new image or map for a visible page, from the topic that has waited longest."""
+        if not self._is_visible:
+            return None
+        with self._state.lock:
+            newest = dict(self._state.media)
         never_sent = [topic for topic in newest if topic not in self._sent_media]
         for topic in (*never_sent, *self._sent_media):
             media = newest.get(topic)

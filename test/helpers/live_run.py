@@ -180,5 +180,5 @@ def updates(count: int, begin_s: float) -> Iterator[Update]:
     yield health("localisation_node", end_s)
     yield health("mapping_node", end_s, Level.WARN, "stereo pairs without a pose")
     yield health("monitor_node", end_s, Level.OK, "scoring")
-    yield GraphNodes(frozenset(NODES), end_s, {"loc/left/image_rect": 2})
+    yield GraphNodes(frozenset(NODES), end_s, {"localisation/odometry": 2})
     yield report(count, end_s)

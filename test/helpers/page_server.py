@@ -8,18 +8,14 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.live.commands import Action, Command
+from sfr_loc_map.live.commands import Command
 from sfr_loc_map.live.config import LiveConfig
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.suite_names import SUITE_NODES
 
 
 class Recorder:
     """Carries out nothing."""
-
-    actions = frozenset(Action)
-    node_actions = dict.fromkeys(SUITE_NODES, tuple(action for action in Action if action is not Action.BOOKMARK))
 
     def __init__(self) -> None:
         self.commands: list[Command] = []
@@ -35,8 +31,11 @@ class Recorder:
 
 
 @asynccontextmanager
-async def served(state: LiveState, title: str = "", **config: Any) -> AsyncIterator[LiveServer]:
-    server, ready = LiveServer(LiveConfig(port=0, **config), state, title), asyncio.Event()
+async def served(
+    state: LiveState, title: str = "", operator: Recorder | None = None, **config: Any
+) -> AsyncIterator[LiveServer]:
+    server = LiveServer(LiveConfig(port=0, **config), state, operator or Recorder(), title)
+    ready = asyncio.Event()
     task = asyncio.create_task(server.serve(lambda _: ready.set()))
     await asyncio.wait_for(ready.wait(), 10)
     yield server

@@ -20,7 +20,7 @@ from sfr_loc_map.live.feed import RosFeed
 from sfr_loc_map.live.page_process import connected_nodes_topic
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
-from sfr_loc_map.live.updates import ImageSample, MediaKind
+from sfr_loc_map.live.updates import ImageSample
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.ros.image_messages import image_msg
@@ -35,7 +35,7 @@ PIXELS = np.arange(64 * 48, dtype=np.uint16).reshape(48, 64).astype(np.uint8)
 @pytest.mark.parametrize("name", IMAGES)
 def test_an_image_of_each_transport_is_shown(own_domain: None, name: str) -> None:
     state = LiveState()
-    state.displayed.show("test", frozenset({MediaKind.IMAGES}))
+    state.watch("test", is_watching=True)
     with RosFeed(state) as feed:
         node = rclpy.create_node("camera")
         kind = message_type(IMAGES[name])
@@ -58,7 +58,7 @@ def test_an_image_of_each_transport_is_shown(own_domain: None, name: str) -> Non
 
 def test_both_images_of_a_pair_are_shown_if_their_stamps_differ_within_the_tolerance(own_domain: None) -> None:
     state = LiveState()
-    state.displayed.show("test", frozenset({MediaKind.IMAGES}))
+    state.watch("test", is_watching=True)
     with RosFeed(state):
         node = rclpy.create_node("camera")
         late_ns = {"loc/left": 0, "loc/right": 1_000_000}
@@ -76,7 +76,7 @@ def test_both_images_of_a_pair_are_shown_if_their_stamps_differ_within_the_toler
 
 def test_a_camera_that_changes_to_another_transport_is_followed(own_domain: None) -> None:
     state = LiveState()
-    state.displayed.show("test", frozenset({MediaKind.IMAGES}))
+    state.watch("test", is_watching=True)
     with RosFeed(state):
         for topic in ("/loc/left/image_rect", "/loc/left/image_rect/compressed"):
             node = rclpy.create_node("camera")

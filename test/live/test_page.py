@@ -21,6 +21,7 @@ from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import ImageProblem, PoseSample, PublishedScore, Status
+from sfr_loc_map.live.values import state_json
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.judging.judge import judged_by
@@ -72,7 +73,7 @@ async def choose(browser: Browser, place: str, value: str) -> None:
 
 async def check_panels(browser: Browser, server: LiveServer) -> None:
     """Every panel is drawn with the figures of the state, explained and named, and nothing is asked for elsewhere."""
-    live = server.state.to_plain(0.0)["live"]
+    live = state_json(server.state, 0.0)["live"]
     await browser.wait_for("document.querySelectorAll('#images img[src]:not([hidden])').length === 2")
     await browser.wait_for("[...document.querySelectorAll('#images img')].every((image) => image.naturalWidth === 320)")
     await browser.wait_for(f"{text('images')}.includes('20 tracks')")
@@ -87,7 +88,7 @@ async def check_panels(browser: Browser, server: LiveServer) -> None:
     assert await browser.value("document.querySelectorAll('#nodes .node').length") == 3
     assert live["overall"]["state"] in await browser.value(text("verdict"))
     bars = await browser.value(traces("limits", "hovertext") + "[0]")
-    assert len(bars) == len(live["limits"]) == len(server.state.to_plain(0.0)["verdicts"]) > 3
+    assert len(bars) == len(live["limits"]) == len(state_json(server.state, 0.0)["verdicts"]) > 3
     assert all(limit["text"] in bar for limit, bar in zip(live["limits"], bars, strict=True))
     shares = await browser.value(traces("limits", "x") + "[0]")
     assert shares == pytest.approx([min(limit["share"] or 0.0, 1.5) for limit in live["limits"]])
@@ -120,7 +121,7 @@ async def check_states(browser: Browser, state: LiveState) -> None:
     await browser.wait_for("document.querySelector('.frame.lost .badge')?.textContent === 'LOST: FEW_LANDMARKS'")
     await browser.wait_for(f"{traces('events', 'name')}.includes('lost')")
     await browser.wait_for(f"{text('nodes')}.includes('stale: silent') && {text('nodes-pill')}.includes('silent')")
-    verdict = state.to_plain(0.0)["live"]["overall"]["state"]
+    verdict = state_json(state, 0.0)["live"]["overall"]["state"]
     await browser.wait_for(f"{text('verdict')}.trim() === '○ {verdict}' && /^\\d+ s old$/.test({text('age')})")
     await browser.wait_for(f"{text('overall')}.includes('_node silent for')")
     keep_alive(state, AHEAD_S)
@@ -199,9 +200,8 @@ async def check_hostile_names(browser: Browser, state: LiveState) -> None:
 def test_panels_states_commands_and_hostile_names() -> None:
     async def test() -> None:
         state, operator = LiveState(), Recorder()
-        state.operator = operator
         fill(state, 80)
-        async with served(state, HOSTILE) as server, Browser(height=4000) as browser:
+        async with served(state, HOSTILE, operator) as server, Browser(height=4000) as browser:
             await browser.open(server.url)
             await browser.wait_for("document.documentElement.dataset.poses > 0")
             await check_panels(browser, server)

@@ -24,7 +24,6 @@ from helpers.score_rows import rows_about
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.live.freshness import NODE_FRESHNESS
-from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.suite_names import SIDES
 
 COMMAND = ("-m", "sfr_loc_map")
@@ -98,7 +97,7 @@ async def lost_poses(url: str) -> list[bool]:
             message = json.loads(received.data)
             if message["type"] == "path":
                 lost = {} if message["whole"] else lost  # as the page does
-                lost |= {row[ROW_FIELDS.index("n")]: bool(row[ROW_FIELDS.index("lost")]) for row in message["rows"]}
+                lost |= {row["n"]: row["lost"] for row in message["rows"]}
     return [lost[number] for number in sorted(lost)]
 
 

@@ -13,6 +13,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.live.path import LivePath
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PoseSample, PublishedScore, Track
+from sfr_loc_map.live.values import event_values, live_values
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.figures.records import Association, Provenance
 from sfr_loc_map.metrics.score.score import Score
@@ -73,16 +74,16 @@ def test_a_viewer_that_joins_late_shows_the_distance_of_the_run(joined: int) -> 
             state.put(pose(track, number, drive(number)))
     score = Score(association=Association(matched=20, estimate_poses=20, truth_poses=20, path_length_m=19 * step_m))
     state.put(PublishedScore(to_json(score), 1.0))
-    assert state.live_to_plain(1.0)["localisation"]["distance_m"] == pytest.approx(19 * step_m)
+    assert live_values(state, 1.0)["localisation"]["distance_m"] == pytest.approx(19 * step_m)
     state.put(pose(Track.TRUTH, 20, drive(20)))
     state.put(pose(Track.ESTIMATE, 20, drive(20)))
     state.put(PublishedScore(to_json(score), 1.0))  # without the newest pose
-    assert state.live_to_plain(1.0)["localisation"]["distance_m"] == pytest.approx(20 * step_m)
+    assert live_values(state, 1.0)["localisation"]["distance_m"] == pytest.approx(20 * step_m)
     for number in range(10):  # as many as begin a run if their stamps are unknown
         for track in Track:
             state.put(pose(track, number, drive(number)))
     state.put(PublishedScore(to_json(score), 2.0))  # of the run before
-    assert state.live_to_plain(2.0)["localisation"]["distance_m"] == pytest.approx(9 * step_m)
+    assert live_values(state, 2.0)["localisation"]["distance_m"] == pytest.approx(9 * step_m)
 
 
 @pytest.mark.parametrize(
@@ -120,12 +121,12 @@ def test_a_stray_pose_leaves_the_path_as_it_is_and_three_in_a_row_begin_another_
     for track in Track:
         state.put(pose(track, 40, drive(40)))
     assert [row.stamp_ns for row in state.path.rows] == [(number + 1) * NS_PER_S // 10 for number in range(20, 41)]
-    assert not [event for event in state.events_to_plain() if event["kind"] == "clock"]
+    assert not [event for event in event_values(state)["events"] if event["kind"] == "clock"]
     for number in range(20, 23):
         for track in Track:
             state.put(pose(track, number, drive(number)))
     assert [row.stamp_ns for row in state.path.rows] == [(number + 1) * NS_PER_S // 10 for number in range(20, 23)]
-    texts = [event["text"] for event in state.events_to_plain() if event["kind"] == "clock"]
+    texts = [event["text"] for event in event_values(state)["events"] if event["kind"] == "clock"]
     assert texts == ["stamps jump back by 2.0 s"]
 
 
@@ -141,7 +142,7 @@ def test_late_poses_begin_no_run_on_the_page_because_they_begin_none_in_the_moni
     state.put(pose(Track.ESTIMATE, 43, drive(43)))
     shown = [row.stamp_ns for row in state.path.rows]
     assert shown == [(number + 1) * NS_PER_S // 10 for number in range(44) if number not in late]
-    assert not [event for event in state.events_to_plain() if event["kind"] == "clock"]
+    assert not [event for event in event_values(state)["events"] if event["kind"] == "clock"]
 
 
 @pytest.mark.usefixtures("short_path")
@@ -154,7 +155,7 @@ def test_the_last_pose_is_shown_also_if_the_path_is_thinned() -> None:
     state.put(pose(Track.ESTIMATE, lost, drive(lost), LOST_VARIANCE))
     for number in range(lost + 1, last + 1):
         state.put(pose(Track.ESTIMATE, number, drive(number)))
-    live = state.live_to_plain(last)
+    live = live_values(state, last)
     assert live["localisation"]["position_m"] == pytest.approx(drive(last).translation.tolist())
     assert not live["localisation"]["lost"]
     assert live["poses"] == last + 1

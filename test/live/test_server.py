@@ -19,7 +19,7 @@ from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.live.commands import Action, Command
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import ImageSample, MediaKind
+from sfr_loc_map.live.updates import ImageSample
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
 
@@ -34,10 +34,9 @@ from sfr_loc_map.live.server import LiveServer  # noqa: E402 - as above
 class Served:
     """A server under test with a session that asks it."""
 
-    def __init__(self, session: Any, state: LiveState, server: LiveServer) -> None:
-        self.session, self.state, self.server = session, state, server
-        self.operator = Recorder()
-        state.operator = self.operator
+    def __init__(self, session: Any, server: LiveServer, operator: Recorder) -> None:
+        self.session, self.state, self.server = session, server.state, server
+        self.operator = operator
         self.port = int(server.url.split("?")[0].rsplit(":")[-1].strip("/"))
 
     async def get(self, path: str, **headers: str) -> tuple[int, str, Any]:
@@ -56,9 +55,9 @@ class Served:
 
 def in_loop(test: Callable[[Served], Awaitable[None]], **config: Any) -> None:
     async def run() -> None:
-        state = LiveState()
-        async with aiohttp.ClientSession() as session, served(state, "test", **config) as server:
-            await test(Served(session, state, server))
+        operator = Recorder()
+        async with aiohttp.ClientSession() as session, served(LiveState(), "test", operator, **config) as server:
+            await test(Served(session, server, operator))
 
     asyncio.run(asyncio.wait_for(run(), 60))
 
@@ -178,17 +177,17 @@ def test_the_end_of_a_run_is_read_from_its_file_even_if_it_was_written_before_th
 
     async def run() -> None:
         state = LiveState()
-        page = LiveServer(LiveConfig(port=0), state)
+        page = LiveServer(LiveConfig(port=0), state, Recorder())
         serving = asyncio.ensure_future(server.serve_until_signal(page, end_file=end_file))
-        while state.aborted is None:
+        while state.shown_end.aborted is None:
             await asyncio.sleep(0.01)
-        assert state.aborted.by == "mapping_node was killed by SIGKILL"
-        assert state.report_page == b""
+        assert state.shown_end.aborted.by == "mapping_node was killed by SIGKILL"
+        assert state.shown_end.report_page == b""
         report.write_text("<p>report</p>")
         write_text(json.dumps({"report": str(report)}), end_file)
-        while not state.report_page:
+        while not state.shown_end.report_page:
             await asyncio.sleep(0.01)
-        assert state.report_page == b"<p>report</p>"
+        assert state.shown_end.report_page == b"<p>report</p>"
         serving.cancel()
         await serving
 
@@ -222,7 +221,7 @@ def test_a_page_gets_the_last_pose_also_if_the_path_is_thinned(monkeypatch: pyte
             last = -1
             while last < 11:
                 message = json.loads((await asyncio.wait_for(channel.receive(), 60)).data)
-                last = message["last"][0] if message.get("last") else last
+                last = message["last"]["n"] if message.get("last") else last
 
     in_loop(test)
 
@@ -241,12 +240,12 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
                     else:
                         frames.append(message.data)
 
-            await channel.send_json({"type": "want", "media": ["images", "maps", "nonsense"]})
+            await channel.send_json({"type": "visible", "visible": True})
             await take(lambda: len(texts) >= 6 and len(frames) >= 3)
             assert [text["type"] for text in texts][:6] == ["hello", "score", "events", "live", "path", "calls"]
             assert len(texts[4]["rows"]) == 10
-            assert found.state.displayed.wanted == {MediaKind.IMAGES, MediaKind.MAPS}
-            for hostile in ('{"type":"want","media":[NaN]}', '{"type":"want","media":1e999}', "[" * 4000):
+            assert found.state.is_watched
+            for hostile in ('{"type":"visible","visible":NaN}', '{"type":"visible","visible":1e999}', "[" * 4000):
                 await channel.send_str(hostile)  # the page stays connected
             rows: list[int] = []
             for number in range(10, 40):  # also while images come faster than they are taken, no figure is left out
@@ -256,9 +255,9 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
             while len(rows) < 30:
                 texts.clear()
                 await take(lambda: any(text["type"] == "path" for text in texts))
-                rows += [row[0] for text in texts if text["type"] == "path" for row in text["rows"]]
+                rows += [row["n"] for text in texts if text["type"] == "path" for row in text["rows"]]
             assert rows == list(range(10, 40))
-        while found.state.displayed.wanted:
+        while found.state.is_watched:
             await asyncio.sleep(0.01)
 
     in_loop(test)

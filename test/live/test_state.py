@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 from helpers.live_run import NODES, call, fill, frame, health, scored
 from helpers.made_scores import HOSTILE, dig, half, json_of, whole_score
 from sfr_loc_map.calls.call_record import STATES_OF, CallRecord
+from sfr_loc_map.live.call_log import MAX_CALLS
 from sfr_loc_map.live.run_end import RunEnd
-from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
+from sfr_loc_map.live.state import MAX_NODES, LiveState
 from sfr_loc_map.live.updates import GraphNodes, ImageStamp, NodeCall, PoseSample, PublishedScore, Status, Track, Update
+from sfr_loc_map.live.values import event_values, live_values, state_json
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
@@ -28,7 +30,7 @@ from sfr_loc_map.suite_names import Task
 def test_state_is_the_report_with_additions_and_the_strings_of_its_tables() -> None:
     state = LiveState()
     fill(state, 30)
-    score, content = whole_score(100, 48, 2), state.to_plain(state.path.rows[-1].received_s)
+    score, content = whole_score(100, 48, 2), state_json(state, state.path.rows[-1].received_s)
     live = content.pop("live")
     assert content == json_of(score)
     assert live["poses"] == 30
@@ -56,11 +58,11 @@ def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> N
     for partial, verdict in ((False, "incomplete"), (True, "no verdict")):
         report, state = PublishedScore(to_json(judged_by(part, None, partial=partial)), 1.0), LiveState()
         state.put(report)
-        under_way = state.to_plain(1.0)
+        under_way = state_json(state, 1.0)
         assert under_way["live"]["overall"]["state"] == verdict
         state.end(RunEnd(), 1.0)
         for _ in range(2):
-            ended = state.to_plain(1.0)
+            ended = state_json(state, 1.0)
             assert ended["live"]["overall"]["state"] == verdict
             assert ("covers 50 %" in (ended.get("incomplete") or "")) == (not partial)
             assert ended["figures"] == under_way["figures"]
@@ -78,7 +80,7 @@ def test_the_score_of_the_complete_run_replaces_that_of_the_monitor(tmp_path: Pa
     state.end(RunEnd(score=str(path)), 2.0)
     state.end(RunEnd(score=str(path), report="report.html"), 3.0)
     state.put(of_monitor)  # a last one that comes late
-    shown = state.to_plain(4.0)
+    shown = state_json(state, 4.0)
     assert shown.pop("live")["overall"]["state"] == "incomplete"
     assert shown == json_of(final)
 
@@ -87,11 +89,11 @@ def test_a_report_without_poses_has_the_age_of_its_reception() -> None:
     """A report is latched, so that it is the only message of nodes that are paused or have finished."""
     state = LiveState()
     state.put(PublishedScore(to_json(whole_score(100, 48, 2)), 1000.0))
-    assert state.live_to_plain(1003.0)["age_s"] == 3.0
+    assert live_values(state, 1003.0)["age_s"] == 3.0
     state.put(frame(0, 1001.0)[-1])
-    assert state.live_to_plain(1003.0)["age_s"] == 3.0
+    assert live_values(state, 1003.0)["age_s"] == 3.0
     state.put(PublishedScore(to_json(whole_score(100, 48, 2)), 1002.0))
-    assert state.live_to_plain(1003.0)["age_s"] == 2.0
+    assert live_values(state, 1003.0)["age_s"] == 2.0
 
 
 @pytest.mark.parametrize("kind", [*ConditionKind, "distance=1,time=1"])
@@ -107,7 +109,7 @@ def test_errors_are_those_that_the_monitor_has_scored(kind: str) -> None:
     assert score.details is not None
     assert score.details.trajectory is not None
     rows = score.details.trajectory.sub_trajectories[0]
-    found = state.to_plain(10.0)["live"]["errors"]
+    found = state_json(state, 10.0)["live"]["errors"]
     assert found["over"] == Condition.parse(condition).label
     assert found["end_frame"] == rows.end_frame
     assert len(rows.end_frame) > 10
@@ -126,7 +128,7 @@ def test_a_new_run_shows_no_call_of_the_previous_one() -> None:
             state.put(update)
         state.put(call(number, 100.0 + number))
     assert [item.call.received_s for item in state.calls] == [100.0 + number for number in range(5)]
-    assert state.call_numbers == (20, 25)
+    assert (state.calls.first, state.calls.end) == (20, 25)
 
 
 def test_memory_is_bounded() -> None:
@@ -135,10 +137,10 @@ def test_memory_is_bounded() -> None:
         state.put(call(number, float(number)))
         state.put(health(f"node_{number}", float(number)))
         state.put(ImageStamp(f"topic_{number}", number, float(number)))
-    assert (len(state.calls), len(state.nodes), len(state.topics)) == (MAX_CALLS, MAX_NODES, MAX_NODES)
+    assert (len(state.calls), len(state.nodes), len(state.topics.by_name)) == (MAX_CALLS, MAX_NODES, MAX_NODES)
     for number in range(4000):  # all of one moment: a smoothed period of 1e-320 s has no reciprocal
         state.put(ImageStamp("topic_0", number, 1e4))
-    assert state.to_plain(1e4)["live"]["topics"]["topic_0"]["rate_hz"] is None
+    assert state_json(state, 1e4)["live"]["topics"]["topic_0"]["rate_hz"] is None
 
 
 words = st.text(max_size=20) | st.sampled_from([HOSTILE, "nan", "1e999", "-1", "\x00", "9" * 400])
@@ -149,7 +151,7 @@ reports = words | st.sampled_from(["{}", '{"schema": "sfr-score/2", "verdicts": 
 quats = st.tuples(numbers, numbers, numbers, numbers) | st.just((0.0, 0.0, 0.0, 1.0))
 places, times = st.tuples(numbers, numbers, numbers), st.floats(0, 1e10)
 updates = st.one_of(
-    st.builds(PublishedScore, reports, numbers),
+    st.builds(PublishedScore, reports, times),
     st.builds(
         NodeCall,
         words,
@@ -175,15 +177,15 @@ def test_whatever_comes_the_state_can_be_told(found: list[Update]) -> None:
     for update in found:
         state.put(update)
     records = [item.to_plain() for item in (*state.calls, *state.path.rows)]
-    json.dumps([state.to_plain(1e9), *records], allow_nan=False)
+    json.dumps([state_json(state, 1e9), *records], allow_nan=False)
 
 
 def test_reading_the_state_changes_no_event() -> None:
     state = LiveState()
     fill(state, 30)
     last_s = state.path.rows[-1].received_s
-    before = state.events_to_plain()
-    state.to_plain(last_s + 60.0)
-    assert state.events_to_plain() == before
+    before = event_values(state)["events"]
+    state_json(state, last_s + 60.0)
+    assert event_values(state)["events"] == before
     state.tick(last_s + 60.0)
-    assert {event["kind"] for event in state.events_to_plain()} > {event["kind"] for event in before}
+    assert {event["kind"] for event in event_values(state)["events"]} > {event["kind"] for event in before}

@@ -23,6 +23,7 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.terminal import Terminal, one_line_of
 from sfr_loc_map.live.updates import PublishedScore
 from sfr_loc_map.message_types import Level
+from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.signals import handle_signals
 
 BEGIN_S, COUNT = 1_700_000_000.0, 200
@@ -54,14 +55,14 @@ def test_every_figure_is_shown_as_the_tables_have_it(recorded: list[Any]) -> Non
     for record in recorded:
         state.put(record)
     assert state.score is not None
-    tables = {table.name: table for table in state.score.tables}
+    tables = {table.name: table for table in score_tables(state.score.score)}
     words, one = " ".join(text.split()), one_line_of(state, END_S)
     for row in tables["headline"].rows:
         assert all(part in words for cell in row[2:8] for part in cell.text.split()), row
         assert all(cell.text in one for cell in row[2:8])
     for bar in state.score.bars:
         assert all(part in words for text in (bar.state, bar.value, bar.margin) for part in text.split())
-    for expected in ("pose 200: tracking", "35.1 ms", "3 in transport", "2 of loc/left/image_rect"):
+    for expected in ("pose 200: tracking", "35.1 ms", "3 in transport", "2 of localisation/odometry"):
         assert expected in words, words
     assert state.score.overall.text in words
     assert "\n" not in one

@@ -26,6 +26,7 @@ from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PublishedScore
+from sfr_loc_map.live.values import state_json
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.pair_truth import truths_of
 from sfr_loc_map.metrics.frames.association import Estimates
@@ -235,7 +236,7 @@ def of_comparison(run_name: str) -> str:
 def of_live_page(run_name: str) -> str:
     state = LiveState()
     state.put(PublishedScore(to_json(scored(run_name)), 1.0))
-    return str(state.to_plain(1.0)["live"]["overall"]["state"])
+    return str(state_json(state, 1.0)["live"]["overall"]["state"])
 
 
 VIEWS: dict[str, Callable[[str], Any]] = {

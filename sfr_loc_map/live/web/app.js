@@ -18,7 +18,6 @@ import { addTerms, dressAllHelp } from "./terms.js";
 const TICK_MS = 100; // interval between two checks for new data
 const PLOT_MS = 500; // minimum interval between two drawings of a panel
 const ANSWER_MS = 1500; // time for which the button shows the answer to a bookmark
-const MEDIA = ["images", "maps"]; // costly data, which the server sends only to a visible page
 
 const run = new Run();
 const connection = new Connection({
@@ -77,8 +76,8 @@ function watchVisibility() {
   for (const panel of panels) watcher.observe(byId(panel.id));
 }
 
-function tellMedia() {
-  connection.want(document.hidden ? [] : MEDIA);
+function reportVisibility() {
+  connection.reportVisible(!document.hidden);
 }
 
 async function bookmark() {
@@ -94,8 +93,8 @@ async function bookmark() {
 
 dressAllHelp();
 watchVisibility();
-document.addEventListener("visibilitychange", tellMedia);
+document.addEventListener("visibilitychange", reportVisibility);
 byId("bookmark").addEventListener("click", bookmark);
-tellMedia();
+reportVisibility();
 setInterval(draw, TICK_MS);
 Object.assign(window, { sfrLive: { run, connection } }); // for tests

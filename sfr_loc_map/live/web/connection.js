@@ -12,7 +12,7 @@ export class Connection {
     this.onMedia = onMedia;
     this.isHeard = false; // whether the server sends
     this.lostMs = 0; // time since which the server is no longer heard; 0 while it is heard, and before the first time
-    this.media = [];
+    this.isVisible = false;
     this.waitMs = FIRST_WAIT_MS;
     this.heardMs = 0;
     this.connect();
@@ -26,7 +26,7 @@ export class Connection {
     this.socket.onopen = () => {
       this.waitMs = FIRST_WAIT_MS;
       this.heardMs = performance.now();
-      this.want(this.media);
+      this.reportVisible(this.isVisible);
     };
     this.socket.onmessage = (event) => this.receive(event.data);
     this.socket.onclose = () => {
@@ -40,10 +40,10 @@ export class Connection {
     return this.socket.readyState === WebSocket.OPEN;
   }
 
-  /** Report to the server which media are displayed, so that it sends only these. */
-  want(media) {
-    this.media = media;
-    if (this.isOpen) this.socket.send(JSON.stringify({ type: "want", media }));
+  /** Report to the server whether the page is visible. It sends images and maps only to a visible page. */
+  reportVisible(visible) {
+    this.isVisible = visible;
+    if (this.isOpen) this.socket.send(JSON.stringify({ type: "visible", visible }));
   }
 
   /** An open but silent connection counts as lost. */

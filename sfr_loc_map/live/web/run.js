@@ -25,7 +25,6 @@ export class Run {
       case "hello":
         this.forget();
         this.title = message.title;
-        this.rowFields = message.row_fields;
         break;
       case "live":
         this.live = message;
@@ -45,12 +44,10 @@ export class Run {
     }
   }
 
-  /** Add poses, whose fields were named by the server's first message. */
+  /** Add poses, or replace all poses. */
   takePath(message) {
-    const poseOf = (row) => Object.fromEntries(this.rowFields.map((name, place) => [name, row[place]]));
-    const poses = message.rows.map(poseOf);
-    this.keptPoses = message.whole ? poses : this.keptPoses.concat(poses);
-    this.lastPose = message.last && poseOf(message.last);
+    this.keptPoses = message.whole ? message.rows : this.keptPoses.concat(message.rows);
+    this.lastPose = message.last;
     this.beforeM = message.before_m;
   }
 
