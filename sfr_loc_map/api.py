@@ -19,7 +19,7 @@ import numpy as np
 
 from sfr_loc_map import api_types
 from sfr_loc_map.api_types import PathLike, path_of, wrong_type
-from sfr_loc_map.calls.call_findings import findings_of_records
+from sfr_loc_map.calls.call_findings import findings_of
 from sfr_loc_map.calls.call_record import CallRecord, tracking_warning
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.calls.growing_calls import stats_of
@@ -411,7 +411,7 @@ def _named(path: Path, steps: Iterator[Step]) -> Iterator[Step]:
 
 def _findings(method: str, records: Sequence[CallRecord]) -> Iterator[str]:
     """Yield a warning about each kind of finding on a method."""
-    for finding in findings_of_records(records):
+    for finding in findings_of((record.stamp_ns, record.finding) for record in records):
         yield f"method {method}: {finding}"
 
 

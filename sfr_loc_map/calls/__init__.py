@@ -1,8 +1,9 @@
 """The calls of a localiser or mapper: state, cost and statistics of each call of `process`.
 
-A call has three forms. The record of one call (`call_record`) is also published as JSON on `<node>/call`. The file of
-the calls of a run (`call_files`) has a row for each call. The calls in memory (`call_stats`) are columns, from a file
-or from records that are added one by one (`growing_calls`); scores read this form.
+A call has three forms. The record of one call (`call_record`) is also published as JSON on `<node>/call`
+(`call_message`). The file of the calls of a run (`call_files`) has a row for each call. The calls in memory
+(`call_stats`) are columns, from a file or from records that are added one by one (`growing_calls`); scores read this
+form.
 
 | `CallRecord` and JSON | stats.csv | `CallStats` |
 |---|---|---|

@@ -30,7 +30,7 @@ import numpy as np
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.calls.call_findings import findings_of
 from sfr_loc_map.calls.call_record import UNKNOWN_TIME_S, CallRecord, bounded, check_uncertainty
-from sfr_loc_map.calls.call_stats import CallStats
+from sfr_loc_map.calls.call_stats import CallStats, are_of_tasks, known_or_none, memory_method_of, processes_of, task_of
 from sfr_loc_map.calls.run_identity import POSE_SIZE, RunIdentity, hash_of_cloud, poses_by_stamp
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
@@ -41,15 +41,7 @@ from sfr_loc_map.io.tables.cells.number_text import is_decimal, parse_count
 from sfr_loc_map.io.tables.cells.stamp_text import parse_stamp_ns
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import METHOD
-from sfr_loc_map.metrics.calls.call_score import (
-    KNOWN_STATES,
-    MAX_NUMBER,
-    STATE_KINDS,
-    STATED_CLOCK,
-    USAGE_NAMES,
-    Calls,
-    stage_of,
-)
+from sfr_loc_map.metrics.calls.call_score import KNOWN_STATES, MAX_NUMBER, STATED_CLOCK, USAGE_NAMES, Calls, stage_of
 from sfr_loc_map.metrics.figures.records import CallFinding, FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.metrics.frames.covariance import DIAGONAL, UPPER, check_variances, step_variances
 from sfr_loc_map.suite_names import Task
@@ -209,29 +201,34 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     table = rows.of_calls()
     has_stamps = "stamp_ns" in table.columns
     stamps_ns = table.stamps_ns() if has_stamps else np.arange(len(table.rows), dtype=np.int64)
-    stated_s = table.numbers("processing_time_s")
-    measured_by = (text for text in table.texts(MEMORY_METHOD) if text and text != STATED_CLOCK)
+    states = table.states()
+    seconds = table.numbers("processing_time_s")
+    peak_bytes = table.numbers("peak_rss_bytes")
+    stated_tasks = frozenset(task for task, method in methods.items() if method.kind is MethodKind.EXTERNAL)
+    is_stated = are_of_tasks(states, stated_tasks)
+    measured_by = next((text for text in table.texts(MEMORY_METHOD) if text and text != STATED_CLOCK), None)
     calls = Calls(
         stamps_ns=stamps_ns,
-        seconds=np.where(stated_s == UNKNOWN_TIME_S, np.nan, stated_s),
-        states=table.states(),
-        peak_bytes=table.numbers("peak_rss_bytes"),
+        seconds=np.where(seconds == UNKNOWN_TIME_S, np.nan, seconds),
+        states=states,
+        peak_bytes=peak_bytes,
         above_idle_bytes=table.numbers("above_idle_bytes"),
         stage_s={stage: table.numbers(name) for name in table.columns if (stage := stage_of(name))},
         heap_bytes=table.numbers("heap_peak_bytes"),
         stack_bytes=table.numbers("stack_peak_bytes"),
-        memory_method=next(measured_by, None),
+        memory_method=memory_method_of(peak_bytes, measured_by, is_stated),
     )
-    return CallStats.of_columns(
+    usage = {name: table.numbers(name) for name in USAGE_NAMES}
+    return CallStats(
         calls,
-        covariance=table.covariance(),
-        steps=table.steps(),
-        findings=(*findings, *findings_of(table.texts(FINDING), stamps_ns.tolist())),
-        usage={name: table.numbers(name) for name in USAGE_NAMES},
+        covariance=known_or_none(table.covariance()),
+        steps=known_or_none(table.steps()),
         methods=methods,
+        findings=(*findings, *findings_of(zip(stamps_ns.tolist(), table.texts(FINDING), strict=True))),
+        processes=processes_of(usage, calls, is_stated),
         identity=table.identity(),
         has_stamps=has_stamps,
-        stated_tasks=[task for task, method in methods.items() if method.kind is MethodKind.EXTERNAL],
+        stated_tasks=stated_tasks,
     )
 
 
@@ -440,4 +437,4 @@ def _task_of(row: Mapping[str, str]) -> Task:
     """Return the task of a row: that of its finding, or else of its state. ValueError if the task is unknown."""
     if _is_finding(row):
         return Task(row.get(FINDING_TASK, ""))
-    return Task.MAPPING if row.get("state") in STATE_KINDS else Task.LOCALISATION
+    return task_of(row.get("state", ""))

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 from msgspec.structs import replace
 
 from sfr_loc_map.metrics.figures.records import CallFinding, FindingKind, FindingRecord
-
-if TYPE_CHECKING:
-    from sfr_loc_map.calls.call_record import CallRecord
 
 
 class FindingCounts:
@@ -40,14 +36,9 @@ class FindingCounts:
         return tuple(self._counted.values())
 
 
-def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[FindingRecord, ...]:
-    """Return the findings in the texts of calls (`CallFinding`), one record for each kind; other texts are ignored."""
+def findings_of(calls: Iterable[tuple[int, str]]) -> tuple[FindingRecord, ...]:
+    """Return the findings of calls, given by stamp and text, one record for each kind; other texts are ignored."""
     counts = FindingCounts()
-    for text, stamp_ns in zip(texts, stamps_ns, strict=True):
+    for stamp_ns, text in calls:
         counts.add_of_call(stamp_ns, text)
     return counts.records
-
-
-def findings_of_records(records: Sequence[CallRecord]) -> tuple[FindingRecord, ...]:
-    """Return the findings in the records of calls, one record for each kind."""
-    return findings_of([record.finding for record in records], [record.stamp_ns for record in records])

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from types import MappingProxyType
+from dataclasses import dataclass, field
 
 import numpy as np
-from msgspec.structs import replace as struct_replace
 from numpy.typing import NDArray
 
 from sfr_loc_map.calls.run_identity import RunIdentity
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, Calls, concatenated, stacked
+from sfr_loc_map.metrics.calls.call_score import STATE_KINDS, STATED_CLOCK, Calls, concatenated, stacked
 from sfr_loc_map.metrics.figures.records import FindingRecord, MethodKind, MethodRecord, ProcessUsage
 from sfr_loc_map.suite_names import Task
 
@@ -37,43 +35,6 @@ class CallStats:
     #: Tasks of whose calls nodes state time and memory in messages. Those of other calls were measured.
     stated_tasks: frozenset[Task] = frozenset()
 
-    @classmethod
-    def of_columns(
-        cls,
-        calls: Calls,
-        *,
-        covariance: FloatArray | None,
-        steps: FloatArray | None,
-        findings: tuple[FindingRecord, ...],
-        usage: Mapping[str, FloatArray] | None,
-        methods: Mapping[Task, MethodRecord] = MappingProxyType({}),
-        identity: RunIdentity | None = None,
-        has_stamps: bool = True,
-        stated_tasks: Collection[Task] = (),
-    ) -> CallStats:
-        """Return the calls of records, of a file or of messages.
-
-        `usage` has the columns of USAGE_NAMES, None if they are missing. The other arguments are the fields of the same
-        name.
-        """
-        processes = None if usage is None else processes_of(usage, calls)
-        if stated_tasks:
-            is_stated = is_of_tasks(calls, stated_tasks)
-            calls = replace(calls, memory_method=_memory_method(calls, is_stated))
-            if usage is not None and processes is not None and is_stated[np.isfinite(usage["cpu_s"])].all():
-                processes = struct_replace(processes, method=STATED_CLOCK)
-        return cls(
-            calls,
-            known_or_none(covariance),
-            known_or_none(steps),
-            methods=methods,
-            findings=findings,
-            processes=processes,
-            identity=identity or RunIdentity(),
-            has_stamps=has_stamps,
-            stated_tasks=frozenset(stated_tasks),
-        )
-
     @property
     def method(self) -> MethodRecord | None:
         """The method of the calls, or that under test if the tasks have different methods; None if unknown."""
@@ -86,7 +47,7 @@ class CallStats:
 
     def has_task(self, task: Task) -> bool:
         """Return whether there is a call of a task."""
-        return bool(is_of_tasks(self.calls, (task,)).any())
+        return bool(are_of_tasks(self.calls.states, (task,)).any())
 
     def localised_rows(self, stamps_ns: IntArray) -> NDArray[np.intp]:
         """Return the row of the call of a localiser for each stamp, -1 where there is no call.
@@ -103,15 +64,26 @@ class CallStats:
         return rows[np.where(is_called, last, 0)]
 
 
-def is_of_tasks(calls: Calls, tasks: Collection[Task]) -> Mask:
-    """Return which calls `(N,)` belong to one of the tasks."""
-    return np.where(calls.is_localisation, Task.LOCALISATION in tasks, Task.MAPPING in tasks)
+def are_of_tasks(states: Sequence[str], tasks: Collection[Task]) -> Mask:
+    """Return which calls `(N,)`, given by their states, belong to one of the tasks."""
+    return np.array([task_of(state) in tasks for state in states], np.bool_)
 
 
-def _memory_method(calls: Calls, is_stated: Mask) -> str | None:
-    """Return how memory was measured, by calls `(N,)` whose memory a node states and by others; None if in no call."""
-    has_memory = np.isfinite(calls.peak_bytes)
-    methods = [] if calls.memory_method is None or not (has_memory & ~is_stated).any() else [calls.memory_method]
+def task_of(state: str) -> Task:
+    """Return the task of a call from its state."""
+    return Task.MAPPING if state in STATE_KINDS else Task.LOCALISATION
+
+
+def memory_method_of(peak_bytes: FloatArray, measured_by: str | None, is_stated: Mask) -> str | None:
+    """Return how memory was measured: as a node states in its calls, and in other calls by `measured_by`.
+
+    `is_stated` `(N,)` are the calls whose memory a node states. None if memory is unknown in all calls.
+    """
+    if not is_stated.any():
+        return measured_by
+    has_memory = np.isfinite(peak_bytes)
+    is_measured = measured_by is not None and (has_memory & ~is_stated).any()
+    methods = [measured_by] if measured_by is not None and is_measured else []
     if (has_memory & is_stated).any():
         methods.append(STATED_CLOCK)
     return "; ".join(methods) or None
@@ -128,11 +100,12 @@ def known_or_none(values: FloatArray | None) -> FloatArray | None:
     return values if values is not None and not np.isnan(values).all() else None
 
 
-def processes_of(usage: Mapping[str, FloatArray], calls: Calls) -> ProcessUsage | None:
+def processes_of(usage: Mapping[str, FloatArray], calls: Calls, is_stated: Mask) -> ProcessUsage | None:
     """Return the usage of the processes of a method in all calls, from the columns of USAGE_NAMES; None if unknown.
 
-    Processor time is outside a call if it was used between two calls, or if it exceeds the time that the reported
-    threads could use within the call.
+    `is_stated` `(N,)` are the calls whose usage a node states; the usage of other calls was measured. Processor time is
+    outside a call if it was used between two calls, or if it exceeds the time that the reported threads could use
+    within the call.
     """
     known = np.isfinite(usage["cpu_s"]) & np.isfinite(usage["cpu_between_s"])
     if not known.any():
@@ -146,7 +119,7 @@ def processes_of(usage: Mapping[str, FloatArray], calls: Calls) -> ProcessUsage 
         peak_rss_bytes=int(np.nanmax(np.append(calls.peak_bytes, 0.0))),
         processes=int(of_calls["processes"].max()),
         threads=int(threads.max()),
-        method=USAGE_METHOD,
+        method=STATED_CLOCK if is_stated[known].all() else USAGE_METHOD,
     )
 
 

@@ -39,6 +39,8 @@ from sfr_loc_map.cli.output import claim_outputs, make_folder, progress_bar, say
 from sfr_loc_map.cli.verdict import conclude, present
 from sfr_loc_map.errors import InterruptedRunError
 from sfr_loc_map.live.config import DEFAULT_PORT
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.suite_names import Task
 
@@ -198,9 +200,11 @@ def replay(
             timeout_s=answer_timeout,
             correction=request.correction,
         )
-        options = ReplayOptions.of(
-            how.configuration,
-            request,
+        options = ReplayOptions(
+            localisation=how.configuration.build(LocalisationConfig, "localisation"),
+            mapping=how.configuration.build(MappingConfig, "mapping"),
+            configuration=how.configuration,
+            request=request,
             limits_file=by.limits_file,
             start=first_pose(opened, start, start_offset),
             rate=rate or None,

@@ -166,9 +166,9 @@ def not_judged(reasons: Sequence[str], *, lenient: bool) -> None:
 
 def conclude_findings(method: MethodRecord, records: Sequence[CallRecord]) -> None:
     """Report the findings on a method; raise FailedVerdictError if there are any. All outputs have been written."""
-    from sfr_loc_map.calls.call_findings import findings_of_records
+    from sfr_loc_map.calls.call_findings import findings_of
 
-    found = findings_of_records(records)
+    found = findings_of((record.stamp_ns, record.finding) for record in records)
     for finding in found:
         warn(f"method {method.name}: {finding}")
     if found:

@@ -22,7 +22,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from sfr_loc_map.calls.call_record import decode_call
+from sfr_loc_map.calls.call_message import decode_call
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing

@@ -22,7 +22,7 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import String
 
 from sfr_loc_map import __version__
-from sfr_loc_map.calls.call_record import decode_call
+from sfr_loc_map.calls.call_message import decode_call
 from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
 from sfr_loc_map.inputs import MAX_TEXT_BYTES

@@ -11,7 +11,8 @@ from typing import NamedTuple, TypeVar
 
 from std_msgs.msg import String
 
-from sfr_loc_map.calls.call_record import CallRecord, encode_call
+from sfr_loc_map.calls.call_message import encode_call
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig

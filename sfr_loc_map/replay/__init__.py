@@ -1,8 +1,8 @@
 """Replay a source through the running nodes.
 
-    source, options ──► session.replay ──► Replayed: result, error ──► external_poses ──► files ──► replay_score
-                                                                                                        │
-                                                                                                        ▼ Score
+    source, options ──► session.replay ──► ReplayResult ──► external_poses ──► files ──► replay_score
+                                                                                                │
+                                                                                                ▼ Score
     in session.replay:
     arguments_by_node ──► processes of the nodes ──► messages ──► collector, external ──► message_store ──► ReplayResult
                             ▲                                                                 ▲
@@ -10,8 +10,8 @@
 
 `replay_command` is the work of `sfr replay`: replay, convert the poses of an external localiser, write the files,
 score.
-`session` replays in stages, each of which has a type: the processes of the nodes, `Subscribed`, `Connected`. A
-`Connected` replay then plays the source (`play_and_collect`):
+`session` starts the processes of the nodes, and connects all nodes of the replay (`connected_replay`). The `Connected`
+replay then plays the source (`play_and_collect`):
 
 - `player` publishes the messages of the source when they are due. `replay_peer` is the ROS node of the replay.
 - `collector` receives the results of the suite's nodes and all calls, and `external` the poses or clouds of a node

@@ -8,7 +8,7 @@ diagnosis of the convention requires all poses. Clouds are converted once, when 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -17,7 +17,6 @@ from sensor_msgs.msg import PointCloud2
 
 from sfr_loc_map.errors import ConfigError, GeometryError, InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
@@ -131,13 +130,6 @@ class PoseConverter:
         return aligned_estimates(estimates, self._T_ds_world)
 
 
-class CloudContent(NamedTuple):
-    """The content of a cloud."""
-
-    points: FloatArray  #: `(N, 3)` in the frame of the message, m.
-    cloud: PointCloud | None  #: The points as published with all fields; None if the message has no pixels.
-
-
 class CloudConverter:
     """Converts the clouds of an external mapper, which have only points or all fields of `mapping/points`."""
 
@@ -159,11 +151,13 @@ class CloudConverter:
         """Return the frame of a cloud."""
         return str(message.header.frame_id)
 
-    def read(self, message: PointCloud2) -> CloudContent:
-        """Return the content; raise a MethodFailureError if a point has a pixel or pair that the source does not have.
+    def read(self, message: PointCloud2) -> ReceivedCloud:
+        """Return the cloud with points in the frame of the message, m, which `accept` converts.
 
-        The pixels of points that are not finite are not checked, because such points are not scored.
+        MethodFailureError if a point has a pixel or pair that the source does not have. The pixels of points that are
+        not finite are not checked, because such points are not scored.
         """
+        stamp_ns = stamp_of(message)
         try:
             points = xyz_from_msg(message) * self._unit
         except InputError as error:
@@ -171,22 +165,21 @@ class CloudConverter:
         try:
             cloud = cloud_from_msg(message)
         except InputError:  # points without pixels are scored against the nearest true point
-            return CloudContent(points, None)
+            return ReceivedCloud(stamp_ns, points, None)
         finite = np.asarray(np.isfinite(points).all(axis=1))
         try:
             check_points(cloud.u[finite], cloud.v[finite], cloud.pair[finite], self._shape)
         except ValueError as error:
             raise MethodFailureError(FindingKind.INVALID_RESULT, str(error)) from error
-        return CloudContent(points, cloud)
+        return ReceivedCloud(stamp_ns, points, cloud)
 
-    def accept(self, message: PointCloud2, content: CloudContent) -> None:
+    def accept(self, message: PointCloud2, content: ReceivedCloud) -> None:
         """Convert the points of a pair to LM and add them; publish the finite points if the cloud has all fields.
 
         Points that are not finite are kept for the score, which counts them. In an organised cloud, such points are
         normal and are therefore omitted.
         """
-        stamp_ns = stamp_of(message)
-        points, cloud = content
+        stamp_ns, points, cloud = content
         if not self._is_in_lm:
             points = (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
         finite = np.asarray(np.isfinite(points).all(axis=1))

@@ -27,7 +27,7 @@ def arguments_by_node(source: Source, options: ReplayOptions, folder: Path) -> d
         {
             "localisation": changed(options.localisation),
             "mapping": changed(options.mapping),
-            "monitor": {**options.monitor, **changed(options.request.config, "score.")},
+            "monitor": {**options.configuration.section("monitor"), **changed(options.request.config, "score.")},
             "truth": _tracked_body(source),
             "extrinsics": _extrinsics(source),
             # The nodes must form the same pairs as the reader of the bag.
@@ -39,7 +39,8 @@ def arguments_by_node(source: Source, options: ReplayOptions, folder: Path) -> d
     if limits_file is not None:
         given[MONITOR_NODE]["limits_file"] = str(limits_file.resolve())
     external = options.external
-    of_all = [] if options.parameter_file is None else ["--params-file", str(options.parameter_file)]
+    parameter_file = options.parameter_file
+    of_all = [] if parameter_file is None else ["--params-file", str(parameter_file)]
     found = {}
     for node, parameters in given.items():
         if external is not None and node == external.task.node:

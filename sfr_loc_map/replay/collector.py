@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from sfr_loc_map.calls.call_record import decode_call
+from sfr_loc_map.calls.call_message import decode_call
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import StatusKind
@@ -87,7 +87,7 @@ class ResultCollector:
         except InputError as error:
             if task is not self.received.external_task:
                 raise
-            self.received.refuse_call(str(error))  # an external node need not report its calls
+            self.received.refused_calls.append(str(error))  # an external node need not report its calls
             return
         self.received.of(task).add_call(call)
 

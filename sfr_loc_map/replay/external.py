@@ -25,7 +25,7 @@ from sfr_loc_map.replay.process_watch import ProcessWatch, processes_watched
 from sfr_loc_map.replay.publisher_check import PublisherCheck
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.result import ExternalResult
-from sfr_loc_map.replay.waiting import QUIET_S
+from sfr_loc_map.replay.waiting import QUIET_S, AwaitedNode
 from sfr_loc_map.ros.processes import ChildProcess
 from sfr_loc_map.ros.publishers import UNKNOWN_NODE
 from sfr_loc_map.suite_names import Task
@@ -35,10 +35,10 @@ PUBLISHER_GRACE_S = 2.0
 """Maximum wait for the publisher of a subscribed node. Some nodes create their publisher with the first result."""
 
 
-class ExternalNode:
+class ExternalNode(AwaitedNode):
     """A connected external node: counts its answers, accepts those that are used, and measures its process.
 
-    A replay awaits the answers as an `AwaitedNode`. Missing answers and the end of the process are findings.
+    Missing answers and the end of the process are findings.
     """
 
     def __init__(
@@ -120,9 +120,6 @@ class ExternalNode:
             self._answers.note_restart(
                 f"the publisher of its first answer on {topic} has disappeared, or another has appeared"
             )
-
-    def finish(self) -> None:
-        """Wait for nothing: each answer belongs to one pair."""
 
     def result(self, version: str | None) -> ExternalResult:
         """Return answers and process of the node, and stop measuring the process; called while the process runs.

@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.frames.covariance import UPPER, symmetric
-from sfr_loc_map.replay.result import ExternalResult, PairCounts, RefusedCalls, ReplayedMap, ReplayResult
+from sfr_loc_map.replay.result import ExternalResult, PairCounts, ReplayedMap, ReplayResult
 from sfr_loc_map.suite_names import Task
 
 StampedPose = tuple[int, tuple[float, ...], tuple[float, ...]]
@@ -223,7 +223,7 @@ class Received:
     drive: ReceivedDrive = field(default_factory=ReceivedDrive)
     maps: ReceivedMaps = field(default_factory=ReceivedMaps)
     external_task: Task | None = None  #: Task of the external node; None without one.
-    refused_calls: RefusedCalls | None = None  #: Invalid calls of an external node; None without any.
+    refused_calls: list[str] = field(default_factory=list)  #: Why calls of an external node are invalid.
 
     @classmethod
     def without_messages(cls, external_task: Task | None) -> Received:
@@ -235,11 +235,6 @@ class Received:
     def add_pair(self, task: Task, stamp_ns: int) -> None:
         """Add a pair that was published."""
         self.of(task).sent_ns.add(stamp_ns)
-
-    def refuse_call(self, problem: str) -> None:
-        """Count an invalid call of an external node."""
-        earlier = self.refused_calls
-        self.refused_calls = RefusedCalls(1, problem) if earlier is None else replace(earlier, count=earlier.count + 1)
 
     def of(self, task: Task) -> ReceivedDrive | ReceivedMaps:
         """Return the pairs and results of a task."""

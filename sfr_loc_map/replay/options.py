@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.configuration.parameters import changed
-from sfr_loc_map.configuration.sections import Configuration, is_ros_parameter_file
+from sfr_loc_map.configuration.sections import NOTHING_GIVEN, Configuration, is_ros_parameter_file
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.io.message_stream import begin_of
 from sfr_loc_map.io.sequence import Source
@@ -65,51 +64,22 @@ class ReplayOptions:
     offset_s: float  #: Start of the replay, s after the first message.
     duration_s: float  #: Duration of the played interval of the source, s.
     paused: bool  #: Whether the replay waits for the service ~/resume before the first pair.
-    parameter_file: Path | None  #: ROS parameter file for all nodes; the parameters above override it.
-    monitor: Mapping[str, Any] = field(default_factory=dict)  #: Parameters of the monitor besides score and limits.
+    #: Configuration with the parameters of the monitor besides score and limits. If its file is a ROS parameter file,
+    #: the nodes also read this file; the parameters above override it.
+    configuration: Configuration = NOTHING_GIVEN
     page: PageProcess | None = None  #: Live page that shows the run; None: no page.
     external: ExternalOptions | None = None  #: External node under test; None: only nodes of the suite.
-
-    @classmethod
-    def of(
-        cls,
-        configuration: Configuration,
-        request: ScoreRequest,
-        *,
-        limits_file: Path | None,
-        start: StartPose | None,
-        rate: float | None,
-        offset_s: float,
-        duration_s: float,
-        paused: bool,
-        page: PageProcess | None,
-        external: ExternalOptions | None,
-    ) -> ReplayOptions:
-        """Return the options with the parameters of the nodes from a configuration; ConfigError if one is invalid.
-
-        The other arguments are the fields of the same name.
-        """
-        path = configuration.path
-        return cls(
-            localisation=configuration.build(LocalisationConfig, "localisation"),
-            mapping=configuration.build(MappingConfig, "mapping"),
-            monitor=configuration.section("monitor"),
-            parameter_file=path if path is not None and is_ros_parameter_file(path) else None,
-            request=request,
-            limits_file=limits_file,
-            start=start,
-            rate=rate,
-            offset_s=offset_s,
-            duration_s=duration_s,
-            paused=paused,
-            page=page,
-            external=external,
-        )
 
     @property
     def external_task(self) -> Task | None:
         """Task of the external node; None without one."""
         return None if self.external is None else self.external.task
+
+    @property
+    def parameter_file(self) -> Path | None:
+        """The ROS parameter file of the nodes; None without one."""
+        path = self.configuration.path
+        return path if path is not None and is_ros_parameter_file(path) else None
 
     @property
     def changed_settings(self) -> dict[Task, dict[str, Any]]:

@@ -15,7 +15,7 @@ from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.replay_score import files_of_source, score_replay
 from sfr_loc_map.replay.result import ReplayResult
-from sfr_loc_map.replay.session import Replayed, replay
+from sfr_loc_map.replay.session import replay
 from sfr_loc_map.suite_names import Task
 
 
@@ -49,10 +49,10 @@ def replay_and_score(
     _check_diagnosis(source, options)
     read = files_of_source(source, options.limits_file)
     with naming(source.path):
-        replayed = replay(source, options, progress=progress, say=say)
-        if replayed.was_interrupted and replayed.result.is_empty:
+        result = replay(source, options, progress=progress, say=say)
+        if result.was_interrupted and result.is_empty:
             raise KeyboardInterrupt
-        result = _converted_or_saved(replayed, source, options, files)
+        result = _converted_or_saved(result, source, options, files)
         if files is not None:
             _save(result, files)
         _check_map(result)
@@ -66,7 +66,7 @@ def replay_and_score(
         score,
         remarks=(*_remarks(result), *states),
         warning=tracking_warning(localised, source.path, is_ours=options.external_task is not Task.LOCALISATION),
-        interrupted=_played_part(source, options, result) if replayed.was_interrupted else "",
+        interrupted=_played_part(source, options, result) if result.was_interrupted else "",
     )
 
 
@@ -78,14 +78,14 @@ def _played_part(source: Source, options: ReplayOptions, result: ReplayResult) -
 
 
 def _converted_or_saved(
-    replayed: Replayed, source: Source, options: ReplayOptions, files: ReplayFiles | None
+    result: ReplayResult, source: Source, options: ReplayOptions, files: ReplayFiles | None
 ) -> ReplayResult:
     """Return the result with the poses of an external localiser converted to poses of RB in DS.
 
     Raise the error that ended the replay or that prevents the conversion, after what was received is saved. The poses
     of an external node are then saved as published.
     """
-    result, failure = replayed.result, replayed.error
+    failure = result.error
     if failure is None:
         try:
             return with_converted_poses(result, source, options.request.config, options.request.correction)
@@ -117,7 +117,7 @@ def _remarks(result: ReplayResult) -> Iterator[str]:
         answers = node.score.answers
         yield f"external node {node.method.name}: {answers.answered} of {answers.pairs} pairs answered"
         if refused := result.refused_calls:
-            yield f"external node {node.method.name}: {refused.count} of its calls ignored, the first: {refused.first}"
+            yield f"external node {node.method.name}: {len(refused)} of its calls ignored, the first: {refused[0]}"
 
 
 def _check_diagnosis(source: Source, options: ReplayOptions) -> None:

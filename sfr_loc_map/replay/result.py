@@ -1,4 +1,4 @@
-"""The results of a replay: estimate, cloud and calls, and how an external node behaved."""
+"""The results of a replay: estimate, cloud and calls, how the replay ended, and how an external node behaved."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from sfr_loc_map.calls.call_record import CallRecord
+from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -57,14 +58,6 @@ class PairCounts(NamedTuple):
         return self.sent - self.answered
 
 
-@dataclass(frozen=True, slots=True)
-class RefusedCalls:
-    """Invalid calls of an external node, which are ignored."""
-
-    count: int  #: Number of the calls, at least 1.
-    first: str  #: Why the first of them is invalid.
-
-
 NO_PAIRS = PairCounts()
 
 
@@ -79,7 +72,9 @@ class ReplayResult:
     loc_pairs: PairCounts = NO_PAIRS  #: Pairs of the localisation cameras.
     nav_pairs: PairCounts = NO_PAIRS  #: Pairs of the navigation cameras.
     clouds: int = 0  #: Number of received clouds, complete or not.
-    refused_calls: RefusedCalls | None = None  #: Invalid calls of an external node; None without any.
+    refused_calls: Sequence[str] = ()  #: Why calls of an external node are invalid; such calls are ignored.
+    was_interrupted: bool = False  #: Whether a signal ended the replay early.
+    error: SfrError | None = None  #: Error that ended the replay early; the result has what was received until then.
     rate: float | None = None  #: Multiple of the recorded speed at which the source was played; None in lock step.
     #: Parameters of our localiser and mapper that differ from the defaults, by name.
     settings: Mapping[Task, Mapping[str, object]] = field(default_factory=dict)

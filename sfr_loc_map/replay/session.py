@@ -17,7 +17,7 @@ from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.page_process import shown_on
-from sfr_loc_map.replay.answer_converters import AnswerConverter, answer_converter
+from sfr_loc_map.replay.answer_converters import answer_converter
 from sfr_loc_map.replay.arguments_by_node import arguments_by_node, pairs_per_map
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.external import ExternalNode, connected_node
@@ -38,22 +38,6 @@ Say = Callable[[str], None]
 Progress = Callable[[str], None]
 
 
-class Replayed(NamedTuple):
-    """How a replay ended, and what was collected until then."""
-
-    result: ReplayResult
-    was_interrupted: bool = False  #: Whether a signal ended the replay early.
-    error: SfrError | None = None  #: Error that ended the replay early.
-
-
-class Subscribed(NamedTuple):
-    """A replay whose subscriptions and converter exist, but which the nodes have not discovered yet."""
-
-    collector: ResultCollector
-    command: ChildProcess | None  #: Process of an external node that the replay has started.
-    converter: AnswerConverter | None  #: Converter of the answers of an external node; None without one.
-
-
 class Connected(NamedTuple):
     """A replay whose nodes receive what the player publishes, and whose results the collector receives."""
 
@@ -71,8 +55,8 @@ class Connected(NamedTuple):
         return replace(received.result(external), rate=options.rate, settings=options.changed_settings)
 
 
-def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: Say) -> Replayed:
-    """Replay a source through the nodes and return what they publish, also after an error.
+def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: Say) -> ReplayResult:
+    """Replay a source through the nodes and return what they publish, also after an error, which the result states.
 
     `progress` is called with the rig of each played pair. InputError if the source cannot be replayed.
     """
@@ -87,8 +71,8 @@ def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: S
             if options.page is not None:
                 options.page.played()
     except SfrError as error:
-        return Replayed(result, error=error)
-    return Replayed(result, was_interrupted)
+        return replace(result, error=error)
+    return replace(result, was_interrupted=was_interrupted)
 
 
 def _play_until_signal(
@@ -136,43 +120,30 @@ def connected_replay(source: Source, options: ReplayOptions, say: Say) -> Iterat
     environment.isolate()
     environment.prepare()
     with _started_processes(source, options) as (supervisor, command), ReplayPeer(supervisor) as peer:
-        subscribed = _subscribe(source, options, peer, command)
+        # The nodes discover endpoints in the order of their creation: first those that receive the results, and the
+        # publishers of converted answers and of the extrinsics; last those of the player.
+        received = Received.without_messages(options.external_task)
+        collector = ResultCollector(peer, received)
+        converter = None if options.external is None else answer_converter(peer, source, options.external, received)
+        if source.loc is not None and source.loc.rig.T_rb_sb is not None:
+            publish_extrinsics(peer.ros_node, source.loc.rig.T_rb_sb)
         say("waiting for the nodes")
         if options.page is not None and not peer.wait_for_page(options.page):
             say("the page does not receive all messages yet: the start of the replay may be missing on the page")
-        yield _connect(source, options, subscribed)
-
-
-def _subscribe(source: Source, options: ReplayOptions, peer: ReplayPeer, command: ChildProcess | None) -> Subscribed:
-    """Subscribe to the results, and create the publishers of converted answers and of the extrinsics."""
-    received = Received.without_messages(options.external_task)
-    collector = ResultCollector(peer, received)
-    converter = None if options.external is None else answer_converter(peer, source, options.external, received)
-    if source.loc is not None and source.loc.rig.T_rb_sb is not None:
-        publish_extrinsics(peer.ros_node, source.loc.rig.T_rb_sb)
-    return Subscribed(collector, command, converter)
-
-
-def _connect(source: Source, options: ReplayOptions, subscribed: Subscribed) -> Connected:
-    """Advertise the topics of the source, and wait until all nodes have discovered all endpoints of the replay.
-
-    The nodes discover the endpoints of `subscribed` before those of the player, because these were created earlier.
-    """
-    collector, command, converter = subscribed
-    topics = message_stream.topics_of(source)
-    # An external node must not receive the ground truth. The score reads the ground truth from the source.
-    if options.external is not None:
-        topics = {name: kind for name, kind in topics.items() if name not in names(Role.TRUTH)}
-    player = connected_player(collector.peer, topics, options.rate, paused=options.paused)
-    nodes: dict[Task, AwaitedNode] = {
-        Task.LOCALISATION: OurNode(Task.LOCALISATION, collector),
-        Task.MAPPING: OurMapper(Task.MAPPING, collector, pairs_per_map(source)),
-    }
-    external = None
-    if options.external is not None and converter is not None:
-        external = connected_node(collector.peer, options.external, command, converter, topics)
-        nodes[options.external.task] = external
-    return Connected(collector, player, ResultWaits(collector, nodes, options.rate is None), external)
+        topics = message_stream.topics_of(source)
+        if options.external is not None:
+            # An external node must not receive the ground truth. The score reads the ground truth from the source.
+            topics = {name: kind for name, kind in topics.items() if name not in names(Role.TRUTH)}
+        player = connected_player(peer, topics, options.rate, paused=options.paused)
+        nodes: dict[Task, AwaitedNode] = {
+            Task.LOCALISATION: OurNode(Task.LOCALISATION, collector),
+            Task.MAPPING: OurMapper(Task.MAPPING, collector, pairs_per_map(source)),
+        }
+        external = None
+        if options.external is not None and converter is not None:
+            external = connected_node(peer, options.external, command, converter, topics)
+            nodes[options.external.task] = external
+        yield Connected(collector, player, ResultWaits(collector, nodes, options.rate is None), external)
 
 
 @contextmanager

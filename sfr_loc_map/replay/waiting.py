@@ -7,9 +7,9 @@ node under test (`external.ExternalNode`).
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 from std_srvs.srv import Trigger
 
@@ -23,31 +23,35 @@ QUIET_S = 5.0
 results of a busy host, several seconds."""
 
 
-class AwaitedNode(Protocol):
+class AwaitedNode(ABC):
     """The node of a task, from which a replay awaits the results of its pairs."""
 
     @property
+    @abstractmethod
     def quiet_s(self) -> float:
         """Time without any result, s, after which missing results of the node are no longer awaited."""
 
-    def note_sent(self, stamp_ns: int, sent_s: float) -> None:
-        """Note a pair, and the time of the monotonic clock when its last image was published, s."""
-
+    @abstractmethod
     def wait_for(self, stamp_ns: int) -> None:
         """Wait in lock step for the results of a pair."""
 
+    @abstractmethod
     def is_settled(self, stamp_ns: int) -> bool:
         """Return whether the results of a pair are complete, or no longer awaited."""
 
+    @abstractmethod
     def check(self) -> None:
         """Check whether the node runs."""
 
-    def finish(self) -> None:
+    def note_sent(self, stamp_ns: int, sent_s: float) -> None:  # noqa: B027 - a node need not note anything
+        """Note a pair, and the time of the monotonic clock when its last image was published, s."""
+
+    def finish(self) -> None:  # noqa: B027 - as above
         """Wait for results that do not belong to one pair, after the results of all pairs are settled."""
 
 
-@dataclass(frozen=True, slots=True)
-class OurNode:
+@dataclass(frozen=True)
+class OurNode(AwaitedNode):
     """A node of the suite, whose end or internal fault ends the replay."""
 
     task: Task
@@ -57,9 +61,6 @@ class OurNode:
     def quiet_s(self) -> float:
         """Time without any result, s, after which missing results of the node are no longer awaited."""
         return QUIET_S
-
-    def note_sent(self, stamp_ns: int, sent_s: float) -> None:
-        """Note nothing: a node of the suite has no timeout."""
 
     def wait_for(self, stamp_ns: int) -> None:
         """Wait in lock step for the results of a pair.
@@ -88,11 +89,8 @@ class OurNode:
         """Raise a NodeError if a node of the suite has ended or has reported an internal fault."""
         self.collector.check_nodes()
 
-    def finish(self) -> None:
-        """Wait for nothing: each result belongs to one pair."""
 
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class OurMapper(OurNode):
     """The mapper of the suite, which publishes a map after `pairs_per_map` pairs or at the service `~/finish`."""
 

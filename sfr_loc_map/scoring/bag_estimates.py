@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from sfr_loc_map.calls.call_record import CallRecord, decode_call
+from sfr_loc_map.calls.call_message import decode_call
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.calls.growing_calls import stats_of
 from sfr_loc_map.errors import InputError, naming

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from sfr_loc_map.calls.call_files import COVARIANCE_NAMES, load_call_stats, save_stats
+from sfr_loc_map.calls.call_message import decode_call, encode_call
 from sfr_loc_map.calls.call_poses import estimates_of
-from sfr_loc_map.calls.call_record import CallRecord, decode_call, encode_call, tracking_warning
+from sfr_loc_map.calls.call_record import CallRecord, tracking_warning
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.calls.growing_calls import GrowingCalls, stats_of
 from sfr_loc_map.errors import InputError
@@ -82,7 +83,12 @@ def test_an_uncertainty_beyond_the_largest_number_is_equal_in_a_message_and_in_a
 def test_what_is_unknown_in_a_call_is_unknown_when_read_back() -> None:
     unknown = np.full((6, 6), np.nan)
     record = CallRecord(
-        5, math.nan, "tracking", statistics={"a": math.inf}, covariance=unknown, times={"b": math.nan, "c": 1.0}
+        5,
+        math.nan,
+        "tracking",
+        statistics={"a": math.inf, "b": 1e19},
+        covariance=unknown,
+        times={"b": math.nan, "c": 1.0},
     )
     found = decode_call(encode_call(record), Task.LOCALISATION)
     assert math.isnan(found.processing_time_s)

@@ -186,7 +186,7 @@ def test_measurements_and_findings_of_a_call_with_an_invalid_result_are_kept(
         mapper.maps_sets = True
         _, _, of_set = mapper.map_set([item])
     for call in (of_pair, of_set):
-        assert [item.kind for item in findings_of([call.finding], [1])] == [finding, "leaking"]
+        assert [item.kind for item in findings_of([(1, call.finding)])] == [finding, "leaking"]
         assert call.reason == finding
     assert (of_pair.usage, of_set.usage) == (USAGE, USAGE)
 

@@ -22,7 +22,7 @@ from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, forged, loc_pair, t
 from helpers.manager import Capture, LocalNode, Manager, localised
 from helpers.node_scenes import MOUNT, calls, params, raw, send_infos, send_pair
 from helpers.peer import Peer
-from sfr_loc_map.calls.call_record import decode_call
+from sfr_loc_map.calls.call_message import decode_call
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair

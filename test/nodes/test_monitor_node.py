@@ -25,7 +25,8 @@ from helpers.made_suites import SFR
 from helpers.manager import Capture, LocalNode, Manager
 from helpers.node_scenes import params, raw, send_infos
 from helpers.score_rows import row, rows_about
-from sfr_loc_map.calls.call_record import CallRecord, encode_call
+from sfr_loc_map.calls.call_message import encode_call
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.transform import Transform

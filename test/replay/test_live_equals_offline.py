@@ -70,7 +70,6 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
         offset_s=0.0,
         duration_s=math.inf,
         paused=False,
-        parameter_file=None,
     )
     reports: list[str] = []
     with connected_replay(source, options, lambda line: None) as connected:

@@ -19,7 +19,6 @@ from sfr_loc_map.replay.files import ReplayFiles
 from sfr_loc_map.replay.message_store import Received
 from sfr_loc_map.replay.options import ExternalOptions, ReplayOptions
 from sfr_loc_map.replay.result import ExternalResult
-from sfr_loc_map.replay.session import Replayed
 from sfr_loc_map.scoring.request import ScoreRequest
 from sfr_loc_map.suite_names import Task
 
@@ -33,7 +32,6 @@ OPTIONS = ReplayOptions(
     offset_s=0.0,
     duration_s=math.inf,
     paused=False,
-    parameter_file=None,
 )
 
 
@@ -67,7 +65,7 @@ def test_the_estimate_is_saved_if_the_mapper_published_no_cloud(
     source = open_source(write_folder(tmp_path / "source", 3, 1))
     stamps_ns = list(source.loc.stamps_ns)
 
-    replayed = Replayed(received(stamps_ns).result(None))
+    replayed = received(stamps_ns).result(None)
     monkeypatch.setattr(replay_command, "replay", lambda *_, **__: replayed)
     with pytest.raises(NodeError, match=r"^mapping_node published no cloud"):
         replay(tmp_path)
@@ -82,7 +80,7 @@ def test_the_results_before_an_error_are_saved(tmp_path: Path, monkeypatch: pyte
     files = ReplayFiles(tmp_path)
     files.report.write_text("of an earlier replay", encoding="utf-8")
 
-    replayed = Replayed(received(stamps_ns).result(None), error=NodeError("mapping_node was killed by SIGKILL"))
+    replayed = replace(received(stamps_ns).result(None), error=NodeError("mapping_node was killed by SIGKILL"))
     monkeypatch.setattr(replay_command, "replay", lambda *_, **__: replayed)
     text = f"; the received results are in '{tmp_path}'" if count else ""
     with pytest.raises(NodeError, match=f"^mapping_node was killed by SIGKILL{re.escape(text)}$"):
@@ -107,7 +105,7 @@ def test_poses_that_cannot_be_converted_are_saved_as_published(tmp_path: Path, m
     score = ExternalScore(task=Task.LOCALISATION.value, topic="pose", frames="", answers=AnswerCounts(), latency_s=None)
     method = MethodRecord(name="theirs", version=None, kind=MethodKind.EXTERNAL)
     found = received(stamps_ns, Task.LOCALISATION).result(ExternalResult(method, score, ()))
-    monkeypatch.setattr(replay_command, "replay", lambda *_, **__: Replayed(found))
+    monkeypatch.setattr(replay_command, "replay", lambda *_, **__: found)
     request = ScoreRequest.of(["frames=3"], convention=["world=first_pose"])
     options = replace(OPTIONS, external=ExternalOptions(Task.LOCALISATION, "pose"), request=request)
     with pytest.raises(MetricsError, match="the world frame cannot be aligned"):

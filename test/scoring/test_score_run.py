@@ -17,8 +17,9 @@ from helpers.made_scene import NAV_RIG, nav_pair, write_folder
 from helpers.message_bags import write_messages
 from helpers.scored_drives import PERIOD_NS, straight
 from sfr_loc_map.calls.call_files import load_call_stats, save_stats
+from sfr_loc_map.calls.call_message import encode_call
 from sfr_loc_map.calls.call_poses import estimates_of
-from sfr_loc_map.calls.call_record import CallRecord, encode_call
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.calls.growing_calls import stats_of
 from sfr_loc_map.calls.run_identity import RunIdentity
 from sfr_loc_map.errors import InputError

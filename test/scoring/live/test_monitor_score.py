@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 from helpers.made_scene import NAV_RIG, nav_pair, true_cloud
 from helpers.message_bags import write_messages
 from helpers.message_orders import CONFIG, COUNT, check_orders, in_order, messages_of, of_file, small_drive
+from sfr_loc_map.calls.call_message import decode_call, encode_call
 from sfr_loc_map.calls.call_poses import estimates_of
-from sfr_loc_map.calls.call_record import CallRecord, decode_call, encode_call
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.calls.growing_calls import stats_of
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
