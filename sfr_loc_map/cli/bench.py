@@ -11,6 +11,7 @@ from typer import Context, Option
 
 from sfr_loc_map.cli.app import command_group, examples, propose
 from sfr_loc_map.cli.options import (
+    SCORE,
     ConditionOption,
     ConfigOption,
     JsonOption,
@@ -57,7 +58,7 @@ def localise(
         Path | None, Option("--vocab", metavar="F.txt", help="ORB-SLAM3 vocabulary (text file).")
     ] = None,
     conditions: ConditionOption = None,
-    spacing: SpacingOption = 10,
+    spacing: SpacingOption = SCORE.trajectory.spacing,
     rate: Annotated[
         float | None,
         Option(
@@ -149,8 +150,8 @@ def faults(
     ] = None,
     conditions: Annotated[
         str, Option("--condition", metavar="distance=M|time=S|frames=N", help="End of a sub-trajectory.")
-    ] = "distance=5",
-    spacing: SpacingOption = 10,
+    ] = SCORE.trajectory.conditions[0],
+    spacing: SpacingOption = SCORE.trajectory.spacing,
     seed: Annotated[int, Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import yaml
 from typer import Argument, Context, Option
@@ -20,6 +20,7 @@ from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError, MissingExtraError
 from sfr_loc_map.json_yaml import parse_yaml
+from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.suite_names import OURS, Task
 
 if TYPE_CHECKING:
@@ -269,6 +270,11 @@ def method_under_test(
 
 # ---- scores
 
+SCORE = ScoreConfig()  #: Default settings of a score, which are the defaults of the options below.
+Rebase = Literal["pose", "displacement", "position"]
+Association = Literal["auto", "match", "interpolate"]
+DEFAULT_REBASE = cast("Rebase", SCORE.trajectory.rebase)
+DEFAULT_ASSOCIATION = cast("Association", SCORE.trajectory.association.truth)
 LimitsOption = Annotated[Path | None, Option(metavar="F.yaml", help="Limits file; exit code 1 if a limit is missed.")]
 ConditionOption = Annotated[
     list[str] | None,
@@ -276,7 +282,7 @@ ConditionOption = Annotated[
         "--condition",
         metavar="distance=M|time=S|frames=N",
         rich_help_panel=TRAJECTORIES,
-        show_default="distance=5",
+        show_default=", ".join(SCORE.trajectory.conditions),
         help="End of a sub-trajectory; also displacement=M, turn=DEG; a comma joins conditions by AND; repeatable.",
     ),
 ]
@@ -288,7 +294,7 @@ SpacingOption = Annotated[
     ),
 ]
 RebaseOption = Annotated[
-    Literal["pose", "displacement", "position"],
+    Rebase,
     Option(rich_help_panel=TRAJECTORIES, help="How errors from before the start of a sub-trajectory are removed."),
 ]
 PartialOption = Annotated[

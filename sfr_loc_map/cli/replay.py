@@ -14,7 +14,9 @@ from sfr_loc_map.cli.app import app, command_line, examples, propose_again, prop
 from sfr_loc_map.cli.live_option import LiveOption, PortOption, live_page
 from sfr_loc_map.cli.options import (
     CONVENTION,
+    DEFAULT_REBASE,
     METHOD,
+    SCORE,
     TRAJECTORIES,
     ApplyDiagnosisOption,
     ConditionOption,
@@ -149,8 +151,8 @@ def replay(
     ] = 5.0,
     convention: ConventionOption = None,
     apply_diagnosis: ApplyDiagnosisOption = False,
-    spacing: SpacingOption = 10,
-    rebase: RebaseOption = "pose",
+    spacing: SpacingOption = SCORE.trajectory.spacing,
+    rebase: RebaseOption = DEFAULT_REBASE,
 ) -> None:
     """Play a source to the three nodes over topics, collect their results and score them.
 

@@ -113,7 +113,7 @@ def report(
     max_difference: Annotated[
         float,
         Option(metavar="S", rich_help_panel=DRAWN, help="Maximum difference between the stamps of estimate and truth."),
-    ] = 0.01,
+    ] = AlignedErrorConfig().max_difference,
 ) -> None:
     """Write a page of results: one score, a comparison of scores or of two suites, or a plot of trajectories.
 

@@ -14,10 +14,14 @@ from sfr_loc_map.cli.options import (
     ASSOCIATION,
     CLOUDS,
     CONVENTION,
+    DEFAULT_ASSOCIATION,
+    DEFAULT_REBASE,
+    SCORE,
     TABLES,
     TRAJECTORIES,
     Align,
     ApplyDiagnosisOption,
+    Association,
     ColumnsOption,
     ConditionOption,
     ConfigOption,
@@ -43,7 +47,7 @@ from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_suffix, claim_outputs,
 from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, present, write_junit
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.source_format import is_bag
-from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig
 from sfr_loc_map.suffixes import HTML_SUFFIXES
 
 if TYPE_CHECKING:
@@ -55,6 +59,7 @@ if TYPE_CHECKING:
 
 TABLE_SUFFIXES = (".parquet", ".csv")
 TARGET = "Calls on a target"
+ALIGNED = AlignedErrorConfig()  #: Default settings of APE and RPE.
 OF_DIAGNOSIS = ("estimate", "truth", "diagnose", "json_path", "overwrite", "lenient", "config_file")
 """Arguments and options that apply to `--diagnose`, besides those that select the compared poses."""
 
@@ -106,8 +111,8 @@ def score(
             help="Search for a convention mismatch that explains the disagreement; exit 1 if one is found.",
         ),
     ] = False,
-    spacing: SpacingOption = 10,
-    rebase: RebaseOption = "pose",
+    spacing: SpacingOption = SCORE.trajectory.spacing,
+    rebase: RebaseOption = DEFAULT_REBASE,
     frames: Annotated[
         Literal["truth", "images"],
         Option(
@@ -116,15 +121,14 @@ def score(
         ),
     ] = "truth",
     associate: Annotated[
-        Literal["auto", "match", "interpolate"],
-        Option(rich_help_panel=ASSOCIATION, help="Association of estimates with true poses."),
-    ] = "auto",
+        Association, Option(rich_help_panel=ASSOCIATION, help="Association of estimates with true poses.")
+    ] = DEFAULT_ASSOCIATION,
     max_gap: Annotated[
         float,
         Option(
             metavar="S", rich_help_panel=ASSOCIATION, help="Longest gap of the truth that is bridged by interpolation."
         ),
-    ] = 1.0,
+    ] = SCORE.trajectory.association.max_gap_s,
     scored_range: Annotated[
         tuple[float, float],
         Option(
@@ -133,7 +137,7 @@ def score(
             rich_help_panel=CLOUDS,
             help="Range interval of the true points that count for coverage.",
         ),
-    ] = (0.0, 10.0),
+    ] = (SCORE.map.scored_from_m, SCORE.map.scored_to_m),
     fused: Annotated[
         bool | None,
         Option(
@@ -148,7 +152,7 @@ def score(
             metavar="S",
             rich_help_panel=TRAJECTORIES,
             help="Maximum stamp difference of paired poses for APE and RPE.",
-            show_default="0.01",
+            show_default=str(ALIGNED.max_difference),
         ),
     ] = None,
     rpe_delta: Annotated[
@@ -157,7 +161,7 @@ def score(
             metavar="frames=N|distance=M",
             rich_help_panel=TRAJECTORIES,
             help="Length of a relative motion (RPE).",
-            show_default="frames=1",
+            show_default=ALIGNED.rpe_delta,
         ),
     ] = None,
     points: Annotated[

@@ -7,7 +7,7 @@ The path of a stereo pair through a node, in two threads:
     worker's thread     -> the localiser or the mapper -> results, and the call record
 
 `monitor_node` passes results and ground truth to its worker in the same way, scores them (`scoring.live`), and
-publishes the score (`score_publisher`, `score_messages`) or saves it (`score_file`).
+publishes the score (`score_publisher`) or saves it (`score_file`).
 
 - `lifecycle`: what the three nodes have in common (`managed_node`): states, parameters, endpoints, health
 - `input`: reception of pairs, poses, extrinsics and true poses; what a node waits for (`waiting`)

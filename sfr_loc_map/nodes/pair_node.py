@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from std_msgs.msg import String
 
@@ -76,18 +76,11 @@ class PairNodeConfig(NodeConfig):
 P = TypeVar("P", bound=PairNodeConfig)
 
 
-class DecodedPair(NamedTuple):
-    """A decoded pair."""
-
-    pair: StereoPair
-    conversion_s: float  #: Time of decoding and rectification.
-
-
-def decoded(received: ReceivedPair) -> DecodedPair:
-    """Decode a pair."""
+def decoded(received: ReceivedPair) -> tuple[StereoPair, float]:
+    """Return the decoded pair, and the time of decoding and rectification, s."""
     begin_s = time.perf_counter()
     pair = received.decode()
-    return DecodedPair(pair, time.perf_counter() - begin_s)
+    return pair, time.perf_counter() - begin_s
 
 
 class Backoff:

@@ -85,7 +85,10 @@ class ManagedNode(LifecycleNode, Generic[C]):
     _worker: Worker | None = None
 
     def __init__(self, name: str = "", **options: Any) -> None:  # noqa: ANN401
-        """Declare the parameters as set by files and command line; `options` are passed to `rclpy.node.Node`."""
+        """Declare the parameters as set by files and command line; `options` are passed to `rclpy.node.Node`.
+
+        The constructor of a node ends with `begin`.
+        """
         self.state: str = NodeState.UNCONFIGURED  # state, or transition in progress
         super().__init__(name or f"{self.task}_node", automatically_declare_parameters_from_overrides=True, **options)
         self._origin = f"parameters of {self.get_fully_qualified_name()}"
@@ -107,13 +110,16 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._health_timer = self.create_timer(self.config.health.period_s, publish_health, clock=steady)
         self._service_group = MutuallyExclusiveCallbackGroup()
         self._answer_invalid_transitions()
+
+    def begin(self) -> None:
+        """Create the state of the node, and check its configuration."""
         self.reset_state()
         self.check_config(self.config)
 
     # ---- what a subclass defines
 
     def check_config(self, config: C) -> None:
-        """Raise an `SfrError` if values are inconsistent with each other; first called within `__init__`."""
+        """Raise an `SfrError` if values are inconsistent with each other."""
 
     def setup(self) -> None:
         """Create publishers, load compiled code and files."""
@@ -124,7 +130,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def reset_state(self) -> None:
         """Create the state of the node, without input and results.
 
-        Called by `__init__`, at each configuration before `setup`, and at each clean-up.
+        Called at the end of the constructor (`begin`), at each configuration before `setup`, and at each clean-up.
         """
 
     def clock_jumped_back(self) -> None:
