@@ -39,8 +39,8 @@ def headline(
     if bars and bars[0].margin:
         judged.append(f"{'Worst' if bars[0].state == 'fail' else 'Least margin'}: {bars[0].text}.")
     age = "" if overall is None or age_s is None else f"{age_s:.0f} s old"
-    if end.aborted is not None:
-        how = [f"{end.aborted.by} at {clock_time(end.aborted.at_s)}."]
+    if end.aborted_by:
+        how = [f"{end.aborted_by} at {clock_time(end.aborted_s)}."]
         if overall is not None:
             how.append(f"Verdict until then: {overall.state}.")
         return Headline("■", "fail", "aborted", "", " ".join([*how, *judged]))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -35,24 +34,13 @@ def _content(path: str) -> bytes:
     return b""
 
 
-@dataclass(frozen=True, slots=True)
-class Aborted:
-    """Cause and time of an abort."""
-
-    by: str
-    at_s: float
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return the abort as JSON values."""
-        return {"by": self.by, "at": self.at_s}
-
-
 @dataclass(slots=True)
 class ShownEnd:
     """The end of a run as the views show it; without values during the run."""
 
     at_s: float | None = None  #: Time of the end, s.
-    aborted: Aborted | None = None
+    aborted_by: str = ""  #: Cause of an abort; empty if there is none.
+    aborted_s: float = 0.0  #: Time of the abort, s.
     report_page: bytes = b""  #: HTML report; empty if there is none.
     has_score: bool = False  #: Whether the shown score is that of the complete run, which no other score replaces.
 

@@ -18,7 +18,7 @@ from sfr_loc_map.live.call_log import CallLog
 from sfr_loc_map.live.freshness import MAX_TOPICS, ReceivedTopics
 from sfr_loc_map.live.node_reports import MAX_LETTERS, NodeReports
 from sfr_loc_map.live.path import LivePath
-from sfr_loc_map.live.run_end import Aborted, RunEnd, ShownEnd
+from sfr_loc_map.live.run_end import RunEnd, ShownEnd
 from sfr_loc_map.live.shown_score import ShownScore
 from sfr_loc_map.live.timeline import EventKind, Timeline
 from sfr_loc_map.message_text import one_line
@@ -104,8 +104,9 @@ class LiveState:
                 self.timeline.end_all(now_s)
                 shown.at_s = now_s
             shown.report_page = page or shown.report_page
-            if run_end.aborted and shown.aborted is None:
-                shown.aborted = Aborted(run_end.aborted, now_s)
+            if run_end.aborted and not shown.aborted_by:
+                shown.aborted_by = run_end.aborted
+                shown.aborted_s = now_s
                 self.timeline.mark(now_s, EventKind.ABORTED, f"aborted: {run_end.aborted}")
             if score_text and not shown.has_score:
                 self.score = ShownScore(from_json(score_text, "the score of the run"), now_s)

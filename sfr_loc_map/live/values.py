@@ -68,7 +68,7 @@ def live_values(state: LiveState, now_s: float) -> dict[str, Any]:
             "stale_reasons": stale_reasons,
             "ended": end.is_over,
             "ended_at": end.at_s,
-            "aborted": None if end.aborted is None else end.aborted.to_plain(),
+            "aborted": {"by": end.aborted_by, "at": end.aborted_s} if end.aborted_by else None,
             "has_report": bool(end.report_page),
             "report_age_s": None if score is None else round(now_s - score.received_s, 3),
             "nodes": [state.nodes[name].to_plain(now_s) for name in sorted(state.nodes)],

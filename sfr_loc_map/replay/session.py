@@ -61,7 +61,8 @@ def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: S
     `progress` is called with the rig of each played pair. InputError if the source cannot be replayed.
     """
     check_source(source, options.offset_s)
-    result, was_interrupted = ReplayResult.empty(), False
+    result = ReplayResult.empty()
+    was_interrupted = False
     try:
         with shown_on(options.page), connected_replay(source, options, say) as connected:
             try:

@@ -179,9 +179,9 @@ def test_the_end_of_a_run_is_read_from_its_file_even_if_it_was_written_before_th
         state = LiveState()
         page = LiveServer(LiveConfig(port=0), state, Recorder())
         serving = asyncio.ensure_future(server.serve_until_signal(page, end_file=end_file))
-        while state.shown_end.aborted is None:
+        while not state.shown_end.aborted_by:
             await asyncio.sleep(0.01)
-        assert state.shown_end.aborted.by == "mapping_node was killed by SIGKILL"
+        assert state.shown_end.aborted_by == "mapping_node was killed by SIGKILL"
         assert state.shown_end.report_page == b""
         report.write_text("<p>report</p>")
         write_text(json.dumps({"report": str(report)}), end_file)
