@@ -99,7 +99,7 @@ EXPECTED_ITEMS, DRIVE = "metrics/completeness/expected_items.py", "metrics/compl
 GAPS = "metrics/completeness/gaps.py"
 CALL_CHECKS, CALL_POSES = "scoring/call_checks.py", "calls/call_poses.py"
 DRIVES, JOB = "suite/running/drive_copies.py", "suite/running/job.py"
-EXPOSURE, HOLES = "mapping/disparity/exposure.py", "mapping/disparity/hole_filling.py"
+EXPOSURE, HOLES = "mapping/disparity/right_image_correction.py", "mapping/disparity/hole_filling.py"
 FUSION, STEPS = "mapping/multiview/fusion.py", "mapping/terrain/steps.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories

@@ -6,7 +6,7 @@
           images.py          changes of single images and of the right camera
           views.py           changes of the view: occlusions, dirt, shadows
           stamps_and_rig.py  changes of stamps and of the calibration
-            affected.py, image_operations.py    inputs of a change of images, and what the changes share
+            image_changes.py       input of a change of images, and operations that the changes share
 
 To add a kind of fault, add a row to `FaultKind` (`kinds.py`) with its function. If the localiser should detect or
 tolerate the fault, also add a row to `FAULTS` (`bench/fault_benchmark.py`).

@@ -8,8 +8,7 @@ from functools import wraps
 
 import numpy as np
 
-from sfr_loc_map.faults.affected import Affected, Change
-from sfr_loc_map.faults.image_operations import READ_NOISE, as_grey, moved, warped, with_noise
+from sfr_loc_map.faults.image_changes import READ_NOISE, Affected, Change, as_grey, moved, warped, with_noise
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import ConfigError, GeometryError
-from sfr_loc_map.faults.affected import Affected
+from sfr_loc_map.faults.image_changes import Affected
 from sfr_loc_map.faults.kinds import Fault, Selection
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig

@@ -12,7 +12,7 @@ from typing import NamedTuple, Self
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.faults import images, views
-from sfr_loc_map.faults.affected import Change
+from sfr_loc_map.faults.image_changes import Change
 from sfr_loc_map.faults.stamps_and_rig import (
     RigChange,
     StampChange,

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage
-from sfr_loc_map.mapping.disparity.exposure import with_exposure_of_left
+from sfr_loc_map.mapping.disparity.right_image_correction import with_exposure_of_left
 
 DISPARITY_STEP = 16  #: OpenCV's matcher requires a multiple of this number of disparities.
 WIDE_COLUMNS = 800
