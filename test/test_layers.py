@@ -97,6 +97,8 @@ ROS_FOLDERS = {"ros", "nodes", "graph", "live", "replay"}
 NODE_FLOORS = ({"lifecycle"}, {"input"}, {""}, {"launch"})
 """Folders of `nodes` from the bottom; the name of the modules beside them is empty."""
 IO_FLOORS = (
+    {"number_text"},
+    {"stamps"},
     {"tables"},
     {"image_codec", "calibration", "clouds"},
     {"bag"},

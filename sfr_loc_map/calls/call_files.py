@@ -37,8 +37,8 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_table_text, refusing
-from sfr_loc_map.io.tables.cells.number_text import is_decimal, parse_count
-from sfr_loc_map.io.tables.cells.stamp_text import parse_stamp_ns
+from sfr_loc_map.io.number_text import is_decimal, parse_count
+from sfr_loc_map.io.stamps.stamp_text import parse_stamp_ns
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import METHOD
 from sfr_loc_map.metrics.calls.call_score import KNOWN_STATES, MAX_NUMBER, STATED_CLOCK, USAGE_NAMES, Calls, stage_of

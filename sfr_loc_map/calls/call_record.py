@@ -15,7 +15,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.io.tables.cells.stamp_text import STAMP_LIMIT
+from sfr_loc_map.io.stamps.stamp_text import STAMP_LIMIT
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.calls.call_score import LOCALISER_STATES, MAX_NUMBER, STATE_KINDS

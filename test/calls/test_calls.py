@@ -21,7 +21,7 @@ from sfr_loc_map.calls.call_record import CallRecord, tracking_warning
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.calls.growing_calls import GrowingCalls, stats_of
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.tables.cells.stamp_text import STAMP_LIMIT
+from sfr_loc_map.io.stamps.stamp_text import STAMP_LIMIT
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD
 from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, STATED_CLOCK, USAGE_NAMES, score_calls

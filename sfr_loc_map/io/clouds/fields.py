@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import COLUMNS, PointCloud
-from sfr_loc_map.io.tables.cells.number_text import is_decimal
-from sfr_loc_map.io.tables.cells.stamp_text import parse_stamp_ns
+from sfr_loc_map.io.number_text import is_decimal
+from sfr_loc_map.io.stamps.stamp_text import parse_stamp_ns
 from sfr_loc_map.message_text import counted
 
 Columns = dict[str, NDArray[Any]]  # values of each field, one per point

@@ -16,7 +16,7 @@ from sfr_loc_map.io.clouds.fields import (
     number_table,
     text_lines,
 )
-from sfr_loc_map.io.tables.cells.number_text import number_or_nan, parse_count
+from sfr_loc_map.io.number_text import number_or_nan, parse_count
 from sfr_loc_map.message_text import counted
 
 MAX_COUNT = 4096  #: Maximum number of values in one PCD field of a point; descriptors have several hundred.

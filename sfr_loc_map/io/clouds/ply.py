@@ -16,7 +16,7 @@ from sfr_loc_map.io.clouds.fields import (
     ignored_after,
     number_table,
 )
-from sfr_loc_map.io.tables.cells.number_text import parse_count
+from sfr_loc_map.io.number_text import parse_count
 from sfr_loc_map.message_text import counted
 
 VERTEX = "vertex"  #: Name of the element with the points.

@@ -11,18 +11,16 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import numpy as np
-
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import MAX_INVALID, refusing
+from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import Bag, Topic, restamped
 from sfr_loc_map.io.bag.frames import pose_of
 from sfr_loc_map.io.layouts.bag_cameras import BagCameras, CameraTopics, require_topic
 from sfr_loc_map.io.layouts.head_pose import head_poses
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
 from sfr_loc_map.io.source_config import FramesConfig, SyncConfig
-from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
+from sfr_loc_map.io.stamps.stamp_checks import increasing_stamps
 from sfr_loc_map.message_types import POINTS, POSE
 from sfr_loc_map.stamp_pairing import match_stamps
 from sfr_loc_map.topics import NAV_POSE, TRUE_POINTS
@@ -125,9 +123,10 @@ def _read(cameras: CameraTopics, points: Topic | None = None, poses: Topic | Non
             f"bag '{bag.path}', '{poses.bag_name}': {repeated_poses} of {repeated_poses + len(pose_by_stamp)} messages "
             "ignored: they have the stamps of earlier ones"
         )
-    increasing_ns = {
-        topic.name: _increasing(stamps_ns[topic.name], f"bag '{bag.path}', '{topic.bag_name}'") for topic in stamped
-    }
+    increasing_ns = {}
+    for topic in stamped:
+        where = f"bag '{bag.path}', '{topic.bag_name}'"
+        increasing_ns[topic.name] = increasing_stamps(stamps_ns[topic.name], where)
     return _Messages(increasing_ns, pose_by_stamp)
 
 
@@ -136,25 +135,6 @@ def _pose_in(bag: Bag, topic: Topic, stamp_ns: int, raw: bytes) -> Transform:
     message = bag.deserialise(topic, raw)
     with refusing(f"bag '{bag.path}', '{topic.bag_name}', stamp {stamp_ns}", "correct or remove the pair"):
         return pose_of(message.pose.position, message.pose.orientation)
-
-
-def _increasing(stamps_ns: Sequence[int], where: str) -> list[int]:
-    """Return the stamps that are later than all earlier stamps; InputError if many are not, or if all are 0."""
-    if len(stamps_ns) > 1 and not any(stamps_ns):
-        raise InputError(
-            f"{where}: all header stamps are 0: set 'sync.stamps: record' in sfr.yaml, which uses the recording times"
-        )
-    stamps = np.asarray(stamps_ns, np.int64)
-    is_later = np.ones(len(stamps), np.bool_)
-    is_later[1:] = stamps[1:] > np.maximum.accumulate(stamps)[:-1]
-    ignored = int(np.count_nonzero(~is_later))
-    if ignored > MAX_INVALID * len(stamps):
-        check_stamp_order(stamps, where, strict=True)
-    if ignored:
-        _log.warning(
-            f"{where}: {ignored} of {len(stamps)} messages ignored: their stamps are not later than those before"
-        )
-    return [int(stamp) for stamp in stamps[is_later]]
 
 
 def _image_pairs(cameras: CameraTopics, stamps_ns: Mapping[str, Sequence[int]], sync: SyncConfig) -> _Pairs:

@@ -31,13 +31,12 @@ from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_format import SourceFormat
-from sfr_loc_map.io.tables.cells.stamp_text import parse_stamp_ns
+from sfr_loc_map.io.stamps.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_clock, check_stamp_order, check_unit
+from sfr_loc_map.io.stamps.stamp_text import parse_stamp_ns
 from sfr_loc_map.io.tables.cells.text_table import read_lines
-from sfr_loc_map.io.tables.checks.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_stamp_order, check_unit
 from sfr_loc_map.io.tables.columns.pose_columns import TrajectoryFormat
 from sfr_loc_map.io.tables.trajectory_file import TRUTH_OPTION, read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
-from sfr_loc_map.io.truth.pose_checks import check_clock
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.json_yaml import converted
 

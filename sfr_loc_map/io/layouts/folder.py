@@ -27,16 +27,15 @@ from sfr_loc_map.io.clouds.point_image import checked_points
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.layouts.image_files import ImageFiles, ImageFileSequence, ImagePair, complete_pairs, read_pair
 from sfr_loc_map.io.layouts.writer import TableWriter
+from sfr_loc_map.io.number_text import parse_number
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_format import SourceFormat
-from sfr_loc_map.io.tables.cells.number_text import parse_number
-from sfr_loc_map.io.tables.cells.stamp_text import parse_stamp_ns
-from sfr_loc_map.io.tables.checks.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_unit
+from sfr_loc_map.io.stamps.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_clock, check_unit
+from sfr_loc_map.io.stamps.stamp_text import parse_stamp_ns
 from sfr_loc_map.io.tables.columns.pose_columns import CSV_HEADER
 from sfr_loc_map.io.tables.trajectory_file import is_suite_table, read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
-from sfr_loc_map.io.truth.pose_checks import check_clock
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_text import alternatives, counted
 from sfr_loc_map.suite_names import SIDES

@@ -18,7 +18,7 @@ from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.frames import chain_above
 from sfr_loc_map.io.bag.poses import read_frames
 from sfr_loc_map.io.source_config import FramesConfig
-from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
+from sfr_loc_map.io.stamps.stamp_checks import check_stamp_order
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import JOINTS
 

@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.calibration.rectification import StereoRectifier
 from sfr_loc_map.io.image_codec import SampleDepth, read_samples
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
+from sfr_loc_map.io.stamps.stamp_checks import check_stamp_order
 from sfr_loc_map.io.truth.read import truth_of_data_set
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.suffixes import suffix_of

@@ -18,9 +18,9 @@ from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_format import SourceFormat, image_folders, images_in
-from sfr_loc_map.io.tables.cells.stamp_text import TIMES, UNIT_WORDS, parse_decimal
-from sfr_loc_map.io.tables.checks.stamp_checks import check_fractions_are_padded
-from sfr_loc_map.io.tables.columns.time_units import EARLIEST_CLOCK_S, inferred_time_unit
+from sfr_loc_map.io.stamps.stamp_checks import check_fractions_are_padded
+from sfr_loc_map.io.stamps.stamp_text import TIMES, UNIT_WORDS, parse_decimal
+from sfr_loc_map.io.stamps.time_units import EARLIEST_CLOCK_S, inferred_time_unit
 from sfr_loc_map.message_stamps import NS_PER_S
 
 _log = logging.getLogger(__name__)

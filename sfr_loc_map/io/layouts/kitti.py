@@ -28,11 +28,11 @@ from sfr_loc_map.io.calibration.camera_info import check_centre, projection, rig
 from sfr_loc_map.io.image_codec import encode_png, read_grey
 from sfr_loc_map.io.layouts.image_files import ImageFileSequence, ImagePair, complete_pairs
 from sfr_loc_map.io.layouts.writer import TableWriter
+from sfr_loc_map.io.number_text import parse_number
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_format import SourceFormat
-from sfr_loc_map.io.tables.cells.number_text import parse_number
-from sfr_loc_map.io.tables.cells.stamp_text import seconds_text
+from sfr_loc_map.io.stamps.stamp_text import seconds_text
 from sfr_loc_map.io.tables.cells.text_table import RowForm, parse_table, read_lines
 from sfr_loc_map.io.tables.numbered_stamps import read_times
 from sfr_loc_map.io.truth.recorded import RecordedTruth

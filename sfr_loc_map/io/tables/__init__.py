@@ -13,5 +13,5 @@ A trajectory file is read in these steps; each type is the result of one step:
                        trajectory_file            LoadedTrajectory
 
 `trajectory_writer` writes trajectories, and `table_file` other tables. The folders import only those before them:
-`cells` (text to numbers), `columns`, `checks`, and the modules beside them.
+`cells` (text to rows of numbers), `columns`, `checks`, and the modules beside them.
 """

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.io.stamps.stamp_checks import check_fractions_are_padded, check_no_times_of_day
+from sfr_loc_map.io.stamps.time_units import TimeUnit, UnitOrigin, inferred_time_unit
 from sfr_loc_map.io.tables.checks.column_checks import (
     check_are_complete,
     check_comments_state_metres,
@@ -17,12 +19,10 @@ from sfr_loc_map.io.tables.checks.column_checks import (
 )
 from sfr_loc_map.io.tables.checks.position_checks import check_positions_are_lengths, check_titles_are_lengths
 from sfr_loc_map.io.tables.checks.quaternion_order import check_order_of_quaternions
-from sfr_loc_map.io.tables.checks.stamp_checks import check_fractions_are_padded, check_no_times_of_day
 from sfr_loc_map.io.tables.columns.header_columns import columns_of_header
 from sfr_loc_map.io.tables.columns.pose_columns import STAMP, PoseColumns, StatedColumns, TrajectoryFormat
 from sfr_loc_map.io.tables.columns.row_layouts import columns_of_layout
 from sfr_loc_map.io.tables.columns.table_head import TableHead
-from sfr_loc_map.io.tables.columns.time_units import TimeUnit, UnitOrigin, inferred_time_unit
 from sfr_loc_map.io.tables.columns.user_columns import columns_of_user, columns_text
 
 

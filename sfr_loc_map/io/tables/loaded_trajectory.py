@@ -10,8 +10,8 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.stamps.time_units import UnitOrigin
 from sfr_loc_map.io.tables.columns.pose_columns import PoseColumns, TrajectoryFormat
-from sfr_loc_map.io.tables.columns.time_units import UnitOrigin
 from sfr_loc_map.io.tables.numbered_stamps import times_beside
 from sfr_loc_map.message_text import counted
 

@@ -11,7 +11,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_poses, plausible_positions, plausible_rotations
 from sfr_loc_map.geometry.rotation import quat_from_matrix
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
-from sfr_loc_map.io.tables.cells.stamp_text import seconds_text
+from sfr_loc_map.io.stamps.stamp_text import seconds_text
 from sfr_loc_map.io.tables.cells.text_table import TableRows
 from sfr_loc_map.io.tables.columns.pose_columns import COVARIANCES, MATRIX, QUATERNION, PoseColumns, TrajectoryFormat
 from sfr_loc_map.message_stamps import NS_PER_S

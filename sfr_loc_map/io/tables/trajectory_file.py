@@ -22,13 +22,13 @@ from pathlib import Path
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_table, split_lines
+from sfr_loc_map.io.stamps.stamp_checks import check_unit
+from sfr_loc_map.io.stamps.time_units import UnitOrigin
 from sfr_loc_map.io.tables.cells.text_table import BOM, TableRows, parse_table
 from sfr_loc_map.io.tables.checks.run_checks import check_one_run_of_one_body
-from sfr_loc_map.io.tables.checks.stamp_checks import check_unit
 from sfr_loc_map.io.tables.column_detection import detect_columns
 from sfr_loc_map.io.tables.columns.pose_columns import CSV_HEADER, FRAME, NANOSECONDS, PoseColumns
 from sfr_loc_map.io.tables.columns.table_head import HEAD_LINES, header_cells, separator_in
-from sfr_loc_map.io.tables.columns.time_units import UnitOrigin
 from sfr_loc_map.io.tables.loaded_trajectory import LoadedTrajectory
 from sfr_loc_map.io.tables.numbered_stamps import PoseStamps, stamps_of_frames, stamps_of_lines
 from sfr_loc_map.io.tables.row_poses import (

@@ -12,7 +12,7 @@ from sfr_loc_map.errors import OutputError
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.cells.stamp_text import seconds_text
+from sfr_loc_map.io.stamps.stamp_text import seconds_text
 from sfr_loc_map.io.tables.columns.pose_columns import CSV_HEADER, KITTI_COLUMNS, TrajectoryFormat
 from sfr_loc_map.io.tables.numbered_stamps import times_beside
 from sfr_loc_map.suffixes import check_suffix, suffix_of

@@ -18,11 +18,11 @@ from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic
 from sfr_loc_map.io.bag.frames import body_of, chain_above, chain_poses, check_one_body, trajectory_of, valid_indices
 from sfr_loc_map.io.bag.poses import read_frames, read_odometry
-from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
+from sfr_loc_map.io.stamps.stamp_checks import check_clock, check_stamp_order
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TrueRow, TruthReader, first_pose_ns, is_placeholder
 from sfr_loc_map.io.truth.names import is_own
-from sfr_loc_map.io.truth.pose_checks import check_clock, possible_poses
+from sfr_loc_map.io.truth.pose_checks import possible_poses
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import FIX, ODOMETRY, PATH, POSE_WITH_COVARIANCE

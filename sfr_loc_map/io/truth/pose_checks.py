@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import MAX_INVALID
-from sfr_loc_map.io.tables.checks.stamp_checks import check_stamp_order
+from sfr_loc_map.io.stamps.stamp_checks import stray_stamps
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_stamps import NS_PER_S
 
@@ -28,9 +28,7 @@ _log = logging.getLogger(__name__)
 MAX_SPEED_M_PER_S = 100.0  #: Largest speed of a vehicle with cameras; cars, trains and racing drones are slower.
 MIN_JUMP_M = 1.0  #: Smallest jump, m. Smaller jumps may be position noise at two nearly equal stamps.
 JUMPS_PER_STEP = 20.0  #: Smallest ratio of a jump to the median step of the path: rovers pause and accelerate.
-MIN_STAMPS = 3  #: Smallest number of stamps for the detection of stray stamps.
 MIN_POSITIONS = 4  #: Smallest number of positions for the detection of jumps.
-STRAY_S = 86_400.0  #: A stray stamp is more than a day, s, and twice the drive's duration from the median stamp.
 SAME_ATTITUDE = 1e-6  #: Largest quaternion component x or y if roll and pitch are zero; files round to 1e-6.
 HELD_ATTITUDE = 5e-4  #: Largest change of a component of a constant quaternion: 0.06 deg, less than any vehicle.
 PLACES = 50  #: Number of cells along the extent of a path; a stationary rover with position noise occupies few cells.
@@ -42,25 +40,6 @@ SHORTEST_PART = 0.5
 SMALLEST_CELL_M = 1e-6  #: Smallest side of the cells along a path, m; files round to this.
 SHORTEST_M = 0.5  #: Shortest path, m. A shorter path may consist of noise.
 MOST = 0.5  #: Fraction of poses without a component above which the component is unknown.
-
-
-def stray_stamps(stamps_ns: IntArray) -> Mask:
-    """Return which stamps `(N,)` are stray: 0 among stamps of a clock, or days apart from the others."""
-    if len(stamps_ns) < MIN_STAMPS:
-        return np.zeros(len(stamps_ns), np.bool_)
-    middle = int(np.partition(stamps_ns, len(stamps_ns) // 2)[len(stamps_ns) // 2])
-    low, high = np.quantile(stamps_ns.astype(np.float64) - middle, (MAX_INVALID, 1.0 - MAX_INVALID))
-    limit = max(STRAY_S * NS_PER_S, 2.0 * (high - low))
-    away = np.abs(stamps_ns.astype(np.float64) - middle) > limit
-    return away if away.mean() <= MAX_INVALID else np.zeros(len(stamps_ns), np.bool_)
-
-
-def check_clock(stamps_ns: IntArray, name: str) -> None:
-    """Raise InputError if stamps `(N,)` of true poses decrease.
-
-    Stray stamps are ignored, because `check_poses` removes and reports their poses.
-    """
-    check_stamp_order(stamps_ns[~stray_stamps(stamps_ns)], name, strict=False)
 
 
 def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:

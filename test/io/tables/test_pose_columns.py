@@ -19,8 +19,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_quat, matrix_from_rotvec, quat_from_matrix, quat_normalised
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.stamps.time_units import TimeUnit, UnitOrigin
 from sfr_loc_map.io.tables.columns.pose_columns import CSV_HEADER
-from sfr_loc_map.io.tables.columns.time_units import TimeUnit, UnitOrigin
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory, trajectory_text
 from sfr_loc_map.io.truth.config import TruthConfig

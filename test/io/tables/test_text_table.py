@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import read_table
-from sfr_loc_map.io.tables.cells.number_text import number_or_nan
-from sfr_loc_map.io.tables.cells.stamp_text import parse_seconds, parse_stamp_ns, parse_utc, seconds_text
+from sfr_loc_map.io.number_text import number_or_nan
+from sfr_loc_map.io.stamps.stamp_text import parse_seconds, parse_stamp_ns, parse_utc, seconds_text
 from sfr_loc_map.io.tables.cells.text_table import RowForm, parse_table
 
 finite = st.floats(-1e308, 1e308)  # which no form rounds to infinity

@@ -9,6 +9,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.rotation import quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.stamps.stamp_checks import stray_stamps
 from sfr_loc_map.io.truth.pose_checks import (
     check_poses,
     has_constant_attitude,
@@ -17,7 +18,6 @@ from sfr_loc_map.io.truth.pose_checks import (
     jumping_positions,
     marked_as_unknown,
     path_turns,
-    stray_stamps,
 )
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_stamps import NS_PER_S

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.inputs import MAX_INVALID, read_table_text, split_lines
+from sfr_loc_map.io.number_text import parse_number
+from sfr_loc_map.io.stamps.stamp_text import STAMP_LENGTH, parse_stamps
 from sfr_loc_map.io.tables.cells.cell_grid import CellGrid
 from sfr_loc_map.io.tables.cells.decimal_marks import DecimalMarks
-from sfr_loc_map.io.tables.cells.number_text import parse_number
-from sfr_loc_map.io.tables.cells.stamp_text import STAMP_LENGTH, parse_stamps
 from sfr_loc_map.message_text import counted
 
 BOM = b"\xef\xbb\xbf"

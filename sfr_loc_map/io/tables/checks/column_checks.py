@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.tables.cells.stamp_text import TIMES, UTC_UNIT
+from sfr_loc_map.io.stamps.stamp_text import TIMES, UTC_UNIT
 from sfr_loc_map.io.tables.columns.header_columns import unknown_header, without_names
 from sfr_loc_map.io.tables.columns.length_units import METRES, unit_in_comment
 from sfr_loc_map.io.tables.columns.pose_columns import (

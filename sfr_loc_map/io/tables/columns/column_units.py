@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.tables.cells.number_text import is_number
-from sfr_loc_map.io.tables.cells.stamp_text import TIMES, UTC_UNIT
+from sfr_loc_map.io.number_text import is_number
+from sfr_loc_map.io.stamps.stamp_text import TIMES, UTC_UNIT
 from sfr_loc_map.io.tables.cells.text_table import COMMENTS
 from sfr_loc_map.io.tables.columns.length_units import METRES
 from sfr_loc_map.io.tables.columns.pose_columns import NANOSECONDS, SECONDS, STAMP

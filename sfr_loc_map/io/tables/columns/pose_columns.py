@@ -7,17 +7,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 
-from sfr_loc_map.io.tables.cells.stamp_text import (
-    TIMES,
-    UTC_UNIT,
-    parse_decimal,
-    parse_nanoseconds,
-    parse_seconds,
-    parse_utc,
-)
+from sfr_loc_map.io.stamps.stamp_text import TIMES, UTC_UNIT, parse_decimal, parse_nanoseconds, parse_seconds, parse_utc
+from sfr_loc_map.io.stamps.time_units import TimeUnit
 from sfr_loc_map.io.tables.cells.text_table import RowForm
 from sfr_loc_map.io.tables.columns.length_units import METRES
-from sfr_loc_map.io.tables.columns.time_units import TimeUnit
 from sfr_loc_map.message_stamps import NS_PER_S
 
 STAMP, SECONDS, NANOSECONDS, FRAME = "t", "sec", "nsec", "frame"

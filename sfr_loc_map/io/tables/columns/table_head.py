@@ -9,10 +9,10 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.io.tables.cells.number_text import is_number, number_or_nan
-from sfr_loc_map.io.tables.cells.stamp_text import is_time
+from sfr_loc_map.io.number_text import is_number, number_or_nan
+from sfr_loc_map.io.stamps.stamp_text import is_time
+from sfr_loc_map.io.stamps.time_units import inferred_time_unit
 from sfr_loc_map.io.tables.cells.text_table import COMMENTS, split_cells
-from sfr_loc_map.io.tables.columns.time_units import inferred_time_unit
 
 HEAD_LINES = 5000  #: Number of lines from which the columns are detected. Later rows that do not fit are invalid.
 SEPARATORS = (";", "\t", ",")  #: Separators of cells in the order of preference; spaces are tried last.

@@ -1,19 +1,25 @@
-"""Checks of stamps, in text or in nanoseconds: notation, unit and order."""
+"""Checks of stamps, in text or in nanoseconds: notation, unit, order and stray stamps."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.tables.cells.number_text import is_decimal, number_or_nan
-from sfr_loc_map.io.tables.columns.time_units import LONGEST_SENSOR_STEP, is_clock
+from sfr_loc_map.geometry.arrays import IntArray, Mask
+from sfr_loc_map.inputs import MAX_INVALID
+from sfr_loc_map.io.number_text import is_decimal, number_or_nan
+from sfr_loc_map.io.stamps.time_units import LONGEST_SENSOR_STEP, is_clock
 from sfr_loc_map.message_stamps import NS_PER_S
 
+_log = logging.getLogger(__name__)
 SHORTEST_POSE_STEP_NS = 500_000  #: Shortest step between poses, ns: 2 kHz, twice the rate of fast trackers.
 SHORTEST_IMAGE_STEP_NS = 2_000_000  #: Shortest step between images, ns: 500 Hz.
+MIN_STAMPS = 3  #: Smallest number of stamps for the detection of stray stamps.
+STRAY_S = 86_400.0  #: A stray stamp is more than a day, s, and twice the drive's duration from the median stamp.
 FRACTION_DIGITS = (6, 9)  #: Numbers of digits of microseconds and nanoseconds in a second.
 SURELY_UNPADDED = 50
 """Number of fractions that are unpadded if none of them begins with 0. Of 50 padded fractions, at least one begins with
@@ -110,3 +116,41 @@ def check_stamp_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:
             f"{name}: stamp {stamps[first + 1]} (entry {first + 2}) {word} {stamps[first]}: stamps in increasing "
             "order are required"
         )
+
+
+def increasing_stamps(stamps_ns: Sequence[int], where: str) -> list[int]:
+    """Return the stamps that are later than all earlier stamps; InputError if many are not, or if all are 0."""
+    if len(stamps_ns) > 1 and not any(stamps_ns):
+        raise InputError(
+            f"{where}: all header stamps are 0: set 'sync.stamps: record' in sfr.yaml, which uses the recording times"
+        )
+    stamps = np.asarray(stamps_ns, np.int64)
+    is_later = np.ones(len(stamps), np.bool_)
+    is_later[1:] = stamps[1:] > np.maximum.accumulate(stamps)[:-1]
+    ignored = int(np.count_nonzero(~is_later))
+    if ignored > MAX_INVALID * len(stamps):
+        check_stamp_order(stamps, where, strict=True)
+    if ignored:
+        _log.warning(
+            f"{where}: {ignored} of {len(stamps)} messages ignored: their stamps are not later than those before"
+        )
+    return [int(stamp) for stamp in stamps[is_later]]
+
+
+def stray_stamps(stamps_ns: IntArray) -> Mask:
+    """Return which stamps `(N,)` are stray: 0 among stamps of a clock, or days apart from the others."""
+    if len(stamps_ns) < MIN_STAMPS:
+        return np.zeros(len(stamps_ns), np.bool_)
+    middle = int(np.partition(stamps_ns, len(stamps_ns) // 2)[len(stamps_ns) // 2])
+    low, high = np.quantile(stamps_ns.astype(np.float64) - middle, (MAX_INVALID, 1.0 - MAX_INVALID))
+    limit = max(STRAY_S * NS_PER_S, 2.0 * (high - low))
+    away = np.abs(stamps_ns.astype(np.float64) - middle) > limit
+    return away if away.mean() <= MAX_INVALID else np.zeros(len(stamps_ns), np.bool_)
+
+
+def check_clock(stamps_ns: IntArray, name: str) -> None:
+    """Raise InputError if stamps `(N,)` of true poses decrease.
+
+    Stray stamps are ignored, because `truth.pose_checks` removes and reports their poses.
+    """
+    check_stamp_order(stamps_ns[~stray_stamps(stamps_ns)], name, strict=False)

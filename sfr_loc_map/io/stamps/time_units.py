@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.io.tables.cells.number_text import is_number, number_or_nan
-from sfr_loc_map.io.tables.cells.stamp_text import NANOSECOND_DIGITS, TIMES, UTC_UNIT, is_time
+from sfr_loc_map.io.number_text import is_number, number_or_nan
+from sfr_loc_map.io.stamps.stamp_text import NANOSECOND_DIGITS, TIMES, UTC_UNIT, is_time
 from sfr_loc_map.message_stamps import NS_PER_S
 
 EARLIEST_CLOCK_S = 3e8  #: Earliest time of a clock, s since 1970 (in 1979). Earlier stamps count from a start.

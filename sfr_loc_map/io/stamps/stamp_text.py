@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.io.tables.cells.number_text import is_decimal
+from sfr_loc_map.io.number_text import is_decimal
 from sfr_loc_map.message_stamps import NS_PER_S
 
 STAMP_LENGTH = 64  #: Maximum length of a stamp in text, characters.
