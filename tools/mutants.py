@@ -90,10 +90,10 @@ class Mutation(NamedTuple):
 
 ANSWERS, STORE = "replay/answer_book.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
-OTHER_FRAMES = "metrics/errors/other_frames.py"
-COVERAGE = "metrics/errors/coverage.py"
+OTHER_FRAMES = "metrics/trajectory/other_frames.py"
+COVERAGE = "metrics/map/coverage.py"
 INCOMPLETE, OTHER_FORMULAS = "metrics/judging/incomplete.py", "metrics/other_formulas.py"
-FORMULAS, SCORE = "metrics/formulas.py", "metrics/errors/trajectory_errors.py"
+FORMULAS, SCORE = "metrics/formulas.py", "metrics/trajectory/trajectory_errors.py"
 SHORTFALLS = "metrics/completeness/shortfall_kinds.py"
 EXPECTED_ITEMS, DRIVE = "metrics/completeness/expected_items.py", "metrics/completeness/drive.py"
 GAPS = "metrics/completeness/gaps.py"
@@ -196,17 +196,17 @@ MUTATIONS = (
         "np.asarray(np.abs(actual - estimated).max(axis=1))",
     ),
     Mutation(
-        "metrics/errors/point_errors.py",
+        "metrics/map/point_errors.py",
         "true = truth.points[cloud.v[index], cloud.u[index]]",
         "true = truth.points[cloud.v[index], np.maximum(cloud.u[index], 1) - 1]",
     ),
     Mutation(
-        "metrics/errors/map_score.py",
+        "metrics/map/map_score.py",
         "error_rows(None, errors, np.full(len(errors.index), True))",
         "error_rows(None, errors, errors.range_m < 40.0)",
     ),
     Mutation(
-        "metrics/errors/map_score.py",
+        "metrics/map/map_score.py",
         "(errors.range_m >= low) & (errors.range_m < high)",
         "(errors.range_m > low) & (errors.range_m <= high)",
     ),
@@ -214,7 +214,7 @@ MUTATIONS = (
     Mutation(COVERAGE, "FOOTPRINTS = 2.0", "FOOTPRINTS = 3.0"),
     Mutation(COVERAGE, "truth.depths_m(truth.points) / truth.rig.fx", "truth.ranges_m() / truth.rig.fx"),
     Mutation(
-        "metrics/errors/map_score.py", "without_truth=len(cloud) - len(errors.index)", "without_truth=len(errors.index)"
+        "metrics/map/map_score.py", "without_truth=len(cloud) - len(errors.index)", "without_truth=len(errors.index)"
     ),
     # association, completeness, consistency, limits
     Mutation(
@@ -235,9 +235,9 @@ MUTATIONS = (
     Mutation(GAPS, "GAP_PERIODS = 5", "GAP_PERIODS = 7"),
     Mutation(SHORTFALLS, "IN_GAPS_MOST = 0.01", "IN_GAPS_MOST = 0.013"),
     Mutation("metrics/frames/association.py", "IMAGE_PERIOD_SHARE = 0.4", "IMAGE_PERIOD_SHARE = 0.15"),
-    Mutation("metrics/frames/truth_error.py", "[2.0 * of_position] * 3", "[1.0 * of_position] * 3"),
-    Mutation("metrics/errors/consistency.py", "free_from = end\n", "free_from = start\n"),
-    Mutation("metrics/errors/consistency.py", "+ start.noise + end.noise", "+ end.noise"),
+    Mutation("metrics/trajectory/truth_error.py", "[2.0 * of_position] * 3", "[1.0 * of_position] * 3"),
+    Mutation("metrics/trajectory/consistency.py", "free_from = end\n", "free_from = start\n"),
+    Mutation("metrics/trajectory/consistency.py", "+ start.noise + end.noise", "+ end.noise"),
     Mutation("metrics/score/limits.py", "abs(value) <= limit.limit", "abs(value) <= 1.001 * limit.limit"),
     Mutation("metrics/score/limits.py", "abs(value) <= limit.limit", "value <= limit.limit"),
     Mutation("metrics/score/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
@@ -247,10 +247,8 @@ MUTATIONS = (
     Mutation(INCOMPLETE, "return self.limit == limit", "return True"),
     Mutation(INCOMPLETE, "if judged is None or not meets(limit, judged):", "if judged is None:"),
     Mutation("geometry/trajectory.py", "level[:, 2] = 0.0", "level[:, 2] *= 1.0"),
-    Mutation(
-        "metrics/errors/truth_error_rows.py", "np.hypot(noise_deg, interpolation_deg)", "np.hypot(noise_deg, 0.0)"
-    ),
-    Mutation("metrics/errors/truth_error_rows.py", "np.hypot(of_noise_m, of_interpolation_m)", "of_noise_m"),
+    Mutation("metrics/trajectory/truth_error.py", "np.hypot(noise_deg, interpolation_deg)", "np.hypot(noise_deg, 0.0)"),
+    Mutation("metrics/trajectory/truth_error.py", "np.hypot(of_noise_m, of_interpolation_m)", "of_noise_m"),
     Mutation(SHORTFALLS, "WITHOUT_TRUTH_MOST = 0.01", "WITHOUT_TRUTH_MOST = 0.1"),
     Mutation("metrics/config.py", "return min(states, key", "return max(states, key"),
     Mutation("metrics/score/limits.py", "count >= self.minimum_count", "count > self.minimum_count"),
@@ -413,8 +411,10 @@ MUTATIONS = (
     Mutation(INCOMPLETE, "value is None and kind.text_of_nothing", "value is None and not kind.text_of_nothing"),
     Mutation(INCOMPLETE, "share.value <= most or moving", "share.value <= 1.0 or moving"),
     Mutation(INCOMPLETE, " or not meets(limit, value):\n            over =", ":\n            over ="),
-    Mutation("metrics/errors/standing.py", "farthest_m > least_by_rate(farthest_m, durations_s)", "farthest_m >= 0.0"),
-    Mutation("metrics/errors/standing.py", "if not 0 < standing < count:", "if not 0 < standing:"),
+    Mutation(
+        "metrics/trajectory/standing.py", "farthest_m > least_by_rate(farthest_m, durations_s)", "farthest_m >= 0.0"
+    ),
+    Mutation("metrics/trajectory/standing.py", "if not 0 < standing < count:", "if not 0 < standing:"),
     Mutation("report/deviations.py", "used != (usual.scored_from_m", "used == (usual.scored_from_m"),
     # true poses at starts and ends
     Mutation(SHORTFALLS, "COPIES_MOST = 0.1", "COPIES_MOST = 1.0"),
@@ -469,9 +469,9 @@ MUTATIONS = (
         "metrics/calls/call_score.py", "if row.call in kinds else row for", "if row.figure in kinds[:1] else row for"
     ),
     Mutation("metrics/figures/catalogue.py", " or place is Place.STATED:", ":"),
-    Mutation("metrics/errors/map_score.py", "len(xyz) - len(np.unique(xyz, axis=0)),", "0,"),
-    Mutation("metrics/errors/map_score.py", "len(xyz) - pixels, crowded)", "0, crowded)"),
-    Mutation("metrics/errors/map_score.py", "len(xyz) - pixels, crowded)", "len(xyz) - pixels, 0)"),
+    Mutation("metrics/map/map_score.py", "len(xyz) - len(np.unique(xyz, axis=0)),", "0,"),
+    Mutation("metrics/map/map_score.py", "len(xyz) - pixels, crowded)", "0, crowded)"),
+    Mutation("metrics/map/map_score.py", "len(xyz) - pixels, crowded)", "len(xyz) - pixels, 0)"),
     Mutation("scoring/score_parts.py", "UNEVEN_PERIODS * periods_ns < typical_ns", "periods_ns < 0"),
     Mutation("metrics/judging/several_scores.py", "if len(items) > 1:", "if len(items) > 2:"),
     Mutation(

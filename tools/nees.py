@@ -29,8 +29,8 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.errors.consistency import relative_covariance, relative_errors, sums_of_steps
 from sfr_loc_map.metrics.frames.association import associate
+from sfr_loc_map.metrics.trajectory.consistency import relative_covariance, relative_errors, sums_of_steps
 from sfr_loc_map.runs.drive_start import start_pose
 from sfr_loc_map.runs.localiser_run import localise, trajectory_of
 

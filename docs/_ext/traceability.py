@@ -228,7 +228,7 @@ CLAUSES = (
         "3D position error",
         "The error is the vector of the estimated minus the actual displacement of the RB origin in DS, m. The mean is "
         "the norm of the mean vector. Sigma is the norm of the standard deviations of the axes.",
-        ("metrics/formulas.py", "metrics/errors/trajectory_errors.py"),
+        ("metrics/formulas.py", "metrics/trajectory/trajectory_errors.py"),
         "row position error over a condition",
         "The literal interpretation is `displacement`: displacements in DS without a rotation. With `pose`, the "
         "estimated displacement is rotated by the attitude error at N before the comparison (4.1.2).",
@@ -239,7 +239,7 @@ CLAUSES = (
         "Attitude error",
         "The error is the unsigned angle of the shortest rotation between both attitudes, deg, with its mean and "
         "standard deviation.",
-        ("metrics/formulas.py", "metrics/errors/trajectory_errors.py"),
+        ("metrics/formulas.py", "metrics/trajectory/trajectory_errors.py"),
         "row attitude error over a condition",
         "The change of attitude from N to N+x counts (4.1.1). `pose` and `displacement` give the same error, and "
         "`position` compares the attitudes directly. The angle is computed by atan2 from the vector part and the "
@@ -250,7 +250,7 @@ CLAUSES = (
         "4.2.3.3",
         "Heading error",
         "The heading is atan2 of the RB x-axis in DS. The error is signed, deg, and the figure is abs(mean) + 3 sigma.",
-        ("metrics/formulas.py", "metrics/errors/trajectory_errors.py"),
+        ("metrics/formulas.py", "metrics/trajectory/trajectory_errors.py"),
         "row heading error over a condition",
         "`displacement` compares the changes of heading, `pose` the heading after re-basing, and `position` the "
         "heading itself. Differences are wrapped to (-180, 180] degrees.",
@@ -281,7 +281,7 @@ CLAUSES = (
         "4.3.4",
         "Error in the output point cloud",
         "For each point, the error is the norm of the difference of its estimated and its actual position, m.",
-        ("metrics/errors/point_errors.py", "metrics/errors/map_score.py"),
+        ("metrics/map/point_errors.py", "metrics/map/map_score.py"),
         "row map: point error; error over the images, over range and in space",
         'The text requires an error "for each point". The nearest true point is therefore not used, because the '
         "distance to it is smaller than the error. The actual position is the truth of the pixel that the point names. "

@@ -28,11 +28,11 @@ from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.map_score import score_map
-from sfr_loc_map.metrics.errors.pair_truth import PairTruth
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.map.map_score import score_map
+from sfr_loc_map.metrics.map.pair_truth import PairTruth
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.tables.model import MILLIMETRE, PERCENT, Column, Unit
 
 LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)

@@ -306,8 +306,8 @@ class _Outputs(NamedTuple):
     def write(self, scored: ScoredRun) -> None:
         """Print the score, and write all requested files."""
         from sfr_loc_map.io.tables.table_file import save_table
-        from sfr_loc_map.metrics.errors.point_errors import points_table
-        from sfr_loc_map.metrics.errors.trajectory_score import sub_trajectory_table
+        from sfr_loc_map.metrics.map.point_errors import points_table
+        from sfr_loc_map.metrics.trajectory.trajectory_score import sub_trajectory_table
 
         present(scored.score, self.json, self.html)
         if self.junit is not None:
@@ -368,8 +368,8 @@ def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *
     The disagreement is the root sum of squares of the position error per distance travelled and the attitude error in
     radians, re-based at each start and averaged over sub-trajectories.
     """
-    from sfr_loc_map.metrics.diagnosis.convention_diagnosis import NEGLIGIBLE
-    from sfr_loc_map.metrics.diagnosis.disagreement import MIN_POSES
+    from sfr_loc_map.metrics.conventions.convention_diagnosis import NEGLIGIBLE
+    from sfr_loc_map.metrics.conventions.disagreement import MIN_POSES
     from sfr_loc_map.report.diagnosis_table import diagnosis_table
     from sfr_loc_map.scoring.conversion import diagnose_run
     from sfr_loc_map.scoring.load import load_run

@@ -23,10 +23,10 @@ from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.conditions import Condition
-from sfr_loc_map.metrics.errors.consistency import without_overlap
-from sfr_loc_map.metrics.errors.trajectory_errors import select
 from sfr_loc_map.metrics.figures.catalogue import REVISITED_PLACES
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row, nees_row
+from sfr_loc_map.metrics.trajectory.consistency import without_overlap
+from sfr_loc_map.metrics.trajectory.trajectory_errors import select
 
 SIGNIFICANCE = 0.05  #: Probability of a false finding over all comparisons of a recording.
 MIN_SUB_TRAJECTORIES = 3  #: Minimum number of sub-trajectories that do not overlap.

@@ -15,11 +15,11 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.errors.consistency import relative_errors, without_overlap
-from sfr_loc_map.metrics.errors.trajectory_errors import select
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.association import Estimates, StampedPoses, associate
 from sfr_loc_map.metrics.statistics.intervals import student_quantile
+from sfr_loc_map.metrics.trajectory.consistency import relative_errors, without_overlap
+from sfr_loc_map.metrics.trajectory.trajectory_errors import select
 
 IDENTICAL = 1e-6
 """Largest difference of the motions of identical estimates, m and rad. Files round poses to less."""

@@ -16,7 +16,8 @@ from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat, unit_quats
 from sfr_loc_map.geometry.transform import propagated_covariance
-from sfr_loc_map.metrics.errors.consistency import (
+from sfr_loc_map.metrics.frames.association import StampedPoses
+from sfr_loc_map.metrics.trajectory.consistency import (
     Span,
     StepSums,
     normalised_square,
@@ -25,7 +26,6 @@ from sfr_loc_map.metrics.errors.consistency import (
     sums_of_steps,
     without_overlap,
 )
-from sfr_loc_map.metrics.frames.association import StampedPoses
 
 SPACING = 5  #: Number of frames between starts: half of the spacing of a score, for short recordings.
 

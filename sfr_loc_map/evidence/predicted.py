@@ -1,8 +1,8 @@
 """Predicted error of a drive by source: the covariance of sub-trajectories, split into the errors of the steps.
 
-The steps of an estimate (`metrics.errors.consistency`) separate errors that are independent from step to step, noise of
-single poses, and errors that all steps share. The mean squares of these parts add up to the total. Errors that the
-localiser does not model are missing: a wrong baseline, focal length, mounting or clock.
+The steps of an estimate (`metrics.trajectory.consistency`) separate errors that are independent from step to step,
+noise of single poses, and errors that all steps share. The mean squares of these parts add up to the total. Errors that
+the localiser does not model are missing: a wrong baseline, focal length, mounting or clock.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import propagation
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.conditions import Condition
-from sfr_loc_map.metrics.errors.consistency import StepSums, sums_of_steps
-from sfr_loc_map.metrics.errors.trajectory_errors import select
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.association import StampedPoses
+from sfr_loc_map.metrics.trajectory.consistency import StepSums, sums_of_steps
+from sfr_loc_map.metrics.trajectory.trajectory_errors import select
 
 
 class ErrorSource(StrEnum):

@@ -22,13 +22,13 @@ from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, Variant, r
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.errors.consistency import (
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row
+from sfr_loc_map.metrics.trajectory.consistency import (
     normalised_square,
     relative_covariance,
     relative_errors,
     sums_of_steps,
 )
-from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 
 MIN_PATH_M = 1.0
 """Minimum path between two visits, m. Chosen by hand: a stationary rover does not revisit its place."""

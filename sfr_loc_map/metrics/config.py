@@ -168,7 +168,7 @@ class TrajectoryScoreConfig:
 
 @dataclass(frozen=True, slots=True)
 class AlignedErrorConfig:
-    """Settings of APE and RPE, which the specification does not define; see `metrics.errors.aligned_error`."""
+    """Settings of APE and RPE, which the specification does not define; see `metrics.trajectory.aligned_error`."""
 
     align: str = param(
         "se3",

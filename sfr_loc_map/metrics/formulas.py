@@ -6,7 +6,7 @@ origin in DS, in metres. Quaternions `(F, 4)` are scalar last [3.1.1], have unit
 DS (the conjugate of `att_q_DsToRb` [3.1.2]).
 
 The statistics at the end of the module are the columns of the table of figures. The function
-`metrics.errors.trajectory_errors.select` selects the valid sub-trajectories and combines several conditions. The
+`metrics.trajectory.trajectory_errors.select` selects the valid sub-trajectories and combines several conditions. The
 formulas of figures that the specification does not define are in `metrics.other_formulas`.
 
 test/helpers/metrics_reference.py implements the same formulas with loops and SciPy's rotations, and shares no code

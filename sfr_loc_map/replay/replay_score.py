@@ -14,8 +14,8 @@ from sfr_loc_map.hashes import hash_arrays
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.errors.pair_truth import truths_of
 from sfr_loc_map.metrics.figures.records import REPLAY_RATE
+from sfr_loc_map.metrics.map.pair_truth import truths_of
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.replay.files import ReplayFiles

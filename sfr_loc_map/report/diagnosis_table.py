@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sfr_loc_map.metrics.diagnosis.convention_diagnosis import Diagnosis, Hypothesis
+from sfr_loc_map.metrics.conventions.convention_diagnosis import Diagnosis, Hypothesis
 from sfr_loc_map.tables.model import Cell, Column, Row, Table
 
 MAX_HYPOTHESES = 5  #: Number of shown mismatches, those with the smallest remaining disagreement.

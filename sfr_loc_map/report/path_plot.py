@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.metrics.errors.aligned_error import aligned_poses
+from sfr_loc_map.metrics.trajectory.aligned_error import aligned_poses
 from sfr_loc_map.report.plots import COLORS, Plot, Trace, axis, error_scale, line, plain, scaled, to_figure
 
 TIME = "time, s"

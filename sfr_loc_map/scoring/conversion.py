@@ -9,8 +9,8 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.conventions.convention_diagnosis import Diagnosis, diagnose
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
-from sfr_loc_map.metrics.diagnosis.convention_diagnosis import Diagnosis, diagnose
 from sfr_loc_map.metrics.figures.records import ConventionRecord
 from sfr_loc_map.metrics.frames.true_attitudes import check_true_attitudes
 from sfr_loc_map.scoring.inputs import Correction, DriveToScore, Run

@@ -18,7 +18,6 @@ from sfr_loc_map.io.clouds import cloud_file
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, converted_estimates
-from sfr_loc_map.metrics.errors.pair_truth import PairTruth
 from sfr_loc_map.metrics.figures.records import (
     ConventionRecord,
     ExternalScore,
@@ -27,6 +26,7 @@ from sfr_loc_map.metrics.figures.records import (
     TargetRecord,
 )
 from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.map.pair_truth import PairTruth
 from sfr_loc_map.scoring.input_files import ReadFile
 from sfr_loc_map.suffixes import suffix_of
 

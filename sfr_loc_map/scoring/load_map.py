@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.sequence import NavSequence
-from sfr_loc_map.metrics.errors.pair_truth import truths_of
+from sfr_loc_map.metrics.map.pair_truth import truths_of
 from sfr_loc_map.scoring.call_checks import check_cloud, other_map_images
 from sfr_loc_map.scoring.inputs import CloudToScore, ScoreInputs
 

@@ -37,16 +37,16 @@ from sfr_loc_map.metrics.config import (
     MapScoreConfig,
     TrajectoryScoreConfig,
 )
-from sfr_loc_map.metrics.errors.aligned_error import aligned_errors
-from sfr_loc_map.metrics.errors.map_score import score_map, score_nearest
-from sfr_loc_map.metrics.errors.pair_truth import PairTruth
-from sfr_loc_map.metrics.errors.point_errors import typical_pixel_offset
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.figures.records import Association, MethodKind, TargetRun
 from sfr_loc_map.metrics.figures.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.figures.row_part import Place
 from sfr_loc_map.metrics.figures.rows import Figure
+from sfr_loc_map.metrics.map.map_score import score_map, score_nearest
+from sfr_loc_map.metrics.map.pair_truth import PairTruth
+from sfr_loc_map.metrics.map.point_errors import typical_pixel_offset
 from sfr_loc_map.metrics.score.caveats import truth_caveats
+from sfr_loc_map.metrics.trajectory.aligned_error import aligned_errors
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, TargetCalls
 from sfr_loc_map.suite_names import Task

@@ -21,8 +21,8 @@ from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 
 FAULTS = (
     *("", "noisy:amount=10,share=1", "blurred:amount=2.5,share=1", "yaw:amount=0.1", "baseline:amount=1.005"),

@@ -12,7 +12,7 @@ import argparse
 
 from helpers.honest_drives import honest_drive
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.diagnosis.convention_diagnosis import diagnose
+from sfr_loc_map.metrics.conventions.convention_diagnosis import diagnose
 
 
 def main(arguments: list[str]) -> int:

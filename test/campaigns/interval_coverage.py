@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.formulas import Poses, pose_reading
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 
 STEP_M, SPAN = 0.1, 50  #: Length of a step, and steps of a sub-trajectory of 5 m.
 FIGURES = ("position", "attitude", "heading")

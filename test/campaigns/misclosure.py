@@ -20,8 +20,8 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.errors.consistency import relative_errors
 from sfr_loc_map.metrics.frames.association import associate
+from sfr_loc_map.metrics.trajectory.consistency import relative_errors
 
 
 def main(arguments: list[str]) -> int:

@@ -11,10 +11,10 @@ from sfr_loc_map.evidence.predicted import ErrorSource, predicted_rows
 from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.conditions import Condition
-from sfr_loc_map.metrics.errors.consistency import relative_covariance, sums_of_steps
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import STEP_SIZE, UPPER
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.trajectory.consistency import relative_covariance, sums_of_steps
 
 COUNT, STEP_M, OVER = 60, 0.1, 20
 STEP_SIGMA_M, NOISE_M, ALONG_M, TURN_RAD = 2e-3, 3e-3, 5e-4, 1e-4
@@ -50,7 +50,7 @@ def test_each_source_has_its_part_in_closed_form_and_the_parts_add_up() -> None:
 
 
 def test_the_sum_is_the_covariance_of_the_sub_trajectories() -> None:
-    """Any steps along any path: the sum is that of `metrics.errors.consistency`, which the NEES of a score uses."""
+    """Any steps along any path: the sum is that of `metrics.trajectory.consistency`, which the NEES of a score uses."""
     rng = np.random.default_rng(4)
     poses = Trajectory(
         np.arange(1, COUNT + 1) * 100_000_000,

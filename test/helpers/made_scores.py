@@ -13,16 +13,16 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.calls.call_score import Calls, score_calls
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.map_score import score_map
-from sfr_loc_map.metrics.errors.pair_truth import PairTruth
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.figures.details import Details
 from sfr_loc_map.metrics.figures.records import InputFile, Provenance
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.judge import judged_by, with_verdicts
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.map.map_score import score_map
+from sfr_loc_map.metrics.map.pair_truth import PairTruth
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_dict
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 
 START_NS = 1_700_000_000_123_456_789
 LIMITS = {

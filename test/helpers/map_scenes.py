@@ -7,7 +7,7 @@ import numpy as np
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.metrics.errors.pair_truth import PairTruth
+from sfr_loc_map.metrics.map.pair_truth import PairTruth
 
 RIG = StereoRig(64, 48, 60.0, 60.0, 31.5, 23.5, 0.2)
 

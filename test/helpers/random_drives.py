@@ -7,11 +7,11 @@ from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.figures.results import TrajectoryResult
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.joined_parts import score_of_results
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 
 Poses = tuple[Any, Any, Any]
 

@@ -15,9 +15,9 @@ from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.metrics.errors.aligned_error import aligned_errors
 from sfr_loc_map.metrics.frames.umeyama import umeyama
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.trajectory.aligned_error import aligned_errors
 
 ALIGNMENTS = ("none", "origin", "se3", "sim3")
 STATISTICS = {"rmse": "rmse", "mean": "mean", "median": "p50", "max": "max"}

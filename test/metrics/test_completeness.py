@@ -21,15 +21,15 @@ from sfr_loc_map.metrics.completeness.expected_items import (
 )
 from sfr_loc_map.metrics.completeness.gaps import TruePath, path_without_images, true_path
 from sfr_loc_map.metrics.config import AssociationConfig, CallKind, TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.figures.subjects import Scope
 from sfr_loc_map.metrics.frames.association import Estimates, associate
-from sfr_loc_map.metrics.frames.truth_error import interpolation_errors
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.limits import INDEPENDENT_FOR_VERDICT
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.trajectory.truth_error import interpolation_errors
 
 SECOND = 1_000_000_000
 COUNT = 401

@@ -12,11 +12,11 @@ from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import propagated_covariance, propagation
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.consistency import relative_covariance, sums_of_steps
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.trajectory.consistency import relative_covariance, sums_of_steps
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 
 STEP = np.array([0.1, 0.0, 0.0])
 SIGMAS = np.array([2e-3, 1e-3, 1e-3, 1e-3, 1e-3, 2e-3])

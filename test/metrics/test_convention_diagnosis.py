@@ -14,10 +14,9 @@ from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.conventions.convention_diagnosis import diagnose
+from sfr_loc_map.metrics.conventions.disagreement import MAX_POSES, compared_poses, disagreements
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, converted_estimates
-from sfr_loc_map.metrics.diagnosis.compared_poses import MAX_POSES, compared_poses
-from sfr_loc_map.metrics.diagnosis.convention_diagnosis import diagnose
-from sfr_loc_map.metrics.diagnosis.disagreement import disagreements
 from sfr_loc_map.metrics.frames.association import Estimates, associate
 from sfr_loc_map.metrics.frames.covariance import UPPER
 

@@ -14,7 +14,6 @@ from sfr_loc_map.metrics.calls.call_score import Calls, score_target
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS, UNKNOWN_ITEMS, ShortfallKind
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.figures.details import Details
 from sfr_loc_map.metrics.figures.records import AnswerCounts, Association, ExternalScore, FindingKind, FindingRecord
 from sfr_loc_map.metrics.figures.row_part import RowPart
@@ -30,6 +29,7 @@ from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limits, Rul
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.file_check import fault_of_verdicts
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, to_dict, to_json
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.report.verdict_view import unit_of
 
 LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5}]}
@@ -283,7 +283,7 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
     truth = Truth(true.stamps_ns, true.positions, true.quats_xyzw, has_height=False)
     found = []
     for most in (100_000, 100):
-        monkeypatch.setattr("sfr_loc_map.metrics.errors.plot_columns.DETAIL_ROWS", most)
+        monkeypatch.setattr("sfr_loc_map.metrics.trajectory.plot_columns.DETAIL_ROWS", most)
         scored = score_trajectory(Estimates.of(estimate), truth, config, kept_errors=limits.figures_with_all_errors)
         score = Score(
             figures=scored.figures,
@@ -364,7 +364,7 @@ def test_a_bound_is_made_of_all_errors_with_plots_and_without(monkeypatch: pytes
     truth, estimate = (trajectory(poses) for poses in drive(1, count=400))
     made = []
     for most, details in ((100_000, True), (100, True), (100, False)):
-        monkeypatch.setattr("sfr_loc_map.metrics.errors.plot_columns.DETAIL_ROWS", most)
+        monkeypatch.setattr("sfr_loc_map.metrics.trajectory.plot_columns.DETAIL_ROWS", most)
         scored = score_trajectory(
             Estimates.of(estimate), truth, config, details=details, kept_errors=limits.figures_with_all_errors
         )

@@ -12,9 +12,9 @@ from helpers.map_scenes import RIG, cloud_of, points_of, wall
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.config import MapScoreConfig
-from sfr_loc_map.metrics.errors.map_score import score_map, score_nearest
-from sfr_loc_map.metrics.errors.pair_truth import PairTruth
 from sfr_loc_map.metrics.figures.row_part import POINTS
+from sfr_loc_map.metrics.map.map_score import score_map, score_nearest
+from sfr_loc_map.metrics.map.pair_truth import PairTruth
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
 

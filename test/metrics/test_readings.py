@@ -11,8 +11,8 @@ from helpers.random_drives import as_score
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import Reading, TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.trajectory_score import parsed_conditions, score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.trajectory.trajectory_score import parsed_conditions, score_trajectory
 
 SECOND = 1_000_000_000
 READINGS = [reading for reading in Reading if not reading.is_fit]

@@ -13,9 +13,9 @@ from helpers.random_drives import Poses, as_score, corrupted, drive, rows, traje
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 
 CONDITIONS = ("distance=5", "distance=0.3", "time=3", "frames=17")
 FIGURES = ("position", "attitude", "heading")

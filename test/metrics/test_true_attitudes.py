@@ -12,11 +12,11 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig
+from sfr_loc_map.metrics.conventions.convention_diagnosis import NO_DIAGNOSIS, diagnose
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, converted_estimates
-from sfr_loc_map.metrics.diagnosis.convention_diagnosis import NO_DIAGNOSIS, diagnose
-from sfr_loc_map.metrics.errors.aligned_error import aligned_errors
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.trajectory.aligned_error import aligned_errors
 
 PERIOD_NS = 100_000_000
 

@@ -15,9 +15,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig, Reading, TrajectoryScoreConfig
-from sfr_loc_map.metrics.diagnosis.convention_diagnosis import diagnose
-from sfr_loc_map.metrics.errors.aligned_error import aligned_errors
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.conventions.convention_diagnosis import diagnose
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.judging.judge import judged_by
@@ -25,6 +23,8 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.reasons import conditions_beyond
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
+from sfr_loc_map.metrics.trajectory.aligned_error import aligned_errors
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 
 CONFIG = TrajectoryScoreConfig(("distance=2", "time=5"), spacing=5)
 COUNT = 400

@@ -6,11 +6,11 @@ import pytest
 from helpers.scored_drives import straight
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.joined_parts import score_of_results
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 
 
 @pytest.mark.parametrize(("certain", "state"), [(False, "pass"), (True, "not enough data")])

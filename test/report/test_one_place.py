@@ -20,7 +20,6 @@ import sfr_loc_map
 from helpers.made_scores import drive, json_of
 from helpers.made_suites import JOB
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.figures import catalogue
 from sfr_loc_map.metrics.figures.catalogue import OF_ERRORS, TOTAL, FigureKind
 from sfr_loc_map.metrics.figures.details import Details
@@ -32,6 +31,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.comparison import compare_scores
 from sfr_loc_map.metrics.stored.file_check import checked_score
 from sfr_loc_map.metrics.stored.score_json import from_dict
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.nodes.score_publisher import figure_topics, score_statuses
 from sfr_loc_map.report.comparison import comparison_tables
 from sfr_loc_map.report.junit import junit

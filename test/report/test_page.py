@@ -17,12 +17,12 @@ from msgspec.structs import replace
 from helpers.made_scores import HOSTILE, dig, drive, json_of, place_of, whole_score, without
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.figures.details import Details
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_plain
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.report.drive_plots import drive_plots
 from sfr_loc_map.report.limit_lines import error_axis
 from sfr_loc_map.report.page import render_page

@@ -17,14 +17,14 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.completeness.shortfall_kinds import BEYOND_MOST
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.other_frames import largest_usual
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND
 from sfr_loc_map.metrics.figures.row_part import OTHER_FRAMES
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.trajectory.other_frames import largest_usual
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 
 LENGTH = 50  #: Frames of a sub-trajectory of 5 m.
 STARTS = np.arange(0, COUNT, 10)

@@ -1,6 +1,6 @@
 """What is expected of each subject, and how much of it is judged, missing or wrong.
 
-    1. count     expected_items, drive (gaps), copies, errors.other_frames, errors.standing ─► rows of completeness
+    1. count     expected_items, drive (gaps), copies, trajectory.{other_frames, standing} ─► rows of completeness
     2. compare   rows, SHORTFALLS (shortfall_kinds), limits ─► judging.incomplete ─► shortfalls with their scope
     3. apply     shortfalls, SUBJECTS (figures.subjects) ─► judging.limit_scope ─► a pass of a limit becomes incomplete
 

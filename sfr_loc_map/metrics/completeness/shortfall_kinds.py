@@ -10,7 +10,7 @@
 of a test report and the table of docs/metrics.md follow from `SHORTFALLS`.
 
 To add a shortfall, add its line to `SHORTFALLS` and its figure to `catalogue`, and compute the row of the figure in
-`expected_items`, or for a drive in `drive`, `copies`, `errors.other_frames` or `errors.standing`.
+`expected_items`, or for a drive in `drive`, `copies`, `trajectory.other_frames` or `trajectory.standing`.
 
 To add a scope, add it to `figures.subjects.Scope`, compute its row `judged` in `expected_items`, and state in
 `figures.subjects.SUBJECTS` which limits require the scope.

@@ -4,7 +4,7 @@ Each setting declares one difference. The differences are corrected in this orde
 inversion, frame of the rover (`converted`), world frame (`aligned`). Values that need no correction stay bit-identical.
 `converted_estimates` converts poses with their covariances.
 
-`metrics.diagnosis.convention_diagnosis` finds a difference that is not declared.
+`metrics.conventions.convention_diagnosis` finds a difference that is not declared.
 """
 
 from __future__ import annotations

@@ -316,7 +316,7 @@ CATALOGUE = (
     FigureKind(
         "nees_from_steps", Subject.CONSISTENCY, "sub-trajectories tested by the covariance of steps", is_one_number=True
     ),
-    # confidence of the figures (metrics.errors.three_sigma): not in the specification
+    # confidence of the figures (metrics.trajectory.trajectory_errors): not in the specification
     FigureKind("confidence", Subject.EVIDENCE, "confidence of mean + 3 sigma"),
     FigureKind("shape", Subject.EVIDENCE, "relative sigma of position errors"),
     FigureKind("normality", Subject.EVIDENCE, "p-value of the normality of position errors"),

@@ -1,6 +1,6 @@
 """The results of the trajectory, the map and the calls, of which a score consists.
 
-`errors.trajectory_score`, `errors.map_score` and `calls.call_score` compute them, `scoring.score_parts` adds
+`trajectory.trajectory_score`, `map.map_score` and `calls.call_score` compute them, `scoring.score_parts` adds
 warnings, and `scoring.assembly` combines them into a score. A result has no figures if the run has no such data.
 """
 

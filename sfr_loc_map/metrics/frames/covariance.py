@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 UPPER = np.triu_indices(6)  #: Indices of the upper triangle of a 6 x 6 covariance, row by row.
 COVARIANCE_SIZE = len(UPPER[0])
 STEP_SIZE: Final = 48
-"""Numbers of a step, the motion since the previous pose (`metrics.errors.consistency`): upper triangle of its
+"""Numbers of a step, the motion since the previous pose (`metrics.trajectory.consistency`): upper triangle of its
 covariance, 6 errors that all steps share, and upper triangle of the noise of its pose."""
 DIAGONAL = UPPER[0] == UPPER[1]  #: Mask of the variances in the upper triangle of a covariance.
 POSITION_VARIANCES = np.flatnonzero(DIAGONAL & (UPPER[0] < 3))

@@ -23,7 +23,6 @@ from scipy.special import stdtr
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.metrics.errors.trajectory_errors import overlap_of
 from sfr_loc_map.metrics.figures.catalogue import KINDS, TOTAL
 from sfr_loc_map.metrics.figures.details import SubTrajectoryRows, Values
 from sfr_loc_map.metrics.figures.records import MethodRecord, Record
@@ -35,6 +34,7 @@ from sfr_loc_map.metrics.judging.incomplete import strictly_missing
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import Interval, holm, scatter_of_difference
 from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.metrics.trajectory.trajectory_errors import overlap_of
 
 SCHEMA = "sfr-compare/1"
 SIGNIFICANT = 0.05  #: Significance level of the corrected p-value.

@@ -17,8 +17,8 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.io.truth.config import RB_ITSELF, TrackedBodyConfig
 from sfr_loc_map.metrics.completeness.expected_items import with_unmapped_pairs
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.errors.map_score import score_map
 from sfr_loc_map.metrics.figures.results import MapResult
+from sfr_loc_map.metrics.map.map_score import score_map
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch

@@ -30,9 +30,9 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import Method
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.errors.pair_truth import truths_of
 from sfr_loc_map.metrics.figures.catalogue import KINDS
 from sfr_loc_map.metrics.figures.records import Provenance
+from sfr_loc_map.metrics.map.pair_truth import truths_of
 from sfr_loc_map.metrics.score.limits import BOUND, Population
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_json, to_plain

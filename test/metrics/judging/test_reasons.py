@@ -7,10 +7,10 @@ import pytest
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.conditions import Condition
-from sfr_loc_map.metrics.errors.trajectory_errors import select
 from sfr_loc_map.metrics.formulas import path_length_m
 from sfr_loc_map.metrics.frames.association import StampedPoses
 from sfr_loc_map.metrics.judging.reasons import conditions_beyond
+from sfr_loc_map.metrics.trajectory.trajectory_errors import select
 
 COUNT = 11
 POSES = Trajectory(

@@ -30,15 +30,15 @@ from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_types import STRING
 from sfr_loc_map.metrics.config import AssociationConfig, MapScoreConfig, ScoreConfig
-from sfr_loc_map.metrics.errors.map_score import score_map
-from sfr_loc_map.metrics.errors.pair_truth import truths_of
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.figures.records import Provenance
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import UPPER, symmetric
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.map.map_score import score_map
+from sfr_loc_map.metrics.map.pair_truth import truths_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.nodes.score_file import ScoreFile
 from sfr_loc_map.replay.message_store import ExternalDrive, ReceivedDrive
 from sfr_loc_map.report.deviations import deviations_of

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from helpers.random_drives import drive, trajectory
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.trajectory_errors import error_figures
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.trajectory.trajectory_errors import error_figures
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.suite.statistics.pooling import DriveRows, DriveScore, pool, pooled_row
 
 

@@ -37,7 +37,7 @@ from sfr_loc_map.geometry.transform import propagated_covariance, propagation
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row, nees_row
 from sfr_loc_map.metrics.frames.association import Estimates, Frames, StampedPoses, unique_rows
 from sfr_loc_map.metrics.frames.covariance import DIAGONAL, propagated, symmetric
-from sfr_loc_map.metrics.frames.truth_error import truth_noise
+from sfr_loc_map.metrics.trajectory.truth_error import truth_noise
 
 PARTS = {"pose": slice(0, 6), "position": slice(0, 3), "attitude": slice(3, 6)}
 """Components of a pose's error, in ROS order."""

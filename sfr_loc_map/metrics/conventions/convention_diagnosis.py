@@ -25,10 +25,9 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.diagnosis.compared_poses import ComparedPoses, compared_poses
-from sfr_loc_map.metrics.diagnosis.disagreement import disagreements, eighths
-from sfr_loc_map.metrics.diagnosis.mismatches import Mismatch, mismatches_of
-from sfr_loc_map.metrics.diagnosis.offset_search import best_offset, period_ns
+from sfr_loc_map.metrics.conventions.disagreement import ComparedPoses, compared_poses, disagreements, eighths
+from sfr_loc_map.metrics.conventions.mismatches import Mismatch, mismatches_of
+from sfr_loc_map.metrics.conventions.offset_search import best_offset, period_ns
 from sfr_loc_map.metrics.figures.records import Record
 from sfr_loc_map.metrics.frames.true_attitudes import incomplete_attitudes
 

@@ -17,20 +17,20 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics import formulas, other_formulas
 from sfr_loc_map.metrics.completeness.expected_items import map_completeness
 from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
-from sfr_loc_map.metrics.errors.coverage import (
+from sfr_loc_map.metrics.figures.details import ErrorImage, MapDetails, PointRows, Triangulation, column
+from sfr_loc_map.metrics.figures.records import CloudRecord
+from sfr_loc_map.metrics.figures.results import MapResult
+from sfr_loc_map.metrics.figures.row_part import POINTS, pair_part, range_part
+from sfr_loc_map.metrics.figures.rows import Figure, figure_row, nees_row
+from sfr_loc_map.metrics.map.coverage import (
     PairCoverage,
     coverage_by_points,
     coverage_row,
     footprint_coverage,
     pixel_coverage,
 )
-from sfr_loc_map.metrics.errors.pair_truth import PairTruth, check_points
-from sfr_loc_map.metrics.errors.point_errors import PointErrors, point_errors
-from sfr_loc_map.metrics.figures.details import ErrorImage, MapDetails, PointRows, Triangulation, column
-from sfr_loc_map.metrics.figures.records import CloudRecord
-from sfr_loc_map.metrics.figures.results import MapResult
-from sfr_loc_map.metrics.figures.row_part import POINTS, pair_part, range_part
-from sfr_loc_map.metrics.figures.rows import Figure, figure_row, nees_row
+from sfr_loc_map.metrics.map.pair_truth import PairTruth, check_points
+from sfr_loc_map.metrics.map.point_errors import PointErrors, point_errors
 
 MOST_AT_TRUE_POINT = 10
 """Maximum number of points that count for one nearest true point, if their pixels are unknown. On average at most one

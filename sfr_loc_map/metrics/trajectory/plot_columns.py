@@ -6,12 +6,12 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.metrics import other_formulas
-from sfr_loc_map.metrics.errors.trajectory_errors import error_figures, errors_of
 from sfr_loc_map.metrics.figures.details import NAMED_ERRORS, PathRows, SubTrajectoryRows, Values, column, named_columns
 from sfr_loc_map.metrics.formulas import Lengths
 from sfr_loc_map.metrics.frames.association import Estimates, Frames
 from sfr_loc_map.metrics.frames.covariance import POSITION_VARIANCES
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
+from sfr_loc_map.metrics.trajectory.trajectory_errors import error_figures, errors_of
 
 PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Maximum number of frames, and of sub-trajectories of each condition, in plots.
 

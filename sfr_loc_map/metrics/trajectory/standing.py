@@ -16,13 +16,13 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.completeness.expected_items import share_of
 from sfr_loc_map.metrics.conditions import Condition
-from sfr_loc_map.metrics.errors.trajectory_errors import error_figures, error_row
 from sfr_loc_map.metrics.figures.catalogue import STANDING
 from sfr_loc_map.metrics.figures.row_part import MOVING, SUB_TRAJECTORIES
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.formulas import Poses
 from sfr_loc_map.metrics.frames.motion import least_by_rate
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
+from sfr_loc_map.metrics.trajectory.trajectory_errors import error_figures, error_row
 
 TURN_DEG = 1.0  #: Smallest rotation of a point turn, above the typical noise of true attitudes, deg.
 QUARTERS = (0.25, 0.5, 0.75, 1.0)

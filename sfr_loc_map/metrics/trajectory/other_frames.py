@@ -10,12 +10,12 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.metrics.completeness.expected_items import share_of
 from sfr_loc_map.metrics.completeness.shortfall_kinds import BEYOND, BEYOND_MOST
 from sfr_loc_map.metrics.conditions import label_of
-from sfr_loc_map.metrics.errors.trajectory_errors import all_error_figures, error_figures, error_row, errors_of
 from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND, FigureKind
 from sfr_loc_map.metrics.figures.row_part import OTHER_FRAMES
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.placement import PlacedFrames
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
+from sfr_loc_map.metrics.trajectory.trajectory_errors import all_error_figures, error_figures, error_row, errors_of
 
 LEAST_ERROR = 1e-9  #: Errors up to this size, in the unit of the figure, are attributed to rounding.
 NAMED_FRAMES = 5  #: Maximum number of ranges of frames that a message names.

@@ -37,9 +37,8 @@ from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.metrics.conventions.disagreement import ComparedPoses, PoseArrays, eighths
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, poses_of_parent, poses_of_rb
-from sfr_loc_map.metrics.diagnosis.compared_poses import ComparedPoses
-from sfr_loc_map.metrics.diagnosis.disagreement import PoseArrays, eighths
 from sfr_loc_map.metrics.other_formulas import relative_motions
 
 MIN_LEVER_M = 0.05  #: Minimum fitted lever arm. Smaller lever arms are errors of extrinsics, and not another point.

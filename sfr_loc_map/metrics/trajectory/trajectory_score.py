@@ -20,21 +20,6 @@ from sfr_loc_map.metrics.completeness.copies import copy_rows, judged_of_truth
 from sfr_loc_map.metrics.completeness.drive import drive_completeness
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import Reading, TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.consistency import StepSums, nees_rows, sums_of_steps
-from sfr_loc_map.metrics.errors.other_frames import rows_of_other_frames, to_other_frames, unjudged_frames
-from sfr_loc_map.metrics.errors.plot_columns import path_rows, sub_trajectory_rows
-from sfr_loc_map.metrics.errors.standing import rows_of_moving
-from sfr_loc_map.metrics.errors.three_sigma import confidence_rows
-from sfr_loc_map.metrics.errors.trajectory_errors import (
-    all_error_figures,
-    error_rows,
-    errors_of,
-    growth_rows,
-    largest_fraction,
-    overlap_of,
-    select,
-)
-from sfr_loc_map.metrics.errors.truth_error_rows import truth_error_rows, turn_rows
 from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND, STANDING
 from sfr_loc_map.metrics.figures.details import ErrorRows, SubTrajectoryRows, TrajectoryDetails, column
 from sfr_loc_map.metrics.figures.records import Association, TruthRecord
@@ -43,6 +28,21 @@ from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.placement import PlacedFrames, placed_frames
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
+from sfr_loc_map.metrics.trajectory.consistency import StepSums, nees_rows, sums_of_steps
+from sfr_loc_map.metrics.trajectory.other_frames import rows_of_other_frames, to_other_frames, unjudged_frames
+from sfr_loc_map.metrics.trajectory.plot_columns import path_rows, sub_trajectory_rows
+from sfr_loc_map.metrics.trajectory.standing import rows_of_moving
+from sfr_loc_map.metrics.trajectory.trajectory_errors import (
+    all_error_figures,
+    confidence_rows,
+    error_rows,
+    errors_of,
+    growth_rows,
+    largest_fraction,
+    overlap_of,
+    select,
+)
+from sfr_loc_map.metrics.trajectory.truth_error import truth_error_rows, turn_rows
 
 
 def score_trajectory(

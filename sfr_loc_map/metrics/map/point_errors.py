@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics import formulas, other_formulas
-from sfr_loc_map.metrics.errors.pair_truth import PairTruth, check_points
+from sfr_loc_map.metrics.map.pair_truth import PairTruth, check_points
 
 PIXEL_SAMPLES = 2000  #: Number of points per pair whose projection is compared with their pixel.
 

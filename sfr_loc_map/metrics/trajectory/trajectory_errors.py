@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from sfr_loc_map.metrics.formulas import Lengths
 from sfr_loc_map.metrics.frames.association import StampedPoses
 from sfr_loc_map.metrics.frames.placement import PlacedFrames
 from sfr_loc_map.metrics.statistics.intervals import interval95
+from sfr_loc_map.metrics.statistics.tolerance import THREE_SIGMA, Sample, confidence_of, moments
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 
 DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
@@ -25,6 +27,7 @@ DISTANCES_SPACING, DISTANCES_BASE_M = 10, 50.0
 """Minimum number of frames between the starts of these sub-trajectories, and the length, m, beyond which this number is
 proportional to the length, because overlapping sub-trajectories add little information."""
 DISTANCES_MAX_STARTS = 5000  #: Sub-trajectories with more starts within them are ignored: the rover was stationary.
+FRACTIONS = (THREE_SIGMA, 0.95)  #: Fractions of the errors for which the confidence of mean + 3 sigma is stated.
 
 
 def all_error_figures() -> list[FigureKind]:
@@ -138,3 +141,18 @@ def growth_rows(placed: PlacedFrames, spacing: int) -> Iterator[Figure]:
         for kind in error_figures(has_height=placed.truth.has_height):
             if not kind.is_of_all_readings:
                 yield error_row(kind, None, distance_part(metres), sub_trajectories)
+
+
+def confidence_rows(condition: str, errors: FloatArray, overlap: float) -> Iterator[Figure]:
+    """Yield the confidence of mean + 3 sigma of position errors, and the shape and normality of their distribution."""
+    sample = Sample(errors, len(errors) / max(overlap, 1.0))
+    known = moments(sample)
+    counts: dict[str, Any] = {"n": len(errors), "independent": sample.independent}
+    for prob in FRACTIONS:
+        value = None if known is None else confidence_of(3.0, sample.independent, known.shape, prob)
+        yield figure_row("confidence", condition, f"{100.0 * prob:g} % of position errors", value=value, **counts)
+    shape = () if known is None else known.shape
+    for axis, name in enumerate(("second", "third"), 1):
+        ratio = shape[axis] / shape[0] if len(shape) > axis and shape[0] > 0.0 else None
+        yield figure_row("shape", condition, f"{name} principal axis", value=ratio, **counts)
+    yield figure_row("normality", condition, value=None if known is None else known.significance, **counts)

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.completeness.expected_items import share_of
-from sfr_loc_map.metrics.errors.pair_truth import PairTruth
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
+from sfr_loc_map.metrics.map.pair_truth import PairTruth
 
 FOOTPRINTS = 2.0
 """Distance, in pixel footprints Z / f, within which a point of a fused cloud covers a true point. The definition of the

@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.diagnosis.disagreement import MIN_POSES, disagreement_of, eighths, path_lengths
+from sfr_loc_map.metrics.conventions.disagreement import MIN_POSES, disagreement_of, eighths, path_lengths
 from sfr_loc_map.metrics.formulas import Poses, pose_reading
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
