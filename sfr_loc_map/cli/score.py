@@ -52,6 +52,7 @@ from sfr_loc_map.suffixes import HTML_SUFFIXES
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.source_config import SourceConfig
+    from sfr_loc_map.metrics.config import TrajectoryScoreConfig
     from sfr_loc_map.metrics.score.score import Score
     from sfr_loc_map.scoring.inputs import ScoreInputs
     from sfr_loc_map.scoring.request import ScoredRun, ScoreRequest
@@ -303,8 +304,8 @@ class _Outputs(NamedTuple):
             check_suffix(table, TABLE_SUFFIXES)
         claim_outputs(*self, inputs=inputs, overwrite=overwrite)
 
-    def write(self, scored: ScoredRun) -> None:
-        """Print the score, and write all requested files."""
+    def write(self, scored: ScoredRun, config: TrajectoryScoreConfig) -> None:
+        """Print the score, and write all requested files; `config` are the settings of its trajectory."""
         from sfr_loc_map.io.tables.table_file import save_table
         from sfr_loc_map.metrics.map.point_errors import points_table
         from sfr_loc_map.metrics.trajectory.trajectory_score import sub_trajectory_table
@@ -318,9 +319,8 @@ class _Outputs(NamedTuple):
             with secondary_output():
                 save_table(self.points, points_table(made.loaded.cloud, made.truths))
         if self.pieces is not None and drive is not None:
-            settings = scored.config.trajectory
             with secondary_output():
-                table = sub_trajectory_table(drive.estimates, drive.truth, settings, drive.image_stamps_ns)
+                table = sub_trajectory_table(drive.estimates, drive.truth, config, drive.image_stamps_ns)
                 save_table(self.pieces, table)
 
 
@@ -334,7 +334,7 @@ def _scored(inputs: ScoreInputs, request: ScoreRequest, outputs: _Outputs, fused
     if outputs.points is not None and (loaded.cloud is None or loaded.cloud.loaded.cloud is None):
         raise ConfigError("'--points' writes errors of map points: give a cloud with the pixel and pair of each point")
     scored = request.scored(loaded)
-    outputs.write(scored)
+    outputs.write(scored, request.config.trajectory)
     return scored.score
 
 

@@ -3,8 +3,8 @@
 The steps from an estimate and a ground truth to a verdict:
 
     ScoreInputs, InMemory ── load.load_run ──► Run ── conversion.converted_run ──► Run (poses of RB in DS)
-    Run ── score_run: one function of score_parts for trajectory, map and calls ──► ScoreParts
-    ScoreParts ── assembly.score_of_parts: figures, then verdicts by metrics.judging ──► Score
+    Run ── score_run: one function of results for trajectory, map and calls ──► TrajectoryResult, MapResult, CallsResult
+    results ── assembly.score_of_results: figures, then verdicts by metrics.judging ──► Score
 
 `load` reads the files, and `provenance` hashes them. All other steps take values and return values. The modules in the
 order of their use:
@@ -15,8 +15,8 @@ order of their use:
   refuses calls of another run. `input_files` notes the state of each file before reading, so that a changed file is
   refused when the files are hashed. `load_trajectories` reads poses for pages without a score.
 - conventions: `conversion` converts the estimate to poses of RB in DS and diagnoses convention mismatches.
-- score: `score_parts` scores the trajectory, the map and the calls of a run. `assembly` combines these parts into a
-  score with verdicts and warnings. `provenance` collects the hashes of the files, the settings and facts of the host.
+- score: `results` scores the trajectory, the map and the calls of a run. `assembly` makes a score of these results,
+  with verdicts and warnings. `provenance` collects the hashes of the files, the settings and facts of the host.
 - entry points: `score_run` scores a finished run, and `live` a run in progress from its messages. `request` takes the
   options of a user by name, and converts and scores a run with these options (`ScoreRequest.scored`).
 """

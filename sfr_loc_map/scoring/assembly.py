@@ -1,63 +1,69 @@
-"""Assembly of a score from its parts, with verdicts and warnings, for finished and live runs."""
+"""A score from the results of its subjects, with verdicts and warnings, for finished and live runs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.calls.call_stats import method_under_test
 from sfr_loc_map.configuration.parameters import flatten
-from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND
+from sfr_loc_map.metrics.figures.details import Details
 from sfr_loc_map.metrics.figures.records import ConventionRecord, MethodRecord, Provenance
+from sfr_loc_map.metrics.figures.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.score.caveats import reading_caveats
-from sfr_loc_map.metrics.score.joined_parts import score_of_results
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.scoring.inputs import Run
-from sfr_loc_map.scoring.score_parts import ScoreParts
 
 OUTSIDE_SHARE, OUTSIDE_S = 0.5, 0.2
 """A warning is given if the processor time of a method outside its calls exceeds both this fraction of its total
 processor time and this number of seconds."""
 
 
-def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
-    """Return the settings extended by the conditions that only the limits name."""
-    present = [Condition.parse(text).setting for text in config.trajectory.conditions]
-    missing = [] if limits is None else [item for item in limits.conditions if item not in present]
-    conditions = (*config.trajectory.conditions, *missing)
-    return replace(config, trajectory=replace(config.trajectory, conditions=conditions))
-
-
-def score_of_parts(
-    run: Run, parts: ScoreParts, provenance: Provenance | None, config: ScoreConfig, limits: Limits | None
+def score_of_results(
+    run: Run,
+    trajectory: TrajectoryResult,
+    surface: MapResult,
+    calls: CallsResult,
+    provenance: Provenance | None,
+    config: ScoreConfig,
+    limits: Limits | None,
 ) -> Score:
-    """Return the score of the parts of a run, with its verdicts and warnings.
+    """Return the score of the results of a run, with its verdicts and warnings.
 
     The settings of the score are added to the provenance, so that they have the same names in every score.
     """
-    trajectory, surface, calls = parts
-    score = struct_replace(
-        score_of_results(trajectory, surface, calls),
+    method = _method_of(run)
+    details = Details(trajectory=trajectory.details, map=surface.details, calls=dict(calls.plots))
+    score = Score(
+        figures=(*trajectory.figures, *surface.figures, *calls.figures),
+        association=trajectory.association,
+        truth=trajectory.truth,
         provenance=_with_settings(provenance, config),
-        method=_method_of(run),
+        alignment=trajectory.alignment,
+        cloud=surface.cloud,
+        calls=calls.records,
+        target=calls.target,
+        method=method,
         findings=(*run.item.findings, *(finding for item in run.all_calls for finding in item.findings)),
         processes=next((item.processes for item in run.stats if item.processes is not None), None),
         external=run.item.external,
         convention=run.convention,
+        caveats=(*trajectory.caveats, *surface.caveats, *calls.caveats, *run.caveats, *_readable_files(method)),
+        contradiction=trajectory.contradiction,
+        errors=trajectory.errors,
+        details=None if details == Details() else details,
     )
     judged = judged_by(score, limits, partial=config.trajectory.partial)
-    of_method = _readable_files(judged.method)
-    caveats = (*trajectory.caveats, *surface.caveats, *calls.caveats, *run.caveats, *of_method)
-    warnings = _warnings(judged, run, parts, caveats)
-    return struct_replace(judged, warnings=tuple(warnings), caveats=caveats)
+    of_results = (*trajectory.warnings, *surface.warnings, *calls.warnings)
+    warnings = _warnings(judged, run, of_results, trajectory.unjudged)
+    return struct_replace(judged, warnings=tuple(warnings))
 
 
 def _with_settings(provenance: Provenance | None, config: ScoreConfig) -> Provenance | None:
@@ -70,17 +76,20 @@ def _with_settings(provenance: Provenance | None, config: ScoreConfig) -> Proven
     return struct_replace(provenance, configuration=to_plain({**provenance.configuration, **flatten(config)}))
 
 
-def _warnings(judged: Score, run: Run, parts: ScoreParts, caveats: Sequence[str]) -> Iterator[str]:
-    """Yield the warnings of a judged score: about its conversion, its parts, its method and its verdicts."""
+def _warnings(judged: Score, run: Run, of_results: Sequence[str], unjudged: Sequence[str]) -> Iterator[str]:
+    """Yield the warnings of a judged score: about its conversion, its results, its method and its verdicts.
+
+    `unjudged` are the warnings about frames at which no judged sub-trajectory starts or ends. They are given only if a
+    verdict is about these frames.
+    """
     yield from _convention_warnings(judged.convention)
-    for part in parts:
-        yield from part.warnings
-    yield from caveats
+    yield from of_results
+    yield from judged.caveats
     yield from _process_warnings(judged.method, run)
     yield from _partial_warnings(judged)
     yield from reading_caveats(judged)
     if any(item.figure == ERRORS_BEYOND for item in judged.verdicts):
-        yield from parts.trajectory.unjudged
+        yield from unjudged
 
 
 def _partial_warnings(score: Score) -> Iterator[str]:

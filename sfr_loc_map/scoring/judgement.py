@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import naming_key
 from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
 
@@ -50,3 +51,11 @@ def _check_conditions(config: Configuration) -> None:
     with naming_key(f"{config.origin}, conditions"):
         for text in config.sections.get("conditions") or ():
             Condition.parse(text)
+
+
+def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
+    """Return the settings of a score with the conditions that only the limits name."""
+    present = [Condition.parse(text).setting for text in config.trajectory.conditions]
+    missing = [] if limits is None else [item for item in limits.conditions if item not in present]
+    conditions = (*config.trajectory.conditions, *missing)
+    return replace(config, trajectory=replace(config.trajectory, conditions=conditions))

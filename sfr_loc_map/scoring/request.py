@@ -13,9 +13,9 @@ from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig, aligned_
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.scoring.assembly import with_conditions
 from sfr_loc_map.scoring.conversion import converted_run
 from sfr_loc_map.scoring.inputs import Correction, Run
+from sfr_loc_map.scoring.judgement import with_conditions
 from sfr_loc_map.scoring.score_run import score_run
 
 SETTINGS = {
@@ -40,14 +40,13 @@ class ScoredRun(NamedTuple):
 
     score: Score
     run: Run  #: The run with poses of RB in DS.
-    config: ScoreConfig  #: Settings, including the conditions that only the limits name.
 
 
 @dataclass(frozen=True, slots=True)
 class ScoreRequest:
     """Settings, limits and conversion of a score."""
 
-    config: ScoreConfig = field(default_factory=ScoreConfig)
+    config: ScoreConfig = field(default_factory=ScoreConfig)  #: Settings, with the conditions of the limits.
     limits: Limits | None = None  #: Limits by which the score is judged; None: no verdict.
     aligned: AlignedErrorConfig | None = None  #: Settings of APE and RPE; None: they are not computed.
     correction: Correction = field(default_factory=Correction)  #: Conversion of the estimate before it is scored.
@@ -96,7 +95,7 @@ class ScoreRequest:
             "map.scored_to_m": scored_to_m,
         }
         return cls(
-            score_config(conditions, settings, name_of_setting),
+            with_conditions(score_config(conditions, settings, name_of_setting), limits),
             limits,
             aligned_error_config(align, {"max_difference": max_difference, "rpe_delta": rpe_delta}, name_of_setting),
             Correction(PoseConvention.parse(convention), apply_diagnosis),
@@ -109,7 +108,7 @@ class ScoreRequest:
         """
         run = converted_run(loaded, self.config, self.correction)
         score = score_run(run, self.config, self.limits, self.aligned)
-        return ScoredRun(score, run, with_conditions(self.config, self.limits))
+        return ScoredRun(score, run)
 
 
 def _interval(scored_range: object, name: str) -> tuple[object, object]:

@@ -8,13 +8,12 @@ from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig
 from sfr_loc_map.metrics.figures.results import MapResult, TrajectoryResult
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.scoring.assembly import score_of_parts, with_conditions
+from sfr_loc_map.scoring.assembly import score_of_results
 from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch, fitted_unit
 from sfr_loc_map.scoring.inputs import Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.provenance import provenance_of
-from sfr_loc_map.scoring.score_parts import (
-    ScoreParts,
+from sfr_loc_map.scoring.results import (
     calls_result,
     drive_result,
     expected_calls,
@@ -37,23 +36,19 @@ def score_run(
     aligned: AlignedErrorConfig | None = None,
     kept_errors: Collection[tuple[str, str]] = (),
 ) -> Score:
-    """Return the score of a run, including conditions that only the limits name; with `aligned`, also APE and RPE.
+    """Return the score of a run; with `aligned`, also APE and RPE.
 
-    All errors are kept for `kept_errors` and for the figures of the trajectory that have a limit. MetricsError if the
+    All errors are kept for `kept_errors`, and for the figures whose tolerance bound is limited. MetricsError if the
     figures cannot be computed, as `score_trajectory`, `score_map`, `score_target` and `aligned_errors` state.
     InputError if a file was changed while it was scored.
     """
-    config = with_conditions(config, limits)
     finding = _convention_finding(run, config)
-    limited = Limits() if limits is None else limits
-    all_kept = limited.figures_with_all_errors.union(kept_errors)
-    parts = ScoreParts(
-        trajectory=_trajectory_part(run, config, finding, aligned, all_kept),
-        map=_map_part(run, config),
-        calls=calls_result(run, expected_calls(run)),
-    )
-    provenance = provenance_of(run)  # after the parts: refuses files that were changed while they were scored
-    return score_of_parts(run, parts, provenance, config, limits)
+    bounded = frozenset[tuple[str, str]]() if limits is None else limits.bounded_figures
+    trajectory = _trajectory_result(run, config, finding, aligned, bounded.union(kept_errors))
+    surface = _map_result(run, config)
+    calls = calls_result(run, expected_calls(run))
+    provenance = provenance_of(run)  # at the end: refuses files that were changed while they were scored
+    return score_of_results(run, trajectory, surface, calls, provenance, config, limits)
 
 
 def _convention_finding(run: Run, config: ScoreConfig) -> ConventionFinding | None:
@@ -67,7 +62,7 @@ def _convention_finding(run: Run, config: ScoreConfig) -> ConventionFinding | No
     return convention_mismatch(run.drive, config) if finding is None else finding
 
 
-def _trajectory_part(
+def _trajectory_result(
     run: Run,
     config: ScoreConfig,
     finding: ConventionFinding | None,
@@ -80,7 +75,7 @@ def _trajectory_part(
     return result if aligned is None else with_aligned_errors(result, run.drive, aligned)
 
 
-def _map_part(run: Run, config: ScoreConfig) -> MapResult:
+def _map_result(run: Run, config: ScoreConfig) -> MapResult:
     pairs = run.expected.mapping_pairs
     if run.cloud is None:
         return result_without_cloud(run.expected.unmapped, pairs)

@@ -32,7 +32,7 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.replay.message_store import ExternalDrive
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
-from sfr_loc_map.scoring.score_parts import host_result
+from sfr_loc_map.scoring.results import host_result
 from sfr_loc_map.suite_names import Task
 
 

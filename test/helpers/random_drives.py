@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.figures.details import Details
 from sfr_loc_map.metrics.figures.results import TrajectoryResult
 from sfr_loc_map.metrics.frames.association import Estimates
-from sfr_loc_map.metrics.score.joined_parts import score_of_results
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 
@@ -71,4 +71,10 @@ def score_of(estimate: Poses, truth: Poses, config: TrajectoryScoreConfig | None
 
 def as_score(scored: TrajectoryResult) -> Score:
     """A score of a trajectory alone."""
-    return score_of_results(scored)
+    return Score(
+        figures=scored.figures,
+        association=scored.association,
+        truth=scored.truth,
+        errors=scored.errors,
+        details=Details(trajectory=scored.details),
+    )

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
-from sfr_loc_map.metrics.frames.association import Estimates, Frames, Matching, associate, rows_of_images, unique_rows
+from sfr_loc_map.metrics.figures.records import Association
+from sfr_loc_map.metrics.frames.association import Estimates, Frames, associate, rows_of_images, unique_rows
 
 STAMPS = st.lists(st.integers(0, 60), max_size=25, unique=True).map(lambda s: np.array(sorted(s), np.int64))
 
@@ -21,7 +22,7 @@ def poses(stamps: Any) -> Trajectory:
     return Trajectory(np.asarray(stamps, np.int64), x, np.tile([0.0, 0.0, 0.0, 1.0], (len(stamps), 1)))
 
 
-def associated(est: Any, gt: Any, mode: str = "match", tolerance: int = 0, gap: int = 10) -> tuple[Frames, Matching]:
+def associated(est: Any, gt: Any, mode: str = "match", tolerance: int = 0, gap: int = 10) -> tuple[Frames, Association]:
     config = AssociationConfig(truth=mode, tolerance_s=tolerance * 1e-9, max_gap_s=gap * 1e-9)
     return associate(poses(est), poses(gt), config)
 

@@ -284,7 +284,7 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
     found = []
     for most in (100_000, 100):
         monkeypatch.setattr("sfr_loc_map.metrics.trajectory.plot_columns.DETAIL_ROWS", most)
-        scored = score_trajectory(Estimates.of(estimate), truth, config, kept_errors=limits.figures_with_all_errors)
+        scored = score_trajectory(Estimates.of(estimate), truth, config, kept_errors=limits.bounded_figures)
         score = Score(
             figures=scored.figures,
             association=scored.association,
@@ -302,12 +302,13 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
         assert fault_of_verdicts(score, with_verdicts(without_errors)) is not None
 
 
-def test_the_errors_of_each_limited_figure_of_a_drive_are_kept() -> None:
+def test_the_errors_of_figures_with_a_limited_bound_are_kept() -> None:
+    entry = {"limit": 0.5, "prob": 0.8, "confidence": 0.8}
     content = {
-        "trajectory": [{"condition": "distance=5", "position_p95_m": 1.0}],
+        "trajectory": [{"condition": "distance=5", "position_bound_m": entry, "chord_p95_m": 1.0}],
         "timing": {"localisation_max_s": 1.0},
     }
-    assert parse_limits(content, "limits").figures_with_all_errors == {("position", "distance=5")}
+    assert parse_limits(content, "limits").bounded_figures == {("position", "distance=5")}
 
 
 def test_a_limit_on_horizontal_errors_is_judged_by_each_reading() -> None:
@@ -366,7 +367,7 @@ def test_a_bound_is_made_of_all_errors_with_plots_and_without(monkeypatch: pytes
     for most, details in ((100_000, True), (100, True), (100, False)):
         monkeypatch.setattr("sfr_loc_map.metrics.trajectory.plot_columns.DETAIL_ROWS", most)
         scored = score_trajectory(
-            Estimates.of(estimate), truth, config, details=details, kept_errors=limits.figures_with_all_errors
+            Estimates.of(estimate), truth, config, details=details, kept_errors=limits.bounded_figures
         )
         score = Score(
             figures=scored.figures,

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from helpers.random_drives import as_score
 from helpers.scored_drives import straight
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.score.joined_parts import score_of_results
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 
 
@@ -24,7 +24,7 @@ def test_the_worked_example_has_its_numbers(certain: bool, state: str) -> None:
     estimate = Trajectory(truth.stamps_ns, positions, truth.quats_xyzw)
     entry = {"condition": "distance=5", "position_mean_plus_3sigma_m": 0.1, "certain": certain}
     scored = score_trajectory(Estimates.of(estimate), truth, TrajectoryScoreConfig())
-    score = judged_by(score_of_results(scored), parse_limits({"trajectory": [entry]}, "limits"))
+    score = judged_by(as_score(scored), parse_limits({"trajectory": [entry]}, "limits"))
     row = score.judged_row("position")
     assert row is not None
     assert (row.n, row.independent) == (26, pytest.approx(5.2))

@@ -53,7 +53,7 @@ from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.runs.mapper_run import MapRun, run_mapper
 from sfr_loc_map.scoring.inputs import Correction, Run, ScoreInputs
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
-from sfr_loc_map.scoring.score_parts import kinds_of_external_nodes
+from sfr_loc_map.scoring.results import kinds_of_external_nodes
 from sfr_loc_map.scoring.score_run import score_files, score_run
 from sfr_loc_map.suite_names import Task
 

@@ -39,10 +39,11 @@ from sfr_loc_map.metrics.completeness.gaps import (
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import AssociationMode
 from sfr_loc_map.metrics.figures.catalogue import HIDDEN_CONDITIONS, IN_GAPS
+from sfr_loc_map.metrics.figures.records import Association
 from sfr_loc_map.metrics.figures.row_part import DISTANCE, TIME, RowPart
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.figures.subjects import Scope
-from sfr_loc_map.metrics.frames.association import Matching, nearness_ns
+from sfr_loc_map.metrics.frames.association import nearness_ns
 from sfr_loc_map.metrics.frames.placement import PlacedFrames
 
 DOUBLED_SHARE = 0.1  #: A file contains two runs if the fraction of repeated stamps with another position exceeds this.
@@ -68,11 +69,10 @@ def drive_completeness(
     `estimate` contains the estimates as given, before an alignment. `image_stamps_ns` is None if the images are
     unknown. MetricsError if the estimate or the truth contains two runs.
     """
-    matching = placed.matching
     estimates_ns = single_run_stamps(estimate, "estimate")
     single_run_stamps(placed.truth, "ground truth")
     path = true_path(placed.truth, estimates_ns, in_flight_ns)
-    truth = TruthCoverage.of(path.stamps_ns, matching)
+    truth = TruthCoverage.of(path.stamps_ns, placed.association)
     expected_ns = expected_stamps(image_stamps_ns, estimates_ns, truth, in_flight_ns)
     coverage = coverage_of(expected_ns, estimates_ns, placed.frames.stamps_ns, truth)
     if image_stamps_ns is None:
@@ -116,10 +116,10 @@ class TruthCoverage(NamedTuple):
     max_gap_ns: int  #: Longest gap of the truth that is interpolated.
 
     @classmethod
-    def of(cls, stamps_ns: IntArray, matching: Matching) -> TruthCoverage:
+    def of(cls, stamps_ns: IntArray, association: Association) -> TruthCoverage:
         """Return the coverage by true poses with the settings of an association."""
-        tolerance_ns = round(matching.tolerance_s * NS_PER_S)
-        return cls(stamps_ns, matching.mode, tolerance_ns, round(matching.max_gap_s * NS_PER_S))
+        tolerance_ns = round(association.tolerance_s * NS_PER_S)
+        return cls(stamps_ns, association.mode, tolerance_ns, round(association.max_gap_s * NS_PER_S))
 
     def spans(self, expected_ns: IntArray, near_ns: int) -> Mask:
         """Return which ascending stamps the ground truth covers.
@@ -245,12 +245,12 @@ def coverage_rows(coverage: Coverage) -> Iterator[Figure]:
 
 def pose_rows(placed: PlacedFrames, unique_estimates: int) -> Iterator[Figure]:
     """Yield the rows of frames and estimates; `unique_estimates` is the number of distinct stamps of the estimates."""
-    matching = placed.matching
+    poses = placed.association
     states = placed.states
-    yield from share_rows("lost", states.lost, matching.matched)
-    yield from share_rows("degraded", states.degraded, matching.matched)
-    yield from share_rows("unmatched", unique_estimates - matching.matched, unique_estimates)
-    yield from share_rows("doubled", matching.estimate_duplicates, matching.estimate_poses)
+    yield from share_rows("lost", states.lost, poses.matched)
+    yield from share_rows("degraded", states.degraded, poses.matched)
+    yield from share_rows("unmatched", unique_estimates - poses.matched, unique_estimates)
+    yield from share_rows("doubled", poses.estimate_duplicates, poses.estimate_poses)
 
 
 def rows_without_poses(images: int) -> Iterator[Figure]:

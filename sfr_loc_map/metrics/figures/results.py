@@ -1,6 +1,6 @@
 """The results of the trajectory, the map and the calls, of which a score consists.
 
-`trajectory.trajectory_score`, `map.map_score` and `calls.call_score` compute them, `scoring.score_parts` adds
+`trajectory.trajectory_score`, `map.map_score` and `calls.call_score` compute them, `scoring.results` adds
 warnings, and `scoring.assembly` combines them into a score. A result has no figures if the run has no such data.
 """
 
@@ -32,7 +32,7 @@ class TrajectoryResult(SubjectResult):
     alignment: Alignment | None = None  #: How APE and RPE were computed; None if they were not requested.
     contradiction: str | None = None  #: Convention mismatch of estimate and truth; None if there is none.
     unjudged: tuple[str, ...] = ()  #: Warnings about unjudged frames (`other frames`) with far larger errors.
-    errors: tuple[ErrorRows, ...] = ()  #: All errors of the figures that limits require.
+    errors: tuple[ErrorRows, ...] = ()  #: All errors of the figures whose tolerance bound is limited.
     details: TrajectoryDetails | None = None  #: Data of the plots; with the frames only if they are requested.
 
 

@@ -18,6 +18,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory, horizontal
 from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
+from sfr_loc_map.metrics.figures.records import Association
 from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, STEP_SIZE
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
@@ -142,28 +143,6 @@ class Frames(NamedTuple):
         return StampedPoses(self.stamps_ns, self.position, self.attitude)
 
 
-class Matching(NamedTuple):
-    """The settings of an association, and the numbers of poses in each category (`figures.records.Association`)."""
-
-    mode: AssociationMode  #: `match` or `interpolate`.
-    tolerance_s: float
-    max_gap_s: float
-    matched: int
-    estimate_poses: int
-    truth_poses: int
-    estimate_duplicates: int
-    truth_duplicates: int
-    estimate_unordered: int
-    truth_unordered: int
-    exact: int
-    near: int
-    interpolated: int
-    largest_difference_ns: int
-    beside_images: int
-    largest_image_difference_ns: int
-    largest_gap_ns: int
-
-
 class Matches(NamedTuple):
     """Rows of the estimates and of the true poses whose stamps agree, in ascending order of the stamps."""
 
@@ -174,7 +153,7 @@ class Matches(NamedTuple):
 
 def associate(
     estimate: Trajectory, truth: Trajectory, config: AssociationConfig, images_ns: IntArray | None = None
-) -> tuple[Frames, Matching]:
+) -> tuple[Frames, Association]:
     """Return the frames, and the mode and the numbers of poses in each category.
 
     If the stamps of the images are given, only the nearest estimate to each image can be a frame. MetricsError for an
@@ -202,7 +181,7 @@ def associate(
     from_images = np.empty(0, np.int64)
     if images_ns is not None and len(images_ns):
         _, from_images = nearest_stamps(estimate.stamps_ns[frames.estimate_rows], images_ns)
-    matching = Matching(
+    association = Association(
         mode=mode,
         tolerance_s=config.tolerance_s,
         max_gap_s=config.max_gap_s,
@@ -221,7 +200,7 @@ def associate(
         largest_image_difference_ns=int(from_images.max(initial=0)),
         largest_gap_ns=int(gaps.max(initial=0)),
     )
-    return frames, matching
+    return frames, association
 
 
 def check_attitudes(estimate: Trajectory) -> None:

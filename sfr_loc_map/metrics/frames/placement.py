@@ -20,8 +20,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth, at_poin
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.config import AssociationConfig, Reading, TrajectoryScoreConfig
+from sfr_loc_map.metrics.figures.records import Association
 from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses
-from sfr_loc_map.metrics.frames.association import Estimates, Frames, Matching, StateCounts, associate, check_attitudes
+from sfr_loc_map.metrics.frames.association import Estimates, Frames, StateCounts, associate, check_attitudes
 from sfr_loc_map.metrics.frames.true_attitudes import check_true_attitudes, known_attitudes
 from sfr_loc_map.metrics.frames.umeyama import umeyama
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
@@ -64,7 +65,7 @@ class PlacedFrames(NamedTuple):
     """
 
     frames: Frames
-    matching: Matching
+    association: Association  #: Mode of the association, and the numbers of poses in each category.
     estimates: Estimates
     truth: Truth
     configured_reading: Reading  #: Reading of the setting `rebase`, which judges estimates that were not aligned.
@@ -74,7 +75,7 @@ class PlacedFrames(NamedTuple):
 
     @property
     def reading(self) -> Reading:
-        """The judged reading of the specification."""
+        """The reading of the specification by which limits are judged."""
         return self.configured_reading if self.placement is None else self.placement.reading
 
     @property
@@ -123,17 +124,17 @@ def placed_frames(
         check_true_attitudes(truth, "a condition turn=DEG", "omit it")
     if truth.has_attitude:
         placement = None
-        frames, matching = associate(estimates.trajectory, truth, config.association, images_ns)
+        frames, association = associate(estimates.trajectory, truth, config.association, images_ns)
         frames = frames._replace(true_attitude=known_attitudes(truth, frames.true_attitude, frames.attitude))
     else:
-        estimates, frames, matching, placement = associate_positions(estimates, truth, config.association, images_ns)
+        estimates, frames, association, placement = associate_positions(estimates, truth, config.association, images_ns)
     true_position = frames.true_position
     if not truth.has_height:
         true_position = true_position.copy()
         true_position[:, 2] = np.nan
     return PlacedFrames(
         frames=frames,
-        matching=matching,
+        association=association,
         estimates=estimates,
         truth=truth,
         configured_reading=Reading(config.rebase),
@@ -145,7 +146,7 @@ def placed_frames(
 
 def associate_positions(
     estimates: Estimates, truth: Truth, config: AssociationConfig, images_ns: IntArray | None = None
-) -> tuple[Estimates, Frames, Matching, Placement]:
+) -> tuple[Estimates, Frames, Association, Placement]:
     """Return estimates of the point that the truth tracks, their frames, and the alignment with the truth.
 
     Yaw and translation are fitted by least squares, because neither vision nor gravity observes them (Zhang, Scaramuzza
@@ -155,7 +156,7 @@ def associate_positions(
     """
     check_attitudes(estimates.trajectory)
     poses = at_point(estimates.trajectory, truth.lever_arm_m)
-    frames, matching = associate(poses, truth, config, images_ns)
+    frames, association = associate(poses, truth, config, images_ns)
     turn, translation, tilt_deg = np.eye(3), np.zeros(3), None
     if len(frames.stamps_ns):
         middle, true_middle = frames.position.mean(axis=0), frames.true_position.mean(axis=0)
@@ -166,7 +167,7 @@ def associate_positions(
         frames = frames._replace(position=frames.position @ turn.T + translation, attitude=attitude)
     known = replace(estimates, trajectory=poses, covariance=None, steps=None)  # neither applies to the aligned poses
     yaw_deg = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
-    return known, frames, matching, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
+    return known, frames, association, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
 
 
 def fitted_rotation(

@@ -281,13 +281,12 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
         return list(dict.fromkeys(item.condition for item in self.limits if item.condition is not None))
 
     @property
-    def figures_with_all_errors(self) -> frozenset[tuple[str, str]]:
-        """Limited figures of the trajectory and their conditions.
+    def bounded_figures(self) -> frozenset[tuple[str, str]]:
+        """Figures and conditions with a limited tolerance bound.
 
-        A score contains all their errors, from which tolerance bounds are derived again.
+        A score contains all their errors, from which the bounds are derived again.
         """
-        limits = [item for item in self.limits if item.section is LimitSection.TRAJECTORY]
-        pairs = ((item.limited.figure, item.condition) for item in limits)
+        pairs = ((item.limited.figure, item.condition) for item in self.limits if item.terms is not None)
         return frozenset((figure, condition) for figure, condition in pairs if condition is not None)
 
 

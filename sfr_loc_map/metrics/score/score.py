@@ -79,7 +79,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     incomplete: str | None = None  #: Expected data that cannot be judged; null if there are none.
     #: Rules by which the verdicts follow from the figures; null without limits and partial judging.
     rules: Rules | None = None
-    errors: tuple[ErrorRows, ...] = ()  #: All errors of the limited figures of the trajectory.
+    errors: tuple[ErrorRows, ...] = ()  #: All errors of the figures whose tolerance bound is limited.
     details: Details | None = None  #: Data of the plots.
     content_sha256: str | None = None  #: Hash of all other values of a file; null for a score in memory.
 

@@ -1,14 +1,15 @@
-"""The trajectory score: association, sub-trajectories, errors and statistics [4.1, 4.2.3].
+"""The trajectory score [4.1, 4.2.3]: associate, select, compute the errors, summarise (`score_trajectory`).
 
-The formulas are in `metrics.formulas`. The same function scores files and live runs.
+The formulas are in `metrics.formulas`. The same function scores files and live runs. `metrics.judging` judges the rows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
@@ -66,98 +67,52 @@ def score_trajectory(
     no attitudes, or if the estimate or the truth contains two runs. MetricsError also if no estimate has a ground
     truth, unless the run `is_live`, because what a live run received is always scored.
     """
+    # associate
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)
-    if not placed.matching.matched and not is_live:
+    if not placed.association.matched and not is_live:
         raise MetricsError(nothing_matched(estimates.trajectory, truth))
-    judged = judged_sub_trajectories(conditions, placed, config.spacing)
+    stamps_ns = placed.frames.stamps_ns
     drive = drive_completeness(estimates.trajectory, placed, conditions, image_stamps_ns, in_flight_ns)
-    sums = step_sums(placed, judged.values())
-    results = [
-        result_of_condition(condition, each, placed, config.spacing, sums, kept_errors)
-        for condition, each in judged.items()
-    ]
-    of_conditions = [row for result in results for row in result.figures]
-    frames = placed.frames if placed.truth.has_height else placed.frames.without_heights()
-    figures = (
-        *of_conditions,
-        *rows_over_conditions(of_conditions),
-        *growth_rows(placed, config.spacing),
-        *truth_error_rows(placed.truth, interpolated_stamps(placed)),
-        *drive.rows,
-        *copy_rows(frames, placed.truth, placed.is_reported, interpolated=placed.matching.interpolated > 0),
-        judged_of_truth(frames, [(each.starts, each.ends) for each in judged.values()]),
-    )
+
+    # select the sub-trajectories of each condition, and compute their errors
+    selected = selected_sub_trajectories(conditions, placed, config.spacing)
+
+    # summarise
+    sums = step_sums(placed, selected.values())
+    figures: list[Figure] = []
+    plotted: list[SubTrajectoryRows] = []
+    errors: list[ErrorRows] = []
+    unjudged: list[str] = []
+    for condition, judged in selected.items():
+        name = condition.setting
+        overlap = overlap_of(judged.starts, judged.ends, config.spacing)
+        others = to_other_frames(judged, placed)
+        of_other_frames = list(rows_of_other_frames(name, judged, others, placed))
+        figures += error_rows(name, judged, overlap, placed)
+        figures += consistency_rows(name, judged, overlap, placed, sums)
+        figures += of_other_frames
+        figures += rows_of_moving(condition, judged, overlap, placed.truth, stamps_ns)
+        plotted.append(sub_trajectory_rows(name, judged, stamps_ns, placed.length_m))
+        errors += error_columns(name, judged, kept_errors)
+        unjudged += unjudged_frames(name, judged, others, len(stamps_ns), of_other_frames)
+    figures += list(rows_over_conditions(figures))
+    figures += growth_rows(placed, config.spacing)
+    figures += truth_error_rows(placed.truth, interpolated_stamps(placed))
+    figures += drive.rows
+    figures += rows_of_copies(placed, selected.values())
     path = path_rows(placed.estimates, placed.frames, placed.length_m) if details else None
     return ScoredTrajectory(
-        figures=figures,
+        figures=tuple(figures),
         association=association_record(placed, config.spacing, drive.images),
         truth=truth_record(placed),
-        details=TrajectoryDetails(path=path, sub_trajectories=tuple(result.rows for result in results)),
-        errors=tuple(errors for result in results for errors in result.errors),
-        unjudged=tuple(text for result in results for text in result.unjudged),
+        details=TrajectoryDetails(path=path, sub_trajectories=tuple(plotted)),
+        errors=tuple(errors),
+        unjudged=tuple(unjudged),
     )
 
 
-class ConditionResult(NamedTuple):
-    """The part of a score from the sub-trajectories of one condition."""
-
-    figures: tuple[Figure, ...]
-    rows: SubTrajectoryRows  #: Data of the plots.
-    errors: tuple[ErrorRows, ...]  #: All errors of the figures that limits require.
-    unjudged: tuple[str, ...]  #: Warnings about frames outside the judged sub-trajectories with far larger errors.
-
-
-def rows_over_conditions(of_conditions: Sequence[Figure]) -> Iterator[Figure]:
-    """Yield the largest fractions over the conditions.
-
-    They are the fractions of frames with far larger errors, and of sub-trajectories that a stationary rover adds.
-    """
-    if (beyond := largest_fraction(of_conditions, ERRORS_BEYOND)) is not None:
-        yield beyond
-    yield largest_fraction(of_conditions, STANDING) or figure_row(STANDING, n=0)
-
-
-def judged_sub_trajectories(
-    conditions: Sequence[Condition], placed: PlacedFrames, spacing: int
-) -> dict[Condition, SubTrajectories]:
-    """Return the sub-trajectories of each condition, with their errors by the judged reading."""
-    return {
-        condition: placed.sub_trajectories(*select(condition, spacing, placed.frames.truth, placed.length_m))
-        for condition in conditions
-    }
-
-
-def interpolated_stamps(placed: PlacedFrames, frames: IntArray | slice = slice(None)) -> IntArray:
-    """Return the stamps of frames at which the truth has an error of interpolation: none without interpolation."""
-    stamps_ns = placed.frames.stamps_ns[frames]
-    return stamps_ns if placed.matching.interpolated else stamps_ns[:0]
-
-
-def result_of_condition(
-    condition: Condition,
-    judged: SubTrajectories,
-    placed: PlacedFrames,
-    spacing: int,
-    sums: Mapping[int, StepSums],
-    kept_errors: Collection[tuple[str, str]],
-) -> ConditionResult:
-    """Return the part of a score from the sub-trajectories of one condition."""
-    name = condition.setting
-    overlap = overlap_of(judged.starts, judged.ends, spacing)
-    others = to_other_frames(judged, placed)
-    of_other_frames = tuple(rows_of_other_frames(name, judged, others, placed))
-    return ConditionResult(
-        figures=(
-            *error_rows(name, judged, overlap, placed),
-            *consistency_rows(name, judged, overlap, placed, sums),
-            *of_other_frames,
-            *rows_of_moving(condition, judged, overlap, placed.truth, placed.frames.stamps_ns),
-        ),
-        rows=sub_trajectory_rows(name, judged, placed.frames.stamps_ns, placed.length_m),
-        errors=tuple(error_columns(name, judged, kept_errors)),
-        unjudged=tuple(unjudged_frames(name, judged, others, len(placed.frames.stamps_ns), of_other_frames)),
-    )
+# ---- selection
 
 
 def parsed_conditions(config: TrajectoryScoreConfig) -> list[Condition]:
@@ -165,6 +120,16 @@ def parsed_conditions(config: TrajectoryScoreConfig) -> list[Condition]:
     if not config.conditions:
         raise MetricsError("no condition of sub-trajectories is given: give at least one, such as distance=5")
     return list(dict.fromkeys(Condition.parse(text) for text in config.conditions))
+
+
+def selected_sub_trajectories(
+    conditions: Sequence[Condition], placed: PlacedFrames, spacing: int
+) -> dict[Condition, SubTrajectories]:
+    """Return the sub-trajectories of each condition, with their errors by the judged reading."""
+    return {
+        condition: placed.sub_trajectories(*select(condition, spacing, placed.frames.truth, placed.length_m))
+        for condition in conditions
+    }
 
 
 def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:
@@ -178,6 +143,25 @@ def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:
         f"no estimate has a ground truth at its stamp: the estimate has {spans[0]}, the ground truth has {spans[1]}; "
         "give trajectories of the same drive and clock (sfr score --diagnose estimates the offset of the stamps)"
     )
+
+
+# ---- rows
+
+
+def rows_over_conditions(of_conditions: Sequence[Figure]) -> Iterator[Figure]:
+    """Yield the largest fractions over the conditions.
+
+    They are the fractions of frames with far larger errors, and of sub-trajectories that a stationary rover adds.
+    """
+    if (beyond := largest_fraction(of_conditions, ERRORS_BEYOND)) is not None:
+        yield beyond
+    yield largest_fraction(of_conditions, STANDING) or figure_row(STANDING, n=0)
+
+
+def interpolated_stamps(placed: PlacedFrames, frames: IntArray | slice = slice(None)) -> IntArray:
+    """Return the stamps of frames at which the truth has an error of interpolation: none without interpolation."""
+    stamps_ns = placed.frames.stamps_ns[frames]
+    return stamps_ns if placed.association.interpolated else stamps_ns[:0]
 
 
 def consistency_rows(
@@ -205,7 +189,14 @@ def error_columns(
             yield ErrorRows(figure=kind.name, condition=condition, errors=columns)
 
 
-def step_sums(placed: PlacedFrames, judged: Collection[SubTrajectories]) -> dict[int, StepSums]:
+def rows_of_copies(placed: PlacedFrames, selected: Collection[SubTrajectories]) -> Iterator[Figure]:
+    """Yield the rows of the poses and of the selected motions that are copies of the truth or of the previous pose."""
+    frames = placed.frames if placed.truth.has_height else placed.frames.without_heights()
+    yield from copy_rows(frames, placed.truth, placed.is_reported, interpolated=placed.association.interpolated > 0)
+    yield judged_of_truth(frames, [(each.starts, each.ends) for each in selected])
+
+
+def step_sums(placed: PlacedFrames, selected: Collection[SubTrajectories]) -> dict[int, StepSums]:
     """Return the sums of steps up to each estimate at which a sub-trajectory starts or ends, by estimate.
 
     The result is empty if the estimates have no covariances of steps.
@@ -213,7 +204,7 @@ def step_sums(placed: PlacedFrames, judged: Collection[SubTrajectories]) -> dict
     estimates = placed.estimates
     if estimates.steps is None or estimates.covariance is None:
         return {}
-    compared = np.unique(np.concatenate([frames for each in judged for frames in (each.starts, each.ends)]))
+    compared = np.unique(np.concatenate([frames for each in selected for frames in (each.starts, each.ends)]))
     return sums_of_steps(estimates, estimates.steps, placed.frames.estimate_rows[compared])
 
 
@@ -224,8 +215,8 @@ def association_record(placed: PlacedFrames, spacing: int, images: int | None) -
     """Return how the estimates were associated with the truth; `images` is None if they are unknown."""
     stamps_ns = placed.frames.stamps_ns
     has_frames = len(stamps_ns) > 0
-    return Association(
-        **placed.matching._asdict(),
+    return replace(
+        placed.association,
         **placed.states._asdict(),
         images=images,
         spacing_frames=spacing,
@@ -272,8 +263,8 @@ def sub_trajectory_table(
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)
     parts = [
-        table_part(condition.setting, reading, placed.sub_trajectories(judged.starts, judged.ends, reading), placed)
-        for condition, judged in judged_sub_trajectories(conditions, placed, config.spacing).items()
+        table_part(condition.setting, reading, placed.sub_trajectories(selected.starts, selected.ends, reading), placed)
+        for condition, selected in selected_sub_trajectories(conditions, placed, config.spacing).items()
         for reading in placed.readings
     ]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

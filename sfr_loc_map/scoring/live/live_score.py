@@ -1,4 +1,4 @@
-"""The score of a run in progress, assembled from the same parts as the score of a finished run."""
+"""The score of a run in progress, made of the same results as the score of a finished run."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ from sfr_loc_map.metrics.figures.records import Provenance
 from sfr_loc_map.metrics.figures.results import CallsResult, MapResult
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.scoring.assembly import score_of_parts, with_conditions
+from sfr_loc_map.scoring.assembly import score_of_results
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import Run
-from sfr_loc_map.scoring.score_parts import (
-    ScoreParts,
+from sfr_loc_map.scoring.results import (
     calls_result,
     drive_result,
     expected_calls,
@@ -75,8 +74,6 @@ class LiveData:
 
 def score_so_far(received: LiveData, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:
     """Return the score of a run in progress."""
-    config = with_conditions(config, limits)
-    limited = Limits() if limits is None else limits
     run = received.run
     trajectory = result_without_poses(run.expected.unposed_images)
     if run.drive is not None:
@@ -84,7 +81,7 @@ def score_so_far(received: LiveData, live: LiveRun, config: ScoreConfig, limits:
             run.drive,
             config.trajectory,
             received.convention_finding,
-            limited.figures_with_all_errors,
+            frozenset() if limits is None else limits.bounded_figures,
             details=live.details,
             is_live=True,
             in_flight_ns=live.in_flight_ns,
@@ -93,8 +90,8 @@ def score_so_far(received: LiveData, live: LiveRun, config: ScoreConfig, limits:
     if not live.details:
         surface = replace(surface, details=None)
     calls = calls_result(run, _due_calls(run, live.in_flight_ns), details=live.details)
-    parts = ScoreParts(trajectory, surface, _with_transport(calls, live, received.messages))
-    return score_of_parts(run, parts, live.provenance, config, limits)
+    calls = _with_transport(calls, live, received.messages)
+    return score_of_results(run, trajectory, surface, calls, live.provenance, config, limits)
 
 
 def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:

@@ -23,6 +23,7 @@ from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch
 from sfr_loc_map.scoring.inputs import DriveToScore, ExpectedPairs, Run
+from sfr_loc_map.scoring.judgement import with_conditions
 from sfr_loc_map.scoring.live.live_maps import LiveMaps, MapInputs, MapToScore
 from sfr_loc_map.scoring.live.live_score import ENDED, LiveData, LiveRun, score_so_far
 from sfr_loc_map.scoring.live.received_rows import ReceivedRows
@@ -46,7 +47,7 @@ class MonitorScore:
     def __init__(self, config: ScoreConfig, limits: Limits | None, body: TrackedBodyConfig = RB_ITSELF) -> None:
         """Start a run, judged by limits if there are any. `body` is the tracked body of the true poses."""
         self.map_inputs = MapInputs()
-        self._config = config
+        self._config = with_conditions(config, limits)
         self._limits = limits
         self._body = body
         self.restart()

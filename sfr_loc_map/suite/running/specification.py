@@ -117,9 +117,7 @@ class SuiteSpecification:
     @property
     def kept_errors(self) -> tuple[tuple[str, str], ...]:
         """Figures and conditions with a limited tolerance bound, which requires the errors of all drives."""
-        limits = () if self.limits is None else self.limits.limits
-        pairs = ((item.limited.figure, item.condition) for item in limits if item.terms is not None)
-        return tuple(sorted({(figure, condition) for figure, condition in pairs if condition is not None}))
+        return () if self.limits is None else tuple(sorted(self.limits.bounded_figures))
 
 
 def load_specification(path: Path | str) -> SuiteSpecification:

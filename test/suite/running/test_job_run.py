@@ -39,11 +39,11 @@ def threads_restored() -> Iterator[None]:
 def test_a_replay_keeps_the_errors_of_figures_with_a_limited_bound(bound: str, tmp_path: Path) -> None:
     terms = {"limit": 0.1, "prob": 0.95, "confidence": 0.95, "interpretation": "ensemble"}
     limits = parse_limits({"trajectory": [{"condition": "distance=1", bound: terms}]}, "limits")
-    kept = limits.figures_with_all_errors
+    kept = limits.bounded_figures
     assert kept
     options = replay_options(replace(REPLAY, kept_errors=tuple(kept)), tmp_path)
     given = load_limits(Path(options[options.index("--limits") + 1]))
-    assert given.figures_with_all_errors == kept
+    assert given.bounded_figures == kept
     assert "--limits" not in replay_options(REPLAY, tmp_path)
 
 

@@ -1,15 +1,14 @@
-"""The parts of a score from the trajectory, the map and the calls of a run, for files and live runs.
+"""The results of the trajectory, the map and the calls of a run, for files and live runs.
 
-`metrics.figures.results` defines the result of each part. The functions take values and are independent of the source
-of the run. `score_run` (a finished run) and `live_score.score_so_far` (a run in progress) compute the parts, and
-`assembly.score_of_parts` combines them.
+`metrics.figures.results` defines the results. The functions take values and are independent of the source of the run.
+`score_run` (a finished run) and `live_score.score_so_far` (a run in progress) compute the results, and
+`assembly.score_of_results` makes a score of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace as struct_replace
@@ -59,14 +58,6 @@ A single missing estimate leaves a gap of two periods, which is not uneven."""
 MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Matching errors are smaller.
 
 
-class ScoreParts(NamedTuple):
-    """The parts of a score, from which the verdicts are derived."""
-
-    trajectory: TrajectoryResult
-    map: MapResult
-    calls: CallsResult
-
-
 # ---- the trajectory
 
 
@@ -80,7 +71,7 @@ def drive_result(
     is_live: bool = False,
     in_flight_ns: int = 0,
 ) -> TrajectoryResult:
-    """Return the part of a score from a trajectory; `finding` is about the conventions of estimate and truth.
+    """Return the result of a trajectory; `finding` is about the conventions of estimate and truth.
 
     A live run is scored even if no estimate has a ground truth. Results of the last `in_flight_ns` may still arrive.
     """
@@ -161,7 +152,7 @@ def sparse_and_dense_shares(stamps_ns: IntArray) -> tuple[float, float]:
 
 
 def map_result(made: CloudToScore, config: MapScoreConfig, expected_pairs: int | None) -> MapResult:
-    """Return the part of a score from a cloud; `expected_pairs` is the number of source pairs, None if unknown."""
+    """Return the result of a cloud; `expected_pairs` is the number of source pairs, None if unknown."""
     loaded, truths = made.loaded, made.truths
     if loaded.cloud is None:
         return score_nearest(loaded.xyz, truths, config, expected_pairs=expected_pairs, not_finite=loaded.not_finite)
@@ -194,7 +185,7 @@ def _pixel_warnings(cloud: PointCloud, truths: Sequence[PairTruth]) -> Iterator[
 
 
 def calls_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool = True) -> CallsResult:
-    """Return the part of a score from the calls; `expected_ns` are the stamps of the pairs that should have a call."""
+    """Return the result of the calls; `expected_ns` are the stamps of the pairs that should have a call."""
     of_host = host_result(run, expected_ns, details=details)
     return of_host if run.target is None else with_target(of_host, run, run.target, expected_ns)
 
