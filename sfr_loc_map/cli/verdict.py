@@ -101,7 +101,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
 
 def _failures_of(score: Score) -> Iterator[str]:
     """Yield why a score fails: failures of the method, the contradiction, incomplete data, and missed limits."""
-    from sfr_loc_map.metrics.judging.reasons import names_of_incomplete_parts
+    from sfr_loc_map.metrics.judging.reasons import names_of_incomplete_scopes
     from sfr_loc_map.report.verdict_view import VerdictView
 
     if score.fatal_findings:
@@ -109,7 +109,7 @@ def _failures_of(score: Score) -> Iterator[str]:
     if score.contradiction is not None:
         yield f"not judged: {score.contradiction}"
     if score.incomplete is not None:
-        yield f"incomplete data ({names_of_incomplete_parts(score)})"
+        yield f"incomplete data ({names_of_incomplete_scopes(score)})"
     views = [VerdictView.of(item) for item in score.on_limits if item.state is VerdictState.FAIL]
     if views:
         missed = "; ".join(f"{view.name}: {view.comparison}" for view in views)

@@ -66,8 +66,10 @@ class Condition:
             raise MetricsError(f"'{self.kind}={self.value:g}' is not a condition: {VALUES_OF_CONDITIONS}")
         if not self.others:
             return
-        if any(part.others for part in self.others):
-            raise MetricsError(f"'{self.setting}' has a part with parts: give each part as a condition of one kind")
+        if any(each.others for each in self.others):
+            raise MetricsError(
+                f"'{self.setting}' has a component with components: give each component as a condition of one kind"
+            )
         if len({each.kind for each in self.components}) < len(self.components):
             raise MetricsError(f"'{self.setting}' has the same kind of condition twice: give each kind once")
         first, *others = sorted(self.components, key=lambda each: list(ConditionKind).index(each.kind))

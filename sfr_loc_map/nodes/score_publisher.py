@@ -68,7 +68,7 @@ class ScorePacing:
 
 
 def figure_topics() -> dict[str, tuple[str, str]]:
-    """Return figure and statistic by topic (`metrics/position/mean`); config/sros2_policy.xml lists these topics."""
+    """Return figure and statistic by topic (`metrics/position/mean`)."""
     return {
         f"metrics/{kind.topic}/{statistic}": (kind.name, statistic)
         for kind in KINDS.values()

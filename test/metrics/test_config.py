@@ -41,7 +41,7 @@ def test_a_setting_out_of_range_is_refused(make: Callable[[], object], words: st
     [
         ((Condition(DISTANCE, 10.0),), "the same kind of condition twice"),
         ((Condition(TIME, 10.0), Condition(TIME, 20.0)), "the same kind of condition twice"),
-        ((Condition(TIME, 10.0, (Condition(ConditionKind.FRAMES, 3.0),)),), "a part with parts"),
+        ((Condition(TIME, 10.0, (Condition(ConditionKind.FRAMES, 3.0),)),), "a component with components"),
     ],
 )
 def test_parts_that_are_nested_or_repeated_are_refused(others: tuple[Condition, ...], words: str) -> None:

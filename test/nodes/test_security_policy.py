@@ -1,6 +1,8 @@
 """The SROS2 policy allows what the nodes do, and no more."""
 
 import xml.etree.ElementTree as ET
+from fnmatch import filter as matching
+from fnmatch import fnmatchcase
 
 import pytest
 
@@ -17,7 +19,7 @@ KINDS = {"publish": "publisher", "subscribe": "subscriber", "reply": "service", 
 
 
 def allowed(node_name: str) -> dict[str, set[str]]:
-    """Return the full names of a node's profile by what it may do with them."""
+    """Return the full names of a node's profile, or patterns of names, by what it may do with them."""
     (profile,) = POLICY.findall(f"enclaves/enclave/profiles/profile[@node='{node_name}']")
     names: dict[str, set[str]] = {kind: set() for kind in KINDS}
     namespace = profile.attrib["ns"]
@@ -37,7 +39,9 @@ def test_the_policy_is_what_the_node_does(ros: None, kind: type[ManagedNode]) ->
     assert enclaves == ["/localisation", "/mapping", "/monitor"]
     node = kind()
     node.start()
-    for action, names in allowed(node.get_name()).items():
+    for action, patterns in allowed(node.get_name()).items():
         found = getattr(node, f"get_{KINDS[action]}_names_and_types_by_node")(node.get_name(), node.get_namespace())
-        assert names - AT_TIMES == {name for name, _ in found} - AT_TIMES, action
+        names = {name for name, _ in found} - AT_TIMES
+        assert {name for name in names if not any(fnmatchcase(name, each) for each in patterns)} == set(), action
+        assert {each for each in patterns - AT_TIMES if not matching(names, each)} == set(), action
     node.destroy_node()

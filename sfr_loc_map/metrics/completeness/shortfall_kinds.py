@@ -3,11 +3,11 @@
 `SHORTFALLS` states for each kind
 
 - the figure, and the largest value of the figure with which the result is complete,
-- how the shortfall is found (`Finder`) and its text,
+- its text,
 - what accepts the shortfall: the limit on its figure, the limits in `accepted_by`, and `--partial` if `partial`.
 
-`judging.incomplete` evaluates the table: it has one function for each `Finder`. Limits on completeness, the deviations
-of a test report and the table of docs/metrics.md follow from `SHORTFALLS`.
+`judging.incomplete` evaluates the table. Limits on completeness, the deviations of a test report and the table of
+docs/metrics.md follow from `SHORTFALLS`.
 
 To add a shortfall, add its line to `SHORTFALLS` and its figure to `catalogue`, and compute the row of the figure in
 `expected_items`, or for a drive in `drive`, `copies`, `trajectory.other_frames` or `trajectory.standing`.
@@ -35,20 +35,6 @@ from sfr_loc_map.metrics.figures.catalogue import (
     UNMEASURED,
 )
 from sfr_loc_map.metrics.figures.subjects import Scope
-
-
-class Finder(Enum):
-    """How a shortfall is found. The comments name what is inserted into the text of the kind."""
-
-    #: The figure exceeds its largest complete value, or is unknown: `percent`, `value`, and `part`, the calls.
-    FIGURE = auto()
-    GAPS = auto()  #: As `FIGURE`, but the text states the covered fraction of the drive and the longest gap.
-    #: A limit is missed by the errors at frames at which no judged sub-trajectory starts or ends: `percent`, `spacing`,
-    #: `statistic`, `figure`, `condition`, `value` and `limit`.
-    OTHER_FRAMES = auto()
-    #: A limit is met only because a stationary rover adds sub-trajectories: `percent`, `condition`, `standing`,
-    #: `independent`, `statistic`, `figure`, `value` and `limit`.
-    STANDING = auto()
 
 
 class Allowance(Enum):
@@ -82,6 +68,10 @@ class AcceptedBy(NamedTuple):
     only_without_images: bool = False  #: Whether the limit accepts the shortfall only if the images are unknown.
 
 
+OF_LIMITS = (ERRORS_BEYOND, STANDING)
+"""Figures whose shortfall depends on the limits on errors: each of these limits can have a shortfall."""
+
+
 class ShortfallKind(NamedTuple):
     """A kind of missing, unjudged or unexpected data of one scope."""
 
@@ -90,8 +80,9 @@ class ShortfallKind(NamedTuple):
     expected: str  #: What the figure is a fraction of.
     #: Largest value of the figure for which the scope is complete, if the score has limits; None for any value.
     most: float | None
-    text: str = ""  #: Why the scope is incomplete, with the names that `Finder` states; empty for `Finder.GAPS`.
-    finder: Finder = Finder.FIGURE
+    #: Why the scope is incomplete; empty if every value is complete. `percent`, `value`, the calls (`part`) and the
+    #: missing estimates (`gaps`) are inserted, and other values into the texts of `OF_LIMITS` (`judging.incomplete`).
+    text: str = ""
     is_required_without_limits: bool = False  #: Whether `most` also applies to a score without limits.
     accepted_by: tuple[AcceptedBy, ...] = ()  #: Limits that accept the shortfall, besides the limit on its figure.
     partial: bool = True  #: Whether `--partial` accepts the shortfall: missing data, but not wrong data.
@@ -117,7 +108,7 @@ class ShortfallKind(NamedTuple):
 
         A fraction that depends on the sub-trajectories is unknown without sub-trajectories.
         """
-        return not self.text_of_nothing and self.finder not in (Finder.OTHER_FRAMES, Finder.STANDING)
+        return not self.text_of_nothing and self.figure not in OF_LIMITS
 
     def allowed_fraction(self, limit_name: str, bound: float, *, has_images: bool) -> float:
         """Return the largest complete value of the figure by a limit, infinity for any value.
@@ -143,6 +134,7 @@ IN_GAPS_MOST = 0.01  #: Largest fraction in gaps, because the last images of a r
 COPIES_MOST = 0.1  #: Largest fraction of copies of the truth, because some motions equal the truth by chance.
 WITHOUT_TRUTH_MOST = 0.01  #: Largest fraction of map points without truth, as at the edges of the sky.
 UNCOVERED_MOST = 0.5  #: Largest fraction of pixels without a point, because no matcher matches all pixels.
+GAPS = "{gaps}"  #: Text of a shortfall whose cause is missing estimates: the covered fraction and the longest gap.
 IMAGES = "images, or true poses if the images are unknown"
 MISSING = "missing_max_share"  #: Limit that also accepts shortfalls whose cause is missing estimates.
 OF_TRUTH = "equal those of the ground truth more closely than any measurement: give the estimate of the item under test"
@@ -172,13 +164,13 @@ def answered_twice(scope: Scope, node: CallKind) -> ShortfallKind:
 
 SHORTFALLS = (
     # ---- drives
-    ShortfallKind("missing", Scope.DRIVE, IMAGES, 0.0, finder=Finder.GAPS),
+    ShortfallKind("missing", Scope.DRIVE, IMAGES, 0.0, GAPS),
     ShortfallKind(
         IN_GAPS,
         Scope.DRIVE,
         "images, or true path",
         IN_GAPS_MOST,
-        finder=Finder.GAPS,
+        GAPS,
         is_required_without_limits=True,
         accepted_by=(AcceptedBy(MISSING, Allowance.BOUND),),
         is_limited=False,
@@ -188,7 +180,7 @@ SHORTFALLS = (
         Scope.DRIVE,
         "conditions",
         0.0,
-        finder=Finder.GAPS,
+        GAPS,
         is_required_without_limits=True,
         accepted_by=(AcceptedBy(MISSING, Allowance.ANY_IF_POSITIVE),),
         is_limited=False,
@@ -259,7 +251,6 @@ SHORTFALLS = (
         "{percent} % of the frames have errors far above the judged errors, but no judged sub-trajectory starts or "
         "ends at these frames, because starts are {spacing} frames apart: {statistic} of their {figure} over "
         "{condition} is {value} (limit {limit}); find the cause of these errors",
-        finder=Finder.OTHER_FRAMES,
         partial=False,
     ),
     ShortfallKind(
@@ -270,7 +261,6 @@ SHORTFALLS = (
         "{percent} % of the sub-trajectories over {condition} {standing}; of the others, {independent} are "
         "independent, and {statistic} of their {figure} is {value}; these alone do not suffice to meet limit {limit}: "
         "record a longer drive in motion, or allow the fraction by standing_max_share",
-        finder=Finder.STANDING,
         partial=False,
     ),
     answered_twice(Scope.DRIVE, CallKind.LOCALISATION),

@@ -8,10 +8,9 @@ to `metrics.formulas.Statistics`; its name states the percentage (`p99_5`). Any 
 affects it. Reports, comparisons, suites, searches, histories, limits, the topics of the monitor and the check of stored
 scores then include the figure or statistic. Scores that were stored without a new statistic remain readable.
 
-Plots of the errors of sub-trajectories draw each statistic that is shown or limited. Three things have to be changed
+Plots of the errors of sub-trajectories draw each statistic that is shown or limited. Two things have to be changed
 separately:
 
-- the topics that `config/sros2_policy.xml` allows by name,
 - the other plots, which draw mean, mean + 3 sigma, p50 and p95,
 - the quantiles over the drives of a suite, which is judged by its worst drive.
 

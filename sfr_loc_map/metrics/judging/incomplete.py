@@ -2,13 +2,13 @@
 
 For each scope of the score, `shortfalls_of` states whether the expected items are unknown (`unknown_items`) and
 evaluates the table `SHORTFALLS` (`metrics.completeness.shortfall_kinds`). `largest_complete` returns the largest value
-of a figure with which the scope is complete by the rules of the score. The finder of the kind compares the figure with
-this value (`FINDERS`).
+of a figure with which the scope is complete by the rules of the score. `above_most` compares the figure with this
+value. Two figures are compared for each limit on errors instead (`missed_at_other_frames`, `met_by_standing`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
@@ -18,7 +18,6 @@ from sfr_loc_map.metrics.completeness.shortfall_kinds import (
     SHORTFALLS,
     UNKNOWN_FIGURE,
     UNKNOWN_ITEMS,
-    Finder,
     ShortfallKind,
 )
 from sfr_loc_map.metrics.conditions import Condition, label_of
@@ -37,7 +36,7 @@ from sfr_loc_map.metrics.figures.row_part import (
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.figures.subjects import LimitSection, Scope, Subject
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.judging.limit_scope import judged_parts, needed_part, parts_of_tasks
+from sfr_loc_map.metrics.judging.limit_scope import required_scope, required_scopes, scopes_of_tasks
 from sfr_loc_map.metrics.score.limits import Limit, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
@@ -63,18 +62,18 @@ class Shortfall(NamedTuple):
     """A shortfall of a score."""
 
     kind: ShortfallKind
-    part: RowPart  #: The incomplete scope, with the kind and the place of calls, as the part of the row `judged`.
-    most: float  #: Largest value of the figure for which the part is complete.
+    scope: RowPart  #: The incomplete scope, with the kind and the place of calls, as the part of the row `judged`.
+    most: float  #: Largest value of the figure for which the scope is complete.
     value: float | None  #: Value of the figure; None if it is unknown.
     text: str  #: What is missing or wrong.
     row: int | None = None  #: Index of the row of the figure in the table.
-    limit: Limit | None = None  #: The limit that the shortfall affects; None for all limits that require the part.
+    limit: Limit | None = None  #: The limit that the shortfall affects; None for all limits that require the scope.
 
     def affects(self, limit: Limit) -> bool:
         """Return whether the shortfall prevents a pass of a limit."""
         if self.limit is not None:
             return self.limit == limit
-        return self.part in (RowPart(Scope.LIVE), needed_part(limit))
+        return self.scope in (RowPart(Scope.LIVE), required_scope(limit))
 
     @property
     def verdict(self) -> Verdict:
@@ -83,7 +82,7 @@ class Shortfall(NamedTuple):
             name=self.kind.limit_name or self.kind.figure,
             row=self.row,
             subject=Subject.COMPLETENESS,
-            part=self.part if self.kind.scope is None else None,
+            part=self.scope if self.kind.scope is None else None,
             figure=self.kind.figure,
             statistic="value",
             limit=self.most,
@@ -96,21 +95,27 @@ class Shortfall(NamedTuple):
 def incompleteness(score: Score) -> list[Shortfall]:
     """Return what makes a score incomplete by its rules."""
     rules = score.active_rules
-    parts = judged_parts(rules, score) if rules.limits else parts_of_tasks(score)
-    return [item for part in parts for item in shortfalls_of(part, score)]
+    scopes = required_scopes(rules, score) if rules.limits else scopes_of_tasks(score)
+    return [item for scope in scopes for item in shortfalls_of(scope, score)]
 
 
-def shortfalls_of(part: RowPart, score: Score) -> Iterator[Shortfall]:
+def shortfalls_of(scope: RowPart, score: Score) -> Iterator[Shortfall]:
     """Yield what makes a scope of a score incomplete."""
-    yield from unknown_items(part, score)
+    yield from unknown_items(scope, score)
     for kind in SHORTFALLS:
-        if kind.scope != part.what:
+        if kind.scope != scope.what:
             continue
         if kind.figure in STATES_OF_POSES:
             yield from unknown_states(kind, score)
         most = largest_complete(kind, score)
-        if most is not None:
-            yield from FINDERS[kind.finder](kind, part, score, most)
+        if most is None:
+            continue
+        if kind.figure == ERRORS_BEYOND:
+            yield from missed_at_other_frames(kind, scope, score, most)
+        elif kind.figure == STANDING:
+            yield from met_by_standing(kind, scope, score, most)
+        else:
+            yield from above_most(kind, scope, score, most)
 
 
 def largest_complete(kind: ShortfallKind, score: Score) -> float | None:
@@ -152,14 +157,14 @@ def strictly_missing(score: Score) -> str | None:
 # ---- unknown items and states
 
 
-def unknown_items(part: RowPart, score: Score) -> Iterator[Shortfall]:
+def unknown_items(scope: RowPart, score: Score) -> Iterator[Shortfall]:
     """Yield a shortfall if the expected items of a scope are unknown, unless `--partial` accepts unknown items."""
     rules = score.active_rules
     if not rules.limits or rules.partial:
         return
-    row = score.figure(JUDGED, subject=Subject.COMPLETENESS, part=part)
+    row = score.figure(JUDGED, subject=Subject.COMPLETENESS, part=scope)
     if row is None or row.value is None:
-        yield Shortfall(UNKNOWN_ITEMS, part, 1.0, None, why_unknown(part, row), score.index_of(row))
+        yield Shortfall(UNKNOWN_ITEMS, scope, 1.0, None, why_unknown(scope, row), score.index_of(row))
 
 
 def unknown_states(kind: ShortfallKind, score: Score) -> Iterator[Shortfall]:
@@ -172,29 +177,23 @@ def unknown_states(kind: ShortfallKind, score: Score) -> Iterator[Shortfall]:
             yield Shortfall(kind, UNKNOWN_STATES, limit.limit, None, NO_STATE.format(figure=kind.figure))
 
 
-# ---- finders: each yields the shortfalls of one kind and scope; `most` is the largest complete value
+# ---- the shortfalls of one kind and scope; `most` is the largest complete value
 
 
-def above_most(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
+def above_most(kind: ShortfallKind, scope: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
     """Yield a shortfall if the figure of a kind exceeds its largest complete value, or is unknown."""
-    calls = part.of_calls if kind.of_node is None else kind.of_node
+    calls = scope.of_calls if kind.of_node is None else kind.of_node
     row = score.figure(kind.figure, subject=Subject.COMPLETENESS, part=calls)
     if row is None:
         return
     index = score.index_of(row)
     if row.value is None and row.n:
-        yield Shortfall(kind, part, most, None, UNKNOWN_FIGURE.format(title=title_of(kind.figure)), index)
+        yield Shortfall(kind, scope, most, None, UNKNOWN_FIGURE.format(title=title_of(kind.figure)), index)
     elif row.value is None and kind.text_of_nothing:
-        yield Shortfall(kind, part, most, None, kind.text_of_nothing, index)
+        yield Shortfall(kind, scope, most, None, kind.text_of_nothing, index)
     elif row.value is not None and row.value > most:
-        text = kind.text.format(percent=percent_of(row), value=f"{row.value:g}", part=calls)
-        yield Shortfall(kind, part, most, row.value, text, index)
-
-
-def above_most_in_gaps(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
-    """Yield a shortfall as `above_most`. Its text states the covered fraction of the drive and the longest gap."""
-    for item in above_most(kind, part, score, most):
-        yield item if item.value is None else item._replace(text=missing_text(score))
+        text = kind.text.format(percent=percent_of(row), value=f"{row.value:g}", part=calls, gaps=missing_text(score))
+        yield Shortfall(kind, scope, most, row.value, text, index)
 
 
 def limits_missed_at_other_frames(score: Score) -> Iterator[tuple[Limit, Figure, float]]:
@@ -208,7 +207,7 @@ def limits_missed_at_other_frames(score: Score) -> Iterator[tuple[Limit, Figure,
             yield limit, others, value
 
 
-def missed_at_other_frames(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
+def missed_at_other_frames(kind: ShortfallKind, scope: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
     """Yield a shortfall for each limit that the errors at the other frames miss.
 
     A figure always depends somewhat on the choice of the starts. Such a limit is therefore a shortfall only in one of
@@ -239,10 +238,10 @@ def missed_at_other_frames(kind: ShortfallKind, part: RowPart, score: Score, mos
                 value=f"{value:.4g} {others.unit}",
                 limit=f"{limit.limit:g} {others.unit}",
             )
-            yield Shortfall(kind, part, most, share.value, text, score.index_of(share), limit)
+            yield Shortfall(kind, scope, most, share.value, text, score.index_of(share), limit)
 
 
-def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
+def met_by_standing(kind: ShortfallKind, scope: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
     """Yield a shortfall for each limit that is met because a stationary rover adds most sub-trajectories.
 
     The errors of the other sub-trajectories miss the limit, or are too few for a verdict. A drive in which the rover is
@@ -274,16 +273,7 @@ def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: floa
                 value="unknown" if value is None else f"{value:.4g} {moving.unit}",
                 limit=limit.name,
             )
-            yield Shortfall(kind, part, most, share.value, text, score.index_of(share), limit)
-
-
-FINDERS: dict[Finder, Callable[[ShortfallKind, RowPart, Score, float], Iterator[Shortfall]]] = {
-    Finder.FIGURE: above_most,
-    Finder.GAPS: above_most_in_gaps,
-    Finder.OTHER_FRAMES: missed_at_other_frames,
-    Finder.STANDING: met_by_standing,
-}
-"""The functions of the finders. The last two depend on the limits of the score, each of which can have a shortfall."""
+            yield Shortfall(kind, scope, most, share.value, text, score.index_of(share), limit)
 
 
 # ---- numbers and texts
@@ -305,15 +295,15 @@ def statistic_of(limit: Limit) -> str:
     return within[-1]
 
 
-def why_unknown(part: RowPart, row: Figure | None) -> str:
-    """Return why the judged fraction of a part is unknown."""
-    if row is None and part.call is not None:
-        return NO_CALL[part.place].format(part=calls_part("", part.call).words)
-    if row is not None and part.place is Place.TARGET:
-        return NO_STAMP.format(part=calls_part("", part.call, part.place).words)
+def why_unknown(scope: RowPart, row: Figure | None) -> str:
+    """Return why the judged fraction of a scope is unknown."""
+    if row is None and scope.call is not None:
+        return NO_CALL[scope.place].format(part=calls_part("", scope.call).words)
+    if row is not None and scope.place is Place.TARGET:
+        return NO_STAMP.format(part=calls_part("", scope.call, scope.place).words)
     if row is not None and row.n == 0:
-        return NO_MESSAGE if part.what == Scope.LIVE else NOT_DUE.format(part=part.words)
-    return UNKNOWN_NUMBER.format(part=part.words)
+        return NO_MESSAGE if scope.what == Scope.LIVE else NOT_DUE.format(part=scope.words)
+    return UNKNOWN_NUMBER.format(part=scope.words)
 
 
 def missing_text(score: Score) -> str:

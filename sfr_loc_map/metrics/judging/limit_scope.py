@@ -1,4 +1,4 @@
-"""The task that a limit is about, and the part of a score that must be complete for its pass (`figures.subjects`)."""
+"""The task that a limit is about, and the scope that must be complete for a pass of the limit (`figures.subjects`)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def limits_about(limits: Limits | None, tasks: Collection[Task]) -> Limits | Non
     return struct_replace(limits, limits=chosen) if limits is not None and chosen else None
 
 
-def needed_part(limit: Limit) -> RowPart | None:
+def required_scope(limit: Limit) -> RowPart | None:
     """Return what must be complete for a pass, as the part of a row `judged`; None for limits on completeness."""
     scope = SCOPE_OF[limit.limited.subject]
     if scope is None:
@@ -47,27 +47,27 @@ def needed_part(limit: Limit) -> RowPart | None:
     return calls_part(scope, limit.limited.call, Place.TARGET if limit.section is LimitSection.TARGET else Place.HOST)
 
 
-def parts_of_tasks(score: Score) -> list[RowPart]:
+def scopes_of_tasks(score: Score) -> list[RowPart]:
     """Return what must be complete in a score without limits, as the parts of rows `judged`."""
     scopes = [SUBJECT_OF[task].scope for task in tasks_of(score)]
     return [RowPart(scope) for scope in scopes if scope is not None]
 
 
-def judged_parts(limits: Limits, score: Score) -> list[RowPart]:
+def required_scopes(limits: Limits, score: Score) -> list[RowPart]:
     """Return what must be complete in a score with limits, as the parts of rows `judged`."""
-    found = parts_of_tasks(score)
+    found = scopes_of_tasks(score)
     found += [RowPart(Scope.LIVE)] if score.figure(JUDGED, part=Scope.LIVE) else []
     for limit in limits.limits:
-        part = needed_part(limit)
-        if part is None or part in found:
+        scope = required_scope(limit)
+        if scope is None or scope in found:
             continue
-        if value_of(limit, score).value is not None or lacks_calls(limit, part, score):
-            found.append(part)
+        if value_of(limit, score).value is not None or lacks_calls(limit, scope, score):
+            found.append(scope)
     return found
 
 
-def lacks_calls(limit: Limit, part: RowPart, score: Score) -> bool:
+def lacks_calls(limit: Limit, scope: RowPart, score: Score) -> bool:
     """Return whether a limit is on time or memory of calls, but the score has no such call."""
     if limit.limited.subject not in (Subject.TIMING, Subject.MEMORY) or task_of(limit) not in tasks_of(score):
         return False
-    return score.figure(JUDGED, part=calls_part(Scope.CALLS, part.call, part.place)) is None
+    return score.figure(JUDGED, part=calls_part(Scope.CALLS, scope.call, scope.place)) is None

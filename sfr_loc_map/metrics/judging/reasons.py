@@ -26,7 +26,7 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
     if score.contradiction is not None:
         return (score.contradiction,)
     unmet = unmet_conditions(score, asked)
-    reasons = [] if score.incomplete is None else [f"incomplete data ({names_of_incomplete_parts(score)})"]
+    reasons = [] if score.incomplete is None else [f"incomplete data ({names_of_incomplete_scopes(score)})"]
     reasons += unmet.values()
     points = score.figure("point_error")
     if points is not None and not points.n:
@@ -54,10 +54,10 @@ def unmet_conditions(score: Score, asked: Collection[Condition] = ()) -> dict[st
     return found
 
 
-def names_of_incomplete_parts(score: Score) -> str:
-    """Return the names of the incomplete parts of a score; `score.incomplete` states the missing data."""
-    parts = {item.part.words for item in incompleteness(score)}
-    return ", ".join(sorted(parts)) or Scope.DRIVE
+def names_of_incomplete_scopes(score: Score) -> str:
+    """Return the names of the incomplete scopes of a score; `score.incomplete` states the missing data."""
+    scopes = {item.scope.words for item in incompleteness(score)}
+    return ", ".join(sorted(scopes)) or Scope.DRIVE
 
 
 def why_open(item: Verdict, score: Score) -> str:

@@ -11,7 +11,7 @@ fraction `judged`. `metrics.judging.limits_file` reads a limits file, and `metri
 
 The template of a limits file (`metrics.judging.limits_template`), the check of stored scores, and the reports then
 include the limit. A new section of the limits file also requires a member of `LimitSection`, its meaning in the
-template, and the scope that must be complete for a pass (`metrics.judging.limit_scope.needed_part`).
+template, and the scope that must be complete for a pass (`metrics.judging.limit_scope.required_scope`).
 """
 
 from __future__ import annotations
