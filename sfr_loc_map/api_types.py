@@ -436,8 +436,8 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
 
         ConfigError, which lists the plots, for a name that the score does not have.
         """
+        from sfr_loc_map.report.page import score_plots
         from sfr_loc_map.report.plots import to_figure
-        from sfr_loc_map.report.score_plots import score_plots
 
         plots = {plot.name: plot for _, plots in score_plots(self._plain) for plot in plots}
         if not plots:

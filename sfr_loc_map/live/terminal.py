@@ -24,8 +24,8 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.values import live_values, score_values
 from sfr_loc_map.message_text import one_line, printable
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.report.verdict_style import OPEN, style_of
-from sfr_loc_map.report.verdict_style import STYLES as VERDICT_STYLES
+from sfr_loc_map.report.verdict_view import OPEN, style_of
+from sfr_loc_map.report.verdict_view import STYLES as VERDICT_STYLES
 from sfr_loc_map.tables.model import ABSENT, METRE, MIB, MILLISECOND, fitting, number
 
 PERIOD_S = 0.5  #: Period of the screen.

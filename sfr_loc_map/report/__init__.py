@@ -7,9 +7,8 @@ follows:
   writes tables for the terminal and as HTML, Markdown and CSV.
 - verdicts: `verdict_view` composes the displayed texts of a verdict for the table of verdicts, the results of the test
   report, `junit` and `control_document`.
-- details: `plotted_data` selects the plotted data. `score_plots` composes the plots of a page (`drive_plots`,
-  `call_plots`, `map_plots`, in the terms of `plots`), and `printed_plot` makes those of the test report. `limit_lines`
-  draws limits.
+- details: `plotted_data` selects the plotted data. `page` composes the plots of a page (`drive_plots`, `call_plots`,
+  `map_plots`, in the terms of `plots`), and `printed_plot` makes those of the test report. `limit_lines` draws limits.
 - records: `summary` makes the banner, the header and the first items to look at, `notes` the notes of tables, and
   `deviations` the deviations from the specification. `settings` finds the settings that differ from their defaults.
 

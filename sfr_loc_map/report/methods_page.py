@@ -25,7 +25,7 @@ from sfr_loc_map.report.drive_plots import growth
 from sfr_loc_map.report.plotted_data import errors_by_range, path_errors, path_of
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text
 from sfr_loc_map.report.summary import banner_of
-from sfr_loc_map.report.verdict_style import verdict_cell
+from sfr_loc_map.report.verdict_view import verdict_cell
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.tables.model import (
     ABSENT,

@@ -17,11 +17,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from sfr_loc_map import __version__
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.message_text import printable
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.report.call_plots import timeline
+from sfr_loc_map.report.drive_plots import drive_plots
 from sfr_loc_map.report.glossary import glossary
+from sfr_loc_map.report.map_plots import map_plots
 from sfr_loc_map.report.plots import PALETTES, TEMPLATE, Plot
 from sfr_loc_map.report.plotted_data import path_of
-from sfr_loc_map.report.score_plots import score_plots
 from sfr_loc_map.report.score_tables import page_tables
 from sfr_loc_map.report.summary import (
     Banner,
@@ -92,6 +95,16 @@ def render_page(score: Score, *, plots: bool = True) -> str:
         every=1 if path is None else path.every,
     )
     return render(page)
+
+
+def score_plots(score: Score) -> list[tuple[str, list[Plot]]]:
+    """Return the plots by heading for which the score has data."""
+    groups = (
+        ("Localisation", drive_plots(score)),
+        ("Time and memory", [plot for kind in CallKind for plot in timeline(score, kind)]),
+        ("Map", map_plots(score)),
+    )
+    return [(title, plots) for title, plots in groups if plots]
 
 
 def render_overview(

@@ -25,8 +25,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report import notes
 from sfr_loc_map.report.deviations import deviations_beside_warnings
 from sfr_loc_map.report.glossary import glossary
-from sfr_loc_map.report.verdict_style import verdict_cell
-from sfr_loc_map.report.verdict_view import VerdictView, unit_of_numbers, verdict_views
+from sfr_loc_map.report.verdict_view import VerdictView, unit_of_numbers, verdict_cell, verdict_views
 from sfr_loc_map.tables.formats import to_markdown
 from sfr_loc_map.tables.model import (
     ABSENT,

@@ -25,8 +25,7 @@ from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.report.notes import EXACT, truth_text
 from sfr_loc_map.report.plotted_data import error_sizes, plotted_conditions
 from sfr_loc_map.report.settings import changed_settings, has_all_settings, setting_text
-from sfr_loc_map.report.verdict_style import OPEN, style_of
-from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
+from sfr_loc_map.report.verdict_view import OPEN, VerdictView, style_of, verdict_views
 from sfr_loc_map.tables.model import METRE, UNKNOWN, fitting, number
 
 TRUTH_FILES, READ_ROLES = ("truth_file",), ("configuration", "calibration")

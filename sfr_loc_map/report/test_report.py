@@ -26,8 +26,7 @@ from sfr_loc_map.report.page import from_template
 from sfr_loc_map.report.printed_plot import DRAWING, PrintedPlot, printed_plots
 from sfr_loc_map.report.score_tables import HEADLINE, READINGS, completeness_without_zeros, view_table
 from sfr_loc_map.report.summary import NO_VERDICT, Banner, banner_of
-from sfr_loc_map.report.verdict_style import OPEN
-from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
+from sfr_loc_map.report.verdict_view import OPEN, VerdictView, verdict_views
 from sfr_loc_map.tables.model import UNKNOWN, Table
 
 DOCUMENT = "Clarification of performance metrics for SFR Breadboarding"

@@ -28,7 +28,6 @@ from sfr_loc_map.metrics.judging.reasons import why_open
 from sfr_loc_map.metrics.score.limits import BOUND
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.report.verdict_style import style_of
 from sfr_loc_map.tables.model import (
     ABSENT,
     GB,
@@ -46,6 +45,11 @@ from sfr_loc_map.tables.model import (
     number,
 )
 
+STYLES = {
+    VerdictState.PASS.value: VerdictStyle("✔", "pass", "green"),
+    VerdictState.FAIL.value: VerdictStyle("✖", "fail", "bold red"),
+}
+OPEN = VerdictStyle("?", "open", "yellow")  #: Style of every other word.
 WITHOUT_NAME = (None, *READING_PARTS)
 """Parts that are omitted in the name of a limit: the readings of the specification."""
 
@@ -222,3 +226,16 @@ def _count(item: Verdict, key: str, score: Score | None) -> Cell:
         return Cell.number(item.n, f"{key}.n")
     row = None if score is None else score.row_of(item)
     return Cell(ABSENT) if row is None or row.n is None else Cell.number(row.n, f"figures.{item.row}.n")
+
+
+# ---- styles
+
+
+def style_of(word: str) -> VerdictStyle:
+    """Return the style of a verdict."""
+    return STYLES.get(word, OPEN)
+
+
+def verdict_cell(word: str, key: str = "") -> Cell:
+    """Return the cell of a verdict with its style."""
+    return Cell.verdict(word, style_of(word), key)

@@ -36,9 +36,8 @@ from sfr_loc_map.nodes.score_publisher import figure_topics, score_statuses
 from sfr_loc_map.report.comparison import comparison_tables
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.methods_page import methods_tables
-from sfr_loc_map.report.page import render_page
+from sfr_loc_map.report.page import render_page, score_plots
 from sfr_loc_map.report.printed_plot import printed_plots
-from sfr_loc_map.report.score_plots import score_plots
 from sfr_loc_map.report.score_tables import score_markdown, score_tables, summary_tables, undefined_of
 from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.suite.pages.tables import result_table

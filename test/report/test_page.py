@@ -25,11 +25,10 @@ from sfr_loc_map.metrics.stored.score_json import from_plain
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.report.drive_plots import drive_plots
 from sfr_loc_map.report.limit_lines import error_axis
-from sfr_loc_map.report.page import render_page
+from sfr_loc_map.report.page import render_page, score_plots
 from sfr_loc_map.report.path_plot import Curve, path_plot
 from sfr_loc_map.report.plots import PALETTES, to_figure
 from sfr_loc_map.report.printed_plot import printed_plots
-from sfr_loc_map.report.score_plots import score_plots
 from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.tables.model import MILLIMETRE, number
 

@@ -11,8 +11,7 @@ from rich.console import Console
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.report.verdict_style import verdict_cell
-from sfr_loc_map.report.verdict_view import VerdictView
+from sfr_loc_map.report.verdict_view import VerdictView, verdict_cell
 from sfr_loc_map.tables.formats import to_csv, to_html, to_markdown, to_rich
 from sfr_loc_map.tables.model import METRE, MIB, MILLISECOND, Cell, Column, Table, Unit, fitting, number
 

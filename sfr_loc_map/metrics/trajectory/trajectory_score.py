@@ -75,7 +75,7 @@ def score_trajectory(
     stamps_ns = placed.frames.stamps_ns
     drive = drive_completeness(estimates.trajectory, placed, conditions, image_stamps_ns, in_flight_ns)
 
-    # select the sub-trajectories of each condition, and compute their errors
+    # select the sub-trajectories of each condition, and compute their errors by the judged reading
     selected = selected_sub_trajectories(conditions, placed, config.spacing)
 
     # summarise
@@ -84,18 +84,18 @@ def score_trajectory(
     plotted: list[SubTrajectoryRows] = []
     errors: list[ErrorRows] = []
     unjudged: list[str] = []
-    for condition, judged in selected.items():
+    for condition, chosen in selected.items():
         name = condition.setting
-        overlap = overlap_of(judged.starts, judged.ends, config.spacing)
-        others = to_other_frames(judged, placed)
-        of_other_frames = list(rows_of_other_frames(name, judged, others, placed))
-        figures += error_rows(name, judged, overlap, placed)
-        figures += consistency_rows(name, judged, overlap, placed, sums)
+        overlap = overlap_of(chosen.starts, chosen.ends, config.spacing)
+        others = to_other_frames(chosen, placed)
+        of_other_frames = list(rows_of_other_frames(name, chosen, others, placed))
+        figures += error_rows(name, chosen, overlap, placed)
+        figures += consistency_rows(name, chosen, overlap, placed, sums)
         figures += of_other_frames
-        figures += rows_of_moving(condition, judged, overlap, placed.truth, stamps_ns)
-        plotted.append(sub_trajectory_rows(name, judged, stamps_ns, placed.length_m))
-        errors += error_columns(name, judged, kept_errors)
-        unjudged += unjudged_frames(name, judged, others, len(stamps_ns), of_other_frames)
+        figures += rows_of_moving(condition, chosen, overlap, placed.truth, stamps_ns)
+        plotted.append(sub_trajectory_rows(name, chosen, stamps_ns, placed.length_m))
+        errors += error_columns(name, chosen, kept_errors)
+        unjudged += unjudged_frames(name, chosen, others, len(stamps_ns), of_other_frames)
     figures += list(rows_over_conditions(figures))
     figures += growth_rows(placed, config.spacing)
     figures += truth_error_rows(placed.truth, interpolated_stamps(placed))
@@ -263,8 +263,8 @@ def sub_trajectory_table(
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)
     parts = [
-        table_part(condition.setting, reading, placed.sub_trajectories(selected.starts, selected.ends, reading), placed)
-        for condition, selected in selected_sub_trajectories(conditions, placed, config.spacing).items()
+        table_part(condition.setting, reading, placed.sub_trajectories(chosen.starts, chosen.ends, reading), placed)
+        for condition, chosen in selected_sub_trajectories(conditions, placed, config.spacing).items()
         for reading in placed.readings
     ]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

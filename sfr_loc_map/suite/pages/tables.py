@@ -15,8 +15,7 @@ from sfr_loc_map.metrics.figures.row_part import COUNT
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.figures.subjects import Scope, Subject
 from sfr_loc_map.metrics.score.verdict import counts_of
-from sfr_loc_map.report.verdict_style import verdict_cell
-from sfr_loc_map.report.verdict_view import VerdictView
+from sfr_loc_map.report.verdict_view import VerdictView, verdict_cell
 from sfr_loc_map.suite.history.history import Change, DeviationOfNights, History
 from sfr_loc_map.suite.history.night_comparison import MIN_REFERENCE
 from sfr_loc_map.suite.running.job import SHORT_KEY
