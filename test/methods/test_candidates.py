@@ -122,15 +122,16 @@ class InvalidFusion:
 
 class Writing:
     def __init__(self, rig, config):
-        self.what, kind = config.split()
+        self.what = config
         self.path = Path(os.environ["TMPDIR"]).parent / f"result.{self.what}.npy"
-        self.data = {"text": b"no array", "cut": header((120, 160))[:40], "claims": header((120, 10**12)),
-                     "archive": b"PK" + bytes(100), "floats": header((3,)) + bytes(24), "folder": None}[kind]
+        self.contents = [b"no array", header((120, 160))[:40], header((120, 10**12)), b"PK" + bytes(100),
+                         header((3,)) + bytes(24)]
     def process(self, pair, T_lm_navsb, index):
-        if self.data is None:
-            self.path.mkdir(exist_ok=True)
+        if index < len(self.contents):
+            self.path.write_bytes(self.contents[index])
         else:
-            self.path.write_bytes(self.data)
+            self.path.unlink(missing_ok=True)
+            self.path.mkdir()
         return PointCloud.empty() if self.what == "disparity" else np.zeros(pair.left.shape, np.float32)
 
 def header(shape):
@@ -215,16 +216,17 @@ def test_a_matcher_gives_points_and_a_pair_without_any_is_empty(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("what", ["disparity", "cloud"])
-@pytest.mark.parametrize("kind", ["text", "cut", "claims", "archive", "floats", "folder"])
-def test_arrays_that_a_method_writes_itself_are_checked(tmp_path: Path, what: str, kind: str) -> None:
+def test_arrays_that_a_method_writes_itself_are_checked(tmp_path: Path, what: str) -> None:
+    """A text, a truncated file, a header that claims more than the data, an archive, another shape, and a folder."""
     (tmp_path / "classes.py").write_text(CLASSES)
-    method = find_method(f"{tmp_path}/classes.py:Writing", Task.MAPPING, f"{what} {kind}")
+    method = find_method(f"{tmp_path}/classes.py:Writing", Task.MAPPING, what)
     with IsolatedMapper(method, NAV_RIG, hidden=()) as mapper:
         item = nav_pair(0)
-        made = [mapper.begin_map().map_pair(item.pair, item.T_lm_navsb) for _ in range(2)]
-    for of_pair, call in made:
-        assert call.finding.startswith("invalid result: the ")
-        assert len(of_pair.cloud) == 0
+        of_pairs = mapper.begin_map()
+        for number in range(6):
+            of_pair, call = of_pairs.map_pair(item.pair, item.T_lm_navsb)
+            assert call.finding.startswith("invalid result: the "), number
+            assert len(of_pair.cloud) == 0
 
 
 def test_the_warnings_of_the_pairs_and_of_the_fusion_are_reported(drive: Path, tmp_path: Path) -> None:

@@ -119,15 +119,21 @@ def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: P
             calls(library, "refuse")
 
 
-@pytest.mark.parametrize("options", [(), ("-DPAIR_BY_PAIR",), ("-DPAIR_BY_PAIR", "-DSTATED_ABI=1")])
+PAIR_BY_PAIR = ("-DPAIR_BY_PAIR",)
+FIRST_ABI = (*PAIR_BY_PAIR, "-DSTATED_ABI=1")
+
+
 @pytest.mark.parametrize(
-    ("config", "finding"),
+    ("options", "config", "finding"),
     [
-        ("", ""),
-        ("many", "invalid result: the library returned 19201 points: at most 19200 are allowed"),
-        ("pixel", "invalid result: the pixel of a point is outside of the image of 160 x 120 pixels"),
-        ("nan", "not finite: a point or its sigma is not finite"),
-        ("negative", "invalid result: the sigma of a point is negative: -0.1 m"),
+        ((), "", ""),
+        (PAIR_BY_PAIR, "", ""),
+        (FIRST_ABI, "", ""),
+        ((), "many", "invalid result: the library returned 19201 points: at most 19200 are allowed"),
+        (FIRST_ABI, "many", "invalid result: the library returned 19201 points: at most 19200 are allowed"),
+        (PAIR_BY_PAIR, "pixel", "invalid result: the pixel of a point is outside of the image of 160 x 120 pixels"),
+        (PAIR_BY_PAIR, "nan", "not finite: a point or its sigma is not finite"),
+        (PAIR_BY_PAIR, "negative", "invalid result: the sigma of a point is negative: -0.1 m"),
     ],
 )
 def test_points_are_checked(build: Build, options: tuple[str, ...], config: str, finding: str) -> None:

@@ -27,7 +27,7 @@ def associated(est: Any, gt: Any, mode: str = "match", tolerance: int = 0, gap: 
     return associate(poses(est), poses(gt), config)
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(STAMPS, STAMPS, st.integers(0, 5))
 def test_each_truth_is_used_once_and_within_the_tolerance(est: np.ndarray, gt: np.ndarray, tolerance: int) -> None:
     frames, counts = associated(est, gt, tolerance=tolerance)
@@ -53,7 +53,7 @@ def test_each_truth_is_used_once_and_within_the_tolerance(est: np.ndarray, gt: n
             assert index is None or near
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(STAMPS, STAMPS, st.integers(0, 10), st.sampled_from(["match", "interpolate"]))
 def test_frames_and_their_estimates_are_in_time_order(
     est: np.ndarray, gt: np.ndarray, tolerance: int, mode: str
@@ -72,7 +72,7 @@ def test_an_estimate_is_not_matched_across_equal_stamps() -> None:
     assert frames.estimate_rows.tolist() == list(range(6))
 
 
-@settings(max_examples=100)
+@settings(max_examples=60)
 @given(st.lists(st.integers(0, 20), max_size=30))
 def test_of_one_stamp_the_last_counts(stamps: list[int]) -> None:
     last = {stamp: row for row, stamp in enumerate(stamps)}

@@ -1,5 +1,6 @@
 """Which of two estimates is better: paired, with an interval that chance does not deceive."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from sfr_loc_map.metrics.stored.comparison import Comparison, compare_scores
 from sfr_loc_map.report.comparison import comparison_tables, summary_of
 
 
+@cache
 def scores(seed: int, noises: tuple[float, ...], count: int = 800, over: str = "distance=5") -> list[Score]:
     """Scores of estimates whose steps have errors of different size, the same shape for all."""
     truth, _ = drive(seed, count)
@@ -60,15 +62,15 @@ def test_a_comparison_names_the_incomplete_score() -> None:
 
 @pytest.mark.slow
 def test_estimates_that_differ_by_chance_are_not_called_different() -> None:
-    """Of 20 pairs of equally good estimates few may be told apart."""
+    """Of 8 pairs of equally good estimates few may be told apart."""
     told, config = 0, TrajectoryScoreConfig(conditions=("distance=5",))
-    for seed in range(20):
+    for seed in range(8):
         truth, _ = drive(seed, 500)
         rng = np.random.default_rng(1000 + seed)
         both = [(truth[0], truth[1] + np.cumsum(rng.normal(0, 0.01, (500, 3)), axis=0), truth[2]) for _ in range(2)]
         made = [score_of(each, truth, config) for each in both]
         told += outcome(compare_scores(made, ["a", "b"])) != "no difference shown"
-    assert told <= 3
+    assert told <= 2
 
 
 def test_scores_with_samples_of_different_density_are_compared_by_the_common_sample() -> None:
@@ -144,7 +146,7 @@ def test_few_sub_trajectories_are_not_enough_for_the_comparison_where_they_are_n
 def test_worse_is_said_only_where_the_corrected_p_says_so() -> None:
     """An interval of one comparison of many that leaves zero out is not enough."""
     said = []
-    for seed in range(8):
+    for seed in range(3):
         truth, _ = drive(seed, 500)
         rng = np.random.default_rng(seed)
         steps = (rng.normal(0, noise, (500, 3)) for noise in (0.010, 0.012, 0.014, 0.016, 0.018))

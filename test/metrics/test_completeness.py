@@ -247,7 +247,7 @@ def slow(estimate: list[int], stamps: list[int], x: list[float], images: list[in
     }
 
 
-@settings(max_examples=150)
+@settings(max_examples=50)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.booleans(), st.sampled_from(["distance=3", "time=2", "frames=4"]))
 def test_random_holes_are_those_of_a_slow_loop(seed: int, denser: int, images_known: bool, condition: str) -> None:
     """Truth some times as dense as the images, which begin later and end earlier; holes of any length; it may stand."""

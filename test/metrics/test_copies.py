@@ -147,8 +147,8 @@ def test_a_slow_drive_in_millimetres_is_no_copy() -> None:
     assert counted(np.round(fast, 3), fast)[1] > 0.9 * COUNT, "over 4 m the rounded truth is no estimate"
 
 
-@pytest.mark.parametrize("digits", [1, 2, 3, 4, 5, 6, 7, 12])
-@pytest.mark.parametrize("rate_hz", [10.0, 50.0, 100.0])
+@pytest.mark.parametrize("digits", [1, 2, 3, 4, 5, 12])
+@pytest.mark.parametrize("rate_hz", [10.0, 50.0])
 def test_short_steps_of_an_honest_estimate_are_not_those_of_the_truth(rate_hz: float, digits: int) -> None:
     """60 m at 6 cm/s: steps of 0.6 to 6 mm are rounded to those of the truth, whose file has the same decimals."""
     count = round(rate_hz * 1000.0)

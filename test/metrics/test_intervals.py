@@ -105,6 +105,6 @@ def test_the_scatter_of_overlapping_sums_is_not_underestimated() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["white steps", "steps with memory"])
 def test_overlapping_sub_trajectories_of_simulated_odometry(law: str) -> None:
-    shares = coverage(100, 60.0, 10, law, curved=False, seed=7)
-    assert 0.88 <= np.mean(list(shares.values())) <= 1.0
-    assert min(shares.values()) >= 0.82
+    shares = coverage(40, 60.0, 10, law, curved=False, seed=7)
+    assert 0.86 <= np.mean(list(shares.values())) <= 1.0
+    assert min(shares.values()) >= 0.78

@@ -100,7 +100,7 @@ def column_or_value(part: Any, length: int) -> st.SearchStrategy[Any]:
     return values(part)
 
 
-@settings(max_examples=25, suppress_health_check=list(HealthCheck))
+@settings(max_examples=12, suppress_health_check=list(HealthCheck))
 @given(values(Score))
 def test_every_score_reads_back_as_it_was_written(score: Score) -> None:
     text = to_json(score)

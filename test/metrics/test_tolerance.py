@@ -1,5 +1,6 @@
 """Tolerance bounds: against published tables, the order of values, simulated campaigns, and as limits."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -78,10 +79,8 @@ def test_normality_has_its_level_and_detects_heavy_tails() -> None:
         ("isotropic", 20, True),
         ("one axis", 5, True),
         ("1 : 0.3 : 0.3", 200, False),
-        ("heavy tails, isotropic", 60, False),
         ("heavy tails, one axis", 200, False),
         ("correlated windows", 60, False),
-        ("heavy tails, overlap 1.1", 200, False),
         ("heavy tails, overlap 1.5", 200, False),
     ],
 )
@@ -132,6 +131,7 @@ def judged(score: Score, **entry: Any) -> tuple[Score, Any]:
     return found, found.verdicts[0]
 
 
+@cache
 def long_score() -> Score:
     """A drive of 238 sub-trajectories with an overlap of 2.2, three series of some 80 that share no frame."""
     truth, estimate = drive(3, count=2400)

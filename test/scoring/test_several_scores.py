@@ -142,7 +142,7 @@ def test_a_missed_limit_of_the_map_is_missed_beside_a_score_of_the_map(judge: Ju
 def test_a_difference_that_may_be_chance_is_neither_better_nor_worse(sfr: Sfr, judge: Judge) -> None:
     """One rule: the interval and p corrected for the number of comparisons have to say it both."""
     paths, rng = [], np.random.default_rng(7)
-    for number in range(8):
+    for number in range(6):
         noise = np.cumsum(rng.normal(0.0, 0.0025 if number else 0.002, (POSES, 3)), axis=0)
         paths.append(judge.folder / f"{number}.json")
         estimate = judge.poses("e.csv", replace(judge.truth, positions=judge.truth.positions + noise))

@@ -191,9 +191,10 @@ def test_a_drive_whose_states_do_not_fit_into_memory_is_refused(
             legs_of(settings)
 
 
-def test_too_many_pairs_are_refused(config: Maker) -> None:
-    with pytest.raises(ConfigError, match=r"1000001 pairs: at most 1000000 .* drive\.period_s"):
-        Plan.make(config(**FLAT, **STEADY, drive__segments=["stop 1000"], drive__period_s=0.001))
+def test_too_many_pairs_are_refused(config: Maker, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sfr_loc_map.simulation.plan.MAX_DRIVE_PAIRS", 1000)
+    with pytest.raises(ConfigError, match=r"1001 pairs: at most 1000 .* drive\.period_s"):
+        Plan.make(config(**FLAT, **STEADY, drive__segments=["stop 1000"], drive__period_s=1.0))
 
 
 def test_a_configuration_that_was_not_checked_is_refused() -> None:

@@ -16,7 +16,7 @@ FIELDS: list[tuple[Field, int]] = [(value2, 2), (gradient2, 2), (value3, 3)]
 fields = pytest.mark.parametrize(("field", "dimensions"), FIELDS, ids=["value2", "gradient2", "value3"])
 
 
-def positions(dimensions: int, count: int = 300) -> FloatArray:
+def positions(dimensions: int, count: int = 60) -> FloatArray:
     return np.random.default_rng(0).uniform(-50, 50, (count, dimensions))
 
 

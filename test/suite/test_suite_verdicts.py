@@ -54,9 +54,9 @@ def test_a_suite_judges_every_planned_drive(sfr: Sfr, tmp_path: Path, scheduler:
 
 @pytest.mark.slow
 def test_a_suite_judges_every_limit_and_counts_drives_by_their_truth(sfr: Sfr, tmp_path: Path, scheduler: str) -> None:
-    """Nine estimates of one truth, or of its copies, are one drive; a limit on maps has not enough data without one."""
+    """Five estimates of one truth, or of its copies, are one drive; a limit on maps has not enough data without one."""
     write_files(tmp_path)
-    names = [f"d{number}.csv" for number in range(9)]
+    names = [f"d{number}.csv" for number in range(5)]
     truth = straight()
     for number, name in enumerate(names):
         save_trajectory(tmp_path / name, straight(scale=SHORT + 1e-9 * number))
@@ -64,7 +64,7 @@ def test_a_suite_judges_every_limit_and_counts_drives_by_their_truth(sfr: Sfr, t
         save_trajectory(tmp_path / f"t{name}", copy)
     pairs = [{"estimate": name, "truth": "truth.csv"} for name in names]
     copies = [{"estimate": name, "truth": f"t{name}"} for name in names]
-    bound = {"limit": 0.05, "prob": 0.8, "confidence": 0.8, "interpretation": "ensemble"}
+    bound = {"limit": 0.05, "prob": 0.6, "confidence": 0.8, "interpretation": "ensemble"}  # 4 drives would pass
     of_bound = {"minimum_independent": 1, "trajectory": [{"condition": "distance=5", "position_bound_m": bound}]}
     for number, (sources, rules, code) in enumerate(
         (

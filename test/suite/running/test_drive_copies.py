@@ -200,16 +200,16 @@ def test_drives_that_share_only_their_acceleration_are_not_copies() -> None:
 
 
 def test_the_time_to_find_copies_is_linear_in_the_number_of_drives() -> None:
-    """Each of the 11 000 pairs of these drives by itself takes more than 10 ms."""
+    """Each of the 2800 pairs of these drives by itself takes more than 10 ms."""
     rng = np.random.default_rng(1)
-    steps = rng.uniform(0.05, 0.1, (149, 2000))
+    steps = rng.uniform(0.05, 0.1, (74, 2000))
     steps = np.vstack((steps, steps[:1]))
     traces = [
         DriveTrace(2001, tuple(rng.normal(0.0, 9.0, 300)), steps_m=tuple(row), bends_m=tuple(row[1:])) for row in steps
     ]
     begin = time.process_time()
-    assert drives_of(traces).tolist() == [*range(149), drives_of(traces[:1])[0]]
-    assert time.process_time() - begin < 20.0
+    assert drives_of(traces).tolist() == [*range(74), drives_of(traces[:1])[0]]
+    assert time.process_time() - begin < 10.0
 
 
 def test_a_simulation_with_other_unused_settings_is_the_same_drive() -> None:
