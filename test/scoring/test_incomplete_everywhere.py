@@ -143,6 +143,7 @@ class Loc:
 
     def __init__(self, truth: Trajectory) -> None:
         self.stamps_ns, self.rig, self.ground_truth = STAMPS.tolist(), LOC_RIG, truth
+        self.missing_ns: list[int] = []
 
     def __len__(self) -> int:
         return COUNT
@@ -159,6 +160,7 @@ class Nav:
 
     def __init__(self, pairs: tuple[Any, ...]) -> None:
         self._pairs, self.stamps_ns = pairs, [item.pair.stamp_ns for item in pairs]
+        self.missing_ns: list[int] = []
 
     def __len__(self) -> int:
         return len(self._pairs)
