@@ -578,16 +578,16 @@ MUTATIONS = (
     Mutation("localisation/path.py", "external=exact if at_ns > last_ns else", "external=exact if True else"),
     Mutation("localisation/path.py", "(stamp_ns - earlier.stamp_ns) /", "(later.stamp_ns - stamp_ns) /"),
     Mutation(
-        "localisation/uncertainty/path_errors.py",
+        "localisation/uncertainty/pose_covariance.py",
         "position - self.turned / self.correlated.radians",
         "position - self.turned",
     ),
     Mutation(
-        "localisation/uncertainty/path_errors.py",
+        "localisation/uncertainty/pose_covariance.py",
         "self.of_map(position).covariance + self.this_pair",
         "self.of_map(position).covariance",
     ),
-    Mutation("localisation/uncertainty/published_pose.py", "self.shared_with_next_step + while_kept", "while_kept"),
+    Mutation("localisation/uncertainty/step_covariance.py", "self.shared_with_next_step + while_kept", "while_kept"),
     Mutation(
         "localisation/uncertainty/step_covariance.py",
         "np.copysign(step.size.metres, step.vector[0])",

@@ -96,7 +96,7 @@ class Finding(Enum):
 
 
 class Inflation(Flag):
-    """What a finding adds to the covariance of a pose (`uncertainty.inflation`)."""
+    """What a finding adds to the covariance of a pose (`error_sources.inflation_of`)."""
 
     NONE = 0
     UNOBSERVED = auto()  #: The motion since the last pose counts as unobserved, because images may be stale.

@@ -108,8 +108,8 @@ from sfr_loc_map.localisation.relocalisation import MAX_FAILED_RECOVERIES
 from sfr_loc_map.localisation.stages import Candidate, FinalPose, StageClock, Stages
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
+from sfr_loc_map.localisation.uncertainty.error_sources import RoverModel
 from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
-from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 from sfr_loc_map.parallel import beside
 
 

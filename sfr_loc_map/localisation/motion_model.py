@@ -11,7 +11,7 @@ from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
-from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+from sfr_loc_map.localisation.uncertainty.error_sources import RoverModel
 from sfr_loc_map.message_stamps import NS_PER_S
 
 MAX_MISSED_PAIRS = 4

@@ -26,10 +26,25 @@ class MotionSize(NamedTuple):
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance `(6, 6)` of errors whose standard deviation is this size on each axis."""
+        """Covariance `(6, 6)` of errors whose standard deviation is this size on each axis.
+
+        The angle is at most that of an unknown attitude.
+        """
+        radians = min(self.radians, MAX_ANGLE_RAD)
         m2 = self.metres * self.metres
-        rad2 = self.radians * self.radians
+        rad2 = radians * radians
         return np.diag([m2, m2, m2, rad2, rad2, rad2])
+
+    def plus(self, other: MotionSize) -> MotionSize:
+        """Return the sum with another size."""
+        return MotionSize(self.metres + other.metres, self.radians + other.radians)
+
+    def minus(self, other: MotionSize) -> MotionSize:
+        """Return the difference to a smaller size."""
+        return MotionSize(self.metres - other.metres, self.radians - other.radians)
+
+
+NO_MOTION = MotionSize(0.0, 0.0)
 
 
 class Speed(NamedTuple):

@@ -65,11 +65,21 @@ from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap, Sliding
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.motion_model import LastPose
 from sfr_loc_map.localisation.motion_size import size_of
-from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
-from sfr_loc_map.localisation.uncertainty.inflation import inflation_of, unobserved_during, unobserved_size
-from sfr_loc_map.localisation.uncertainty.path_errors import NOTHING, LocatedCovariance, Origin, PathErrors, PathSums
-from sfr_loc_map.localisation.uncertainty.published_pose import PublishedPose
-from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+from sfr_loc_map.localisation.uncertainty.error_sources import (
+    RoverModel,
+    inflation_of,
+    unobserved_during,
+    unobserved_size,
+)
+from sfr_loc_map.localisation.uncertainty.pose_covariance import (
+    NOTHING,
+    AcceptedPair,
+    LocatedCovariance,
+    Origin,
+    PathErrors,
+    PathSums,
+)
+from sfr_loc_map.localisation.uncertainty.step_covariance import PublishedPose
 from sfr_loc_map.message_stamps import NS_PER_S
 
 HISTORY_PAIRS = 1000  #: Number of past pairs to which an external pose can be applied: 100 s at 10 Hz.

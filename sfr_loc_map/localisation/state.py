@@ -45,8 +45,8 @@ from sfr_loc_map.localisation.path import PathState
 from sfr_loc_map.localisation.relocalisation import RecoveryImages
 from sfr_loc_map.localisation.stages import Candidate, FinalPose
 from sfr_loc_map.localisation.stale_images import ImageComparison, ImageMemory
-from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
-from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+from sfr_loc_map.localisation.uncertainty.error_sources import RoverModel
+from sfr_loc_map.localisation.uncertainty.pose_covariance import AcceptedPair
 
 
 @dataclass(frozen=True, slots=True, eq=False)

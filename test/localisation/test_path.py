@@ -27,10 +27,8 @@ from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS, Prediction
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
 from sfr_loc_map.localisation.path import PathState
-from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
-from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
-from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
-from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources, RoverModel
+from sfr_loc_map.localisation.uncertainty.pose_covariance import AcceptedPair, pose_terms
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2, Transform.from_quat([0.3, 0.1, 0.2], [0.5, -0.5, 0.5, -0.5]))
 IN_CAMERA = replace(RIG, T_rb_sb=RIG.T_sb_left.inverse())

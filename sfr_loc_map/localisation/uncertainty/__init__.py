@@ -13,14 +13,9 @@
 
 | module | content |
 |---|---|
-| `error_sources` | the parameters of the error sources, with units and values |
-| `accepted_pair` | the input: a pair whose pose was accepted |
-| `path_errors` | state of the pose: errors of the present pose, and how each event changes them |
-| `pose_covariance` | the terms of the covariance of a pose, computed from this state |
-| `published_pose` | state of the step: the pose published last, and the steps from this pose |
-| `step_covariance` | the terms of the covariance of a step |
-| `inflation`, `correlated_error` | what an unobserved motion and the findings of the guards add to the covariances |
-| `rover_model` | constants of a run: extrinsics, camera geometry, bounds of the motion, error sources |
+| `error_sources` | parameters of the error sources; constants of a run; what unobserved motions and findings add |
+| `pose_covariance` | state of the pose: errors of the present pose, and how each event changes them; terms of a pose |
+| `step_covariance` | terms of a step; state of the step: the pose published last |
 
 All functions are pure, and each states its formula. `path.PathState` calls them with each pair, and
 holds the two states.
@@ -70,7 +65,7 @@ previous pose was kept. An added error of a pose has opposite signs in the steps
 steps contains the covariance of this error, which is conservative (`PublishedPose.shared_with_next_step`). The parts of
 the previous pose are zero if its pair began a window, because the step is measured from the image of that pair.
 
-**What findings and events add** (`inflation`):
+**What findings and events add** (`error_sources.inflation_of`):
 
 | finding or event | adds | to the term | until |
 |---|---|---|---|

@@ -32,7 +32,7 @@ from sfr_loc_map.localisation.ground.selection import Ground, learnt_from
 from sfr_loc_map.localisation.ground.thresholds import CONSISTENT_PAIRS, LONG_RECOVERY_PAIRS, MAX_TRANSFERS, OLD_WEIGHT
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO
 from sfr_loc_map.localisation.state import State
-from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+from sfr_loc_map.localisation.uncertainty.error_sources import RoverModel
 
 IMAGE = np.zeros((16, 16), np.float32)
 

@@ -16,19 +16,22 @@ from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibratio
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO
-from sfr_loc_map.localisation.motion_size import MotionSize, Speed
-from sfr_loc_map.localisation.uncertainty.accepted_pair import AcceptedPair
-from sfr_loc_map.localisation.uncertainty.correlated_error import NO_CORRELATED_ERROR, ZERO
-from sfr_loc_map.localisation.uncertainty.inflation import AddedError, inflation_of, unobserved_size
-from sfr_loc_map.localisation.uncertainty.published_pose import PublishedPose
-from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
-from sfr_loc_map.localisation.uncertainty.step_covariance import MIN_VARIANCE
+from sfr_loc_map.localisation.motion_size import NO_MOTION, MotionSize, Speed
+from sfr_loc_map.localisation.uncertainty.error_sources import (
+    ZERO,
+    AddedError,
+    RoverModel,
+    inflation_of,
+    unobserved_size,
+)
+from sfr_loc_map.localisation.uncertainty.pose_covariance import AcceptedPair
+from sfr_loc_map.localisation.uncertainty.step_covariance import MIN_VARIANCE, PublishedPose
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2, Transform.identity())
 MODEL = RoverModel.of(replace(RIG, T_rb_sb=RIG.T_sb_left.inverse()), MotionBounds(), KEYFRAME_FLOW_RATIO)
 PERIOD_NS = 100_000_000
 SPEED = Speed(0.3, 0.0)
-NO_ERROR = AddedError(ZERO, NO_CORRELATED_ERROR)
+NO_ERROR = AddedError(ZERO, NO_MOTION)
 
 
 def pair(number: int, *, was_known: bool = True) -> AcceptedPair:

@@ -15,7 +15,7 @@ from sfr_loc_map.localisation.backend.sliding_window import KeyframeMotion
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO
 from sfr_loc_map.localisation.motion_size import MotionSize
-from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+from sfr_loc_map.localisation.uncertainty.error_sources import RoverModel
 from sfr_loc_map.localisation.uncertainty.step_covariance import (
     EXPECTED_CHI_MEDIAN,
     MIN_VARIANCE,
