@@ -72,7 +72,7 @@ class KeyframeJob(NamedTuple):
 
     frame: StereoFrame
     tracks: Tracks
-    window: SlidingWindow  #: The window without this keyframe.
+    landmark_map: LandmarkMap  #: The map without this keyframe.
     calibration: OnlineCalibration  #: The calibration before this keyframe.
     ground_mask: ImageMask | None  #: 0 where the image does not move with the ground; None if nothing is excluded.
 
@@ -95,13 +95,13 @@ def max_corners(rig: StereoRig, config: LocalisationConfig) -> int:
     return round(config.max_features * by_size)
 
 
-def has_diverged(window: SlidingWindow, T_world_left: Transform) -> bool:
-    """Return whether the adjustment of a window diverged.
+def has_diverged(landmark_map: LandmarkMap, T_world_left: Transform) -> bool:
+    """Return whether the adjustment of a map diverged.
 
     The newest pose or its covariance is then not finite, or the pose is far from that before the adjustment.
     """
-    pose = window.newest_pose
-    if not all(np.isfinite(array).all() for array in (*pose, window.covariance)):
+    pose = landmark_map.window.newest_pose
+    if not all(np.isfinite(array).all() for array in (*pose, landmark_map.covariance)):
         return True
     return not size_between(Pose.of(T_world_left), pose).is_within(MAX_ADJUSTMENT)
 
@@ -139,9 +139,9 @@ class KeyframeMaker:
         """
         start = time.perf_counter()
         window, calibration = self._first_window(frame, pose, calibration, ground_mask)
-        window = window.adjusted(ADJUSTMENT_ITERATIONS)
-        seconds = time.perf_counter() - start
-        return KeyframeResult(LandmarkMap.prepared(window), calibration, has_yaw_step=False, seconds=seconds)
+        landmark_map = window.adjusted(ADJUSTMENT_ITERATIONS)
+        landmark_map.prepare()
+        return KeyframeResult(landmark_map, calibration, has_yaw_step=False, seconds=time.perf_counter() - start)
 
     def landmark_count(
         self, frame: StereoFrame, pose: Pose, calibration: OnlineCalibration, ground_mask: ImageMask | None
@@ -168,15 +168,15 @@ class KeyframeMaker:
         tracks = job.tracks
         rows = tracks.landmarks.rows
         inliers = tracks.inliers
-        window = job.window.deactivated(rows[~inliers])
+        window = job.landmark_map.window.deactivated(rows[~inliers])
         observed = StereoObservations(tracks.observations[inliers], tracks.variance[inliers])
         window = window.with_keyframe(tracks.pose, rows[inliers], observed)
-        calibration, yaw_step_px = job.calibration.with_yaw_offset(window.right_offset)
+        calibration, yaw_step_px = job.calibration.with_yaw_offset(job.landmark_map.right_offset)
         if yaw_step_px != 0.0:
             window = window.with_right_shift(yaw_step_px)
         window, calibration = self._with_landmarks(window, job.frame, calibration, job.ground_mask)
-        window = window.adjusted(ADJUSTMENT_ITERATIONS)
-        landmark_map = LandmarkMap.prepared(window)
+        landmark_map = window.adjusted(ADJUSTMENT_ITERATIONS)
+        landmark_map.prepare()
         return KeyframeResult(landmark_map, calibration, yaw_step_px != 0.0, time.perf_counter() - start)
 
     def _with_landmarks(

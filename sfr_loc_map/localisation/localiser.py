@@ -296,7 +296,7 @@ class Localiser:
         keyframe = None
         if final.is_keyframe:
             mask = after.ground_memory.excluded.mask
-            keyframe = KeyframeJob(candidate.frame, tracks, candidate.landmark_map.window, after.calibration, mask)
+            keyframe = KeyframeJob(candidate.frame, tracks, candidate.landmark_map, after.calibration, mask)
         return Outcome(after, statistics, tracks, step, keyframe)
 
     # ---- pairs without an accepted pose
@@ -403,7 +403,7 @@ class Localiser:
                 self._state = state.diverged()
                 return
             clock.add("keyframe", result.seconds)
-            is_usable = not has_diverged(result.landmark_map.window, state.path.last.T_world_left)
+            is_usable = not has_diverged(result.landmark_map, state.path.last.T_world_left)
             self._state = state.adjusted(result, self._model) if is_usable else state.diverged()
 
     def _commit(self, outcome: Outcome, stamp_ns: int, clock: StageClock) -> PoseEstimate:

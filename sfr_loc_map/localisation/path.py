@@ -61,7 +61,7 @@ from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform, interpolated
-from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap, SlidingWindow
+from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.motion_model import LastPose
 from sfr_loc_map.localisation.motion_size import size_of
@@ -230,7 +230,7 @@ class PathState:
         errors = until_now.window_begun(
             self.last.T_world_left.translation,
             first_image=model.blur(landmark_map.landmarks.median_depth).covariance,
-            in_window=model.sources.adjustment_inflation * landmark_map.window.covariance,
+            in_window=model.sources.adjustment_inflation * landmark_map.covariance,
         )
         published, step = self._step_to_last(stamp_ns, model)
         published = published.window_begun()
@@ -242,16 +242,16 @@ class PathState:
         """Return the path after a lost pair."""
         return replace(self, last=self.last.lost())
 
-    def adjusted(self, window: SlidingWindow, model: RoverModel, *, has_yaw_step: bool) -> PathState:
+    def adjusted(self, landmark_map: LandmarkMap, model: RoverModel, *, has_yaw_step: bool) -> PathState:
         """Return the path that continues from the adjusted pose of the last pair, the newest keyframe of a window.
 
         An external pose for this pair applies to the adjusted pose, because later poses continue from it.
         """
-        T_world_left = Transform(*window.newest_pose)
+        T_world_left = Transform(*landmark_map.window.newest_pose)
         published = self.published
         if has_yaw_step:
             published = published.adjusted(size_of(self.last.T_world_left.inverse() @ T_world_left))
-        errors = self.errors.adjusted(model.sources.adjustment_inflation * window.covariance)
+        errors = self.errors.adjusted(model.sources.adjustment_inflation * landmark_map.covariance)
         last = self.last.adjusted(T_world_left)
         follows_directly = self.history.poses[-1].follows_directly
         history = self.history.with_last(_past_pose(last, errors, follows_directly=follows_directly))

@@ -84,7 +84,7 @@ class State:
     def adjusted(self, result: KeyframeResult, model: RoverModel) -> State:
         """Return the state with the adjusted map, pose and calibration of a keyframe."""
         landmark_map = result.landmark_map
-        path = self.path.adjusted(landmark_map.window, model, has_yaw_step=result.has_yaw_step)
+        path = self.path.adjusted(landmark_map, model, has_yaw_step=result.has_yaw_step)
         T_after_before = path.last.T_world_left @ self.path.last.T_world_left.inverse()
         return replace(
             self,

@@ -25,7 +25,6 @@ from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform, interpolated, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
-from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import TRACKED_LANDMARKS, LocalisationConfig
 from sfr_loc_map.localisation.estimate import MAX_GIVEN_M, PoseEstimate, StartPose, StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
@@ -583,7 +582,7 @@ def diverged(result: KeyframeResult) -> KeyframeResult:
     keyframes = window.problem.keyframes
     displaced = keyframes._replace(positions=keyframes.positions + 2.0)
     window = replace(window, problem=window.problem._replace(keyframes=displaced))
-    return replace(result, landmark_map=LandmarkMap(window))
+    return replace(result, landmark_map=replace(result.landmark_map, window=window))
 
 
 # ---- poses that cannot be

@@ -60,7 +60,7 @@ def model_of(rig: StereoRig) -> RoverModel:
 def map_of(covariance: np.ndarray) -> SimpleNamespace:
     """Return a map whose newest pose has a covariance in its window."""
     landmarks = SimpleNamespace(median_depth=DEPTH_M)
-    return SimpleNamespace(landmarks=landmarks, window=SimpleNamespace(covariance=covariance, last_motion=None))
+    return SimpleNamespace(landmarks=landmarks, covariance=covariance, last_motion=None)
 
 
 def begun(rig: StereoRig = IN_CAMERA) -> PathState:
@@ -119,8 +119,8 @@ def lost_until(path: PathState, number: int) -> PathState:
 
 def adjusted(path: PathState, to: np.ndarray) -> PathState:
     """Return the path after an adjustment moved the newest keyframe to a position."""
-    window = SimpleNamespace(newest_pose=Pose(np.eye(3), to), covariance=NOTHING)
-    return path.adjusted(window, model_of(IN_CAMERA), has_yaw_step=False)  # type: ignore[arg-type]
+    landmark_map = SimpleNamespace(window=SimpleNamespace(newest_pose=Pose(np.eye(3), to)), covariance=NOTHING)
+    return path.adjusted(landmark_map, model_of(IN_CAMERA), has_yaw_step=False)  # type: ignore[arg-type]
 
 
 def step_to(path: PathState, number: int, to: np.ndarray) -> StepEstimate:

@@ -19,9 +19,9 @@ A pair that becomes a keyframe passes through five steps (`keyframes.KeyframeMak
 | result of the adjustment | is used by |
 |---|---|
 | poses, landmarks and their covariances | tracking of the next pairs (`LandmarkMap`) |
-| `SlidingWindow.covariance` of the newest pose | covariance of poses (term `keyframes` of `uncertainty`) |
-| `SlidingWindow.last_motion` with its covariance | covariance of steps |
-| `SlidingWindow.right_offset` | yaw of the right camera, with the next keyframe (`YawEstimate.with_window`) |
+| `LandmarkMap.covariance` of the newest pose | covariance of poses (term `keyframes` of `uncertainty`) |
+| `LandmarkMap.last_motion` with its covariance | covariance of steps |
+| `LandmarkMap.right_offset` | yaw of the right camera, with the next keyframe (`YawEstimate.with_window`) |
 | `SlidingWindow.prior` | the next adjustments: information of keyframes and landmarks that have left the window |
 
 All values are immutable, and each step returns a new value.

@@ -62,11 +62,6 @@ class SlidingWindow:
     landmark_covariance: FloatArray  #: `(N, 3, 3)` of the landmarks given the poses, px and 1/m.
     patches: tuple[HostPatches, ...]  #: Patches by keyframe; the large arrays are shared between windows.
     prior: Prior  #: Information of the keyframes and landmarks that have left the window.
-    #: `(6, 6)` of the pose that was the newest in the last adjustment (`Adjustment`), position and rotation about the
-    #: world's axes; empty before the first adjustment. A keyframe that was added since then has no covariance yet.
-    covariance: FloatArray
-    last_motion: KeyframeMotion | None  #: Motion to the newest keyframe; None with fewer than two keyframes.
-    right_offset: OffsetEstimate  #: Offset of the right observations along the rows, from the last adjustment.
 
     @classmethod
     def empty(cls, camera: StereoCamera, size: int) -> SlidingWindow:
@@ -84,9 +79,6 @@ class SlidingWindow:
             landmark_covariance=np.zeros((0, 3, 3)),
             patches=(),
             prior=Prior(np.zeros((0, 0)), np.zeros(0), keyframes),
-            covariance=np.zeros((0, 0)),
-            last_motion=None,
-            right_offset=OffsetEstimate(0.0, np.inf),
         )
 
     @property
@@ -220,16 +212,14 @@ class SlidingWindow:
             patches=(*self.patches[:-1], HostPatches(new.uv, new.patches, left[1:])),
         )
 
-    def adjusted(self, iterations: int) -> SlidingWindow:
-        """Return the window with all keyframes and landmarks adjusted together."""
+    def adjusted(self, iterations: int) -> LandmarkMap:
+        """Return the map of the window with all keyframes and landmarks adjusted together."""
         result = adjust(self.problem, self.prior, iterations)
-        return replace(
-            self,
-            problem=result.problem,
-            landmark_covariance=result.covariance,
-            right_offset=result.right_offset,
+        return LandmarkMap(
+            window=replace(self, problem=result.problem, landmark_covariance=result.covariance),
             covariance=result.pose_covariance[-6:, -6:],
             last_motion=_last_motion(result.problem.keyframes, result.pose_covariance),
+            right_offset=result.right_offset,
         )
 
 
@@ -253,25 +243,25 @@ def _last_motion(keyframes: Poses, pose_covariance: FloatArray) -> KeyframeMotio
 
 @dataclass(frozen=True, eq=False)
 class LandmarkMap:
-    """A sliding window and its active landmarks, ready for tracking.
+    """A sliding window after its adjustment, and its active landmarks.
 
-    The landmarks of a stage are selected, and their templates copied (`Patches.at`), at the first use. `prepared` does
+    The landmarks of a stage are selected, and their templates copied (`Patches.at`), at the first use. `prepare` does
     this for the next pairs in the background thread of a keyframe, which saves time in the next call.
     """
 
-    window: SlidingWindow
+    window: SlidingWindow  #: The adjusted window.
+    covariance: FloatArray  #: `(6, 6)` of the newest pose (`Adjustment`), position and rotation about the world's axes.
+    last_motion: KeyframeMotion | None  #: Motion to the newest keyframe; None with fewer than two keyframes.
+    right_offset: OffsetEstimate  #: Offset of the right observations along the rows.
 
-    @classmethod
-    def prepared(cls, window: SlidingWindow) -> LandmarkMap:
-        """Return the map of a window with the templates for the next pairs already copied."""
-        landmark_map = cls(window)
-        for landmarks in (landmark_map.tracked, landmark_map.rest):
+    def prepare(self) -> None:
+        """Select the landmarks and copy the templates for the next pairs."""
+        for landmarks in (self.tracked, self.rest):
             _ = landmarks.patches.at(0)
-        _ = landmark_map.landmarks.median_depth
-        _ = landmark_map.tracked.median_depth
+        _ = self.landmarks.median_depth
+        _ = self.tracked.median_depth
         for level in range(1, LEVELS):
-            _ = landmark_map.aligned.patches.at(level)
-        return landmark_map
+            _ = self.aligned.patches.at(level)
 
     @cached_property
     def landmarks(self) -> Landmarks:
@@ -301,4 +291,4 @@ class LandmarkMap:
 
     def deactivated(self, rows: NDArray[np.intp]) -> LandmarkMap:
         """Return the map in which some landmarks are no longer tracked, or this map if `rows` is empty."""
-        return LandmarkMap(self.window.deactivated(rows)) if len(rows) else self
+        return replace(self, window=self.window.deactivated(rows)) if len(rows) else self

@@ -219,7 +219,7 @@ class PublishedPose:
         )
         motion = StepMotion.between(self.T_world_left or pair.T_world_left, pair.T_world_left, model)
         depth_m = pair.tracks.landmarks.median_depth
-        keyframes = pair.landmark_map.window.last_motion
+        keyframes = pair.landmark_map.last_motion
         of_images = step_covariance(motion, keyframes, pair.given_keyframes, depth_m, variance_factor, model)
         seconds = self.seconds_until(pair.stamp_ns)
         while_kept = unobserved_during(speed, self.kept_s, model) if self.kept_s > 0.0 else ZERO

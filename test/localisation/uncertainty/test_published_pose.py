@@ -39,7 +39,7 @@ def pair(number: int, *, was_known: bool = True) -> AcceptedPair:
     landmarks = SimpleNamespace(median_depth=5.0)
     pose = Pose(np.eye(3), np.array([0.03 * number, 0.0, 0.0]))
     tracks: Any = SimpleNamespace(pose=pose, information=np.eye(6) * 1e18, landmarks=landmarks)
-    landmark_map: Any = SimpleNamespace(landmarks=landmarks, window=SimpleNamespace(last_motion=None))
+    landmark_map: Any = SimpleNamespace(landmarks=landmarks, last_motion=None)
     calibration = OnlineCalibration(RIG.camera, (480, 640), 7)
     nothing = MotionSize(0.0, 0.0)
     stamp_ns = number * PERIOD_NS
