@@ -117,16 +117,21 @@ def _fill_columns(image: FloatImage, hosted: _Hosted, n: int, work: _Workspace) 
     """Fill the columns of the least-squares problem for the pixels of a patch; NaN outside either image."""
     shown = work.shown
     columns = work.columns
-    _fill_inverse(hosted.to_shown[n], work.inverse)
+    from_shown = work.inverse
+    host_image = hosted.image
+    host_u = hosted.uv[n, 0]
+    host_v = hosted.uv[n, 1]
+    to_other = hosted.to_other[n]
+    _fill_inverse(hosted.to_shown[n], from_shown)
     for j in range(MIXTURE_SIDE + 2):
         for i in range(MIXTURE_SIDE + 2):
-            u = hosted.uv[n, 0] + (i - MIXTURE_HALF - 1) * (1 << MIXTURE_LEVEL)
-            v = hosted.uv[n, 1] + (j - MIXTURE_HALF - 1) * (1 << MIXTURE_LEVEL)
-            at = _mapped(hosted.to_other[n], u, v)
-            shown[j, i] = _level_sample(hosted.image, _mapped(work.inverse, at.u, at.v))
+            u = host_u + (i - MIXTURE_HALF - 1) * (1 << MIXTURE_LEVEL)
+            v = host_v + (j - MIXTURE_HALF - 1) * (1 << MIXTURE_LEVEL)
+            at = _mapped(to_other, u, v)
+            shown[j, i] = _level_sample(host_image, _mapped(from_shown, at.u, at.v))
             if 1 <= i <= MIXTURE_SIDE and 1 <= j <= MIXTURE_SIDE:
                 k = (j - 1) * MIXTURE_SIDE + i - 1
-                columns[OTHER, k] = _level_sample(hosted.image, _MappedPixel(u, v))
+                columns[OTHER, k] = _level_sample(host_image, _MappedPixel(u, v))
                 columns[IMAGE, k] = _level_sample(image, at)
     for j in range(MIXTURE_SIDE):
         for i in range(MIXTURE_SIDE):
