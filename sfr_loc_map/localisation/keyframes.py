@@ -171,9 +171,9 @@ class KeyframeMaker:
         window = job.landmark_map.window.deactivated(rows[~inliers])
         observed = StereoObservations(tracks.observations[inliers], tracks.variance[inliers])
         window = window.with_keyframe(tracks.pose, rows[inliers], observed)
-        calibration, yaw_step_px = job.calibration.with_yaw_offset(job.landmark_map.right_offset)
+        calibration, yaw_step_px = job.calibration.with_window_yaw(job.landmark_map.right_offset)
         if yaw_step_px != 0.0:
-            window = window.with_right_shift(yaw_step_px)
+            window = window.with_yaw_corrected(yaw_step_px)
         window, calibration = self._with_landmarks(window, job.frame, calibration, job.ground_mask)
         landmark_map = window.adjusted(ADJUSTMENT_ITERATIONS)
         landmark_map.prepare()
@@ -197,7 +197,7 @@ class KeyframeMaker:
             corners,
             known,
             min(focal_baseline / MIN_DEPTH_M, MAX_DISPARITY_RATIO * self._rig.width),
-            calibration.offset.v,
+            calibration.offset.pitch_px,
             self._right_mask,
             own_slopes=self._is_large,
         )

@@ -288,9 +288,9 @@ class Localiser:
             keyframes=after.keyframes,
             chi_median=chi_median,
             residual_px=_median_residual_px(tracks),
-            vertical_offset_px=offset.v,
-            disparity_offset_px=-offset.u,
-            roll_offset_px=offset.roll,
+            vertical_offset_px=offset.pitch_px,
+            disparity_offset_px=-offset.yaw_px,
+            roll_offset_px=offset.roll_px,
             masked_share=after.ground_memory.excluded.fraction,
         )
         keyframe = None

@@ -18,7 +18,7 @@ from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.findings import Finding, Verdict, decide
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
-from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_shift
+from sfr_loc_map.localisation.frontend.right_camera import RightOffset, pair_yaw
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.ground.cell_change import Change
@@ -136,7 +136,7 @@ class Stages:
         calibration: OnlineCalibration,
         shear_mean: ShearMean,
     ) -> Candidate:
-        """Estimate the shift of the right image, and correct the right observations for a drift of the right camera.
+        """Estimate the yaw of the right camera, and correct the right observations for a drift of the right camera.
 
         Tracks that are not trusted remain unchanged, because stage 8 refuses them.
         """
@@ -147,17 +147,17 @@ class Stages:
             return uncorrected
         lens_px = calibration.lens.likely_px
         landmarks = tracks.landmarks.estimates
-        shift = right_shift(tracks.pose, landmarks, tracks.observed, self._camera, self._shape, lens_px)
-        if shift is None:
+        yaw = pair_yaw(tracks.pose, landmarks, tracks.observed, self._camera, self._shape, lens_px)
+        if yaw is None:
             return uncorrected
-        calibration, drift_px = calibration.with_pair(shift)
+        calibration, drift_px = calibration.with_pair(yaw)
         if drift_px != 0.0:
             observations = tracks.observations.copy()
-            observations[:, 2:] -= RightOffset(u=drift_px).at(observations[:, 2:], self._camera)
+            observations[:, 2:] -= RightOffset(yaw_px=drift_px).at(observations[:, 2:], self._camera)
             observed = tracks.observed._replace(uv=observations)
             tracks = self.tracker.solve(tracks.landmarks, observed, tracks.pose)
-        shear_mean = shear_mean.with_pair(shift.shear_chi2)
-        return Candidate(frame, landmark_map, ground, tracks, calibration, shear_mean, shift.shear_chi2)
+        shear_mean = shear_mean.with_pair(yaw.shear_chi2)
+        return Candidate(frame, landmark_map, ground, tracks, calibration, shear_mean, yaw.shear_chi2)
 
     # ---- verdict and final pose
 

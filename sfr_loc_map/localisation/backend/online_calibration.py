@@ -5,8 +5,8 @@ A rotation of a few hundredths of a degree is the most common error of a rig aft
 - Pitch and roll appear in every stereo match as vertical disparity.
 - Yaw changes all depths and therefore scales the path. The bundle adjustment estimates the yaw from the disagreement of
   depths from stereo with depths from motion. The adjustment assumes a constant yaw within a window.
-- Drift is a rotation of the right camera within a window. The drift shifts right images relative to the landmarks of
-  earlier keyframes. Each pair shows this shift to a hundredth of a pixel, and the drift is corrected from pair to pair.
+- Drift is a rotation of the right camera within a window. Each pair shows the yaw since the landmarks were
+  triangulated to a hundredth of a pixel, and the drift is corrected from pair to pair.
 
 The calibration is immutable: each update returns a new object.
 """
@@ -22,27 +22,27 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.robust_statistics import cauchy_weight
 from sfr_loc_map.localisation.backend.bundle_adjustment import OffsetEstimate
-from sfr_loc_map.localisation.frontend.right_camera import RightOffset, RightShift
+from sfr_loc_map.localisation.frontend.right_camera import PairYaw, RightOffset
 
 # The values were chosen by hand on rendered drives with injected yaw, pitch and drift.
 
-MIN_SHIFTS: Final = 8
-"""Minimum number of consecutive pairs from which a drift is detected. A line fitted to eight shifts has six degrees of
+MIN_YAWS: Final = 8
+"""Minimum number of consecutive pairs from which a drift is detected. A line fitted to eight yaws has six degrees of
 freedom, so its standard error is accurate to 29 %."""
-MAX_SHIFTS: Final = 16
+MAX_YAWS: Final = 16
 """Maximum number of consecutive pairs from which a drift is detected: 1.6 s at 10 Hz, over which a drift is nearly
 linear."""
 DRIFT_SIGMAS: Final = 5.0
-"""Detection threshold of a drift, in standard errors of the shift. Chosen by hand: noise exceeds 5 standard errors in
+"""Detection threshold of a drift, in standard errors of the yaw. Chosen by hand: noise exceeds 5 standard errors in
 0.25 % of the fits with six degrees of freedom. With a larger threshold, a drift biases the depths for longer; with a
 smaller one, the correction follows noise, which accumulates."""
 DRIFT_FLOOR_PX: Final = 0.015
-"""Shift, px, that is added to the detection threshold of a drift. Chosen by hand near the common error of all
+"""Yaw, px, that is added to the detection threshold of a drift. Chosen by hand near the common error of all
 disparities (`ErrorSources.disparity_px`, 0.01 px). With a larger value, slow drifts are left to the yaw of the windows;
 with a smaller one, errors of the landmarks are attributed to a drift."""
 AFTER_DRIFT_PAIRS: Final = 20
 """Number of pairs after the last correction for which the right camera is still reported as drifting. Chosen by hand,
-above the number of pairs that detect a drift (`MAX_SHIFTS`). With fewer pairs, the state alternates during a drift;
+above the number of pairs that detect a drift (`MAX_YAWS`). With fewer pairs, the state alternates during a drift;
 with more, good pairs stay degraded."""
 DRIFT_ERROR_RATIO: Final = 0.1
 """Ratio of the standard deviation of a drift correction to the correction. Chosen by hand, equal to
@@ -199,11 +199,11 @@ class YawEstimate(NamedTuple):
 
 
 class DriftEstimate(NamedTuple):
-    """Change of the yaw within a window, detected from the shifts of consecutive pairs and corrected completely."""
+    """Change of the yaw within a window, detected from the yaws of consecutive pairs and corrected completely."""
 
     px: float = 0.0  #: Sum of the corrections.
     total_px: float = 0.0  #: Sum of the absolute corrections, for the uncertainty of the attitude.
-    shifts: tuple[float, ...] = ()  #: Shifts of the last right images relative to the landmarks, px.
+    yaws_px: tuple[float, ...] = ()  #: Yaws of the last pairs relative to the landmarks (`PairYaw`).
     pairs_since: int = AFTER_DRIFT_PAIRS  #: Number of pairs since the last correction.
 
     @property
@@ -211,32 +211,32 @@ class DriftEstimate(NamedTuple):
         """Whether the right camera has drifted within the last `AFTER_DRIFT_PAIRS` pairs."""
         return self.pairs_since < AFTER_DRIFT_PAIRS
 
-    def with_shift(self, px: float) -> tuple[DriftEstimate, float]:
-        """Add the shift of the right image of a pair relative to the landmarks; return the new drift, px, or 0.
+    def with_pair_yaw(self, px: float) -> tuple[DriftEstimate, float]:
+        """Add the yaw of a pair relative to the landmarks; return the new drift, px, or 0.
 
-        A line fitted to the shifts of the last pairs gives the current shift and its standard error. The fit
-        distinguishes a steady drift from noise and from the shift of a single pair (vibration, unsynchronised cameras).
+        A line fitted to the yaws of the last pairs gives the current yaw and its standard error. The fit
+        distinguishes a steady drift from noise and from the yaw of a single pair (vibration, unsynchronised cameras).
         """
-        shifts = (*self.shifts, px)[-MAX_SHIFTS:]
-        quiet = self._replace(shifts=shifts, pairs_since=self.pairs_since + 1)
-        if len(shifts) < MIN_SHIFTS:
+        yaws_px = (*self.yaws_px, px)[-MAX_YAWS:]
+        quiet = self._replace(yaws_px=yaws_px, pairs_since=self.pairs_since + 1)
+        if len(yaws_px) < MIN_YAWS:
             return quiet, 0.0
-        drift_px, sigma_px = _end_of_line(np.array(shifts))
+        drift_px, sigma_px = _end_of_line(np.array(yaws_px))
         if abs(drift_px) < DRIFT_FLOOR_PX + DRIFT_SIGMAS * sigma_px:
             return quiet, 0.0
-        relative = tuple((np.array(shifts) - drift_px).tolist())
+        relative = tuple((np.array(yaws_px) - drift_px).tolist())
         return DriftEstimate(self.px + drift_px, self.total_px + abs(drift_px), relative, pairs_since=0), drift_px
 
     def window_begun(self) -> DriftEstimate:
-        """Discard the shifts of earlier pairs, because they were measured relative to other landmarks."""
-        return self._replace(shifts=())
+        """Discard the yaws of earlier pairs, because they were measured relative to other landmarks."""
+        return self._replace(yaws_px=())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VerticalEstimate:
     """Pitch and roll of the right camera, a least-squares estimate from the vertical disparities of all keyframes."""
 
-    v_px: float = 0.0  #: Offset of the right image at the principal point (pitch).
+    pitch_px: float = 0.0  #: Pitch: offset of the right image along the column at the principal point.
     roll_px: float = 0.0  #: Roll, px at one focal length from the principal point.
     information: FloatArray = field(default_factory=lambda: np.diag(VERTICAL_PRIOR))  #: `(2, 2)` of pitch and roll.
     information_vector: FloatArray = field(default_factory=lambda: np.zeros(2))
@@ -248,7 +248,7 @@ class VerticalEstimate:
         """
         x, y = xy.T
         design = np.column_stack((1.0 + y * y, x))
-        residual = disparity - design @ np.array([self.v_px, self.roll_px])
+        residual = disparity - design @ np.array([self.pitch_px, self.roll_px])
         change = np.array([float(np.median(residual)), 0.0])
         prior = np.diag(VERTICAL_PRIOR)
         for _ in range(VERTICAL_ITERATIONS):  # robust weights use this keyframe alone
@@ -258,8 +258,8 @@ class VerticalEstimate:
         # All keyframes contribute, because matches on one side of the image hardly constrain the other side.
         information = RETENTION * self.information + weighted @ design
         vector = RETENTION * self.information_vector + weighted @ disparity
-        v_px, roll_px = map(float, np.linalg.solve(information, vector))
-        return VerticalEstimate(v_px, roll_px, information, vector)
+        pitch_px, roll_px = map(float, np.linalg.solve(information, vector))
+        return VerticalEstimate(pitch_px, roll_px, information, vector)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -269,8 +269,8 @@ class OnlineCalibration:
     | estimate | is updated by | from |
     |---|---|---|
     | `vertical` (pitch, roll) | each keyframe (`with_matches`) | vertical disparities of its stereo matches |
-    | `yaw` (constant part) | each keyframe (`with_yaw_offset`) | the adjusted window |
-    | `drift` (change of the yaw) | each pair (`with_pair`) | the shift of the right image relative to the landmarks |
+    | `yaw` (constant part) | each keyframe (`with_window_yaw`) | the adjusted window |
+    | `drift` (change of the yaw) | each pair (`with_pair`) | the yaw relative to the landmarks (`PairYaw`) |
     | `lens` | each pair (`with_pair`) | residual disparities by image block |
     """
 
@@ -285,7 +285,7 @@ class OnlineCalibration:
     @property
     def offset(self) -> RightOffset:
         """Correction of the right observations."""
-        return RightOffset(self.yaw.corrected_px + self.drift.px, self.vertical.v_px, self.vertical.roll_px)
+        return RightOffset(self.yaw.corrected_px + self.drift.px, self.vertical.pitch_px, self.vertical.roll_px)
 
     @property
     def is_settled(self) -> bool:
@@ -308,13 +308,13 @@ class OnlineCalibration:
         drift = DriftEstimate(total_px=self.drift.total_px)
         return OnlineCalibration(self.camera, self.shape, self.window_keyframes, yaw=yaw, drift=drift)
 
-    def with_pair(self, shift: RightShift) -> tuple[OnlineCalibration, float]:
-        """Add the residual disparities of a pair, and the shift of its right image relative to the landmarks.
+    def with_pair(self, found: PairYaw) -> tuple[OnlineCalibration, float]:
+        """Add the residual disparities of a pair, and its yaw relative to the landmarks.
 
         The second value is the new drift, px, or 0.
         """
-        lens = self.lens.with_pair(shift.uv, shift.disparity, self.shape)
-        drift, drift_px = self.drift.with_shift(shift.px)
+        lens = self.lens.with_pair(found.uv, found.disparity, self.shape)
+        drift, drift_px = self.drift.with_pair_yaw(found.px)
         yaw = self.yaw
         if drift_px != 0.0:
             yaw = yaw._replace(variance_px2=yaw.variance_px2 + (DRIFT_ERROR_RATIO * drift_px) ** 2)
@@ -328,10 +328,10 @@ class OnlineCalibration:
         if len(vertical_disparity) < MIN_MATCHES:
             return self
         xy = self.camera.normalised(right_uv)
-        without_yaw = vertical_disparity - self.offset.u * xy[:, 0] * xy[:, 1]
+        without_yaw = vertical_disparity - self.offset.yaw_px * xy[:, 0] * xy[:, 1]
         return replace(self, vertical=self.vertical.with_matches(xy, without_yaw))
 
-    def with_yaw_offset(self, found: OffsetEstimate) -> tuple[OnlineCalibration, float]:
+    def with_window_yaw(self, found: OffsetEstimate) -> tuple[OnlineCalibration, float]:
         """Update the yaw with the remaining offset of an adjusted window; return the change of the correction, px."""
         yaw = self.yaw.with_window(found, self.window_keyframes)
         # An uncorrected yaw dominates the residual disparities and hides lens errors.
@@ -340,13 +340,13 @@ class OnlineCalibration:
         return replace(self, yaw=corrected, lens=lens), corrected.corrected_px - yaw.corrected_px
 
 
-def _end_of_line(shifts: FloatArray) -> tuple[float, float]:
-    """Fit a line to shifts `(N,)` of consecutive pairs; return its last value and the standard error of that value."""
-    count = len(shifts)
+def _end_of_line(yaws_px: FloatArray) -> tuple[float, float]:
+    """Fit a line to the yaws `(N,)` of consecutive pairs; return its last value with the standard error."""
+    count = len(yaws_px)
     pairs = np.arange(count) - 0.5 * (count - 1)
     power = float(pairs @ pairs)
-    slope = float(pairs @ shifts) / power
-    mean = shifts.mean()
+    slope = float(pairs @ yaws_px) / power
+    mean = yaws_px.mean()
     last = float(mean) + slope * float(pairs[-1])
-    variance = float(np.square(shifts - mean - slope * pairs).sum()) / (count - 2)
+    variance = float(np.square(yaws_px - mean - slope * pairs).sum()) / (count - 2)
     return last, float(np.sqrt(variance * (1.0 / count + pairs[-1] ** 2 / power)))

@@ -122,7 +122,7 @@ class SlidingWindow:
         active[rows] = False
         return replace(self, active=active)
 
-    def with_right_shift(self, yaw_px: float) -> SlidingWindow:
+    def with_yaw_corrected(self, yaw_px: float) -> SlidingWindow:
         """Return the window with all right observations corrected along the rows for a yaw of the right camera, px.
 
         The v coordinates are not corrected. The yaw changes them by `x y yaw_px`, and later observations are corrected

@@ -1,9 +1,10 @@
 """Deviation of the right camera from its calibration.
 
-A small rotation of the camera displaces right image positions (`RightOffset`). The yaw that remains after its
-correction is estimated after the pose of a pair, as a shift along the rows (`RightShift`).
+A small rotation of the camera displaces right image positions (`RightOffset`). The yaw since the landmarks were
+triangulated is estimated after the pose of each pair (`PairYaw`). A yaw shifts the principal point along its row, and
+is therefore given in pixels.
 
-The Gauss-Newton step that estimates the shift also estimates a shear of the rows of both images (rolling shutter).
+The Gauss-Newton step that estimates the yaw also estimates a shear of the rows of both images (rolling shutter).
 """
 
 from __future__ import annotations
@@ -22,39 +23,39 @@ from sfr_loc_map.localisation.frontend.pose_solver import (
 )
 from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure
 
-SHIFT_SCALE = 4.0
+YAW_SCALE = 4.0
 """Scale of the Geman-McClure weight: the squared residual per degree of freedom at which the weight is a quarter. It
 corresponds to two standard deviations. The pose is already solved, so a larger scale is not required."""
 MIN_INLIER_WEIGHT = 0.5
 """Minimum weight of a landmark that agrees with the pose. It corresponds to a residual of 1.3 standard deviations."""
-MIN_SHIFT_LANDMARKS = 9  #: Minimum number of landmarks with a weight: one for each unknown of the step.
+MIN_YAW_LANDMARKS = 9  #: Minimum number of landmarks with a weight: one for each unknown of the step.
 ENOUGH_LANDMARKS = 300
 """Approximate number of landmarks used. With 300, the error that all landmarks of an image have in common exceeds the
 random error of their mean."""
-POSE, SHIFT, SHEAR = slice(6), 6, slice(7, 9)
-"""Unknowns of the step: pose, shift of the right image, shears of the left and of the right image."""
+POSE, YAW, SHEAR = slice(6), 6, slice(7, 9)
+"""Unknowns of the step: pose, yaw of the right camera, shears of the left and of the right image."""
 UNKNOWNS = 9  #: Number of unknowns of the step.
 
 
 class RightOffset(NamedTuple):
     """Extrinsic rotation error of the right camera, as the displacement of right image positions."""
 
-    u: float = 0.0  #: Offset along the row at the principal point (yaw), pixels, positive to the right.
-    v: float = 0.0  #: Offset along the column at the principal point (pitch), pixels, positive downwards.
-    roll: float = 0.0  #: Rotation about the optical axis, pixels at one focal length from the principal point.
+    yaw_px: float = 0.0  #: Offset along the row at the principal point, pixels, positive to the right.
+    pitch_px: float = 0.0  #: Offset along the column at the principal point, pixels, positive downwards.
+    roll_px: float = 0.0  #: Rotation about the optical axis, pixels at one focal length from the principal point.
 
     def at(self, uv: FloatArray, camera: StereoCamera) -> FloatArray:
         """Return the offsets `(N, 2)` at pixels `(N, 2)` of the right image: the flow field of a small rotation."""
         x, y = camera.normalised(uv).T
-        along_u = self.u * (1.0 + x * x) + self.v * x * y - self.roll * y
-        along_v = self.v * (1.0 + y * y) + self.u * x * y + self.roll * x
+        along_u = self.yaw_px * (1.0 + x * x) + self.pitch_px * x * y - self.roll_px * y
+        along_v = self.pitch_px * (1.0 + y * y) + self.yaw_px * x * y + self.roll_px * x
         return np.column_stack((along_u, along_v))
 
 
-class RightShift(NamedTuple):
-    """Shift of right positions along the rows at the principal point, equivalent to a yaw of the right camera."""
+class PairYaw(NamedTuple):
+    """Yaw of the right camera in a pair, relative to its yaw when the landmarks were triangulated."""
 
-    px: float  #: Shift to the right, px, in addition to the corrections applied when landmarks were triangulated.
+    px: float  #: Yaw, px, in addition to the corrections that were applied when the landmarks were triangulated.
     #: Squared Mahalanobis norm of the shears of both images (rolling shutter), per degree of freedom.
     shear_chi2: float
     uv: FloatArray  #: `(N, 2)` left pixels of the landmarks that agree with the pose.
@@ -62,28 +63,28 @@ class RightShift(NamedTuple):
 
 
 class _StepEquations(NamedTuple):
-    """Normal equations of a Gauss-Newton step of pose, shift and shears."""
+    """Normal equations of a Gauss-Newton step of pose, yaw and shears."""
 
     information: FloatArray  #: `(9, 9)`.
     rhs: FloatArray  #: `(9,)`.
 
 
-def right_shift(
+def pair_yaw(
     pose: Pose,
     landmarks: LandmarkEstimates,
     observations: StereoObservations,
     camera: StereoCamera,
     shape: tuple[int, int],
     lens_px: float,
-) -> RightShift | None:
-    """Estimate the shift of the right image in a pair whose pose is solved, and test whether an image is sheared.
+) -> PairYaw | None:
+    """Estimate the yaw of the right camera in a pair whose pose is solved, and test whether an image is sheared.
 
     None if too few landmarks are observed in both images, or if the equations are not finite.
 
     The depths of the landmarks come from earlier pairs. If the right camera has rotated since then, all right positions
     are shifted by about the same amount, and left positions are not shifted. No motion of the rig explains such a
-    shift. The pose of the pair was solved without a shift, and the shift is therefore estimated by one joint
-    Gauss-Newton step of pose and shift.
+    shift. The pose of the pair was solved without a yaw, and the yaw is therefore estimated by one joint Gauss-Newton
+    step of pose and yaw.
 
     Args:
         pose: Pose of the left camera in the pair.
@@ -96,10 +97,10 @@ def right_shift(
     landmarks, observations = _in_both_images(landmarks, observations)
     linearised = linearise(pose, landmarks, observations, camera)
     chi2 = np.where(np.isnan(linearised.chi2_per_dof), np.inf, linearised.chi2_per_dof)
-    weight = geman_mcclure(chi2, SHIFT_SCALE)
+    weight = geman_mcclure(chi2, YAW_SCALE)
     left_uv = observations.uv[:, :2]
     right_uv = observations.uv[:, 2:]
-    if np.count_nonzero(weight) < MIN_SHIFT_LANDMARKS:
+    if np.count_nonzero(weight) < MIN_YAW_LANDMARKS:
         return None
     equations = _step_equations(linearised, weight, camera.normalised(left_uv), camera.normalised(right_uv))
     if not np.isfinite(equations.information).all():
@@ -110,7 +111,7 @@ def right_shift(
     shear_chi2 = _shear_chi2(equations, lens_px / farthest)
     agrees = weight > MIN_INLIER_WEIGHT
     disparity = linearised.residuals[agrees, 2] - linearised.residuals[agrees, 0]
-    return RightShift(_shift_px(equations), shear_chi2, left_uv[agrees], disparity)
+    return PairYaw(_yaw_px(equations), shear_chi2, left_uv[agrees], disparity)
 
 
 def _in_both_images(
@@ -135,19 +136,19 @@ def _step_equations(
     x, y = right_xy.T
     jacobian = np.zeros((len(weight), 4, UNKNOWNS))
     jacobian[:, :, POSE] = linearised.jacobians
-    jacobian[:, 2, SHIFT] = 1.0 + x * x
-    jacobian[:, 3, SHIFT] = x * y
+    jacobian[:, 2, YAW] = 1.0 + x * x
+    jacobian[:, 3, YAW] = x * y
     jacobian[:, 0, SHEAR.start] = left_xy[:, 1]
     jacobian[:, 2, SHEAR.start + 1] = y
     weighted = (linearised.inverse_covariance * weight[:, None, None] @ jacobian).reshape(-1, UNKNOWNS)
     return _StepEquations(weighted.T @ jacobian.reshape(-1, UNKNOWNS), weighted.T @ linearised.residuals.ravel())
 
 
-def _shift_px(equations: _StepEquations) -> float:
-    """Return the shift, px, from the equations of pose and shift; the shears are held at 0."""
-    size = SHIFT + 1
+def _yaw_px(equations: _StepEquations) -> float:
+    """Return the yaw, px, from the equations of pose and yaw; the shears are held at 0."""
+    size = YAW + 1
     information = equations.information[:size, :size]
-    inverse_row = np.linalg.solve(information, np.eye(size)[SHIFT])
+    inverse_row = np.linalg.solve(information, np.eye(size)[YAW])
     return float(inverse_row @ equations.rhs[:size])
 
 

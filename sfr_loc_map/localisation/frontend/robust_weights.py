@@ -7,7 +7,7 @@ to data of one keyframe use the Cauchy weight `1 / (1 + (r / scale)^2)` of the s
 | fit | weight | scale | of |
 |---|---|---|---|
 | pose of a pair | Geman-McClure | `pose_solver.SCALE_PER_MEDIAN` times the median | chi2 per degree of freedom |
-| shift of the right camera | Geman-McClure | `right_camera.SHIFT_SCALE` | chi2 per degree of freedom |
+| yaw of the right camera | Geman-McClure | `right_camera.YAW_SCALE` | chi2 per degree of freedom |
 | bundle adjustment | Geman-McClure | `bundle_adjustment.ADJUSTMENT_SCALE` | chi2 of a position |
 | planes of neighbours | Cauchy | `neighbour_slopes.PLANE_SCALE_PX` | residual r, px |
 | pitch and roll | Cauchy | `online_calibration.VERTICAL_SCALE_PX` | residual r, px |

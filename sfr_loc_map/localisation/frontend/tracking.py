@@ -31,8 +31,8 @@ LIMITS = TrackingLimits(max_shift=2.5, iterations=6, min_correlation=0.6)
 """Limits of a track: maximum shift from the projection, px, Gauss-Newton iterations, and minimum normalised
 cross-correlation. Other values were tried: measurements/localiser_trials.md, "Limits of a track"."""
 SEARCHED_OFFSET_PX = 0.5
-"""Offset u of the right image, px, above which tracking starts at the offset position. A smaller offset is within the
-capture range of the tracker (`LIMITS`). Offset v and roll must always be within that range."""
+"""Yaw of the right camera, px, above which tracking starts at the offset position. A smaller offset is within the
+capture range of the tracker (`LIMITS`). Pitch and roll must always be within that range."""
 ALIGNED_LEVELS = range(LEVELS - 1, 0, -1)
 """Pyramid levels of the alignment. Level 0 is omitted, because the tracking of single patches corrects the remaining
 error."""
@@ -141,9 +141,9 @@ class Tracker:
         templates = landmarks.patches.at(0)
         in_left = plane_homographies(start, planes, self._camera, 0.0)
         in_right = plane_homographies(start, planes, self._camera, self._camera.baseline_m)
-        if abs(offset.u) > SEARCHED_OFFSET_PX:
+        if abs(offset.yaw_px) > SEARCHED_OFFSET_PX:
             # u' = (h_0 . p) / (h_2 . p) + offset, so that the first row becomes h_0 + offset h_2
-            in_right[:, 0] += offset.u * in_right[:, 2]
+            in_right[:, 0] += offset.yaw_px * in_right[:, 2]
         left, right = both(
             track_patches,  # only one kernel: a thread that waits for the interpreter lock is put to sleep
             (frame.left[0].image, templates, planes.uv, in_left, LIMITS),

@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
-from sfr_loc_map.localisation.frontend.right_camera import RightShift
+from sfr_loc_map.localisation.frontend.right_camera import PairYaw
 
 CAMERA = StereoCamera(400.0, 400.0, 256.0, 256.0, 0.15)
 
@@ -30,11 +30,11 @@ def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_
     noisy = moved[:, 1] - places[:, 1] + random.normal(0, 0.1, 400)
     noisy[:30] += random.uniform(-3, 3, 30)  # wrong matches
     calibration = calibration.with_matches(moved[:10], noisy[:10])
-    assert (calibration.offset.v, calibration.offset.roll) == (0.0, 0.0)  # too few to say
+    assert (calibration.offset.pitch_px, calibration.offset.roll_px) == (0.0, 0.0)  # too few to say
     for _ in range(3):
         calibration = calibration.with_matches(moved, noisy)
-    assert calibration.offset.v == pytest.approx(-CAMERA.fx * turn[0], abs=0.03)
-    assert calibration.offset.roll == pytest.approx(CAMERA.fx * turn[2], abs=0.06)
+    assert calibration.offset.pitch_px == pytest.approx(-CAMERA.fx * turn[0], abs=0.03)
+    assert calibration.offset.roll_px == pytest.approx(CAMERA.fx * turn[2], abs=0.06)
     np.testing.assert_allclose(calibration.offset.at(moved, CAMERA), moved - places, atol=0.06)
 
 
@@ -46,7 +46,7 @@ def test_lens_errors_are_measured_over_the_image_wherever_the_principal_point_is
     camera = CAMERA._replace(cx=centre[0], cy=centre[1])
     calibration = OnlineCalibration(camera, (512, 512), 7)
     for _ in range(20):
-        calibration, _ = calibration.with_pair(RightShift(0.0, 0.0, uv, disparity))
+        calibration, _ = calibration.with_pair(PairYaw(0.0, 0.0, uv, disparity))
     assert np.count_nonzero(calibration.lens.sums[0]) == calibration.lens.sums.shape[1]
     assert calibration.lens.rms_px == pytest.approx(0.2, abs=0.05)
 

@@ -11,7 +11,7 @@ from sfr_loc_map.localisation.frontend.pose_solver import (
     StereoObservations,
     solve_pose,
 )
-from sfr_loc_map.localisation.frontend.right_camera import RightOffset, RightShift, right_shift
+from sfr_loc_map.localisation.frontend.right_camera import PairYaw, RightOffset, pair_yaw
 
 CAMERA = StereoCamera(400.0, 410.0, 256.0, 240.0, 0.2)
 SHAPE = (481, 513)
@@ -102,16 +102,16 @@ def test_a_landmark_behind_the_start_pose_is_weighted_once_it_is_in_front() -> N
 # ---- rotation of the right camera
 
 
-def shift_found(uv: np.ndarray) -> RightShift | None:
+def shift_found(uv: np.ndarray) -> PairYaw | None:
     observations = StereoObservations(uv, VARIANCE)
     pose = solve_pose(START, LANDMARKS, observations, CAMERA, 30).pose
-    return right_shift(pose, LANDMARKS, observations, CAMERA, SHAPE, 0.0)
+    return pair_yaw(pose, LANDMARKS, observations, CAMERA, SHAPE, 0.0)
 
 
 @pytest.mark.parametrize("shift_px", [0.0, 0.1, -0.2])
 def test_a_shift_is_found_though_the_pose_was_solved_without_and_some_landmarks_are_wrong(shift_px: float) -> None:
     uv = project(TRUTH)
-    uv[:, 2:] += RightOffset(u=shift_px).at(uv[:, 2:], CAMERA)
+    uv[:, 2:] += RightOffset(yaw_px=shift_px).at(uv[:, 2:], CAMERA)
     uv[:20, 2] += RANDOM.uniform(3, 20, 20)
     uv[20:30, 2:] = np.nan
     found = shift_found(uv)
@@ -143,5 +143,5 @@ def test_a_shear_that_lens_errors_explain_is_not_significant_wherever_the_image_
     from_middle = uv[:, 3] - 240.0
     uv[:, 2] += lens_px * from_middle / np.abs(from_middle).max()
     observations = StereoObservations(uv, VARIANCE)
-    assert right_shift(TRUTH, landmarks, observations, camera, SHAPE, 0.0).shear_chi2 > 10.0
-    assert right_shift(TRUTH, landmarks, observations, camera, SHAPE, lens_px).shear_chi2 < 2.0
+    assert pair_yaw(TRUTH, landmarks, observations, camera, SHAPE, 0.0).shear_chi2 > 10.0
+    assert pair_yaw(TRUTH, landmarks, observations, camera, SHAPE, lens_px).shear_chi2 < 2.0
