@@ -23,7 +23,7 @@ def test_some_faults_over_dds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     row = Row("some", "")
     with Harness(tmp_path, nodes=(LOCALISATION, MONITOR), patience_s=60.0) as harness:
         harness.wait_ready()
-        for name in ("kill-localisation", "images-localisation", "messages-monitor"):
+        for name in ("kill-localisation", "messages-monitor"):
             faults.FAULTS[name](harness, row)
         assert all(process.is_running for process in harness.nodes.values())
     assert row.failures == []

@@ -51,7 +51,7 @@ def test_an_interrupt_in_executed_text_as_in_the_import_of_a_dataclass_exits_wit
     assert (done.returncode, done.stderr) == (130, "sfr: interrupted: nothing was finished\n")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGKILL])
 def test_what_is_overwritten_stays_until_the_new_one_is_whole(
     source: Path, tmp_path: Path, sfr: Sfr, number: signal.Signals
 ) -> None:

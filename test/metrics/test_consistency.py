@@ -52,12 +52,12 @@ def nees(truth: Trajectory, estimate: Trajectory, covariance: Any) -> Score:
 
 @pytest.mark.slow
 def test_an_honest_covariance_is_consistent_and_a_wrong_one_is_found_out() -> None:
-    truth, estimate, covariance = odometry(5000, 8, offset=True)
+    truth, estimate, covariance = odometry(2500, 8, offset=True)
     got = nees(truth, estimate, covariance)
     assert got.number("nees_not_usable") == 0
     for part, degrees in (("pose", 6), ("position", 3), ("attitude", 3)):
         row = got.figure("nees", part=part)
-        assert row.n > 200
+        assert row.n > 100
         assert row.low95 < row.mean < row.high95
         assert row.low95 < row.value == degrees < row.high95
     for factor in (0.25, 4.0):
