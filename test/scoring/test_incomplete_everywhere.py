@@ -139,8 +139,6 @@ RUNS: dict[str, Callable[[], Made]] = {
 class Loc:
     """The drive of a source: its images are those of the stamps."""
 
-    missing_ns = ()
-
     def __init__(self, truth: Trajectory) -> None:
         self.stamps_ns, self.rig, self.ground_truth = STAMPS.tolist(), LOC_RIG, truth
         self.missing_ns: list[int] = []
@@ -156,7 +154,6 @@ class Nav:
     """The mapping pairs of a source."""
 
     rig = NAV_RIG
-    missing_ns = ()
 
     def __init__(self, pairs: tuple[Any, ...]) -> None:
         self._pairs, self.stamps_ns = pairs, [item.pair.stamp_ns for item in pairs]
