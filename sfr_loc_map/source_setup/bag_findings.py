@@ -30,11 +30,9 @@ def propose_topics(bag: Bag, given: SourceConfig) -> Findings:
     guess = guess_topics(seen_topics(bag))
     values: list[Value] = []
     for plain, topic in guess.topics.items():
-        is_compressed = bag.topics.get(topic) == COMPRESSED and not plain.endswith(COMPRESSED_END)
-        name = f"{plain}{COMPRESSED_END}" if is_compressed else plain
+        name = f"{plain}{COMPRESSED_END}" if bag.topics[topic] == COMPRESSED else plain
         if not bag.matches(name) and topic not in given.remap:
-            reason = guess.reasons.get(plain.removesuffix(COMPRESSED_END), "by its name and type")
-            values.append(Value(Key("topics", name), topic, reason))
+            values.append(Value(Key("topics", name), topic, guess.reasons[plain]))
     if guess.layout:
         values.append(
             Value(Key("calibration", "stereo_layout"), guess.layout, "by the width and height of its images; likely")

@@ -109,8 +109,10 @@ def pairs_of(images: Sequence[SeenTopic]) -> Iterator[Rig]:
     used: set[SeenTopic] = set()
     for candidate in sorted(candidates, key=lambda candidate: candidate[:4]):
         left = candidate.left
-        right = by_text.get((candidate.right_text, left.msgtype), left)
-        if right != left and not used & {left, right} and _can_be_pair(left, right):
+        right = by_text.get((candidate.right_text, left.msgtype))
+        if right is None or right == left:
+            continue
+        if not used & {left, right} and _can_be_pair(left, right):
             used |= {left, right}
             yield Rig(left, right, candidate.basis, candidate.prefix, candidate.word)
 
@@ -162,8 +164,8 @@ def _can_be_pair(left: SeenTopic, right: SeenTopic) -> bool:
 # ---- camera_info
 
 
-def infos_of(rig: Rig, image: SeenTopic, seen: Sequence[SeenTopic]) -> list[SeenTopic]:
-    """Return the camera_info of an image of a rig; empty if none belongs to the image.
+def info_of(rig: Rig, image: SeenTopic, seen: Sequence[SeenTopic]) -> SeenTopic | None:
+    """Return the camera_info of an image of a rig; None if no camera_info belongs to the image.
 
     The name of the chosen camera_info shares as many initial words with the name of the image as possible, and more
     words than the image of the other side shares. If there is no such camera_info, one in the folder of the image with
@@ -185,6 +187,8 @@ def infos_of(rig: Rig, image: SeenTopic, seen: Sequence[SeenTopic]) -> list[Seen
     near = [topic for topic in infos if shared(topic) > shared(other)]
     folder = image.name.rpartition("/")[0]
     beside = [topic for topic in infos if last_word(topic) == own_word and topic.name.rpartition("/")[0] == folder]
-    return sorted(
-        near or beside, key=lambda info: (-shared(info), image_kind(info) != image_kind(image), len(info.name))
-    )[:1]
+    return min(
+        near or beside,
+        key=lambda info: (-shared(info), image_kind(info) != image_kind(image), len(info.name)),
+        default=None,
+    )

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES
 from sfr_loc_map.io.truth.names import NO_TRUTH, TRUTH_WORDS, snake_case, words
 from sfr_loc_map.message_types import COMPRESSED, FIX, IMAGE, JOINTS, POINT, POINTS, POSE
-from sfr_loc_map.source_setup.image_pairs import NAV, OF_NAV, RIGHT_OF, Basis, Rig, infos_of, order_of, pairs_of
+from sfr_loc_map.source_setup.image_pairs import NAV, OF_NAV, RIGHT_OF, Basis, Rig, info_of, order_of, pairs_of
 from sfr_loc_map.source_setup.seen_topics import SeenTopic, image_kind
 from sfr_loc_map.topics import JOINTS as JOINTS_TOPIC
 from sfr_loc_map.topics import NAV_POSE, TRUE_POINTS
@@ -34,40 +34,33 @@ camera, 672 x 376, differs by 0.005 from the nearest shape. The half of a croppe
 EMITTER = "RealSense: the emitter must be off because its pattern moves with the rover; P[3] of infra2 may be missing"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Guess:
     """The recorded topic for each topic name of the suite, with the reason for each choice."""
 
-    topics: dict[str, str]
-    reasons: dict[str, str]
+    topics: dict[str, str] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
     layout: str = ""  #: `side_by_side` or `top_bottom`, if the images of loc/left contain both sides.
     truth: str = ""  #: Topic; empty if there is none or the choice is ambiguous.
     truth_reason: str = ""
-    remarks: tuple[str, ...] = ()
-
-
-@dataclass(slots=True)
-class _Choices:
-    """The recorded topics chosen so far for topic names of the suite, with the reason for each choice."""
-
-    chosen: dict[str, tuple[str, str]] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
 
-    def take(self, name: str, topics: Sequence[SeenTopic], reason: str) -> None:
-        """Choose the topic if only one is possible; a remark reports several."""
-        if len(topics) == 1:
-            self.chosen[name] = topics[0].name, reason
-        else:
-            self.report_ambiguous(name, topics)
+    def choose(self, name: str, topic: SeenTopic, reason: str) -> None:
+        """Choose a topic for a name of the suite."""
+        self.topics[name] = topic.name
+        self.reasons[name] = reason
 
-    def report_ambiguous(self, name: str, topics: Sequence[SeenTopic]) -> None:
-        """Add a remark if several topics are possible."""
-        if len(topics) > 1:
+    def only_of(self, name: str, topics: Sequence[SeenTopic]) -> SeenTopic | None:
+        """Return the topic if only one is possible; a remark reports several."""
+        if len(topics) == 1:
+            return topics[0]
+        if topics:
             names = ", ".join(topic.name for topic in topics)
             self.remarks.append(
                 f"{name}: several topics are possible ({names}), so none is chosen: choose one by --remap "
                 "FOUND:=EXPECTED"
             )
+        return None
 
 
 def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
@@ -75,23 +68,22 @@ def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
     seen = sorted([topic for topic in seen if topic.count] or seen, key=lambda topic: topic.name)
     images = [topic for topic in seen if topic.msgtype in IMAGES and not NO_IMAGE.search(snake_case(topic.name))]
     images.sort(key=order_of)
-    pairs = sorted(pairs_of(images), key=lambda rig: (rig.basis, order_of(rig.left)), reverse=True)
-    rigs = list({rig.prefix: rig for rig in pairs}.values())  # of several pairs with one prefix, the last is the best
+    best_rig: dict[str, Rig] = {}
+    for rig in sorted(pairs_of(images), key=lambda rig: (rig.basis, order_of(rig.left))):
+        best_rig.setdefault(rig.prefix, rig)
 
-    choices = _Choices()
-    loc, nav = _by_task(rigs)
-    _choose_rig(choices, "loc", loc, seen)
-    _choose_rig(choices, "nav", nav, seen)
-    layout = "" if rigs else _choose_double_image(choices, images)
-    _choose_others(choices, seen)
-    truths = _truths_of(seen)
-    certainty = "likely" if truths and truths[0].msgtype == FIX else "sure"
-    choices.take("truth", truths, f"its type and name; {certainty}")
-
-    truth, truth_reason = choices.chosen.pop("truth", ("", ""))
-    topics = {name: topic for name, (topic, _) in choices.chosen.items()}
-    reasons = {name: reason for name, (_, reason) in choices.chosen.items()}
-    return Guess(topics, reasons, layout, truth, truth_reason, tuple(choices.remarks))
+    guess = Guess()
+    loc, nav = _by_task(list(best_rig.values()))
+    _choose_rig(guess, "loc", loc, seen)
+    _choose_rig(guess, "nav", nav, seen)
+    if not best_rig:
+        _choose_double_image(guess, images)
+    _choose_others(guess, seen)
+    truth = guess.only_of("truth", _truths_of(seen))
+    if truth is not None:
+        guess.truth = truth.name
+        guess.truth_reason = f"its type and name; {'likely' if truth.msgtype == FIX else 'sure'}"
+    return guess
 
 
 def _by_task(rigs: Sequence[Rig]) -> tuple[list[Rig], list[Rig]]:
@@ -103,54 +95,57 @@ def _by_task(rigs: Sequence[Rig]) -> tuple[list[Rig], list[Rig]]:
     return loc, nav
 
 
-def _choose_rig(choices: _Choices, task: str, rigs: Sequence[Rig], seen: Sequence[SeenTopic]) -> None:
+def _choose_rig(guess: Guess, task: str, rigs: Sequence[Rig], seen: Sequence[SeenTopic]) -> None:
     """Choose the images and camera_info of a task: those with the names of the suite, else the preferred rig."""
     own = [rig for rig in rigs if rig.prefix.endswith(f"/{task}/")]
     ranked = sorted(own or rigs, key=Rig.preference)
     best = [rig for rig in ranked if rig.preference() == ranked[0].preference()]
-    if len(best) != 1:
-        choices.report_ambiguous(task, [rig.left for rig in best])
+    if guess.only_of(task, [rig.left for rig in best]) is None:
         return
     left, right, basis, _, word = best[0]
     if len(ranked) > 1:
         others = ", ".join(rig.left.name for rig in ranked[1:])
-        choices.remarks.append(f"{task}: {left.name} is chosen, not {others}")
+        guess.remarks.append(f"{task}: {left.name} is chosen, not {others}")
     if "infra" in left.name.lower():
-        choices.remarks.append(EMITTER)
+        guess.remarks.append(EMITTER)
     certainty = "sure" if basis is not Basis.NUMBER and len(ranked) == 1 else "likely"
     for side, image in (("left", left), ("right", right)):
         reason = f"{basis.text} {word}/{RIGHT_OF[word]}, frame {image.frame or 'unknown'}; {certainty}"
-        choices.take(f"{task}/{side}/{image_kind(image)}", [image], reason)
-        info = infos_of(best[0], image, seen)
-        choices.take(f"{task}/{side}/camera_info", info, f"nearest to {image.name}; {certainty}")
+        guess.choose(f"{task}/{side}/{image_kind(image)}", image, reason)
+        info = info_of(best[0], image, seen)
+        if info is not None:
+            guess.choose(f"{task}/{side}/camera_info", info, f"nearest to {image.name}; {certainty}")
 
 
-def _choose_double_image(choices: _Choices, images: Sequence[SeenTopic]) -> str:
-    """Choose the topic whose images contain both sides, and return the layout; empty if there is no single topic."""
+def _choose_double_image(guess: Guess, images: Sequence[SeenTopic]) -> None:
+    """Choose the topic whose images contain both sides, and their layout, if there is a single such topic."""
     double = [image for image in images if _may_be_joint(*image.size)]
     double = [image for image in double if order_of(image).without_name == order_of(double[0]).without_name]
-    if len(double) != 1:
-        choices.report_ambiguous("loc/left/", double)
-        return ""
-    width, height = double[0].size
+    image = guess.only_of("loc/left/", double)
+    if image is None:
+        return
+    width, height = image.size
     if not _has_halves(width, height):
-        choices.remarks.append(
-            f"loc/left: images of '{double[0].name}' are {width} x {height}, but halves of this size are unusual: if "
+        guess.remarks.append(
+            f"loc/left: images of '{image.name}' are {width} x {height}, but halves of this size are unusual: if "
             "they contain both sides, give the topic and calibration.stereo_layout"
         )
-        return ""
-    choices.take(f"loc/left/{image_kind(double[0])}", double, "its shape is that of two images; likely")
-    return _layout_of(width, height)
+        return
+    guess.choose(f"loc/left/{image_kind(image)}", image, "its shape is that of two images; likely")
+    guess.layout = "side_by_side" if width > height else "top_bottom"
 
 
-def _choose_others(choices: _Choices, seen: Sequence[SeenTopic]) -> None:
+def _choose_others(guess: Guess, seen: Sequence[SeenTopic]) -> None:
     """Choose the topics other than images; pose and joints only if mapping images were chosen."""
-    has_nav = any(name.startswith("nav/left/") for name in choices.chosen)
+    has_nav = any(name.startswith("nav/left/") for name in guess.topics)
     for name, (msgtype, pattern) in OTHERS.items():
+        if msgtype != POINTS and not has_nav:
+            continue
         named = [topic for topic in seen if topic.msgtype == msgtype and pattern.search(snake_case(topic.name))]
         named = [topic for topic in named if topic.name.count("/") == min(t.name.count("/") for t in named)]
-        if msgtype == POINTS or has_nav:
-            choices.take(name, named, "its type and name; likely")
+        topic = guess.only_of(name, named)
+        if topic is not None:
+            guess.choose(name, topic, "its type and name; likely")
 
 
 # ---- images that contain both sides
@@ -167,11 +162,6 @@ def _has_halves(width: int, height: int) -> bool:
     divided = width if is_wide else height
     shape = width / 2 / height if is_wide else width / (height / 2)
     return divided % 2 == 0 and any(abs(shape / sensor - 1.0) <= SHAPE_TOLERANCE for sensor in SENSOR_SHAPES)
-
-
-def _layout_of(width: int, height: int) -> str:
-    """Return the value of `calibration.stereo_layout` for a joint image of this size."""
-    return "side_by_side" if width > height else "top_bottom"
 
 
 # ---- ground truth
