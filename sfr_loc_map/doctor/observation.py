@@ -113,7 +113,7 @@ class Observation:
     """Why frames and joints do not give the poses of mapping pairs in a bag without nav/pose; empty if they give them.
     None if the poses are those of nav/pose."""
     unfinished: bool = False  #: The bag was not closed; its last second may be missing.
-    skipped_pairs: int = 0  #: Number of listed pairs that are skipped because they have no images, or no pose.
+    skipped_pairs: int = 0  #: `Source.skipped_pairs`.
 
     @property
     def is_live(self) -> bool:

@@ -8,9 +8,9 @@ them into a `Source` (`sequence`), or writes a source as files. `registry` opens
 or as files, and `message_stream` yields its messages.
 
 Functions that take a path raise `InputError`, `OutputError` or `ConfigError` for invalid user input, with a message of
-one line that names the file, and `MissingExtraError` if a package is missing. Parsers of bytes and text do not know the
-name: they raise `ValueError`, which `inputs.refusing` converts to a named `InputError`, or an `InputError` with its own
-advice, to which `errors.naming` adds the name. Whether numbers are a pose is decided in `geometry.plausibility`.
+one line that names the file, and `MissingExtraError` if a package is missing. A parser without the name raises
+`ValueError`, which `inputs.refusing` converts to a named `InputError`, or an `InputError` with its own advice, to which
+`errors.naming` adds the name. Whether numbers are a pose is decided in `geometry.plausibility`.
 """
 
 import lazy_loader

@@ -40,7 +40,7 @@ class Layout(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ConvertOptions:
-    """Options of bags; folders are always written exactly."""
+    """The layout of the output, and options that apply only to bags, because folders are always written exactly."""
 
     jpeg_quality: int | None = None  # JPEG quality of images, 1 to 100; None: raw and exact
     zstd: bool = False  # chunks are compressed (mcap only)

@@ -43,7 +43,11 @@ class Message:
 
 
 def topics_of(source: Source) -> dict[str, str]:
-    """Return the types of the topics that `messages_of` yields, by relative name; camera_info comes first."""
+    """Return the types of the topics on which `messages_of` may yield messages, by relative name.
+
+    The topics of camera_info come first. A topic of a recorded bag may have no message, and mapping pairs of other
+    sources may have no true points.
+    """
     rigs = [rig for rig, sequence in (("loc", source.loc), ("nav", source.nav)) if sequence is not None]
     cameras = [f"{rig}/{side}" for rig in rigs for side in SIDES]
     topics = {f"{camera}/camera_info": CAMERA_INFO for camera in cameras}
@@ -181,8 +185,8 @@ def end_of(source: Source) -> float:
 
 
 def begin_of(source: Source, sequence: LocSequence | NavSequence) -> int:
-    """Return the stamp, ns, of the first pair or true pose of a rig. Positions count from this stamp."""
-    if source.recorded is not None:  # the first message of a recording is a camera_info
+    """Return the stamp, ns, of the first message of a rig in `messages_of`. Positions count from this stamp."""
+    if source.recorded is not None:
         rig = "loc" if sequence is source.loc else "nav"
         return next(message.stamp_ns for message in messages_of(source) if message.rig == rig)
     first_ns = int(sequence.stamps_ns[0])

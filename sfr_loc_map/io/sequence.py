@@ -105,7 +105,7 @@ class Source:
 
     @property
     def skipped_pairs(self) -> int:
-        """Number of pairs that are listed but have no images, and of mapping pairs without a pose."""
+        """Number of pairs that are skipped (`LocSequence.missing_ns`, `NavSequence.missing_ns`)."""
         return len(self.missing_loc_ns) + len(self.missing_nav_ns)
 
     def expected_loc_ns(self) -> IntArray:

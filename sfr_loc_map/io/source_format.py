@@ -1,5 +1,7 @@
 """The formats of sources, and their detection by the names of files and folders.
 
+Only a ROS 1 bag is also detected by its first bytes, because other programs use the ending `.bag`.
+
 A folder may have files of several formats: the folder of a drive may also contain a bag with its ground truth, and a
 data set folder contains folders of left and right images. `detected_format` states which format has priority.
 """

@@ -14,6 +14,7 @@ from helpers.cli_result import Sfr
 from sfr_loc_map.cli.output import output_folder
 from sfr_loc_map.configuration import sections
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.source_files import source_of_file
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 
@@ -184,6 +185,14 @@ def test_a_resumable_output_is_overwritten_repeatedly_and_leaves_nothing_beside_
         assert (place / "loc" / "times.txt").read_text() == str(number)
         assert sorted(path.name for path in out.iterdir()) == ["before", "drive"]
     assert mine.read_text() == "precious"
+
+
+def test_the_files_of_every_layout_belong_to_their_source(tmp_path: Path) -> None:
+    """EuRoC without mav0, and folders of images, have no other name than those of their cameras."""
+    for name in ("cam0/sensor.yaml", "cam1/data/1.png", "mav0/imu.csv", "Left/1.png", "infra2/1.png", "image_0/1.png"):
+        assert source_of_file(tmp_path / name, [tmp_path]) == tmp_path, name
+    for name in ("score.json", "results/left.json", "loc/score.json"):
+        assert source_of_file(tmp_path / name, [tmp_path]) is None, name
 
 
 def test_no_input_is_overwritten(sfr: Sfr, made_once: MadeOnce, out: Path) -> None:

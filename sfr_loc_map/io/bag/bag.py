@@ -40,7 +40,8 @@ from sfr_loc_map.topics import COMPRESSED_END, RECTIFIED
 STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, DISPARITY}
 """Types of the messages of pairs and results. `Bag.stream` yields these messages with the stamps of their headers."""
 HEADER_FIRST = STAMPED | {POSE_WITH_COVARIANCE, POINT, TRANSFORM, FIX, JOINTS}
-"""All types whose first field is a header. In a bag read by times of recording, these times replace the stamps."""
+"""The types whose only stamp is that of a header, their first field. In a bag read by times of recording, these times
+replace the stamps. A nav_msgs/Path, whose poses have their own stamps, is read as recorded."""
 
 _log = logging.getLogger(__name__)
 

@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
 from sfr_loc_map.inputs import MAX_CLOUD_BYTES, check_is_not_packed, read_bytes, refusing
-from sfr_loc_map.io.clouds.fields import CloudFields, Columns, stated_in
+from sfr_loc_map.io.clouds.fields import CloudFields, Columns
 from sfr_loc_map.io.clouds.npz import read_npz, write_npz
 from sfr_loc_map.io.clouds.pcd import read_pcd, write_pcd
 from sfr_loc_map.io.clouds.ply import read_ply, write_ply
@@ -180,12 +180,10 @@ def _with_pixels_of_grid(columns: Columns, width: int, height: int) -> Columns:
 def _point_cloud(fields: CloudFields, kept: Mask, path: Path) -> PointCloud:
     """Return the points that a mask `(N,)` selects, with their pixels; raise InputError if a value is invalid.
 
-    An organised cloud counts as not fused unless a comment states the opposite.
+    An organised cloud counts as not fused unless the file states the opposite.
     """
-    fused, pair_stamps_ns = stated_in(fields.comments)
-    if fields.grid is not None:
-        fused = bool(fused)
-    cloud = PointCloud.from_structured(_records(fields.columns, kept, path), fused, pair_stamps_ns)
+    fused = fields.fused if fields.grid is None else bool(fields.fused)
+    cloud = PointCloud.from_structured(_records(fields.columns, kept, path), fused, fields.pair_stamps_ns)
     _check_values(cloud, path)
     return cloud
 

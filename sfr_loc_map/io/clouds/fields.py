@@ -6,7 +6,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,8 +20,8 @@ from sfr_loc_map.message_text import counted
 
 Columns = dict[str, NDArray[Any]]  # values of each field, one per point
 FUSED, PAIR_STAMPS = "fused", "pair_stamps_ns"
-"""Names of properties of a cloud. They are comments, such as `sfr fused true` and `sfr pair_stamps_ns 1 2 3`, or
-members of an NPZ archive."""
+"""Names of properties of a cloud: members of an NPZ archive, or comments of other formats, such as `sfr fused true` and
+`sfr pair_stamps_ns 1 2 3`."""
 MAX_PAIR_STAMPS = 256  #: Number of pairs that the field `pair` of points can distinguish.
 PLAIN_NAN = re.compile(rb"[-+]?(?:nan\([a-z0-9_]*\)|1\.#(?:qnan|snan|ind)[a-z0-9]*)", re.IGNORECASE)
 """Pattern of NaN in the notations of C and of Windows."""
@@ -32,28 +32,54 @@ class CloudFields:
     """The fields of a cloud in a file."""
 
     columns: Columns
-    comments: list[str] = field(default_factory=list)  #: Comments of the file.
+    fused: bool | None = None  #: As in `PointCloud`; None if not stated.
+    pair_stamps_ns: tuple[int, ...] | None = None  #: As in `PointCloud`; None if not stated.
+    comments: Sequence[str] = ()  #: All comments of the file.
     grid: tuple[int, int] | None = None  #: Width and height of an organised cloud.
     notes: tuple[str, ...] = ()  #: Content of the file that is ignored, for warnings.
 
-    def __post_init__(self) -> None:
-        """Raise ValueError if comments contradict each other or state invalid properties."""
-        stated_in(self.comments)
+    @classmethod
+    def with_comments(
+        cls, columns: Columns, comments: Sequence[str], grid: tuple[int, int] | None = None, notes: tuple[str, ...] = ()
+    ) -> CloudFields:
+        """Return the fields of a file with the properties that its comments state.
+
+        ValueError if comments contradict each other or state invalid properties.
+        """
+        stated: dict[str, str] = {}
+        for text in comments:
+            sign, name, value = (*text.split(" ", 2), "", "")[:3]
+            if sign == "sfr" and stated.setdefault(name, value.strip()) != value.strip():
+                raise ValueError(f"its comments 'sfr {name}' contradict each other")
+        fused = stated.get(FUSED)
+        if fused not in (None, "true", "false"):
+            raise ValueError(f"its comment 'sfr {FUSED}' has the value '{fused[:40]}': true or false is required")
+        pair_stamps_ns = None
+        if PAIR_STAMPS in stated:
+            try:
+                pair_stamps_ns = checked_stamps(map(parse_stamp_ns, stated[PAIR_STAMPS].split()))
+            except ValueError as error:
+                raise ValueError(f"its comment 'sfr {PAIR_STAMPS}': {error}") from error
+        return cls(columns, None if fused is None else fused == "true", pair_stamps_ns, comments, grid, notes)
 
     @classmethod
     def of(cls, cloud: PointCloud) -> CloudFields:
         """Return the fields of a cloud."""
-        comments = [] if cloud.fused is None else [f"sfr {FUSED} {str(cloud.fused).lower()}"]
-        if cloud.pair_stamps_ns is not None:
-            comments.append(f"sfr {PAIR_STAMPS} {' '.join(map(str, cloud.pair_stamps_ns))}")
         axes = {name: cloud.xyz[:, axis] for axis, name in enumerate("xyz")}
         others = {name: getattr(cloud, name) for name in COLUMNS[1:]}
-        return cls(axes | others, comments)
+        return cls(axes | others, cloud.fused, cloud.pair_stamps_ns)
 
     @classmethod
     def of_points(cls, xyz: FloatArray) -> CloudFields:
         """Return the fields of points `(N, 3)` without pixels."""
         return cls({name: xyz[:, axis] for axis, name in enumerate("xyz")})
+
+    def property_comments(self) -> list[str]:
+        """Return the comments that state the properties of the cloud."""
+        comments = [] if self.fused is None else [f"sfr {FUSED} {str(self.fused).lower()}"]
+        if self.pair_stamps_ns is not None:
+            comments.append(f"sfr {PAIR_STAMPS} {' '.join(map(str, self.pair_stamps_ns))}")
+        return comments
 
     def records(self) -> NDArray[np.void]:
         """Return the points as packed records `(N,)` of little-endian numbers."""
@@ -64,26 +90,12 @@ class CloudFields:
         return records
 
 
-def stated_in(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | None]:
-    """Return whether a cloud is fused, and the stamps of its pairs, by its comments; None if not stated."""
-    stated: dict[str, str] = {}
-    for text in comments:
-        sign, name, value = (*text.split(" ", 2), "", "")[:3]
-        if sign == "sfr" and stated.setdefault(name, value.strip()) != value.strip():
-            raise ValueError(f"its comments 'sfr {name}' contradict each other")
-    fused, stamps = stated.get(FUSED), stated.get(PAIR_STAMPS)
-    if fused not in (None, "true", "false"):
-        raise ValueError(f"its comment 'sfr {FUSED}' has the value '{fused[:40]}': true or false is required")
-    words = (stamps or "").split()
-    if len(words) > MAX_PAIR_STAMPS:
-        raise ValueError(
-            f"its comment 'sfr {PAIR_STAMPS}' lists {len(words)} stamps: at most {MAX_PAIR_STAMPS} are allowed"
-        )
-    try:
-        stamps_ns = tuple(map(parse_stamp_ns, words))
-    except ValueError as error:
-        raise ValueError(f"its comment 'sfr {PAIR_STAMPS}': {error}") from error
-    return None if fused is None else fused == "true", None if stamps is None else stamps_ns
+def checked_stamps(stamps_ns: Iterable[int]) -> tuple[int, ...]:
+    """Return the stamps of the pairs of a cloud, ns; ValueError if there are too many."""
+    stamps = tuple(stamps_ns)
+    if len(stamps) > MAX_PAIR_STAMPS:
+        raise ValueError(f"{len(stamps)} stamps are listed: at most {MAX_PAIR_STAMPS} are allowed")
+    return stamps
 
 
 def check_names_differ(names: Sequence[str], where: str) -> None:

@@ -31,7 +31,7 @@ def write_pcd(fields: CloudFields, stream: BinaryIO) -> None:
     kinds = [records.dtype[name] for name in fields.columns]
     head = [
         "# .PCD v0.7 - Point Cloud Data file format",
-        *(f"# {text}" for text in fields.comments),
+        *(f"# {text}" for text in fields.property_comments()),
         "VERSION 0.7",
         f"FIELDS {' '.join(fields.columns)}",
         f"SIZE {' '.join(str(kind.itemsize) for kind in kinds)}",
@@ -64,7 +64,7 @@ def read_pcd(data: bytes) -> CloudFields:
     viewpoint = [number_or_nan(word) for word in head.get("VIEWPOINT", ())]
     if viewpoint not in ([], NO_VIEWPOINT):
         notes += (f"its VIEWPOINT {' '.join(head['VIEWPOINT'])[:60]} is ignored: points are not moved",)
-    return CloudFields(columns, comments, (width, height) if min(width, height) > 1 else None, notes)
+    return CloudFields.with_comments(columns, comments, (width, height) if min(width, height) > 1 else None, notes)
 
 
 def _pcd_size(head: Mapping[str, Sequence[str]]) -> tuple[int, int]:

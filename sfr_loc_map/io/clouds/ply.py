@@ -37,7 +37,7 @@ def write_ply(fields: CloudFields, stream: BinaryIO) -> None:
     """Write a cloud as a PLY file in little-endian binary."""
     records = fields.records()
     properties = [f"property {PLY_NAMES[records.dtype[name].str[1:]]} {name}" for name in fields.columns]
-    comments = [f"comment {text}" for text in fields.comments]
+    comments = [f"comment {text}" for text in fields.property_comments()]
     vertices = [f"element vertex {len(records)}", *properties]
     head = ["ply", "format binary_little_endian 1.0", *comments, *vertices, "end_header"]
     stream.write(("\n".join(head) + "\n").encode())
@@ -87,7 +87,7 @@ def read_ply(data: bytes) -> CloudFields:
         columns, position = read(data, position, element.count, element.properties)
         if element.name == VERTEX:
             notes = ignored_after(data[position:]) if element is elements[-1] else ()
-            return CloudFields(columns, comments, notes=notes)
+            return CloudFields.with_comments(columns, comments, notes=notes)
     raise ValueError(f"it has no element '{VERTEX}'")
 
 

@@ -5,6 +5,7 @@ What is read of a bag, and when; each line opens its files again:
     Bag                       topics and numbers of messages                      when the source is opened
     calibrated_cameras        first camera_info, or first image, of each task     when the source is opened
     mount_of                  /tf_static, or the configuration of a node          when the source is opened
+    _own_extrinsics           the same, if sfr.yaml has the extrinsics            when the source is opened
     index_of_drive, _mapping  stamps, camera_info and poses of all messages       once, on first use
     head_poses                frames or joints of a head, without nav/pose        once, on first use
     truth_of_bag              true poses                                          once, on first use
