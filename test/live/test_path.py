@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import math
+import shutil
+import subprocess
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from sfr_loc_map import live
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.live.path import LivePath
@@ -20,6 +25,19 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
 
 MAX_ROWS = 400
+DRAWN_PATH = """
+const box = new Proxy({ style: {}, dataset: {}, append() {}, replaceChildren() {} }, { get: (o, k) => o[k] ?? 300 });
+globalThis.document = { getElementById: () => box, createElement: () => ({ append() {} }) };
+globalThis.getComputedStyle = () => ({ getPropertyValue: () => "" });
+globalThis.matchMedia = () => ({ matches: false });
+globalThis.Plotly = { react: (_, traces) => console.log(JSON.stringify(traces.map((trace) => trace.name))) };
+const { Run } = await import("./run.js");
+const { showPath } = await import("./path.js");
+const run = new Run();
+run.take(JSON.parse(process.argv[2]));
+showPath(run);
+"""
+"""Script that draws a path with a stub of the page and prints the names of the traces."""
 
 
 @pytest.fixture
@@ -108,6 +126,29 @@ def test_no_error_is_shown_against_a_truth_that_the_monitor_converts(
     add(5)
     assert {row.error_m is not None for row in state.path.rows} == {has_error}
     assert all(row.truth_m is not None for row in state.path.rows)
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
+@pytest.mark.parametrize("is_converted", [False, True])
+def test_the_page_draws_a_path_whose_truth_has_no_errors(tmp_path: Path, is_converted: bool) -> None:
+    path = LivePath()
+    path.note_conversion(is_converted=is_converted)
+    for number in range(5):
+        for track in (Track.TRUTH, Track.ESTIMATE):
+            path.add(pose(track, number, drive(number)))
+    assert path.newest is not None
+    rows = [row.to_plain() for row in path.rows]
+    message = {"type": "path", "whole": True, "rows": rows, "last": path.newest.to_plain(), "before_m": 0.0}
+    for script in Path(live.__file__).parent.glob("web/*.js"):
+        shutil.copy(script, tmp_path)
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    (tmp_path / "test.js").write_text(DRAWN_PATH)
+    command = ["node", str(tmp_path / "test.js"), json.dumps(message)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert not done.returncode, done.stderr
+    names = json.loads(done.stdout)
+    assert "truth" in names
+    assert any(name.startswith("error") for name in names) == (not is_converted)
 
 
 @pytest.mark.parametrize("stray", [-19.5, 4 * 36000.0])

@@ -18,7 +18,7 @@ export function showPath(run) {
   const ellipse = ellipseOf(run.lastPose, 3 * ellipseGain);
   const estimate = line("estimate", positions(poses), { color: colour("estimate"), width: 2.5 });
   const traces = [
-    line(`error × ${short(gain)}`, errorLines(withTruth, gain), { color: colour("error"), width: 1 }),
+    line(`error × ${short(gain)}`, errorLines(poses, gain), { color: colour("error"), width: 1 }),
     { ...estimate, text: poses.map(describe), hoverinfo: "text" },
     line("truth", withTruth.map((pose) => pose.truth_m), { color: colour("truth"), width: 1.5, dash: "dot" }),
     line(`3 sigma × ${short(ellipseGain)}`, ellipse, { color: colour("estimate"), width: 1 }),
@@ -77,10 +77,11 @@ function gainOf(size, extent) {
   return Math.max([5, 2, 1].find((factor) => factor * power <= wanted) * power, 1);
 }
 
-/** Return enlarged lines from truth to estimate, separated by gaps. */
+/** Return enlarged lines from truth to estimate, separated by gaps. A truth that the monitor converts has no error. */
 function errorLines(poses, gain) {
-  const every = Math.max(Math.ceil(poses.length / ERROR_LINES), 1);
-  const shown = poses.filter((_, place) => place % every === 0 || place === poses.length - 1);
+  const known = poses.filter((pose) => pose.error_m);
+  const every = Math.max(Math.ceil(known.length / ERROR_LINES), 1);
+  const shown = known.filter((_, place) => place % every === 0 || place === known.length - 1);
   const endOf = ({ truth_m: truth, error_m: error }) => [truth[0] + gain * error[0], truth[1] + gain * error[1]];
   return shown.flatMap((pose) => [pose.truth_m, endOf(pose), [null, null]]);
 }
@@ -112,11 +113,12 @@ function showFacts(run) {
 
 function factsOf(pose, beforeM) {
   const { covariance_xy_m2: covariance, error_m: error } = pose;
+  const whyUnknown = pose.truth_m ? "unknown: the monitor converts the truth" : "no truth";
   return [
     ["poses", String(pose.n + 1)],
     ["path travelled", `${(beforeM + pose.distance_m).toFixed(2)} m`],
     ["position", position(pose.position_m)],
-    ["error now", error ? length(Math.hypot(...error)) : "no truth"],
+    ["error now", error ? length(Math.hypot(...error)) : whyUnknown],
     ["sigma (x, y)", covariance ? length(Math.sqrt(covariance[0] + covariance[1])) : "unknown"],
   ];
 }
