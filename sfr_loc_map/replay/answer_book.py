@@ -32,43 +32,6 @@ class Answer(NamedTuple, Generic[Content]):
     content: Content
 
 
-class EarlyAnswers(Generic[Content]):
-    """Keeps the answers to stamps of which no pair is published yet; the oldest answers are dropped."""
-
-    def __init__(self) -> None:
-        """Start without answers."""
-        self._kept: list[tuple[int, Answer[Content]]] = []  # stamp and answer, the oldest first
-        self._dropped = 0  # number of dropped answers
-        self._first_dropped_ns: int | None = None
-
-    def add(self, stamp_ns: int, answer: Answer[Content]) -> None:
-        """Add an answer."""
-        self._kept.append((stamp_ns, answer))
-        if len(self._kept) > MAX_EARLY:
-            oldest_ns, _ = self._kept.pop(0)
-            self._dropped += 1
-            if self._first_dropped_ns is None:
-                self._first_dropped_ns = oldest_ns
-
-    def take(self, stamp_ns: int) -> list[Answer[Content]]:
-        """Remove and return the answers to a stamp, the oldest first."""
-        taken = [answer for of_ns, answer in self._kept if of_ns == stamp_ns]
-        self._kept = [(of_ns, answer) for of_ns, answer in self._kept if of_ns != stamp_ns]
-        return taken
-
-    @property
-    def count(self) -> int:
-        """Number of answers that were not taken."""
-        return self._dropped + len(self._kept)
-
-    @property
-    def first_stamp_ns(self) -> int | None:
-        """Stamp of the first answer that was not taken; None if all were taken."""
-        if self._first_dropped_ns is not None:
-            return self._first_dropped_ns
-        return self._kept[0][0] if self._kept else None
-
-
 class AnswerBook(Generic[Content]):
     """Assigns the answers of a run to its pairs, and counts pairs, answers and faults."""
 
@@ -79,7 +42,8 @@ class AnswerBook(Generic[Content]):
         self._timeout_s = timeout_s
         self._sent_s: dict[int, float] = {}  # by stamp: time of the last image of a pair
         self._latency_s: dict[int, float] = {}  # by stamp: latency of the first answer
-        self._early = EarlyAnswers[Content]()
+        self._early: list[tuple[int, Answer[Content]]] = []  # stamps of no pair yet and answers, the oldest first
+        self._dropped_ns: list[int] = []  # stamps of dropped early answers
         self._unanswered_in_a_row = 0
         self._faults = FindingCounts()  # answers with a fault
         self._crash: FindingRecord | None = None
@@ -90,12 +54,14 @@ class AnswerBook(Generic[Content]):
         Return the content of the early answer if it is used; None otherwise.
         """
         self._sent_s[stamp_ns] = sent_s
-        used = [
-            early.content
-            for early in self._early.take(stamp_ns)
-            if self._has_required_frames(stamp_ns, early.frames) and self._is_used(stamp_ns, early)
-        ]
-        return used[0] if used else None
+        early = [answer for early_ns, answer in self._early if early_ns == stamp_ns]
+        self._early = [(early_ns, answer) for early_ns, answer in self._early if early_ns != stamp_ns]
+        used = None
+        for answer in early:
+            content = self._assign(stamp_ns, answer)
+            if content is not None:
+                used = content
+        return used
 
     def note_answer(self, stamp_ns: int, frames: str, problem: CallFinding | None, content: Content) -> Content | None:
         """Note an answer; return its content if it is used, None otherwise. Only the first answer to a pair is used.
@@ -111,12 +77,16 @@ class AnswerBook(Generic[Content]):
         if problem is not None:
             self._faults.add(problem.kind, stamp_ns, problem.text)
             return None
-        if not self._has_required_frames(stamp_ns, frames):
-            return None
         if stamp_ns in self._sent_s:
-            return content if self._is_used(stamp_ns, answer) else None
+            return self._assign(stamp_ns, answer)
         # the stamp of no pair, or of a pair whose last image is not published yet
-        self._early.add(stamp_ns, answer)
+        if self._has_required_frames(answer):
+            self._early.append((stamp_ns, answer))
+        else:
+            self._count_other_frames(stamp_ns, answer)
+        if len(self._early) > MAX_EARLY:
+            oldest_ns, _ = self._early.pop(0)
+            self._dropped_ns.append(oldest_ns)
         return None
 
     def note_restart(self, how: str) -> None:
@@ -155,7 +125,7 @@ class AnswerBook(Generic[Content]):
             early=self._faults.count(FindingKind.EARLY),
             late=self._faults.count(FindingKind.LATE),
             doubled=self._faults.count(FindingKind.DOUBLED),
-            other_stamp=self._early.count,
+            other_stamp=len(self._unassigned_ns),
             other_frame=self._faults.count(FindingKind.OTHER_FRAME),
             not_usable=sum(self._faults.count(kind) for kind in UNUSABLE),
         )
@@ -165,9 +135,10 @@ class AnswerBook(Generic[Content]):
         """One finding for each kind of fault."""
         found = [] if self._crash is None else [self._crash]
         found += self._faults.records
-        if count := self._early.count:
-            first_ns, text = self._early.first_stamp_ns, "no pair has this stamp"
-            found.append(FindingRecord(kind=FindingKind.WRONG_STAMP, count=count, first_stamp_ns=first_ns, text=text))
+        if stamps_ns := self._unassigned_ns:
+            kind = FindingKind.WRONG_STAMP
+            text = "no pair has this stamp"
+            found.append(FindingRecord(kind=kind, count=len(stamps_ns), first_stamp_ns=stamps_ns[0], text=text))
         if missing_ns := self._missing_ns:
             text = f"no answer within {self._timeout_s:g} s"
             if self._is_given_up:
@@ -196,26 +167,34 @@ class AnswerBook(Generic[Content]):
         last_ns = next(reversed(self._sent_s), None)
         return FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=last_ns, text=how)
 
-    def _has_required_frames(self, stamp_ns: int, frames: str) -> bool:
-        """Return whether an answer has the required frames, if they are known; count answers with other frames."""
-        if self.frames in (None, frames):
-            return True
-        self._faults.add(FindingKind.OTHER_FRAME, stamp_ns, f"frames '{frames}' instead of '{self.frames}'")
-        return False
+    @property
+    def _unassigned_ns(self) -> list[int]:
+        """Stamps of the answers to no pair, the oldest answer first."""
+        return [*self._dropped_ns, *(stamp_ns for stamp_ns, _ in self._early)]
 
-    def _is_used(self, stamp_ns: int, answer: Answer[Content]) -> bool:
-        """Record an answer to a published pair, which has the required frames; return whether the answer is used."""
+    def _has_required_frames(self, answer: Answer[Content]) -> bool:
+        """Return whether an answer has the required frames, or whether these are unknown."""
+        return self.frames in (None, answer.frames)
+
+    def _count_other_frames(self, stamp_ns: int, answer: Answer[Content]) -> None:
+        text = f"frames '{answer.frames}' instead of '{self.frames}'"
+        self._faults.add(FindingKind.OTHER_FRAME, stamp_ns, text)
+
+    def _assign(self, stamp_ns: int, answer: Answer[Content]) -> Content | None:
+        """Assign an answer to its published pair, and count its faults; return its content if the answer is used."""
+        if not self._has_required_frames(answer):
+            self._count_other_frames(stamp_ns, answer)
+            return None
         if stamp_ns in self._latency_s:
             self._faults.add(FindingKind.DOUBLED, stamp_ns, "the pair was answered already")
-            return False
+            return None
         self._unanswered_in_a_row = 0
         latency_s = answer.received_s - self._sent_s[stamp_ns]
         self._latency_s[stamp_ns] = latency_s
         if latency_s < -EARLY_S:
             self._faults.add(FindingKind.EARLY, stamp_ns, f"{-latency_s:.3g} s before the pair was published")
-        is_late = latency_s > self._timeout_s
-        if is_late:
+        if latency_s > self._timeout_s:
             self._faults.add(FindingKind.LATE, stamp_ns, f"{latency_s:.3g} s after the pair was published")
-        else:
-            self.frames = answer.frames
-        return not is_late
+            return None
+        self.frames = answer.frames
+        return answer.content

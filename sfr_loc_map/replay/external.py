@@ -110,12 +110,13 @@ class ExternalNode(AwaitedNode):
         if self._command is not None and self._command.ending:
             self._answers.note_end(_ended(self._command))
             return
+        self._publishers.update()
         if self._options.watch and not self._publishers.is_measured:
             raise ConfigError(
                 f"'--watch {self._options.watch}': the publisher of {self._options.topic} belongs to another process; "
                 "give the process of the node under test"
             )
-        if self._publishers.have_restarted():
+        if self._publishers.have_restarted:
             topic = self._options.topic
             self._answers.note_restart(
                 f"the publisher of its first answer on {topic} has disappeared, or another has appeared"

@@ -25,6 +25,8 @@ class PublisherCheck:
         self._checked_s = 0.0
         self.is_measured = self._are_measured(self._participants())
         """Whether the publishers belong to the measured processes; true if no process is measured."""
+        self.have_restarted = False
+        """Whether a process of the publishers has ended since the first answer, even if another has replaced it."""
 
     def note_answer(self) -> None:
         """Note the publishers at the first answer, because a node may create its publisher with its first result."""
@@ -32,27 +34,25 @@ class PublisherCheck:
             self._first = self._participants()
             self.is_measured = self._are_measured(self._first)
 
-    def have_restarted(self) -> bool:
-        """Return whether a process of the publishers has ended since the first answer, even if another has replaced it.
+    def update(self) -> None:
+        """Update `is_measured` and `have_restarted`, at most once per `CHECK_PERIOD_S`.
 
-        This is checked once per `CHECK_PERIOD_S`. Discovery can take many seconds to report that the publisher of a
-        killed process has disappeared. The publisher of an additional process therefore counts, too, unless the
-        processes of the first publishers are known to run. `is_measured` then applies to all publishers.
+        Discovery can take many seconds to report that the publisher of a killed process has disappeared. The publisher
+        of an additional process therefore counts as a restart, too, unless the processes of the first publishers are
+        known to run. `is_measured` then applies to all publishers.
         """
         now_s = time.monotonic()
         if self._first is None or now_s - self._checked_s < CHECK_PERIOD_S:
-            return False
+            return
         self._checked_s = now_s
         now = self._participants()
         if not self._first:  # the publisher was not discovered when its first answer was received
             self._first = now
             self.is_measured = self._are_measured(now)
-        if now == self._first:
-            return False
-        if not now > self._first or self._watch is None or not self._watch.runs_publishers(self._first):
-            return True
-        self.is_measured = self.is_measured and self._are_measured(now)
-        return False
+        elif now > self._first and self._watch is not None and self._watch.runs_publishers(self._first):
+            self.is_measured = self.is_measured and self._are_measured(now)
+        elif now != self._first:
+            self.have_restarted = True
 
     def _are_measured(self, participants: set[tuple[int, ...]]) -> bool:
         return self._watch is None or self._watch.has_publishers(participants)

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 
 from helpers.made_scene import NAV_RIG
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
@@ -65,6 +66,20 @@ def test_answers_whose_stamp_is_of_no_pair_are_not_used() -> None:
     assert kept.accepted_ns == [of_pair], "the other answers are to no published pair"
     node.note_sent(of_next, time.monotonic())
     assert kept.accepted_ns == [of_pair, of_next]
+
+
+def test_a_process_to_watch_that_does_not_publish_the_answers_is_reported_at_the_first_check() -> None:
+    other = SimpleNamespace(endpoint_gid=[3] * 16)
+    publishers: list[Any] = []
+    graph = SimpleNamespace(get_publishers_info_by_topic=lambda topic: publishers)
+    watch = SimpleNamespace(has_publishers=lambda ids: not ids)
+    peer = cast("Any", SimpleNamespace(ros_node=graph))
+    options = ExternalOptions(Task.LOCALISATION, "poses", watch="vo_node")
+    node = ExternalNode(peer, options, None, Kept(), name="n", watch=cast("Any", watch))
+    node.receive(Odometry(header=header_msg(NS_PER_S, "ds"), child_frame_id="rb"))
+    publishers.append(other)
+    with pytest.raises(ConfigError, match="'--watch vo_node': the publisher of poses belongs to another process"):
+        node.check()
 
 
 @pytest.mark.parametrize("setting", ["inverse_motion=true", "inverse=true", "mirrored=true", "frame=rb_optical"])

@@ -64,14 +64,18 @@ def test_a_publisher_that_is_replaced_after_the_first_answer_is_a_restart(
     graph = Graph()
     check = check_of(graph)
     graph.ids = (MEASURED,)
-    assert not check.have_restarted(), "no answer was received"
+    check.update()
+    assert not check.have_restarted, "no answer was received"
     check.note_answer()
-    assert not check.have_restarted()
+    check.update()
+    assert not check.have_restarted
     graph.ids = later
     graph.running = {MEASURED} if is_running else set()
-    assert not check.have_restarted(), "checked once per period"
+    check.update()
+    assert not check.have_restarted, "checked once per period"
     now.s += CHECK_PERIOD_S
-    assert check.have_restarted() == (not is_running if is_restart is None else is_restart)
+    check.update()
+    assert check.have_restarted == (not is_running if is_restart is None else is_restart)
     assert check.is_measured == (is_restart is not None or not is_running)
 
 
@@ -84,4 +88,5 @@ def test_a_publisher_that_is_discovered_after_its_first_answer_is_no_restart(mon
     for ids, is_restart in (((), False), ((MEASURED,), False), ((OTHER,), True)):
         graph.ids = ids
         now.s += CHECK_PERIOD_S
-        assert check.have_restarted() == is_restart
+        check.update()
+        assert check.have_restarted == is_restart
