@@ -41,7 +41,7 @@ from sfr_loc_map.io.number_text import is_decimal, parse_count
 from sfr_loc_map.io.stamps.stamp_text import parse_stamp_ns
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import METHOD
-from sfr_loc_map.metrics.calls.call_score import KNOWN_STATES, MAX_NUMBER, STATED_CLOCK, USAGE_NAMES, Calls, stage_of
+from sfr_loc_map.metrics.calls.call_score import KNOWN_STATES, MAX_NUMBER, STATED_BY_NODE, USAGE_NAMES, Calls, stage_of
 from sfr_loc_map.metrics.figures.records import CallFinding, FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.metrics.frames.covariance import DIAGONAL, UPPER, check_variances, step_variances
 from sfr_loc_map.suite_names import Task
@@ -145,7 +145,7 @@ class _RunCells:
         }
         if record.peak_rss_bytes is not None:
             is_stated = method is not None and method.kind is MethodKind.EXTERNAL
-            cells[MEMORY_METHOD] = STATED_CLOCK if is_stated else METHOD
+            cells[MEMORY_METHOD] = STATED_BY_NODE if is_stated else METHOD
         cells |= _cells_of_method(method)
         if record.finding or method is not None:
             cells[FINDING] = record.finding
@@ -195,10 +195,10 @@ def _cell(value: object) -> object:
 
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     """Read a file with the needed column and a figure of calls. Without `stamp_ns` the calls are numbered."""
-    rows = _Table.read(path, needed)
-    methods = rows.methods()
-    findings = rows.of_findings().findings()
-    table = rows.of_calls()
+    file = _Table.read(path, needed)
+    methods = file.methods()
+    findings = file.of_findings().findings()
+    table = file.of_calls()
     has_stamps = "stamp_ns" in table.columns
     stamps_ns = table.stamps_ns() if has_stamps else np.arange(len(table.rows), dtype=np.int64)
     states = table.states()
@@ -206,7 +206,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     peak_bytes = table.numbers("peak_rss_bytes")
     stated_tasks = frozenset(task for task, method in methods.items() if method.kind is MethodKind.EXTERNAL)
     is_stated = are_of_tasks(states, stated_tasks)
-    measured_by = next((text for text in table.texts(MEMORY_METHOD) if text and text != STATED_CLOCK), None)
+    measured_by = next((text for text in table.texts(MEMORY_METHOD) if text and text != STATED_BY_NODE), None)
     calls = Calls(
         stamps_ns=stamps_ns,
         seconds=np.where(seconds == UNKNOWN_TIME_S, np.nan, seconds),

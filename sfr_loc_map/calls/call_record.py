@@ -35,7 +35,6 @@ UNKNOWN_TIME_S = 0.0
 zero in a file is read as NaN."""
 MAX_CALL_S = 1e6  #: Maximum processing time of a received call, s.
 MANY = 0.05  #: Minimum fraction of lost or degraded pairs for a warning.
-MAX_STATISTICS = 500  #: Maximum number of statistics of a received call; each has a column in the file of the calls.
 ASYMMETRY = 1e-6  #: Maximum difference of symmetric numbers of a covariance, relative to its largest number.
 Stamp = Annotated[int, Meta(ge=0, lt=STAMP_LIMIT)]
 Bytes = Annotated[int, Meta(ge=0, le=int(MAX_NUMBER))]

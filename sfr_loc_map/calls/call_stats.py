@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.calls.run_identity import RunIdentity
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.calls.call_score import STATE_KINDS, STATED_CLOCK, Calls, concatenated, stacked
+from sfr_loc_map.metrics.calls.call_score import STATE_KINDS, STATED_BY_NODE, Calls, concatenated, stacked
 from sfr_loc_map.metrics.figures.records import FindingRecord, MethodKind, MethodRecord, ProcessUsage
 from sfr_loc_map.suite_names import Task
 
@@ -32,13 +32,13 @@ class CallStats:
     processes: ProcessUsage | None = None  #: Usage of the method's processes; None if not measured.
     identity: RunIdentity = field(default_factory=RunIdentity)  #: What identifies the run of the calls.
     has_stamps: bool = True  #: Whether the calls have stamps; otherwise they are numbered.
-    #: Tasks of whose calls nodes state time and memory in messages. Those of other calls were measured.
+    #: Tasks whose nodes state the time and memory of their calls in messages. For other tasks, both were measured.
     stated_tasks: frozenset[Task] = frozenset()
 
     @property
     def method(self) -> MethodRecord | None:
         """The method of the calls, or that under test if the tasks have different methods; None if unknown."""
-        return method_under_test(self.methods.values())
+        return judged_method(self.methods.values())
 
     @property
     def localised_ns(self) -> IntArray:
@@ -82,14 +82,15 @@ def memory_method_of(peak_bytes: FloatArray, measured_by: str | None, is_stated:
     if not is_stated.any():
         return measured_by
     has_memory = np.isfinite(peak_bytes)
-    is_measured = measured_by is not None and (has_memory & ~is_stated).any()
-    methods = [measured_by] if measured_by is not None and is_measured else []
+    methods = []
+    if measured_by is not None and (has_memory & ~is_stated).any():
+        methods.append(measured_by)
     if (has_memory & is_stated).any():
-        methods.append(STATED_CLOCK)
+        methods.append(STATED_BY_NODE)
     return "; ".join(methods) or None
 
 
-def method_under_test(methods: Iterable[MethodRecord]) -> MethodRecord | None:
+def judged_method(methods: Iterable[MethodRecord]) -> MethodRecord | None:
     """Return the method under test, or else the first built-in method; None without a method."""
     ordered = sorted(methods, key=lambda method: method.kind is MethodKind.BUILT_IN)  # stable
     return ordered[0] if ordered else None
@@ -119,7 +120,7 @@ def processes_of(usage: Mapping[str, FloatArray], calls: Calls, is_stated: Mask)
         peak_rss_bytes=int(np.nanmax(np.append(calls.peak_bytes, 0.0))),
         processes=int(of_calls["processes"].max()),
         threads=int(threads.max()),
-        method=STATED_CLOCK if is_stated[known].all() else USAGE_METHOD,
+        method=STATED_BY_NODE if is_stated[known].all() else USAGE_METHOD,
     )
 
 

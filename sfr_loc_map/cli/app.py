@@ -39,8 +39,8 @@ PANELS = {
 }
 """Subcommands in the order of the help, grouped by the titles of its panels.
 
-A new command requires an entry here, and a module of `cli` with its name. The module has a function with the name of
-the command and `@app.command`, or the `group` (`command_group`) of its subcommands.
+A new command requires an entry here, and a module of `cli` with its name. The module has a function with
+`@app.command`, or the `group` (`command_group`) of its subcommands.
 """
 HINTS = "SFR_HINTS"
 

@@ -86,10 +86,10 @@ def localise(
     if peer_python is None:
         refuse_given(context, ("vocabulary",), "is the vocabulary of ORB-SLAM3: give --peer-python PYTHON, too")
     scoring = ScoreRequest.of(conditions, spacing=spacing, called=option_names(context)).config.trajectory
-    how = announced_config(source, config, remap)
-    claim_outputs(json_path, inputs=(source, how.configuration.path, vocabulary), overwrite=overwrite)
-    opened = open_source(source, how)
-    parameters = how.configuration.build(LocalisationConfig, "localisation")
+    source_config = announced_config(source, config, remap)
+    claim_outputs(json_path, inputs=(source, source_config.configuration.path, vocabulary), overwrite=overwrite)
+    opened = open_source(source, source_config)
+    parameters = source_config.configuration.build(LocalisationConfig, "localisation")
     sequence = drive_of(opened)
     check_conditions(sequence.ground_truth, scoring.conditions, lenient=lenient)
     methods, missing = methods_to_compare(Task.LOCALISATION, parameters, peer_python, vocabulary, method or ())
@@ -124,10 +124,10 @@ def map_(
     from sfr_loc_map.io.sequence import panorama_of
 
     propose("sfr map SRC -o C.ply --stats S.csv --method NAME", why="runs one method, with files to score")
-    how = announced_config(source, config, remap)
-    claim_outputs(json_path, inputs=(source, how.configuration.path), overwrite=overwrite)
-    opened = open_source(source, how)
-    parameters = how.configuration.build(MappingConfig, "mapping")
+    source_config = announced_config(source, config, remap)
+    claim_outputs(json_path, inputs=(source, source_config.configuration.path), overwrite=overwrite)
+    opened = open_source(source, source_config)
+    parameters = source_config.configuration.build(MappingConfig, "mapping")
     sequence = panorama_of(opened)
     methods, missing = methods_to_compare(Task.MAPPING, parameters, peer_python, added=method or ())
     trial = MapperTrial.of(sequence, parameters, opened.truth_paths())
@@ -170,12 +170,12 @@ def faults(
     from sfr_loc_map.scoring.request import ScoreRequest
 
     propose("sfr simulate DST --from SRC --fault KIND:amount=A", why="writes the data with a single fault")
-    how = announced_config(source, config, remap)
-    claim_outputs(json_path, inputs=(source, how.configuration.path), overwrite=overwrite)
+    source_config = announced_config(source, config, remap)
+    claim_outputs(json_path, inputs=(source, source_config.configuration.path), overwrite=overwrite)
     wanted = tuple(fault or FAULTS)
     scoring = ScoreRequest.of([conditions], spacing=spacing, called=option_names(context)).config.trajectory
-    opened = open_source(source, how)
-    localiser = how.configuration.build(LocalisationConfig, "localisation")
+    opened = open_source(source, source_config)
+    localiser = source_config.configuration.build(LocalisationConfig, "localisation")
     drive = drive_of(opened)
     if drive.ground_truth is None:
         raise without_truth(source)

@@ -69,8 +69,8 @@ def check(
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.scoring.provenance import provenance_of_source
 
-    how = announced_config(source, config, remap)
-    claim_outputs(json_path, inputs=(source, how.configuration.path, *(estimate or ())), overwrite=overwrite)
+    source_config = announced_config(source, config, remap)
+    claim_outputs(json_path, inputs=(source, source_config.configuration.path, *(estimate or ())), overwrite=overwrite)
     if len(estimate or ()) > MAX_ESTIMATES:
         raise ConfigError(
             f"'--estimate' is given {len(estimate or ())} times: at most {MAX_ESTIMATES} estimates can be compared "
@@ -78,16 +78,22 @@ def check(
         )
     others = read_estimates(estimate or ())
     conditions = list(dict.fromkeys(Condition.parse(text) for text in condition or CONDITIONS))
-    opened = open_source(source, how)
+    opened = open_source(source, source_config)
     if not has_drive_to_check(opened):
         of_drives = ("condition", "estimate", "pairs")
         refuse_given(context, of_drives, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
-    settings = {**how.changed_reading, "check.conditions": [item.setting for item in conditions], "check.pairs": pairs}
+    settings = {
+        **source_config.changed_reading,
+        "check.conditions": [item.setting for item in conditions],
+        "check.pairs": pairs,
+    }
     named = {name: path for path, name in names_of_estimates(estimate or ()).items()}
     made = provenance_of_source(opened, named, command_line(), settings)
     with naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("checking", total=calls_of_check(opened, pairs))
-        found = check_recording(opened, how.configuration, conditions, pairs, others, lambda: bar.advance(task))
+        found = check_recording(
+            opened, source_config.configuration, conditions, pairs, others, lambda: bar.advance(task)
+        )
     found = replace(found, provenance=made)
     show(found.to_dict(), json_path, check_tables(found.figures, found.advice))
     is_silent = json_path == STANDARD_OUTPUT

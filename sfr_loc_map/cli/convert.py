@@ -181,9 +181,9 @@ def _convert_pairs(
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.runs.drive_start import true_start
 
-    how = announced_config(source, config, remap)
-    claim_outputs(destination, inputs=(source, how.configuration.path), overwrite=overwrite)
-    opened = open_source(source, how)
+    source_config = announced_config(source, config, remap)
+    claim_outputs(destination, inputs=(source, source_config.configuration.path), overwrite=overwrite)
+    opened = open_source(source, source_config)
     start = None if opened.loc is None else true_start(opened.loc).T_ds_rb
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
     with naming(source), pairs_progress("converting", total) as progress:
@@ -216,9 +216,9 @@ def _write_true_trajectory(
     from sfr_loc_map.io.registry import read_truth
     from sfr_loc_map.io.tables.trajectory_writer import files_written
 
-    how = announced_config(source, config, remap)
-    claim_outputs(*files_written(destination), inputs=(source, how.configuration.path), overwrite=overwrite)
-    _write_poses(read_truth(source, how), source, destination, overwrite=overwrite)
+    source_config = announced_config(source, config, remap)
+    claim_outputs(*files_written(destination), inputs=(source, source_config.configuration.path), overwrite=overwrite)
+    _write_poses(read_truth(source, source_config), source, destination, overwrite=overwrite)
 
 
 def _write_poses(poses: Trajectory, source: Path, destination: Path, *, overwrite: bool) -> None:

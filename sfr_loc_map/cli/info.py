@@ -76,26 +76,26 @@ def info(
             f"sfr init DIR --from {source}"
         )
     given = configuration_of(source, path, calibration, settings, remap)
-    how = SourceConfig.of(given)
+    source_config = SourceConfig.of(given)
     check_source_exists(source)
     if write:
-        path, how = _write(source, given)
+        path, source_config = _write(source, given)
     with progress_bar("pairs") as bar:
         task = bar.add_task("reading", total=None)
-        seen = observe(source, how, lambda: bar.advance(task))
+        seen = observe(source, source_config, lambda: bar.advance(task))
     issues = examine(seen)
     if can_write and not write and any(issue.is_blocking for issue in issues):
         options = given_words(context, "config", "calibration", "settings", "remap")
         words = ["sfr", "info", str(source), "--write", *options]
         issues = with_fix(source, given, issues, words)
     found = IssueList(seen.subject, issues)
-    facts = facts_of(source, how)
+    facts = facts_of(source, source_config)
     is_unreadable = is_bag(source) and not facts.topics  # no topic could be read
     if facts.problem and (is_unreadable or not found.blocking):
         raise InputError(facts.problem)
     shown = {"configuration": None if path is None else str(path)} | facts.json_values
     if not facts.problem:
-        inputs = data_set_of(open_source(source, how))
+        inputs = data_set_of(open_source(source, source_config))
         shown |= {f"{role}_sha256": file.sha256 for role, file in inputs.items()}
     start = ["--start", "truth"] if seen.truth_has_attitude else []
     after = ["sfr", "replay", str(source), *given_words(context, "config"), *start, "--out", "out"]

@@ -74,29 +74,29 @@ def localise(
 
     check_suffix(output, FILE_SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
-    how = announced_config(source, config if method == OURS else None, remap)
-    inputs = (source, how.configuration.path, config)
+    source_config = announced_config(source, config if method == OURS else None, remap)
+    inputs = (source, source_config.configuration.path, config)
     claim_outputs(*files_written(output), stats, video, inputs=inputs, overwrite=overwrite)
-    opened = open_source(source, how)
-    theirs = method_under_test(context, method, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
-    parameters = how.configuration.build(LocalisationConfig, "localisation")
+    opened = open_source(source, source_config)
+    under_test = method_under_test(context, method, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
+    parameters = source_config.configuration.build(LocalisationConfig, "localisation")
     sequence = drive_of(opened)
     with ExitStack() as film, naming(source):
         first_pose = start_pose(sequence, start)
-        if theirs is not None and (text := unstamped_start_warning(first_pose, sequence)) is not None:
+        if under_test is not None and (text := unstamped_start_warning(first_pose, sequence)) is not None:
             warn(text)
         truth = source if sequence.ground_truth is not None else "TRUTH"
         watch = None if video is None else film.enter_context(track_video(video, sequence.rig))
-        done = _localised(sequence, theirs or parameters, first_pose, watch)
+        done = _localised(sequence, under_test or parameters, first_pose, watch)
         save_trajectory(output, done.trajectory)
         with secondary_output():
             film.close()
     with secondary_output():
         save_stats(stats, done.records, {Task.LOCALISATION: done.method}, done.trajectory)
     say(f"{len(done.steps)} poses, {states_text(done.records)}: {output}", err=True)
-    again = given_words(context, "stats", *(("config",) if theirs is None else ()))
+    again = given_words(context, "stats", *(("config",) if under_test is None else ()))
     propose("sfr", "score", output, truth, *again, why="against the truth")
-    if (text := tracking_warning(done.records, source, is_ours=theirs is None)) is not None:
+    if (text := tracking_warning(done.records, source, is_ours=under_test is None)) is not None:
         warn(text)
     count = len(done.steps)
     if count < len(sequence):
@@ -105,13 +105,13 @@ def localise(
 
 
 def _localised(
-    sequence: LocSequence, how: LocalisationConfig | UnderTest, start: StartPose, watch: FrameObserver | None
+    sequence: LocSequence, method: LocalisationConfig | UnderTest, start: StartPose, watch: FrameObserver | None
 ) -> DriveRun:
     """Localise a drive with a progress bar, and return the run; after an interruption, return the finished pairs."""
     from sfr_loc_map.runs.localiser_run import run_localiser
 
     with pairs_progress("localising", len(sequence)) as progress:
         try:
-            return run_localiser(sequence, how, start, watch, progress, keeps_finished=True)
+            return run_localiser(sequence, method, start, watch, progress, keeps_finished=True)
         finally:
             hold()

@@ -81,18 +81,20 @@ def map_cloud(
 
     check_suffix(output, SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
-    how = announced_config(source, config if method == OURS else None, remap)
-    parameters = how.configuration.build(MappingConfig, "mapping")
+    source_config = announced_config(source, config if method == OURS else None, remap)
+    parameters = source_config.configuration.build(MappingConfig, "mapping")
     if refine_poses is not None:
         parameters = replace(parameters, refine_poses=refine_poses)
     check_dems(dem or ())
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)
-    claim_outputs(output, stats, *outputs.more, inputs=(source, how.configuration.path, config), overwrite=overwrite)
-    opened = open_source(source, how)
-    theirs = method_under_test(context, method, Task.MAPPING, opened, config, call_timeout, memory_limit)
+    claim_outputs(
+        output, stats, *outputs.more, inputs=(source, source_config.configuration.path, config), overwrite=overwrite
+    )
+    opened = open_source(source, source_config)
+    under_test = method_under_test(context, method, Task.MAPPING, opened, config, call_timeout, memory_limit)
     sequence = panorama_of(opened)
     with naming(source), pairs_progress("mapping", len(sequence)) as progress:
-        run = run_mapper(sequence, theirs or parameters, progress, keeps_finished=True)
+        run = run_mapper(sequence, under_test or parameters, progress, keeps_finished=True)
         hold()
     cloud = save_map(run, sequence.rig.fx, outputs, secondary_output)
     with secondary_output():
@@ -100,11 +102,11 @@ def map_cloud(
     for line in run.warnings:
         warn(line)
     say(f"{len(cloud)} points of {counted(len(run.maps), 'pair')}: {output}", err=True)
-    if theirs is None:
+    if under_test is None:
         say(_assumption(parameters.calibration), err=True)
     for path in outputs.more:
         say(str(path), err=True)
-    given = given_words(context, "config") if theirs is None else []
+    given = given_words(context, "config") if under_test is None else []
     propose("sfr", "score", output, source, *given, why="against the truth, if the source has it")
     if len(run.maps) < len(sequence):
         raise InterruptedRunError(f"interrupted: {len(run.maps)} of {len(sequence)} pairs were mapped and written")

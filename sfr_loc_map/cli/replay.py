@@ -173,16 +173,16 @@ def replay(
         from sfr_loc_map.scoring.provenance import check_data_set
         from sfr_loc_map.scoring.request import ScoreRequest
 
-        how = announced_config(source, config, remap)
-        opened = open_source(source, how)
+        source_config = announced_config(source, config, remap)
+        opened = open_source(source, source_config)
         if opened.loc is None:
             of_drives = ("start", *of_panels(context, TRAJECTORIES))
             refuse_given(context, of_drives, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
-        by = Judgement.of(limits, conditions, how.configuration)
-        check_data_set(opened, by.limits)
+        judgement = Judgement.of(limits, conditions, source_config.configuration)
+        check_data_set(opened, judgement.limits)
         request = ScoreRequest.of(
-            by.conditions,
-            by.limits,
+            judgement.conditions,
+            judgement.limits,
             spacing=spacing,
             rebase=rebase,
             partial=partial,
@@ -203,11 +203,11 @@ def replay(
             correction=request.correction,
         )
         options = ReplayOptions(
-            localisation=how.configuration.build(LocalisationConfig, "localisation"),
-            mapping=how.configuration.build(MappingConfig, "mapping"),
-            configuration=how.configuration,
+            localisation=source_config.configuration.build(LocalisationConfig, "localisation"),
+            mapping=source_config.configuration.build(MappingConfig, "mapping"),
+            configuration=source_config.configuration,
             request=request,
-            limits_file=by.limits_file,
+            limits_file=judgement.limits_file,
             start=first_pose(opened, start, start_offset),
             rate=rate or None,
             offset_s=start_offset,
@@ -217,12 +217,12 @@ def replay(
             external=external_node,
         )
         files = None if out is None else ReplayFiles(out)
-        with _room_for(files, (source, by.limits_file, how.configuration.path), overwrite=overwrite):
+        with _room_for(files, (source, judgement.limits_file, source_config.configuration.path), overwrite=overwrite):
             outcome = _replay_and_present(opened, options, files)
         if outcome.interrupted:
             raise InterruptedRunError(outcome.interrupted)
         # without limits and conditions, a missing judgement is only a warning
-        conclude(outcome.score, by.asked, lenient=lenient or not (by.limits_file or by.conditions))
+        conclude(outcome.score, judgement.asked, lenient=lenient or not (judgement.limits_file or judgement.conditions))
 
 
 def _refuse_options_of_external_node(context: Context, external: str | None, method: str) -> None:
@@ -254,10 +254,24 @@ def _room_for(files: ReplayFiles | None, inputs: Iterable[Path | None], *, overw
 
 
 def _replay_and_present(source: Source, options: ReplayOptions, files: ReplayFiles | None) -> ScoredReplay:
-    """Replay and score; print the score and write report and page, if files are given, and show it on the live page."""
-    from sfr_loc_map.metrics.stored.score_json import to_json
+    """Replay and score with progress bars, and show the score on the live page.
 
-    outcome = _replayed(source, options, files)
+    Print the score, and write report and page if files are given.
+    """
+    from sfr_loc_map.metrics.stored.score_json import to_json
+    from sfr_loc_map.replay.replay_command import replay_and_score
+
+    parts = ((Task.LOCALISATION, source.loc), (Task.MAPPING, source.nav))
+    with progress_bar("pairs") as bar:
+        bars = {task.rig: bar.add_task(task, total=len(part)) for task, part in parts if part is not None}
+
+        def show_line(text: str) -> None:
+            if bar.console.is_terminal:
+                bar.console.print(printable(text), highlight=False, markup=False)
+
+        outcome = replay_and_score(
+            source, options, files, command=command_line(), progress=lambda rig: bar.advance(bars[rig]), say=show_line
+        )
     if options.page is not None:
         options.page.scored(to_json(outcome.score))
     try:
@@ -267,23 +281,6 @@ def _replay_and_present(source: Source, options: ReplayOptions, files: ReplayFil
         if options.page is not None and files is not None:
             options.page.reported(files.page)
     return outcome
-
-
-def _replayed(source: Source, options: ReplayOptions, files: ReplayFiles | None) -> ScoredReplay:
-    """Replay and score with progress bars."""
-    from sfr_loc_map.replay.replay_command import replay_and_score
-
-    parts = ((Task.LOCALISATION, source.loc), (Task.MAPPING, source.nav))
-    with progress_bar("pairs") as bar:
-        shown = {task.rig: bar.add_task(task, total=len(part)) for task, part in parts if part is not None}
-
-        def show_line(text: str) -> None:
-            if bar.console.is_terminal:
-                bar.console.print(printable(text), highlight=False, markup=False)
-
-        return replay_and_score(
-            source, options, files, command=command_line(), progress=lambda rig: bar.advance(shown[rig]), say=show_line
-        )
 
 
 def _report_files(outcome: ScoredReplay, files: ReplayFiles | None) -> None:

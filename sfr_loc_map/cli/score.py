@@ -219,17 +219,17 @@ def score(
 
     found = ScoreInputs.of(estimate, truth, stats)
     _check_options(context, found, diagnose=diagnose)
-    how = _configuration_of_truth(truth, config_file)
-    by = Judgement.of(limits, conditions, how.configuration)
+    source_config = _configuration_of_truth(truth, config_file)
+    judgement = Judgement.of(limits, conditions, source_config.configuration)
     of_estimate, of_truth = columns_of(columns)
-    configured = truth_config(truth, how, parse_settings(settings), of_truth)
-    inputs = replace(found, columns=of_estimate, config=configured, limits=by.limits_file)
+    configured = truth_config(truth, source_config, parse_settings(settings), of_truth)
+    inputs = replace(found, columns=of_estimate, config=configured, limits=judgement.limits_file)
     inputs = _measured_on(inputs, target, target_timing, target_run)
     outputs = _Outputs(json_path, html, junit, points, pieces)
     outputs.claim((estimate, truth, *inputs.paths), overwrite=overwrite)
     request = ScoreRequest.of(
-        by.conditions,
-        by.limits,
+        judgement.conditions,
+        judgement.limits,
         spacing=spacing,
         rebase=rebase,
         partial=partial,
@@ -249,7 +249,7 @@ def score(
         return
     result = _scored(inputs, request, outputs, fused)
     _propose_next(context, (estimate, truth), result, outputs, overwrite=overwrite)
-    conclude(result, by.asked, lenient=lenient)
+    conclude(result, judgement.asked, lenient=lenient)
     if junit is not None and not result.is_judged:
         not_judged([NO_LIMITS], lenient=lenient)
 

@@ -230,7 +230,7 @@ def report(
 @group.command(
     "plan", epilog=examples("sfr suite plan --prob 0.95 --confidence 0.95 --power 0.9", "sfr suite plan runs/today")
 )
-def drives(
+def plan(
     context: Context,
     folder: Annotated[
         Path | None, Argument(metavar="DIR", help="Folder of a suite, whose limits define the requirements.")

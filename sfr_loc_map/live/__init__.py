@@ -3,7 +3,7 @@
 A run is a sequence of increasing stamps that the nodes process; if the stamps jump back, a new run begins. A record
 contains the content of a received message, independent of ROS.
 
-    topics ──► feed, map_feed (thread of ROS)       nodes ◄── operator ◄── commands (the buttons of a page)
+    topics ──► feed (thread of ROS), map_feed (worker)   nodes ◄── operator ◄── commands (the buttons of a page)
             │ records (`updates`)
             ▼
     LiveState.put (`state`): path, call_log, node_reports, freshness, timeline, shown_score, run_end
@@ -11,10 +11,10 @@ contains the content of a received message, independent of ROS.
             ├──► server, viewer (event loop) ──► messages ──► web/app.js and a module for each panel
             └──► terminal
 
-Only the feed writes received data to the state. The server adds the end of the run, and `messages` and `terminal`
-advance the time of the timeline (`LiveState.tick`). All views show the same `values`, whose verdict is composed by
-`headline`. Each view reads the state while it holds `LiveState.lock`, and never delays the feed. The feed prepares
-images and maps only while a page is visible (`LiveState.watch`).
+Only `feed` and `map_feed` write received data to the state. The server adds the end of the run, and `messages` and
+`terminal` advance the time of the timeline (`LiveState.tick`). All views show the same `values`, whose verdict is
+composed by `headline`. Each view reads the state while it holds `LiveState.lock`, and never delays the feed. The feed
+prepares images and maps only while a page is visible (`LiveState.watch`).
 `page_process` starts the page beside `sfr run` or a replay, as a process that runs `main`. `run_end` reports to the
 process of the page how the run ended. `config`, `access` and `connections` protect the server.
 

@@ -55,7 +55,7 @@ class LiveState:
     # ---- views
 
     def call_on_change(self, callback: Callable[[], None]) -> None:
-        """Set a function that is called after each record, in the thread of the feed."""
+        """Set a function that is called after each record, in the thread that adds the record."""
         self._on_change = callback
 
     def watch(self, viewer: object, *, is_watching: bool) -> None:

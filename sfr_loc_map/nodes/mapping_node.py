@@ -1,7 +1,7 @@
 """The mapping node, which fuses up to three stereo pairs with known poses into one cloud.
 
-Messages are received in the executor's thread, where pairs wait for their poses. Only the worker's thread accesses the
-mapper and the map in progress.
+Messages are received in the executor's thread, where pairs wait for their poses. Only the worker's thread uses the
+mapper and changes the map in progress.
 """
 
 from __future__ import annotations

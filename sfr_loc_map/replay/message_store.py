@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -245,8 +246,13 @@ class Received:
         """Number of received messages."""
         return self.drive.count + self.maps.count
 
-    def result(self, external: ExternalResult | None) -> ReplayResult:
-        """Return the results of the replay, for its score and its files."""
+    def result(
+        self,
+        external: ExternalResult | None,
+        rate: float | None = None,
+        settings: Mapping[Task, Mapping[str, object]] = MappingProxyType({}),
+    ) -> ReplayResult:
+        """Return the results of a replay at a rate and with changed settings, for its score and its files."""
         drive, maps = self.drive, self.maps
         return ReplayResult(
             drive.trajectory,
@@ -257,6 +263,8 @@ class Received:
             nav_pairs=PairCounts(len(maps.sent_ns), len(maps.mapped_ns)),
             clouds=len(maps.clouds),
             refused_calls=self.refused_calls,
+            rate=rate,
+            settings=settings,
         )
 
 

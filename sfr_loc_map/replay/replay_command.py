@@ -85,16 +85,15 @@ def _converted_or_saved(
     Raise the error that ended the replay or that prevents the conversion, after what was received is saved. The poses
     of an external node are then saved as published.
     """
-    failure = result.error
-    if failure is None:
-        try:
-            return with_converted_poses(result, source, options.request.config, options.request.correction)
-        except SfrError as error:
-            failure = error
-    if files is None or result.is_empty:
-        raise failure
-    _save(result, files)
-    raise type(failure)(f"{failure}; the received results are in '{files.folder}'") from failure
+    try:
+        if result.error is not None:
+            raise result.error
+        return with_converted_poses(result, source, options.request.config, options.request.correction)
+    except SfrError as error:
+        if files is None or result.is_empty:
+            raise
+        _save(result, files)
+        raise type(error)(f"{error}; the received results are in '{files.folder}'") from error
 
 
 def _save(result: ReplayResult, files: ReplayFiles) -> None:
@@ -105,12 +104,12 @@ def _save(result: ReplayResult, files: ReplayFiles) -> None:
 
 def _remarks(result: ReplayResult) -> Iterator[str]:
     """Yield remarks on missing results of our nodes, and on the answers of an external node."""
-    theirs = None if result.external is None else result.external.task
+    external_task = None if result.external is None else result.external.task
     slower = "give a smaller --rate, or --rate 0, which waits for each pair"
-    if result.loc_pairs.missing and theirs != Task.LOCALISATION:
+    if result.loc_pairs.missing and external_task != Task.LOCALISATION:
         missing, pairs = result.loc_pairs.missing, result.loc_pairs.sent
         yield f"{missing} of {pairs} pairs have no odometry: the nodes could not keep up; {slower}"
-    if result.nav_pairs.missing and theirs != Task.MAPPING:
+    if result.nav_pairs.missing and external_task != Task.MAPPING:
         missing, pairs = result.nav_pairs.missing, result.nav_pairs.sent
         yield f"{missing} of {pairs} pairs are missing in the map: the nodes could not keep up; {slower}"
     if (node := result.external) is not None:

@@ -58,19 +58,16 @@ class PairCounts(NamedTuple):
         return self.sent - self.answered
 
 
-NO_PAIRS = PairCounts()
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayResult:
     """The results of a replay."""
 
     estimate: Trajectory  #: Empty without a drive.
-    map: ReplayedMap  #: The last map.
+    map: ReplayedMap  #: The last map of our mapper, or the map from all clouds of an external one.
     records: Sequence[CallRecord]  #: All calls of localiser and mapper.
     external: ExternalResult | None = None  #: Results about an external node; None without one.
-    loc_pairs: PairCounts = NO_PAIRS  #: Pairs of the localisation cameras.
-    nav_pairs: PairCounts = NO_PAIRS  #: Pairs of the navigation cameras.
+    loc_pairs: PairCounts = field(default_factory=PairCounts)  #: Pairs of the localisation cameras.
+    nav_pairs: PairCounts = field(default_factory=PairCounts)  #: Pairs of the navigation cameras.
     clouds: int = 0  #: Number of received clouds, complete or not.
     refused_calls: Sequence[str] = ()  #: Why calls of an external node are invalid; such calls are ignored.
     was_interrupted: bool = False  #: Whether a signal ended the replay early.

@@ -52,7 +52,7 @@ class Connected(NamedTuple):
         external = None
         if self.external is not None and received.external_task is not None:
             external = self.external.result(received.of(received.external_task).version)
-        return replace(received.result(external), rate=options.rate, settings=options.changed_settings)
+        return received.result(external, options.rate, options.changed_settings)
 
 
 def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: Say) -> ReplayResult:
@@ -66,7 +66,11 @@ def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: S
     try:
         with shown_on(options.page), connected_replay(source, options, say) as connected:
             try:
-                was_interrupted = _play_until_signal(source, options, connected, progress, say)
+                with signals.stopping(connected.player.stop) as interrupted:
+                    say(f"playing from {options.offset_s:g} s")
+                    play_and_collect(source, options, connected, progress)
+                    was_interrupted = interrupted()
+                    signals.hold()  # the played part is still scored
             finally:
                 result = connected.result(options)
             if options.page is not None:
@@ -74,18 +78,6 @@ def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: S
     except SfrError as error:
         return replace(result, error=error)
     return replace(result, was_interrupted=was_interrupted)
-
-
-def _play_until_signal(
-    source: Source, options: ReplayOptions, connected: Connected, progress: Progress, say: Say
-) -> bool:
-    """Play a source and collect the results; return whether a signal ended the replay early."""
-    with signals.stopping(connected.player.stop) as interrupted:
-        say(f"playing from {options.offset_s:g} s")
-        play_and_collect(source, options, connected, progress)
-        was_interrupted = interrupted()
-        signals.hold()  # the played part is still scored
-    return was_interrupted
 
 
 def play_and_collect(source: Source, options: ReplayOptions, connected: Connected, progress: Progress) -> None:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S
-from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
+from sfr_loc_map.metrics.calls.call_score import STATED_BY_NODE
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.conditions import Condition, label_of
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, CloudKind, MapScoreConfig, Reading
@@ -202,7 +202,7 @@ def _calls(item: Verdict, score: Score) -> Iterator[str]:
     """
     if item.value is None:
         return
-    is_stated = score.calls is not None and STATED_CLOCK in score.calls.clocks.values()
+    is_stated = score.calls is not None and STATED_BY_NODE in score.calls.clocks.values()
     is_on_calls = item.subject in (Subject.TIMING, Subject.MEMORY)
     if is_on_calls and not item.is_of_target:
         on_target = "the specification requires the target [4.2.1, 4.3.1]"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.calls.call_stats import method_under_test
+from sfr_loc_map.calls.call_stats import judged_method
 from sfr_loc_map.configuration.parameters import flatten
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND
@@ -110,7 +110,7 @@ def _convention_warnings(convention: ConventionRecord | None) -> Iterator[str]:
 
 def _method_of(run: Run) -> MethodRecord | None:
     """Return the method of a run; a method under test takes precedence over a built-in method."""
-    return run.item.method or method_under_test(item.method for item in run.all_calls if item.method is not None)
+    return run.item.method or judged_method(item.method for item in run.all_calls if item.method is not None)
 
 
 def _readable_files(method: MethodRecord | None) -> Iterator[str]:

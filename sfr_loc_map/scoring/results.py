@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.calls.call_score import (
     HOST_CLOCKS,
     KINDS_OF,
-    STATED_CLOCK,
+    STATED_BY_NODE,
     at_place,
     completeness_rows,
     concatenated,
@@ -210,13 +210,13 @@ def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detail
 def clocks_of(stats: Sequence[CallStats]) -> dict[CallKind, str]:
     """Return the name of the clock of each kind of call.
 
-    The name is `STATED_CLOCK` if a node has stated times of this kind in its messages, because the stated times were
+    The name is `STATED_BY_NODE` if a node has stated times of this kind in its messages, because the stated times were
     not measured from outside.
     """
     clocks = dict(HOST_CLOCKS)
     for item in stats:
         for task in item.stated_tasks:
-            clocks |= dict.fromkeys(KINDS_OF[task], STATED_CLOCK)
+            clocks |= dict.fromkeys(KINDS_OF[task], STATED_BY_NODE)
     return clocks
 
 

@@ -24,7 +24,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.stamps.stamp_text import STAMP_LIMIT
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD
-from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, STATED_CLOCK, USAGE_NAMES, score_calls
+from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, STATED_BY_NODE, USAGE_NAMES, score_calls
 from sfr_loc_map.metrics.config import CallKind, ScoreConfig
 from sfr_loc_map.metrics.figures.records import FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.metrics.frames.covariance import UPPER
@@ -126,7 +126,7 @@ METHODS = [None, *(MethodRecord(name="x", version="1", kind=kind) for kind in (M
 def assert_same_calls(found: CallStats, made: CallStats, *, is_stated: bool = False) -> None:
     for name in ("covariance", "steps", "method", "findings", "has_stamps"):
         np.testing.assert_array_equal(getattr(found, name), getattr(made, name), name)
-    method = {"method": STATED_CLOCK} if is_stated else {}
+    method = {"method": STATED_BY_NODE} if is_stated else {}
     assert found.processes == (None if made.processes is None else replace(made.processes, **method))
     for name in ("stamps_ns", "seconds", "states", "peak_bytes", "above_idle_bytes"):
         np.testing.assert_array_equal(getattr(found.calls, name), getattr(made.calls, name), name)
@@ -146,14 +146,14 @@ def test_the_file_of_the_calls_and_their_messages_have_what_the_records_have(
     assert_same_calls(read, stats_of(records, method), is_stated=is_external)
     has_memory = any(record.peak_rss_bytes is not None for record in records)
     assert read.stated_tasks == (frozenset({Task.LOCALISATION}) if is_external else frozenset())
-    assert read.calls.memory_method == ((STATED_CLOCK if is_external else METHOD) if has_memory else None)
+    assert read.calls.memory_method == ((STATED_BY_NODE if is_external else METHOD) if has_memory else None)
     received = GrowingCalls()
     for record in records:
         received.add(record)
     live = received.stats(stated_tasks=tuple(Task))
     assert live is not None
     assert_same_calls(live, stats_of(records), is_stated=True)
-    assert live.calls.memory_method == (STATED_CLOCK if has_memory else None)
+    assert live.calls.memory_method == (STATED_BY_NODE if has_memory else None)
 
 
 def test_the_memory_of_an_external_mapper_is_stated_and_that_of_our_localiser_measured(tmp_path: Path) -> None:
@@ -164,10 +164,10 @@ def test_the_memory_of_an_external_mapper_is_stated_and_that_of_our_localiser_me
     theirs = MethodRecord(name="x", version="1", kind=MethodKind.EXTERNAL)
     save_stats(tmp_path / "s.csv", records[::-1], {Task.MAPPING: theirs})
     read, made = load_call_stats(tmp_path / "s.csv"), stats_of(records, stated_tasks=(Task.MAPPING,))
-    assert read.calls.memory_method == made.calls.memory_method == f"{METHOD}; {STATED_CLOCK}"
+    assert read.calls.memory_method == made.calls.memory_method == f"{METHOD}; {STATED_BY_NODE}"
     calls = host_result(Run(stats=[read]), {}, details=False)
     assert calls.records is not None
-    assert calls.records.clocks == {CallKind.LOCALISATION: HOST_CLOCK, CallKind.MAPPING: STATED_CLOCK}
+    assert calls.records.clocks == {CallKind.LOCALISATION: HOST_CLOCK, CallKind.MAPPING: STATED_BY_NODE}
 
 
 @pytest.mark.parametrize("text", ["1.0\r2", "1.0\n2", "1\0", "\ud800", "a, 'b' \"c\""])

@@ -31,7 +31,7 @@ from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.message_types import STRING
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK
-from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
+from sfr_loc_map.metrics.calls.call_score import STATED_BY_NODE
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.scoring.inputs import InMemory, Run, ScoreInputs
@@ -282,7 +282,7 @@ def test_only_the_calls_of_a_node_have_a_stated_clock(is_localiser_stated: bool 
         is_stated["localisation"] = is_localiser_stated
     score = score_run(Run(stats=stats), ScoreConfig())
     assert score.calls is not None
-    assert score.calls.clocks == {kind: STATED_CLOCK if stated else HOST_CLOCK for kind, stated in is_stated.items()}
+    assert score.calls.clocks == {kind: STATED_BY_NODE if stated else HOST_CLOCK for kind, stated in is_stated.items()}
 
 
 def test_a_method_does_not_tell_its_own_cost(tmp_path: Path) -> None:

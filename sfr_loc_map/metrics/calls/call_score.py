@@ -34,7 +34,7 @@ from sfr_loc_map.suite_names import Task
 
 UNKNOWN_METHOD = "unknown"
 OUTSIDE_CLOCK = "host monotonic, from publishing a pair to the answer"
-STATED_CLOCK = "stated by the node"  #: Clock and method of calls that a node reports in a live run.
+STATED_BY_NODE = "stated by the node"  #: Clock and memory method of calls whose costs a node states.
 STATE_KINDS: dict[str, CallKind] = {
     MappingState.MAPPED: CallKind.MAPPING,
     MappingState.FUSED: CallKind.FUSION,

@@ -18,8 +18,8 @@ from sfr_loc_map.topics import TF_STATIC
 class Extrinsics:
     """The extrinsics from the parameters or, if not given there, from /tf_static.
 
-    The extrinsics from /tf_static are used once transforms connect the base frame with the camera frame. `T_rb_sb` is
-    None before, and changes once.
+    The extrinsics from /tf_static are used once transforms connect the base frame with the camera frame. Until then,
+    `T_rb_sb` is None.
     """
 
     def __init__(self, config: ExtrinsicsConfig, base_frame: str, sb_frame: str) -> None:

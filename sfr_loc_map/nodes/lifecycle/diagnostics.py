@@ -133,7 +133,7 @@ class StatusReporter:
 
     @property
     def call_count(self) -> int:
-        """Number of calls since the reset."""
+        """Number of calls that `report_call` has reported since the reset."""
         return self._call_count
 
     def set_config(self, config: HealthConfig) -> None:
