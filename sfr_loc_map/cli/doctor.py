@@ -44,7 +44,7 @@ def doctor(
     from sfr_loc_map.io.source_settings import with_settings
 
     given = SourceConfig.of(with_settings(Configuration.read(config), {}, remap=parse_remaps(remap)))
-    with GraphObserver({topic: name for name, topic in given.topics.items()}) as observer:
+    with GraphObserver(given.topics_and_truth) as observer:
         seen = observer.observe(seconds, namespace, given)
     found = IssueList(seen.subject, examine(seen))
     found.propose(["sfr", "record", "drive"], why="records inputs and outputs to a bag")

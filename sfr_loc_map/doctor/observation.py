@@ -223,7 +223,7 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
     """Observe a bag: all stamps, and the first messages of each topic."""
     subject = f"bag '{path}'"
     try:
-        bag = Bag(path, config.remap)
+        bag = Bag(path, config.topics)
     except InputError as error:
         return Observation(subject, broken=str(error))
     matches = {name: tuple(bag.matches(name)) for name in EXPECTED}

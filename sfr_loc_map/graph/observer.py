@@ -54,10 +54,10 @@ PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "input.rectify", "T_rb_
 class GraphObserver(Peer):
     """Observes the graph for a given time; a context manager."""
 
-    def __init__(self, remap: Mapping[str, str]) -> None:
-        """Join the graph; `remap` contains the name in the suite of each topic that has another name in the graph."""
+    def __init__(self, topics: Mapping[str, str]) -> None:
+        """Join the graph; `topics`: name in the graph by name in the suite, where both differ."""
         super().__init__(f"sfr_doctor_{os.getpid()}")
-        self._name_in_suite = {"/" + found.strip("/"): "/" + name.strip("/") for found, name in remap.items()}
+        self._name_in_suite = {"/" + topic.strip("/"): "/" + name.strip("/") for name, topic in topics.items()}
         self._name_in_graph = {name.strip("/"): found for found, name in self._name_in_suite.items()}
         self._namespace = ""  # of the observed nodes, found by `observe`
         self._stamps: dict[str, list[int]] = {}

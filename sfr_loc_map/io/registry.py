@@ -74,7 +74,7 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
 
 def _report_ignored_settings(path: Path, config: SourceConfig, of_layout: tuple[str, ...]) -> None:
     """Warn of settings without effect; `of_layout` are the beginnings of those that the layout ignores."""
-    settings = [f"topics.{name}" for name in config.remap.values()]
+    settings = [f"topics.{name}" for name in config.topics]
     for section in ("frames", "sync", "calibration", "truth"):
         settings += changed(getattr(config, section), f"{section}.")
     without_effect = (*of_layout, *_ignored_of_truth(path, config.truth))
@@ -149,7 +149,7 @@ def read_truth(path: Path, config: SourceConfig | None = None) -> Truth:
     if is_bag(path):
         from sfr_loc_map.io.bag.bag import Bag  # rosbags is imported only for bags
 
-        return truth_of_bag(Bag(path, config.remap), config.truth)
+        return truth_of_bag(Bag(path, config.topics), config.truth)
     if path.is_file() or config.truth.source:
         return truth_of_file(path, config.truth)
     found = open_source(path, config).truth

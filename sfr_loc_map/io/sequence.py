@@ -75,7 +75,7 @@ class RecordedBag(NamedTuple):
     """A bag whose messages are played as recorded."""
 
     path: Path
-    remap: Mapping[str, str]  #: Names in the suite by name in the bag.
+    topics: Mapping[str, str]  #: Name in the bag by name in the suite (`SourceConfig.topics`).
 
 
 @dataclass(frozen=True, slots=True)

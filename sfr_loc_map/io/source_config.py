@@ -129,8 +129,7 @@ class SyncConfig:
 class SourceConfig:
     """How a source is read; missing values are taken from the topics and files of the source."""
 
-    remap: Mapping[str, str] = field(default_factory=dict)
-    """Name in the suite by name in the bag, as `--remap FOUND:=EXPECTED`: the inverse of the section `topics`."""
+    topics: Mapping[str, str] = field(default_factory=dict)  #: Name in the bag by name in the suite.
     frames: FramesConfig = field(default_factory=FramesConfig)
     calibration: CalibrationConfig = CalibrationConfig()
     extrinsics: ExtrinsicsConfig = ExtrinsicsConfig()
@@ -156,28 +155,25 @@ class SourceConfig:
         The keys are dotted names. Settings of the ground truth are not included.
         """
         sections = ("frames", "calibration", "extrinsics", "sync")
-        found: dict[str, object] = {f"topics.{name}": topic for topic, name in self.remap.items()}
+        settings: dict[str, object] = {f"topics.{name}": topic for name, topic in self.topics.items()}
         for name in sections:
-            found |= changed(getattr(self, name), f"{name}.")
-        return found
+            settings |= changed(getattr(self, name), f"{name}.")
+        return settings
 
     @property
-    def topics(self) -> dict[str, str]:
-        """The name in the bag by name in the suite, like the section `topics`: the inverse of `remap`.
-
-        The topic of `truth.source` is included as ground_truth/odometry.
-        """
+    def topics_and_truth(self) -> dict[str, str]:
+        """The `topics`, and the topic of `truth.source` as ground_truth/odometry."""
         truth = {"ground_truth/odometry": self.truth.topic} if self.truth.topic else {}
-        return {name: topic for topic, name in self.remap.items()} | truth
+        return {**self.topics, **truth}
 
     @classmethod
     def of(cls, given: Configuration) -> SourceConfig:
         """Build the configuration from its sections, with absolute names of files. Raises ConfigError."""
-        topics = _topics_by_name(given.section("topics"), given.origin)
+        topics = _checked_topics(given.section("topics"), given.origin)
         types = get_type_hints(cls)
-        sections = [item.name for item in fields(cls) if item.name in SECTIONS]
+        sections = [item.name for item in fields(cls) if item.name in SECTIONS and item.name != "topics"]
         parts = {name: given.build(types[name], name) for name in sections}
-        config = cls({topic: name for name, topic in topics.items()}, **parts, configuration=given)
+        config = cls(topics, **parts, configuration=given)
         config.extrinsics.transform(f"{given.origin}, extrinsics")  # reports invalid values with the name of the file
         config.frames.head_transform(f"{given.origin}, frames")
         return replace(
@@ -187,28 +183,28 @@ class SourceConfig:
         )
 
 
-def _topics_by_name(topics: Mapping[str, object], origin: str) -> dict[str, str]:
-    """Return the topics of the source by name in the suite, without a slash at the beginning or end of the names.
+def _checked_topics(topics: Mapping[str, object], origin: str) -> dict[str, str]:
+    """Return the section `topics` without a slash at the beginning or end of the names in the suite.
 
     Raises ConfigError if a value is no name of a topic, if two names of the suite have one topic, because a message is
     read under one name only, or if a name of the suite has two topics.
     """
-    found: dict[str, str] = {}
+    checked: dict[str, str] = {}
     name_of: dict[str, str] = {}
     for given_name, topic in topics.items():
         name = given_name.strip("/")
         if not isinstance(topic, str) or not topic:
             raise ConfigError(f"{origin}: topics.{name}: the name of a topic of the source is required")
-        if name in found:
+        if name in checked:
             raise ConfigError(f"{origin}: 'topics.{name}' is given twice: give it once")
-        found[name] = topic
+        checked[name] = topic
         other = name_of.setdefault(topic.strip("/"), name)
         if other != name:
             raise ConfigError(
                 f"{origin}: topics.{other} and topics.{name} are both '{topic}': a topic is read under one name; omit "
                 "one of them, and use a second configuration for the other task"
             )
-    return found
+    return checked
 
 
 DEFAULT_SOURCE = SourceConfig()  #: The source is read by its own topics and files.

@@ -42,7 +42,7 @@ def _is_of_bag(path: Path) -> bool:
         config = SourceConfig.of(Configuration.read(path))
     except SfrError:
         return False  # reported when the configuration is read
-    return bool(config.remap) or bool(config.truth.topic)
+    return bool(config.topics) or bool(config.truth.topic)
 
 
 def with_settings(

@@ -31,7 +31,7 @@ def propose_topics(bag: Bag, given: SourceConfig) -> Findings:
     values: list[Value] = []
     for plain, topic in guess.topics.items():
         name = f"{plain}{COMPRESSED_END}" if bag.topics[topic] == COMPRESSED else plain
-        if not bag.matches(name) and topic not in given.remap:
+        if not bag.matches(name) and topic not in given.topics.values():
             values.append(Value(Key("topics", name), topic, guess.reasons[plain]))
     if guess.layout:
         values.append(

@@ -78,7 +78,7 @@ def _given_values(source: Path, given: Configuration, before: Configuration) -> 
 def _with_topics_and_stamps(proposal: Proposal, recorded: Bag) -> Proposal:
     """Return a proposal with the topics, stamps and calibration that a bag requires to be opened."""
     proposal = proposal.adding(propose_topics(recorded, proposal.config))
-    renamed = recorded.renamed(proposal.config.remap)
+    renamed = recorded.renamed(proposal.config.topics)
     proposal = proposal.adding(propose_origin_of_stamps(renamed))
     bag = renamed.stamped_by(proposal.config.sync.stamps)
     proposal = proposal.adding(propose_calibration(bag, proposal.config.calibration))

@@ -78,7 +78,7 @@ def _topics(bag: Bag, config: SourceConfig) -> list[dict[str, Any]]:
     """
     names = dict[str, str]()
     with suppress(SfrError):
-        renamed = bag.renamed(config.remap)
+        renamed = bag.renamed(config.topics)
         names = {topic: name for name in TOPICS_READ for topic in renamed.matches(name)}
         if config.truth.source:
             names |= dict.fromkeys(renamed.matches(config.truth.source), "truth")

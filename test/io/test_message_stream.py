@@ -38,9 +38,9 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.suite_names import SIDES
 
 
-def played(path: Path, remap: dict[str, str] | None = None) -> dict[tuple[str, int], Message]:
+def played(path: Path, topics: dict[str, str] | None = None) -> dict[tuple[str, int], Message]:
     """Return the messages of a source in their order, by topic and stamp."""
-    source = open_source(path, SourceConfig(remap=remap or {}))
+    source = open_source(path, SourceConfig(topics=topics or {}))
     messages = list(messages_of(source))
     assert {m.topic: m.msgtype for m in messages} == topics_of(source)
     return {(m.topic, m.stamp_ns): m for m in messages}

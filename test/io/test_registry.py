@@ -139,7 +139,7 @@ def test_settings_that_do_not_apply_to_a_layout_are_reported(
     names = {"euroc": "sync.stamps, calibration.baseline_m"}
     assert "ignored: " + names.get(layout, "sync.stamp_tolerance_s, sync.stamps, calibration.baseline_m") in caplog.text
     given = SourceConfig(
-        remap={"/a": "loc/left/image_rect"},
+        topics={"loc/left/image_rect": "/a"},
         frames=FramesConfig(base="foo"),
         truth=TruthConfig(frame="map:base_link", stamps="record", columns="t,x,y,z"),
     )

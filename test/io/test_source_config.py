@@ -60,7 +60,7 @@ def test_a_remapped_topic_loses_its_former_name() -> None:
     sections = {"topics": {"loc/left/image_rect": "/zed/left", "loc/right/image_rect": "/zed/right"}}
     changed = with_settings(Configuration(None, sections), {}, remap={"/zed/left": "nav/left/image_rect"})
     assert changed.sections["topics"] == {"loc/right/image_rect": "/zed/right", "nav/left/image_rect": "/zed/left"}
-    assert SourceConfig.of(changed).remap == {"/zed/left": "nav/left/image_rect", "/zed/right": "loc/right/image_rect"}
+    assert SourceConfig.of(changed).topics == {"nav/left/image_rect": "/zed/left", "loc/right/image_rect": "/zed/right"}
 
 
 @pytest.mark.parametrize("given_name", ["loc/left/image_raw", "/loc/left/image_raw"])
@@ -72,7 +72,7 @@ def test_a_slash_before_a_name_of_the_suite_makes_no_second_name(
     (tmp_path / "sfr.yaml").write_text(f"topics: {{{given_name}: /old}}\n")
     given = Configuration.read(tmp_path / "sfr.yaml")
     remap, settings = ({"/new": new_name}, {}) if is_remapped else (None, {f"topics.{new_name}": "/new"})
-    assert SourceConfig.of(with_settings(given, settings, remap=remap)).remap == {"/new": "loc/left/image_raw"}
+    assert SourceConfig.of(with_settings(given, settings, remap=remap)).topics == {"loc/left/image_raw": "/new"}
 
 
 def test_two_topics_of_one_name_are_refused(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ def test_a_topic_that_is_read_under_its_own_name_is_listed_as_read(tmp_path: Pat
 
 def test_a_wrong_remapping_is_a_fact_beside_the_topics(tmp_path: Path) -> None:
     facts = facts_of(
-        write_bag(tmp_path / "x.mcap", make_world()), SourceConfig(remap={"/nowhere": "loc/left/image_rect"})
+        write_bag(tmp_path / "x.mcap", make_world()), SourceConfig(topics={"loc/left/image_rect": "/nowhere"})
     )
     assert "no topic 'nowhere'" in facts.problem
     assert "/loc/left/image_rect" in [topic["name"] for topic in facts.topics]

@@ -58,11 +58,12 @@ class Topic:
 class Bag:
     """A bag; `topics` maps names to types. An `unfinished` bag was not closed and is read up to its last record."""
 
-    def __init__(self, path: Path, remap: Mapping[str, str] | None = None, stamps: str = "header") -> None:
-        """Read the topics of a folder or file (.mcap, .db3, .bag of ROS 1); `remap` maps names in the bag to new names.
+    def __init__(self, path: Path, topics: Mapping[str, str] | None = None, stamps: str = "header") -> None:
+        """Read the topics of a folder or file (.mcap, .db3, .bag of ROS 1).
 
+        `topics`: name in the bag by name in the suite, where both differ (`SourceConfig.topics`).
         `stamps`: "header", or "record" to replace the stamps of headers by the times of recording. InputError if the
-        bag is missing or corrupt; ConfigError if `remap` does not fit the topics.
+        bag is missing or corrupt; ConfigError if `topics` do not fit the bag.
         """
         self.path = path
         self._by_record = stamps == "record"
@@ -86,12 +87,12 @@ class Bag:
             self.counts = {name: sum(c.msgcount for c in connections if c.topic == name) for name in self.topics}
         if not any(self.counts.values()):
             raise InputError(f"bag '{path}' has no messages: record it again")
-        self.names = TopicNames.of(self.topics, remap or {}, path)
+        self.names = TopicNames.of(self.topics, topics or {}, path)
 
-    def renamed(self, remap: Mapping[str, str]) -> Bag:
-        """Return a copy with topics renamed by `remap` alone; raise InputError or ConfigError if a name is wrong."""
+    def renamed(self, topics: Mapping[str, str]) -> Bag:
+        """Return a copy with topics renamed by `topics` alone; raise InputError or ConfigError if a name is wrong."""
         other = copy(self)
-        other.names = TopicNames.of(self.topics, remap, self.path)
+        other.names = TopicNames.of(self.topics, topics, self.path)
         return other
 
     def stamped_by(self, stamps: str) -> Bag:

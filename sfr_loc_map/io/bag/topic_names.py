@@ -19,16 +19,16 @@ TOPICS_READ = tuple(name.strip("/") for name in names(read=True))
 class TopicNames:
     """The name in the suite of each topic of a bag."""
 
-    by_topic: Mapping[str, str]  #: Name in the suite, by name in the bag; the latter's own name unless it is renamed.
+    by_topic: Mapping[str, str]  #: Name in the suite by name in the bag: the name in the bag itself unless renamed.
 
     @classmethod
-    def of(cls, topics: Collection[str], remap: Mapping[str, str], path: Path) -> TopicNames:
-        """Return the names of `topics` of the bag `path`; `remap` maps names in the bag to names in the suite.
+    def of(cls, recorded: Collection[str], topics: Mapping[str, str], path: Path) -> TopicNames:
+        """Return the names of the `recorded` topics of the bag `path`; `topics` is `SourceConfig.topics`.
 
-        InputError if the bag does not have a topic of `remap`; ConfigError if no topic is read under a name of `remap`.
+        InputError if the bag does not have one of `topics`; ConfigError if no topic is read under one of their names.
         """
-        wanted = {old.strip("/"): new.strip("/") for old, new in remap.items()}
-        own = {topic: topic.strip("/") for topic in topics}
+        wanted = {topic.strip("/"): name.strip("/") for name, topic in topics.items()}
+        own = {topic: topic.strip("/") for topic in recorded}
         for old, new in wanted.items():
             if old not in own.values():
                 if new in own.values() and _is_read(old):
@@ -37,7 +37,7 @@ class TopicNames:
                         f"exchange both names (--remap {new}:={old}, or {old}: {new} in the section topics)"
                     )
                 raise InputError(
-                    f"bag '{path}' has no topic '{old}' to remap to '{new}': {_near(old, sorted(topics))}; correct "
+                    f"bag '{path}' has no topic '{old}' to remap to '{new}': {_near(old, sorted(recorded))}; correct "
                     "this name"
                 )
             if not _is_read(new):

@@ -160,7 +160,7 @@ class BagNavSequence(_BagPairs):
 
 def open_bag(path: Path, config: SourceConfig = DEFAULT_SOURCE) -> Source:
     """Open a bag (a folder, or a .mcap, .db3 or .bag file) as a source."""
-    bag = Bag(path, config.remap, config.sync.stamps)
+    bag = Bag(path, config.topics, config.sync.stamps)
     kinds = {task: image_name(bag, task.rig) for task in Task}
     if not any(kinds.values()):
         raise InputError(
@@ -186,7 +186,7 @@ def open_bag(path: Path, config: SourceConfig = DEFAULT_SOURCE) -> Source:
         config=config,
         calibration="" if loc is None else loc.cameras.text,
         own_extrinsics=None if loc is None else _own_extrinsics(loc, config),
-        recorded=None if is_raw or is_adapted else RecordedBag(path, config.remap),
+        recorded=None if is_raw or is_adapted else RecordedBag(path, config.topics),
     )
 
 

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,14 +109,32 @@ def seconds_text(stamp_ns: int) -> str:
     return f"{'-' if stamp_ns < 0 else ''}{whole}.{rest:09d}"
 
 
-def parse_stamps(texts: NDArray[np.bytes_], stamp: Callable[[str], int]) -> IntArray:
-    """Return the nanoseconds of texts that `stamp` reads; vectorised if the digits of all texts are aligned."""
-    stamps_ns = None
-    if stamp in (parse_seconds, parse_stamp_ns, parse_nanoseconds):
-        stamps_ns = _parse_aligned(texts, has_point=stamp is parse_seconds)
-    if stamps_ns is not None:
-        return stamps_ns
-    return np.array([stamp(text.decode("ascii")) for text in texts.tolist()], np.int64)
+class StampParser(NamedTuple):
+    """Converts stamps in text to nanoseconds."""
+
+    parse: Callable[[str], int]
+    is_seconds: bool = False  #: Whether the text is decimal seconds.
+    is_nanoseconds: bool = False
+
+    @classmethod
+    def of(cls, unit: str) -> StampParser:
+        """Return the parser of stamps in a unit: a key of `TIMES`, or `UTC_UNIT`."""
+        if unit == UTC_UNIT:
+            return cls(parse_utc)
+        if unit == "s":
+            return cls(parse_seconds, is_seconds=True)
+        if unit == "ns":
+            return cls(parse_nanoseconds, is_nanoseconds=True)
+        return cls(partial(parse_decimal, unit_ns=TIMES[unit]))
+
+    def parse_all(self, texts: NDArray[np.bytes_]) -> IntArray:
+        """Return the nanoseconds of all texts; vectorised for aligned digits of seconds or nanoseconds."""
+        stamps_ns = None
+        if self.is_seconds or self.is_nanoseconds:
+            stamps_ns = _parse_aligned(texts, has_point=self.is_seconds)
+        if stamps_ns is not None:
+            return stamps_ns
+        return np.array([self.parse(text.decode("ascii")) for text in texts.tolist()], np.int64)
 
 
 def _parse_aligned(texts: NDArray[np.bytes_], *, has_point: bool) -> IntArray | None:

@@ -10,7 +10,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.inputs import parent_of, read_table
-from sfr_loc_map.io.stamps.stamp_text import STAMP_LIMIT, parse_seconds
+from sfr_loc_map.io.stamps.stamp_text import STAMP_LIMIT, StampParser
 from sfr_loc_map.io.tables.cells.text_table import RowForm, TableRows, parse_table
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import counted
@@ -80,7 +80,7 @@ def times_beside(path: Path) -> Path:
 def read_times(path: Path, count: int | None = None) -> IntArray:
     """Return the stamps in a file of seconds, `(N,)` ns."""
     blocks = read_table(path, "give the seconds of each pose")
-    rows = parse_table(blocks, f"'{path}'", RowForm("seconds", (0,), parse_seconds))
+    rows = parse_table(blocks, f"'{path}'", RowForm("seconds", (0,), StampParser.of("s")))
     if count not in (None, len(rows.lines)):
         raise InputError(f"'{path}' has {len(rows.lines)} times for {count} poses: one time for each pose is required")
     steps_ns = np.diff(rows.stamps_ns)

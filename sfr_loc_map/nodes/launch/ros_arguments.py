@@ -94,7 +94,7 @@ def arguments_of_config(config: Path, written: Path) -> list[str]:
         found[MONITOR_NODE]["score.trajectory.conditions"] = conditions
     for task in Task:
         raw = f"{task.rig}/left/image_raw"
-        names = (name.removesuffix(COMPRESSED_END) for name in how.remap.values())
+        names = (name.removesuffix(COMPRESSED_END) for name in how.topics)
         found[task.node]["input.rectify"] = any(name.endswith(raw) for name in names)
     return [*write_parameters(found, written), *(word for rule in remaps_of(how) for word in ("-r", rule))]
 
@@ -109,7 +109,7 @@ def write_parameters(parameters: Mapping[str, Mapping[str, object]], path: Path)
 def remaps_of(how: SourceConfig) -> list[str]:
     """Return the topics of a configuration as remapping rules; topics of compressed images end in `/compressed`."""
     rules = []
-    for name, topic in how.topics.items():
+    for name, topic in how.topics_and_truth.items():
         is_compressed = topic.endswith(COMPRESSED_END) and not name.endswith(COMPRESSED_END)
         rules.append(f"{name}{COMPRESSED_END if is_compressed else ''}:={topic}")
     return rules

@@ -80,9 +80,7 @@ def ros2(tmp_path: Path, world: World) -> Path:
 def test_a_ros_1_bag_holds_the_same_world(tmp_path: Path, ros2: Path, world: World, compression: str) -> None:
     assert_is_world(open_source(write_ros1(tmp_path / "a.bag", ros2, compression=compression)), world)
     names = {f"/loc/{side}/image_rect": f"/cam{i}/image" for i, side in enumerate(("left", "right"))}
-    source = open_source(
-        write_ros1(tmp_path / "b.bag", ros2, names), SourceConfig(remap={new: old for old, new in names.items()})
-    )
+    source = open_source(write_ros1(tmp_path / "b.bag", ros2, names), SourceConfig(topics=names))
     assert_same_pairs(source.loc.pairs(), world.pairs)
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import read_table
 from sfr_loc_map.io.number_text import number_or_nan
-from sfr_loc_map.io.stamps.stamp_text import parse_seconds, parse_stamp_ns, parse_utc, seconds_text
+from sfr_loc_map.io.stamps.stamp_text import StampParser, parse_seconds, parse_stamp_ns, parse_utc, seconds_text
 from sfr_loc_map.io.tables.cells.text_table import RowForm, parse_table
 
 finite = st.floats(-1e308, 1e308)  # which no form rounds to infinity
@@ -56,9 +56,9 @@ def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers_in_blocks_o
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sfr_loc_map.inputs.BLOCK_BYTES", size)
         path.write_bytes(data.encode())
-        table = parse_table(read_table(path), "x", RowForm("t, x", (0, 1), parse_seconds), skip=1)
+        table = parse_table(read_table(path), "x", RowForm("t, x", (0, 1), StampParser.of("s")), skip=1)
         with pytest.raises(InputError, match=f"line {3 * len(rows) + 2} has 1 column:"):
-            parse_table([data.encode(), b"7\n"], "x", RowForm("t, x", (0, 1), parse_seconds), skip=1)
+            parse_table([data.encode(), b"7\n"], "x", RowForm("t, x", (0, 1), StampParser.of("s")), skip=1)
     assert [value.hex() for value in table.values[:, 0].tolist()] == [float(text).hex() for text in texts]
     assert table.stamps_ns.tolist() == [int(stamp * 10**9)] * len(rows)
     assert table.lines.tolist() == [3 * number + 2 for number in range(len(rows))]
@@ -74,7 +74,7 @@ def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers_in_blocks_o
 )
 def test_the_line_that_is_wrong_is_named(line: str, words: str) -> None:
     with pytest.raises(InputError, match=f"^x line 3{words}"):
-        parse_table([f"#\n1,2\n{line}\n".encode()], "x", RowForm("t, x", (0, 1), parse_stamp_ns, ","))
+        parse_table([f"#\n1,2\n{line}\n".encode()], "x", RowForm("t, x", (0, 1), StampParser(parse_stamp_ns), ","))
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_the_line_that_is_wrong_is_named(line: str, words: str) -> None:
 )
 def test_the_form_of_a_table_does_not_change_its_numbers(rows: str, separator: str | None, more: bool) -> None:
     columns = (0, 2) if rows[2] in 'x"' else (0, 1)
-    table = parse_table([rows.encode()], "x", RowForm("t, x", columns, parse_seconds, separator, more))
+    table = parse_table([rows.encode()], "x", RowForm("t, x", columns, StampParser.of("s"), separator, more))
     assert table.stamps_ns.tolist() == [5 * 10**9, 6 * 10**9]
     assert [value.hex() for value in table.values[:, 0].tolist()] == [(1.5).hex(), (-0.0).hex()]
 

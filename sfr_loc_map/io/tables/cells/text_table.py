@@ -8,7 +8,7 @@ rows are found.
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.inputs import MAX_INVALID, read_table_text, split_lines
 from sfr_loc_map.io.number_text import parse_number
-from sfr_loc_map.io.stamps.stamp_text import STAMP_LENGTH, parse_stamps
+from sfr_loc_map.io.stamps.stamp_text import STAMP_LENGTH, StampParser
 from sfr_loc_map.io.tables.cells.cell_grid import CellGrid
 from sfr_loc_map.io.tables.cells.decimal_marks import DecimalMarks
 from sfr_loc_map.message_text import counted
@@ -45,7 +45,7 @@ class RowForm:
 
     content: str  #: Content of a row, for messages.
     columns: Sequence[int]  #: Columns that are read, from 0; the column of the stamp is the first.
-    parse_stamp: Callable[[str], int] | None = None  #: Converts the text of a stamp to nanoseconds; None: no stamp.
+    stamps: StampParser | None = None  #: Parser of the stamp; None: no stamp.
     separator: str | None = None  #: Separator of the cells; None: spaces.
     allows_more: bool = False  #: Whether a row may have more columns than those that are read.
     small_unit: str = ""  #: A unit below a metre that some numbers have, if any (`DecimalMarks`).
@@ -53,7 +53,7 @@ class RowForm:
     @property
     def value_count(self) -> int:
         """Number of columns other than the stamp."""
-        return len(self.columns) - (self.parse_stamp is not None)
+        return len(self.columns) - (self.stamps is not None)
 
     @property
     def width(self) -> int:
@@ -222,9 +222,9 @@ class _BlockReader:
         grid = CellGrid.of(rows, form.separator)
         if not form.has_width(grid.width):
             raise ValueError(f"the rows have {grid.width} columns")
-        if form.parse_stamp is None:
+        if form.stamps is None:
             return np.zeros(0, np.int64), grid.numbers(columns)
-        stamps_ns = parse_stamps(grid.texts(columns[0], STAMP_LENGTH), form.parse_stamp)
+        stamps_ns = form.stamps.parse_all(grid.texts(columns[0], STAMP_LENGTH))
         return stamps_ns, grid.numbers(columns[1:])
 
     def _one_by_one(self, rows: bytes, lines: IntArray) -> _BlockRows:
@@ -236,7 +236,7 @@ class _BlockReader:
         valid = [(line, result) for line, result in results if isinstance(result, tuple)]
         return _BlockRows(
             np.array([line for line, _ in valid], np.int64),
-            np.array([stamp_ns for _, (stamp_ns, _) in valid] if self.form.parse_stamp else [], np.int64),
+            np.array([stamp_ns for _, (stamp_ns, _) in valid] if self.form.stamps else [], np.int64),
             np.array([numbers for _, (_, numbers) in valid], np.float64).reshape(-1, self.form.value_count),
             invalid,
             skipped=[line for line, result in results if not isinstance(result, tuple)],
@@ -252,10 +252,11 @@ class _BlockReader:
         words = [text.lower().lstrip("+-").partition("(")[0] for text in texts]
         if self.tolerant and any(word in NO_VALUE for word in words):
             return None
-        self.marks.add_cells(texts[1:] if form.parse_stamp else texts)
+        # also of invalid rows, because a number with a comma and a point, 1,234.5, makes a row invalid
+        self.marks.add_cells(texts[1:] if form.stamps else texts)
         texts = [text.replace(",", ".") for text in texts]  # decimal commas
         try:
-            stamp_ns = form.parse_stamp(texts.pop(0)) if form.parse_stamp else 0
+            stamp_ns = form.stamps.parse(texts.pop(0)) if form.stamps else 0
             return stamp_ns, [parse_number(text) for text in texts]
         except (ValueError, ArithmeticError) as error:
             return f"line {line}: {error}"

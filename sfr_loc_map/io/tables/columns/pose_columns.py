@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import partial
 
-from sfr_loc_map.io.stamps.stamp_text import TIMES, UTC_UNIT, parse_decimal, parse_nanoseconds, parse_seconds, parse_utc
+from sfr_loc_map.io.stamps.stamp_text import TIMES, StampParser
 from sfr_loc_map.io.stamps.time_units import TimeUnit
 from sfr_loc_map.io.tables.cells.text_table import RowForm
 from sfr_loc_map.io.tables.columns.length_units import METRES
-from sfr_loc_map.message_stamps import NS_PER_S
 
 STAMP, SECONDS, NANOSECONDS, FRAME = "t", "sec", "nsec", "frame"
 POSITION = ("x", "y", "z")
@@ -139,7 +137,7 @@ class PoseColumns:
         return RowForm(
             stated.name,
             columns,
-            None if stated.stamp_key is None else self._stamp_parser(stated.stamp_key),
+            None if stated.stamp_key is None else StampParser.of(self.units.get(stated.stamp_key, "s")),
             stated.separator,
             self._allows_more(columns),
             self._small_unit,
@@ -154,16 +152,6 @@ class PoseColumns:
         if self.format is TrajectoryFormat.CSV and not self.stated.ignored:
             return False
         return self.stated.are_named or columns != list(range(self.stated.width))
-
-    def _stamp_parser(self, key: str) -> Callable[[str], int]:
-        """Return the function that converts the text of a stamp to nanoseconds."""
-        unit = self.units.get(key, "s")
-        if unit == UTC_UNIT:
-            return parse_utc
-        unit_ns = TIMES[unit]
-        if unit_ns == NS_PER_S:
-            return parse_seconds
-        return parse_nanoseconds if unit_ns == 1 else partial(parse_decimal, unit_ns=unit_ns)
 
     @property
     def fraction_ns(self) -> int:
