@@ -114,7 +114,7 @@ IO_FLOORS = (
 TABLES_FLOORS = ({"cells"}, {"columns"}, {"checks"}, {""})
 """Folders of `io/tables` from the bottom; the name of the modules beside them is empty."""
 LOCALISATION_FLOORS = (
-    {"config", "motion_size", "small_linalg", "symmetric_matrices"},
+    {"config", "motion_size", "small_linalg"},
     {"estimate"},
     {"frontend"},
     {"backend"},

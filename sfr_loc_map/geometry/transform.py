@@ -166,3 +166,8 @@ def interpolated(before: Transform, after: Transform, fraction: float) -> Transf
     rotvec = rotvec_from_matrix(before.rotation.T @ after.rotation)
     rotation = before.rotation @ matrix_from_rotvec(fraction * rotvec)
     return Transform(rotation, before.translation + fraction * (after.translation - before.translation))
+
+
+def symmetric(matrix: FloatArray) -> FloatArray:
+    """Return the symmetric part of a matrix, such as a propagated covariance with rounding errors."""
+    return np.asarray(0.5 * (matrix + matrix.T))

@@ -17,7 +17,7 @@ pair is refused, which reason is published, and what enlarges the covariance.
 | `ground` | which of the motions in an image is the ground's |
 | `keyframes`, `backend` | keyframes, their bundle adjustment, and online calibration |
 | `uncertainty` | error sources and covariances |
-| `motion_size`, `small_linalg`, `symmetric_matrices` | mathematical tools of several folders |
+| `motion_size`, `small_linalg` | mathematical tools of several folders |
 | `warm_up` | a small drive that compiles or loads all kernels |
 """
 

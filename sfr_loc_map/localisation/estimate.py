@@ -20,8 +20,7 @@ from sfr_loc_map.geometry.plausibility import (
     plausible_rotations,
 )
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.geometry.transform import Transform, propagated_covariance
-from sfr_loc_map.localisation.symmetric_matrices import symmetric
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance, symmetric
 
 MAX_GIVEN_M = 0.5 * MAX_POSITION_M
 """Maximum coordinate of an external pose, and of the motion by odometry, m. Half of the limit of all positions, so that
@@ -59,24 +58,24 @@ class StartPose:
             raise GeometryError(f"T_ds_rb has the type {type(self.T_ds_rb).__name__}: a Transform is required")
 
     @classmethod
-    def of(cls, pose: StartPose | Transform) -> StartPose:
+    def of(cls, pose: StartPose | Transform, name: str = "the start pose") -> StartPose:
         """Return a start pose with copies of all arrays. A transform is exact and valid at the next pair.
 
-        GeometryError if the rotation is invalid, a coordinate exceeds `MAX_GIVEN_M`, the covariance is not finite,
-        symmetric and positive semi-definite, or the stamp is not a whole number.
+        GeometryError, with the name, if the rotation is invalid, a coordinate exceeds `MAX_GIVEN_M`, the covariance is
+        not finite, symmetric and positive semi-definite, or the stamp is not a whole number.
         """
         start = pose if isinstance(pose, StartPose) else cls(pose)
         covariance = _as_numbers(start.covariance)
         scale = max(float(np.abs(covariance).max(initial=0.0)) / MAX_VARIANCE, 1.0)  # a large uncertainty is valid
         if covariance.shape != (6, 6) or not is_plausible_covariance(covariance / scale):
             raise GeometryError(
-                "the start pose has an invalid covariance: a 6 x 6, finite, symmetric and positive semi-definite "
+                f"{name} has an invalid covariance: a 6 x 6, finite, symmetric and positive semi-definite "
                 "matrix is required"
             )
-        check_given(start.T_ds_rb, "the start pose")
+        check_given(start.T_ds_rb, name)
         if not isinstance(start.stamp_ns, int | np.integer | None):
             raise GeometryError(
-                f"the start pose has an invalid stamp: {start.stamp_ns!r}: whole nanoseconds, or None for the next "
+                f"{name} has an invalid stamp: {start.stamp_ns!r}: whole nanoseconds, or None for the next "
                 "pair, are required"
             )
         given = start.T_ds_rb

@@ -1,6 +1,6 @@
 """Guards: checks of a pair and of its pose.
 
-Each guard is a pure function `check_*` that takes values and returns findings. One table lists the consequences of all
+Each guard is a function `check_*` that returns findings and changes nothing. One table lists the consequences of all
 findings (`findings.RULES`). A guard that compares a pair with earlier pairs takes the result as an argument: the
 comparison of the images (`stale_images.compare`), or the running mean of the shear (`ShearMean`). `check_sides` takes
 the tracker, because it tracks all landmarks again in swapped images. `check_order` takes the landmarks of a new

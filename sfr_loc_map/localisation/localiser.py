@@ -42,7 +42,8 @@ The two functions that continue with such a pair can refuse it for further reaso
 | `_refuse` | it would be kept, but the localiser is lost, or its pose is as uncertain as an unknown pose | lost |
 
 A pair may begin a window in two situations: if there is no map, or if `MAX_FAILED_RECOVERIES` good images were refused
-since the last accepted pair. An image counts if stage 2 or stage 8 refuses its pair, except in two cases. Swapped
+since the last pair that was accepted or began a window. An image counts if stage 2 or stage 8 refuses its pair, except
+in two cases. Swapped
 images never count (`Action.LOSE`). Images that contradict the pose (`Action.KEEP`) count only while the localiser is
 lost. A pair that stage 1 refuses does not count either.
 
@@ -67,9 +68,9 @@ There are three exceptions:
 **What enlarges the covariance.** The covariance of an accepted pose is the sum of its error terms, and findings, kept
 pairs, new windows and external poses add to it. `uncertainty` lists all terms and events with links to their formulas.
 
-The state between two pairs is one immutable value, and its methods are all of its changes (`state.State`). Each stage
-takes and returns values. `findings` describes what a new guard requires, and `uncertainty` where a new error
-source belongs.
+The state between two pairs is one immutable value, and its methods are all of its changes (`state.State`). In addition,
+the localiser holds the keyframe that is being made in the background. Each stage takes and returns values. `findings`
+describes what a new guard requires, and `uncertainty` where a new error source belongs.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, median
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig, check_rig
-from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance, symmetric
 from sfr_loc_map.localisation import guards, stale_images, warm_up
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -107,7 +108,6 @@ from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO, KeyframeJob,
 from sfr_loc_map.localisation.relocalisation import MAX_FAILED_RECOVERIES
 from sfr_loc_map.localisation.stages import Candidate, FinalPose, StageClock, Stages
 from sfr_loc_map.localisation.state import Outcome, State
-from sfr_loc_map.localisation.symmetric_matrices import symmetric
 from sfr_loc_map.localisation.uncertainty.error_sources import RoverModel
 from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
 from sfr_loc_map.parallel import beside
@@ -178,7 +178,7 @@ class Localiser:
 
         GeometryError, and no change, if the pose is invalid (`StartPose.of`).
         """
-        self._state = self._state.pose_set(StartPose.of(pose), self._model)
+        self._state = self._state.pose_set(StartPose.of(pose, "the external pose"), self._model)
 
     def pose_at(self, stamp_ns: int) -> Transform | None:
         """Return the pose of RB in DS at a past stamp; None without an accepted pair.

@@ -41,7 +41,7 @@ from the last accepted pair, so that their covariance contains the unobserved mo
 (`Origin.external_of_next`). In case 3, the position of the external pose in the map is unknown. The map is therefore
 discarded, and the motion from the stamp to the pair is unobserved.
 
-**Stamps.** Three stamps of the path answer different questions:
+**Stamps.** Three of the stamps of the path are easily confused, because they answer similar questions:
 
 | stamp | question | changed by |
 |---|---|---|
@@ -211,7 +211,7 @@ class PathState:
         last = self.last.accepted(
             pair.stamp_ns, pair.T_world_left, since, period_ns=self.period_ns, was_known=pair.was_known
         )
-        was_accepted = pair.was_known and self.published.kept_s == 0.0  # the previous pair was neither lost nor kept
+        was_accepted = pair.was_known and not self.published.is_kept  # the previous pair was neither lost nor kept
         follows_directly = was_accepted and self.last.is_followed_by(pair.stamp_ns)
         history = self.history.with_pose(_past_pose(last, errors, follows_directly=follows_directly))
         return replace(self, last=last, errors=errors, published=published, history=history), step

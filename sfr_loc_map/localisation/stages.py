@@ -162,7 +162,7 @@ class Stages:
     # ---- verdict and final pose
 
     def judge(self, last: LastPose, gap_keyframes: int, candidate: Candidate, findings: frozenset[Finding]) -> Verdict:
-        """Apply all guards to a pose.
+        """Judge a pose by the findings of the earlier stages, and by the guards that examine a pose.
 
         Args:
             last: Last known pose.

@@ -14,7 +14,8 @@ results). An event has the same name here and in the components of the state tha
 | pair arrives | `arrived` | path (stamps), image memory, memory of the ground (stale rows) |
 | pair is accepted | `accepted` | all but `has_diverged` and the image memory |
 | pair is refused because of its pose | `refused` | memory of the ground, only if the image contradicts the pose |
-| and its images are good | `recovery_failed` | number of failed recoveries |
+| pair is refused, may begin a window, and its | `recovery_failed` | number of failed recoveries |
+| images are good | | |
 | refused pair is kept | `kept` | path (covariance and step), status, reason |
 | refused pair is lost | `lost` | path (a standstill is predicted), memory of the ground (learnt again), |
 | | | status, reason |
@@ -58,7 +59,8 @@ class State:
     ground_memory: GroundMemory  #: Memory of the selection of the ground.
     landmark_map: LandmarkMap | None = None  #: Window and landmarks; None before a window has begun.
     recovery: RecoveryImages = RecoveryImages()  #: Images from which lost tracking can be recovered.
-    failed_recoveries: int = 0  #: Number of good images with a refused pose since the last accepted pair.
+    #: Number of refused pairs with good images since the last pair that was accepted or began a window.
+    failed_recoveries: int = 0
     image_memory: ImageMemory | None = None  #: Memory of the check for stale images.
     shear_mean: ShearMean = ShearMean()  #: Memory of the check for sheared rows.
     keyframes: int = 0  #: Number of keyframes since the start.
@@ -166,7 +168,7 @@ class State:
         return replace(self, ground_memory=candidate.ground.memory_after(verdict, self.ground_memory))
 
     def recovery_failed(self) -> State:
-        """Return the state after a further good image whose pose was refused."""
+        """Return the state after a further refused pair with good images."""
         return replace(self, failed_recoveries=self.failed_recoveries + 1)
 
     def window_failed(self) -> State:

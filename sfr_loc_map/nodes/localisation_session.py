@@ -89,7 +89,7 @@ class LocalisationSession:
 
         GeometryError, and no change, if the pose is invalid (`StartPose.of`).
         """
-        pose = StartPose.of(completed_pose(StartPose.of(given), self._known_at(given.stamp_ns)))
+        pose = StartPose.of(completed_pose(StartPose.of(given, "the external pose"), self._known_at(given.stamp_ns)))
         self._first = replace(pose, stamp_ns=None)
         self._start = pose
         self._last = None

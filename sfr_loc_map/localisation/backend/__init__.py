@@ -6,7 +6,8 @@ A pair that becomes a keyframe passes through five steps (`keyframes.KeyframeMak
 |---|---|---|
 | 1 | `SlidingWindow.deactivated` | outliers are no longer tracked |
 | 2 | `SlidingWindow.with_keyframe` | the pose and its observations are added; the oldest keyframe is marginalised |
-| 3 | `OnlineCalibration.with_window_yaw` | the yaw of the previous adjustment is filtered, and corrected by one step |
+| 3 | `OnlineCalibration.with_window_yaw` | the yaw of the previous adjustment is filtered |
+| | `SlidingWindow.with_yaw_corrected` | the right observations are corrected by a step of the yaw |
 | 4 | `SlidingWindow.with_landmarks` | stereo matches become landmarks (`with_matches`: pitch and roll) |
 | 5 | `SlidingWindow.adjusted` | the bundle adjustment estimates all unknowns together |
 

@@ -17,9 +17,7 @@ from sfr_loc_map.localisation.ground.evidence import Evidence, TwoMotions
 from sfr_loc_map.localisation.ground.excluded_cells import Exclusion
 from sfr_loc_map.localisation.ground.memory import Fault, GroundMemory, ImageFaults, Phase
 from sfr_loc_map.localisation.ground.motions import ComparedPair, Motion
-from sfr_loc_map.localisation.motion_size import MotionSize
-
-NO_DISTANCE: Final = MotionSize(0.0, 0.0)
+from sfr_loc_map.localisation.motion_size import NO_MOTION, MotionSize
 
 
 class Selection(NamedTuple):
@@ -28,7 +26,7 @@ class Selection(NamedTuple):
     motion: Motion
     is_main: bool  #: Whether the motion is the main motion.
     exclusion: Exclusion  #: Landmarks and cells that do not move with the ground.
-    other_distance: MotionSize = NO_DISTANCE  #: Distance to the pose of another possible motion; zero if none.
+    other_distance: MotionSize = NO_MOTION  #: Distance to the pose of another possible motion; zero if none.
 
     @property
     def is_moving(self) -> bool:

@@ -60,7 +60,7 @@ class Evidence(NamedTuple):
     may_be_transfer: bool  #: Whether the pair may be partially transferred: not too many earlier pairs were.
     follows_transfer: bool  #: Whether the previous pair was partially transferred.
     after_one_motion: Identification  #: The identification after the pair if the main motion is the only motion.
-    # searches
+    # searches; without a search, as if nothing was found. The properties that decide on a search use only the above
     off_body: Motion | None = None  #: Motion of the landmarks off the own body; None if no body was found.
     is_double_exposure: bool = False  #: Whether the left image of this or of the last pair shows two exposures.
     two: TwoMotions | None = None  #: The main motion and a second motion; None if no second motion was found.

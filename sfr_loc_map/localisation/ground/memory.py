@@ -206,7 +206,7 @@ class GroundMemory:
 
     The table shows how each event changes each component. Other components stay as they are.
 
-    | component | `selected` | `unselected` | `window_begun` | `adjusted` | `lost` | `rows_stale` | `window_failed` |
+    | component | `learnt_from` | `unselected` | `window_begun` | `adjusted` | `lost` | `rows_stale` | `window_failed` |
     |---|---|---|---|---|---|---|---|
     | `excluded` | = cells after the pair | | | | | | one pair older |
     | `earlier` | = pair, or older | one pair older | = first image | pose | | | |
@@ -217,7 +217,7 @@ class GroundMemory:
 
     | event | is |
     |---|---|
-    | `selected` | a pair in which the ground's motion was selected, by its case (`selection.learnt_from`) |
+    | `selection.learnt_from` | a pair in which the ground's motion was selected, by its case |
     | `unselected` | a pair with a frozen left image or with stale rows, in which no motion was selected |
     | `window_begun` | a pair begins a window |
     | `adjusted` | the adjustment of a keyframe in the background has ended |
@@ -225,7 +225,7 @@ class GroundMemory:
     | `rows_stale` | stale rows are detected in a pair, before its other changes |
     | `window_failed` | a textured pair has too few landmarks for a window |
 
-    What is learnt by `selected` and `unselected` depends on the verdict on the pair, too (`Ground.memory_after`).
+    What is learnt by `learnt_from` and `unselected` depends on the verdict on the pair, too (`Ground.memory_after`).
     """
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.

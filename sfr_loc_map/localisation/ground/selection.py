@@ -57,7 +57,7 @@ from sfr_loc_map.localisation.ground.memory import Consistency, EarlierImage, Fa
 from sfr_loc_map.localisation.ground.motions import ComparedPair, MotionTools
 from sfr_loc_map.localisation.ground.thresholds import COMPARED_PAIRS, COMPARED_PX, FAR_RATIO
 from sfr_loc_map.localisation.motion_model import Prediction
-from sfr_loc_map.localisation.motion_size import MotionSize
+from sfr_loc_map.localisation.motion_size import NO_MOTION, MotionSize
 from sfr_loc_map.localisation.relocalisation import RecoveryImages
 
 
@@ -80,7 +80,7 @@ class Ground(NamedTuple):
             tracks=tracks,
             findings=cases.findings_unselected(memory, is_trusted=tracks.is_trusted),
             not_ground=np.zeros(0, np.intp),
-            other_distance=cases.NO_DISTANCE,
+            other_distance=NO_MOTION,
             learnt=memory.unselected(),
         )
 

@@ -17,8 +17,8 @@
 | `pose_covariance` | state of the pose: errors of the present pose, and how each event changes them; terms of a pose |
 | `step_covariance` | terms of a step; state of the step: the pose published last |
 
-All functions are pure, and each states its formula. `path.PathState` calls them with each pair, and
-holds the two states.
+All functions are pure, and each states its formula. `path.PathState` holds the two states and updates them with each
+pair. `Localiser` composes the covariance of a published pose (`pose_terms`).
 
 Names in the formulas: f is the focal length, px, and b the baseline, m. Z_map is the median depth, m, of the landmarks
 of the map, which enters the terms of a pose. Z_tracked is that of the tracked landmarks, which enters the terms of a
@@ -72,6 +72,7 @@ the previous pose are zero if its pair began a window, because the step is measu
 | finding with `Inflation.UNOBSERVED` | unobserved, since the last known pose | `this_pair` | next accepted pair |
 | finding with `Inflation.AMBIGUITY` | `ambiguity`; the sigmas of several pairs add up | `correlated` | external pose |
 | kept pair | unobserved, since the last known pose or a later external pose | `kept_motion` | next accepted pair |
+| sheared rows, without a finding, too | factor max(`shear_chi2`, 1) (`pose_noise`) | `noise` of the step | next pair |
 | a window begins | unobserved, as for a kept pair; `blur` of the image | `keyframes` | external pose |
 | external pose for a past pair | `this_pair` of this pair | `external` | external pose |
 | external pose between pairs that are not consecutive | unobserved, to the nearer pair | `external` | external pose |

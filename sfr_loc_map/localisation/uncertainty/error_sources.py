@@ -21,12 +21,11 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, read_only
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance, symmetric
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, NO_MOTION, MotionSize, Speed
-from sfr_loc_map.localisation.symmetric_matrices import symmetric
 
 ZERO = read_only(np.zeros((6, 6)))  #: Covariance `(6, 6)` without errors.
 

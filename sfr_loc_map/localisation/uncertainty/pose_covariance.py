@@ -18,13 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, length, read_only
-from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance, symmetric
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.motion_size import NO_MOTION, MotionSize
-from sfr_loc_map.localisation.symmetric_matrices import positive_part
 from sfr_loc_map.localisation.uncertainty.error_sources import ZERO, AddedError, ErrorSources, RoverModel
 
 ZERO_VECTOR = read_only(np.zeros(3))  #: Origin of the world, m, or a sum without steps.
@@ -243,7 +242,7 @@ class PathErrors:
 
         Both covariances are propagated to the position. The origin is the external pose.
         """
-        return positive_part(self.of_map(position).covariance - self.origin.of_map.at(position))
+        return _positive_part(self.of_map(position).covariance - self.origin.of_map.at(position))
 
     def accepted(
         self, pair: AcceptedPair, T_world_left_before: Transform, added: AddedError, model: RoverModel
@@ -383,3 +382,9 @@ def _attitude_term(sums: PathSums, calibration: OnlineCalibration, model: RoverM
     term = np.zeros((6, 6))
     term[3:, 3:] = np.eye(3) * (attitude_px / model.fx) ** 2
     return term
+
+
+def _positive_part(matrix: FloatArray) -> FloatArray:
+    """Return the symmetric part of a matrix without its negative eigenvalues."""
+    values, vectors = np.linalg.eigh(symmetric(matrix))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

@@ -8,12 +8,11 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
-from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance, symmetric
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import KeyframeMotion
 from sfr_loc_map.localisation.estimate import StepEstimate
 from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
-from sfr_loc_map.localisation.symmetric_matrices import symmetric
 from sfr_loc_map.localisation.uncertainty.error_sources import (
     ZERO,
     AddedError,
@@ -185,6 +184,11 @@ class PublishedPose:
     noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of this pose, in RB at this pose.
     variance_factor: float | None = None  #: Variance factor (`step_covariance`); None before the first residuals.
 
+    @property
+    def is_kept(self) -> bool:
+        """Whether the pose was kept for some time, so that the motion up to its stamp is unobserved."""
+        return self.kept_s > 0.0
+
     def seconds_until(self, stamp_ns: int) -> float:
         """Return the time from this pose to a stamp, s; 0 before the first pose."""
         return 0.0 if self.stamp_ns is None else (stamp_ns - self.stamp_ns) / NS_PER_S
@@ -222,7 +226,7 @@ class PublishedPose:
         keyframes = pair.landmark_map.last_motion
         of_images = step_covariance(motion, keyframes, pair.given_keyframes, depth_m, variance_factor, model)
         seconds = self.seconds_until(pair.stamp_ns)
-        while_kept = unobserved_during(speed, self.kept_s, model) if self.kept_s > 0.0 else ZERO
+        while_kept = unobserved_during(speed, self.kept_s, model) if self.is_kept else ZERO
         step = StepEstimate(
             seconds=seconds,
             motion=motion.vector,
