@@ -20,9 +20,9 @@ pytestmark = pytest.mark.slow
 pytest.importorskip("embreex")
 
 SMALL: dict[str, Any] = {
-    "terrain.coarseness": 48.0,
+    "terrain.coarseness": 64.0,
     "terrain.rim_radius_m": 20.0,
-    "rocks.cover": 0.1,
+    "rocks.cover": 0.06,
     "rocks.smallest_m": 0.4,
     "light.sun_azimuth_deg": 210.0,  # behind the rover and low, so that its shadow is in the image
     "light.sun_elevation_deg": 15.0,
@@ -47,6 +47,7 @@ OTHER: dict[str, Any] = {
     "panorama.tilt_deg": [24.0, 25.0],
     "light.rover_shadow": False,
     "light.sun_radius_deg": 3.0,
+    "terrain.coarseness": 60.0,
     "rocks.largest_m": 0.5,
     "sensor.samples": 3,
     "sensor.adc_bits": 7,
