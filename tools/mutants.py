@@ -318,7 +318,7 @@ MUTATIONS = (
     Mutation(FORMULAS, "(returned_ns - called_ns) * 1e-9", "(returned_ns - called_ns) * 0.5e-9"),
     Mutation(FORMULAS, "return peak_bytes - idle_bytes if", "return peak_bytes if"),
     Mutation(FORMULAS, "if peak_bytes >= idle_bytes else None", "if True else None"),
-    Mutation("metrics/calls/call_score.py", "if row.call in kinds else row for", "if row.part in kinds else row for"),
+    Mutation("metrics/calls/call_score.py", "if place is not Place.STATED:", "if True:"),
     # verdicts
     Mutation(SHORTFALLS, '"missing", Scope.DRIVE, IMAGES, 0.0', '"missing", Scope.DRIVE, IMAGES, 0.01'),
     Mutation(SHORTFALLS, "IMAGES,\n        0.0,", "IMAGES,\n        0.01,"),
@@ -467,9 +467,7 @@ MUTATIONS = (
         "file.data_sha256 or file.sha256 for file in files}) > 2",
     ),
     Mutation("metrics/judging/proof.py", "in sorted(drives.items())]", "in drives.items()]"),
-    Mutation(
-        "metrics/calls/call_score.py", "if row.call in kinds else row for", "if row.figure in kinds[:1] else row for"
-    ),
+    Mutation("scoring/results.py", "else KINDS_OF[Task(node.task)]", "else KINDS_OF[Task(node.task)][:1]"),
     Mutation("metrics/figures/catalogue.py", " or place is Place.STATED:", ":"),
     Mutation("metrics/map/map_score.py", "len(xyz) - len(np.unique(xyz, axis=0)),", "0,"),
     Mutation("metrics/map/map_score.py", "len(xyz) - pixels, crowded)", "0, crowded)"),

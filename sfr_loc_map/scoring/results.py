@@ -18,17 +18,16 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.calls.call_score import (
     HOST_CLOCKS,
+    HOST_PLACES,
     KINDS_OF,
     STATED_BY_NODE,
-    at_place,
-    completeness_rows,
     concatenated,
     score_calls,
     score_target,
     with_external,
 )
 from sfr_loc_map.metrics.completeness.drive import SPARSER, rows_without_poses
-from sfr_loc_map.metrics.completeness.expected_items import answers_completeness, rows_without_cloud
+from sfr_loc_map.metrics.completeness.expected_items import rows_without_cloud
 from sfr_loc_map.metrics.config import (
     AlignedErrorConfig,
     AssociationMode,
@@ -39,7 +38,6 @@ from sfr_loc_map.metrics.config import (
 from sfr_loc_map.metrics.figures.records import Association, MethodKind, TargetRun
 from sfr_loc_map.metrics.figures.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.figures.row_part import Place
-from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.map.map_score import score_map, score_nearest
 from sfr_loc_map.metrics.map.pair_truth import PairTruth
 from sfr_loc_map.metrics.map.point_errors import typical_pixel_offset
@@ -191,20 +189,18 @@ def calls_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detai
 
 
 def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool) -> CallsResult:
-    """Return the figures of the calls on this host; an external node is measured from outside."""
-    scored, expected = CallsResult(), list[Figure]()
+    """Return the figures of the calls on this host.
+
+    An external node is measured from outside, and what it states about its own calls is not judged.
+    """
+    node = run.item.external
+    stated = kinds_of_external_nodes(run.stats) if node is None else KINDS_OF[Task(node.task)]
+    scored = CallsResult()
     if run.stats:
         calls = concatenated([item.calls for item in run.stats])
-        scored = score_calls(calls, clocks_of(run.stats), details=details)
-        expected = [*completeness_rows(calls, expected_ns)]
-    if (node := run.item.external) is None:
-        stated = kinds_of_external_nodes(run.stats)
-        of_host = [at_place(row, Place.STATED) if row.call in stated else row for row in scored.figures]
-        measured = [row for row in expected if row.call not in stated]
-        return replace(scored, figures=(*of_host, *measured))
-    scored = with_external(scored, node)
-    others = [row for row in expected if row.call not in KINDS_OF[Task(node.task)]]
-    return replace(scored, figures=(*scored.figures, *others, *answers_completeness(node)))
+        place_of = {**HOST_PLACES, **dict.fromkeys(stated, Place.STATED)}
+        scored = score_calls(calls, expected_ns, clocks_of(run.stats), place_of, details=details)
+    return scored if node is None else with_external(scored, node)
 
 
 def clocks_of(stats: Sequence[CallStats]) -> dict[CallKind, str]:
@@ -238,12 +234,10 @@ def with_target(
     calls = target.calls
     stamps_ns = None if run.drive is None else run.drive.estimates.trajectory.stamps_ns
     rows, record = score_target(
-        calls.calls, target.name, stamps_ns, has_stamps=calls.has_stamps, other_run=target.other_run
+        calls.calls, target.name, expected_ns, stamps_ns, has_stamps=calls.has_stamps, other_run=target.other_run
     )
     record = struct_replace(record, about=target.about)
-    expected_ns = expected_ns if calls.has_stamps else {}  # calls without stamps cannot be assigned to pairs
-    expected = completeness_rows(calls.calls, expected_ns, Place.TARGET)
-    figures = (*of_host.figures, *rows, *expected)
+    figures = (*of_host.figures, *rows)
     return replace(of_host, figures=figures, target=record, caveats=tuple(_target_caveats(record)))
 
 

@@ -288,7 +288,7 @@ def test_a_time_of_0_is_unknown_in_a_live_score_as_in_a_file() -> None:
     monitor = MonitorScore(ScoreConfig(), None)
     for call in calls:
         monitor.add_call(call)
-    of_file = score_calls(stats_of(calls).calls).figures
+    of_file = score_calls(stats_of(calls).calls, {}).figures
     assert monitor.result().figures[: len(of_file)] == of_file
 
 

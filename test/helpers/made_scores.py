@@ -7,14 +7,16 @@ import numpy as np
 from msgspec.structs import replace
 
 from helpers.score_rows import complete
+from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.metrics.calls.call_score import Calls, score_calls
+from sfr_loc_map.metrics.calls.call_score import Calls, score_calls, score_target
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.figures.details import Details
 from sfr_loc_map.metrics.figures.records import InputFile, Provenance
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.judge import judged_by, with_verdicts
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
@@ -23,6 +25,7 @@ from sfr_loc_map.metrics.map.pair_truth import PairTruth
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_dict
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
+from sfr_loc_map.suite_names import Task
 
 START_NS = 1_700_000_000_123_456_789
 LIMITS = {
@@ -64,6 +67,24 @@ def calls(frames: int, pairs: int) -> Calls:
     return Calls(stamps, 0.03 + 0.01 * rng.random(count), states, memory, memory - 3e8, stages)
 
 
+def expected_calls(frames: int, pairs: int) -> dict[Task, IntArray]:
+    """The pairs that should have one of `calls`."""
+    stamps = calls(frames, pairs).stamps_ns
+    return {Task.LOCALISATION: stamps[:frames], Task.MAPPING: stamps[frames:]}
+
+
+def with_rows(figures: tuple[Figure, ...], rows: tuple[Figure, ...]) -> tuple[Figure, ...]:
+    """Rows, then those of a table that are about something else."""
+    known = {row.keys for row in rows}
+    return (*rows, *(row for row in figures if row.keys not in known))
+
+
+def with_target(score: Score) -> Score:
+    """A score with `calls` that were measured on a target."""
+    rows, target = score_target(calls(300, 2), "GR740", expected_calls(300, 2), has_stamps=True)
+    return replace(score, figures=with_rows(score.figures, rows), target=target)
+
+
 def cloud(side: int, pairs: int) -> tuple[PointCloud, list[PairTruth]]:
     """Sloping ground before the camera, with errors that grow with the square of the range."""
     rng = np.random.default_rng(5)
@@ -98,9 +119,10 @@ def whole_score(frames: int = 300, side: int = 96, pairs: int = 2) -> Score:
     )
     driven = score_trajectory(*drive(frames), config)
     mapped = score_map(*cloud(side, pairs), MapScoreConfig())
-    called = score_calls(calls(frames, pairs))
+    called = score_calls(calls(frames, pairs), expected_calls(frames, pairs))
+    rows = (*driven.figures, *mapped.figures, *called.figures)
     score = Score(
-        figures=(*driven.figures, *mapped.figures, *called.figures, *complete()[2:]),
+        figures=with_rows(complete()[2:], rows),
         association=driven.association,
         truth=driven.truth,
         provenance=made,

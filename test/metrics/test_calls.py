@@ -16,7 +16,6 @@ from sfr_loc_map.metrics.calls.call_score import (
     FIRST,
     KNOWN_STATES,
     Calls,
-    completeness_rows,
     score_calls,
     score_target,
     stage_of,
@@ -25,13 +24,14 @@ from sfr_loc_map.metrics.calls.call_score import (
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness, calls_completeness
 from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.figures.records import AnswerCounts, ExternalScore, ProcessUsage
-from sfr_loc_map.metrics.figures.row_part import RowPart
-from sfr_loc_map.metrics.figures.subjects import Scope
+from sfr_loc_map.metrics.figures.row_part import Place, RowPart
+from sfr_loc_map.metrics.figures.subjects import Scope, Subject
 from sfr_loc_map.metrics.formulas import Statistics, memory_above_idle
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.suite_names import Task
 
 SIZE = 200 * 1024 * 1024
+STATED_PLACES = dict.fromkeys(CallKind, Place.STATED)
 
 
 @pytest.mark.clause("4.2.2")
@@ -134,7 +134,7 @@ def test_calls_with_columns_of_other_lengths_or_negative_numbers_are_refused(
 
 
 def of(made: Calls) -> Score:
-    scored = score_calls(made)
+    scored = score_calls(made, {})
     return Score(figures=scored.figures, calls=scored.records)
 
 
@@ -190,10 +190,13 @@ def test_a_stage_is_over_the_calls_that_had_it() -> None:
 
 @pytest.mark.clause("4.2.1", "4.2.2")
 def test_calls_of_a_target_are_apart_from_those_of_the_host() -> None:
-    figures, target = score_target(calls([""], [1.0]), "GR740")
-    assert [(row.part, row.clause) for row in figures] == [("target", "4.2.1"), (f"target {FIRST}", "")]
+    figures, target = score_target(calls([""], [1.0]), "GR740", {})
+    assert [(row.part, row.clause) for row in figures if row.subject == Subject.TIMING] == [
+        ("target", "4.2.1"),
+        (f"target {FIRST}", ""),
+    ]
     assert (target.name, target.memory_method) == ("GR740", None)
-    measured, target = score_target(calls([""], [1.0], [7.0]), "GR740")
+    measured, target = score_target(calls([""], [1.0], [7.0]), "GR740", {})
     assert Score(figures=measured).number("peak", part="target localisation") == 7.0
     assert target.memory_method == "as measured on GR740"
 
@@ -205,18 +208,18 @@ def test_calls_against_the_period_of_the_pairs() -> None:
     seconds = np.full(10, 0.05)
     seconds[[3, 7]] = 0.15
     unknown = np.full(10, np.nan)
-    score = Score(figures=score_calls(Calls(stamps, seconds, ["tracking"] * 10, unknown, unknown)).figures)
+    score = Score(figures=score_calls(Calls(stamps, seconds, ["tracking"] * 10, unknown, unknown), {}).figures)
     assert score.number("period", part="localisation") == pytest.approx(0.1)
     assert score.number("within_period", part="localisation") == pytest.approx(0.8)
     assert score.number("processor_share", part="localisation") == pytest.approx(0.7)
-    without = score_calls(Calls(np.zeros(10, np.int64), seconds, ["tracking"] * 10, unknown, unknown))
+    without = score_calls(Calls(np.zeros(10, np.int64), seconds, ["tracking"] * 10, unknown, unknown), {})
     assert not Score(figures=without.figures).rows("period"), "calls without stamps have no period"
 
 
 def test_the_method_of_memory_is_that_of_the_source_and_null_where_it_is_unknown() -> None:
     for method in (None, "sampled by the kit"):
         measured = replace(calls(["tracking"], [1.0], [7.0]), memory_method=method)
-        assert score_calls(measured).records.memory_method == method
+        assert score_calls(measured, {}).records.memory_method == method
 
 
 def test_no_measured_call_has_no_fraction_of_other_stamps() -> None:
@@ -229,7 +232,7 @@ def test_no_measured_call_has_no_fraction_of_other_stamps() -> None:
 def test_a_call_that_takes_the_period_is_within_it_and_the_load_is_that_of_all_calls() -> None:
     stamps, unknown = np.array([0, 1, 2, 3, 9]) * 10**9, np.full(5, np.nan)
     seconds = np.array([1.0, 0.1, 0.1, 0.1, 2.7])
-    score = Score(figures=score_calls(Calls(stamps, seconds, ["tracking"] * 5, unknown, unknown)).figures)
+    score = Score(figures=score_calls(Calls(stamps, seconds, ["tracking"] * 5, unknown, unknown), {}).figures)
     assert score.number("period", part="localisation") == 1.0, "one pause does not change the period"
     assert score.number("within_period", part="localisation") == 0.8
     assert score.number("processor_share", part="localisation") == pytest.approx(0.8)
@@ -238,12 +241,12 @@ def test_a_call_that_takes_the_period_is_within_it_and_the_load_is_that_of_all_c
 def test_the_share_of_a_target_is_of_the_estimates() -> None:
     stamps, unknown = np.array([0, 1]) * 10**9, np.full(2, np.nan)
     some = Calls(stamps, np.ones(2), ["tracking"] * 2, unknown, unknown)
-    _, target = score_target(some, "GR740", np.arange(4) * 10**9, has_stamps=True)
+    _, target = score_target(some, "GR740", {}, np.arange(4) * 10**9, has_stamps=True)
     assert target.matched_share == 0.5
 
 
 def test_what_an_external_node_states_of_its_time_is_beside_what_was_measured() -> None:
-    own = score_calls(calls(["tracking"] * 3, [0.001] * 3, [1e6] * 3))
+    own = score_calls(calls(["tracking"] * 3, [0.001] * 3, [1e6] * 3), {}, place_of=STATED_PLACES)
     late = Statistics(n=3, mean=0.4, p95=0.4)
     node = ExternalScore(task="localisation", topic="t", frames="odom", answers=AnswerCounts(), latency_s=late)
     score = Score(figures=with_external(own, node).figures)
@@ -256,14 +259,14 @@ def test_no_kind_of_mapping_call_that_an_external_node_states_is_one_that_was_me
     states = ["mapped", "fused", "mapped_set"]
     answers = AnswerCounts(pairs=4, answered=3, missing=1, doubled=1, other_stamp=1)
     node = ExternalScore(task="mapping", topic="t", frames="map", answers=answers, latency_s=None)
-    score = Score(figures=with_external(score_calls(calls(states, [0.001] * 3, [1e6] * 3)), node).figures)
+    stated = score_calls(calls(states, [0.001] * 3, [1e6] * 3), {}, place_of=STATED_PLACES)
+    score = Score(figures=with_external(stated, node).figures)
     for kind in ("mapping", "fusion", "mapping_call"):
         assert score.judged_row(kind) is None
         assert score.figure("peak", part=kind) is None
         assert score.number("peak", part=f"stated {kind}") == 1e6
-    assert not any(row.clause for row in score.figures)
-    rows = Score(figures=tuple(answers_completeness(node)))
-    found = [rows.rows(name)[0].value for name in ("judged", "calls_missing", "calls_other", "calls_doubled")]
+    assert not any(row.clause for row in score.figures if row.subject is not Subject.COMPLETENESS)
+    found = [score.rows(name)[0].value for name in ("judged", "calls_missing", "calls_other", "calls_doubled")]
     assert found == [0.75, 0.25, 0.2, 0.2]
 
 
@@ -284,8 +287,8 @@ def test_memory_that_was_measured_in_some_calls_alone_is_incomplete(figure: str)
     whole = Calls(stamps, np.ones(10), ["tracking"] * 10, memory, memory, heap_bytes=memory, stack_bytes=memory)
     partial = replace(whole, **{figure: np.where(stamps < 3, memory, np.nan)})
     for calls, share in ((whole, 1.0), (partial, 0.3)):
-        rows = completeness_rows(calls, {Task.LOCALISATION: stamps})
-        assert Score(figures=tuple(rows)).number("judged", part=f"{Scope.MEMORY} localisation") == share
+        rows = score_calls(calls, {Task.LOCALISATION: stamps}).figures
+        assert Score(figures=rows).number("judged", part=f"{Scope.MEMORY} localisation") == share
 
 
 def test_a_misspelled_state_is_no_call_of_a_localiser() -> None:

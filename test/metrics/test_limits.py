@@ -31,6 +31,7 @@ from sfr_loc_map.metrics.stored.file_check import fault_of_verdicts
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, to_dict, to_json
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.report.verdict_view import unit_of
+from sfr_loc_map.suite_names import Task
 
 LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5}]}
 
@@ -89,7 +90,8 @@ def test_coverage_is_a_lower_bound_and_times_have_counts() -> None:
 @pytest.mark.clause("4.2.1")
 def test_the_target_is_judged_by_its_own_figures() -> None:
     unknown = np.full(2, np.nan)
-    figures, target = score_target(Calls(np.arange(2), np.array([0.5, 0.7]), ["", ""], unknown, unknown), "GR740")
+    calls = Calls(np.arange(2), np.array([0.5, 0.7]), ["", ""], unknown, unknown)
+    figures, target = score_target(calls, "GR740", {Task.LOCALISATION: calls.stamps_ns}, has_stamps=True)
     score = Score(figures=(*figures, *complete()), target=target)
     content = {"target": {"localisation_max_s": 0.6, "localisation_peak_bytes": 5}, "timing": {"localisation_max_s": 1}}
     got = judged_by(score, parse_limits(content, "limits")).verdicts

@@ -3,8 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from helpers.made_scores import calls, dig, json_of, place_of, whole_score, without
-from sfr_loc_map.metrics.calls.call_score import score_target
+from helpers.made_scores import dig, json_of, place_of, whole_score, with_target, without
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.figures.records import Association
 from sfr_loc_map.metrics.figures.row_part import RowPart
@@ -193,8 +192,7 @@ def test_a_table_has_no_statistic_that_is_limited_only_for_other_figures() -> No
 
 def test_host_times_and_those_of_a_target_stand_apart_under_their_names() -> None:
     score = whole_score()
-    of_target, target = score_target(calls(300, 2), "GR740")
-    other = replace(score, figures=(*score.figures, *of_target), target=target)
+    other = with_target(score)
     assert {cell.text for row in table(other, "target-time").rows for cell in row[:1]} >= {"localisation time, target"}
     assert table(other, "target-memory").rows
     assert len(table(other, "time").rows) == len(table(score, "time").rows)

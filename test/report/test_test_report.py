@@ -15,8 +15,7 @@ from msgspec.structs import replace
 from helpers import ROOT
 from helpers.browser import Browser
 from helpers.cli_result import Sfr
-from helpers.made_scores import HOSTILE, calls, dig, half, json_of, of_drive, of_map, whole_score, without
-from sfr_loc_map.metrics.calls.call_score import score_target
+from helpers.made_scores import HOSTILE, dig, half, json_of, of_drive, of_map, whole_score, with_target, without
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.figures.catalogue import CLAUSES
 from sfr_loc_map.metrics.figures.records import MethodKind, MethodRecord, TruthRecord
@@ -59,8 +58,7 @@ def scores() -> list[Score]:
     """A score with ten requirements, a map alone, and one of a part of the drive."""
     whole = whole_score()
     assert whole.provenance is not None
-    of_target, target = score_target(calls(300, 2), "GR740")
-    parts = [replace(whole, figures=(*whole.figures, *of_target), target=target), of_map(whole), half(of_drive(whole))]
+    parts = [with_target(whole), of_map(whole), half(of_drive(whole))]
     named = [
         replace(part, provenance=replace(whole.provenance, command=command))
         for part, command in zip(parts, COMMANDS, strict=True)

@@ -21,13 +21,12 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import counted, printable
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE
-from sfr_loc_map.metrics.completeness.expected_items import calls_completeness
+from sfr_loc_map.metrics.completeness.expected_items import answers_completeness, calls_completeness
 from sfr_loc_map.metrics.config import CallKind, MappingState
-from sfr_loc_map.metrics.figures.catalogue import clause_of
 from sfr_loc_map.metrics.figures.details import CallHistogram, CallPlots, CallSeries, column
 from sfr_loc_map.metrics.figures.records import CallRecords, ExternalScore, TargetRun
 from sfr_loc_map.metrics.figures.results import CallsResult
-from sfr_loc_map.metrics.figures.row_part import AFTER_FIRST, FIRST, Place, RowPart
+from sfr_loc_map.metrics.figures.row_part import AFTER_FIRST, FIRST, Place, RowPart, calls_part
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.figures.subjects import Scope, Subject
 from sfr_loc_map.suite_names import Task
@@ -48,6 +47,8 @@ KINDS_OF = {task: tuple(kind for kind in CallKind if kind.task is task) for task
 """Kinds of calls by their task."""
 HOST_CLOCKS: Mapping[CallKind, str] = MappingProxyType(dict.fromkeys(CallKind, HOST_CLOCK))
 """Clock of each kind of call if all calls were measured on this host."""
+HOST_PLACES: Mapping[CallKind, Place] = MappingProxyType(dict.fromkeys(CallKind, Place.HOST))
+"""Place of each kind of call if all calls were measured on this host."""
 USAGE_NAMES = ("cpu_s", "cpu_between_s", "threads", "processes")
 """Statistics of a call that state the usage of a method, measured from outside its processes."""
 MAX_NUMBER = 1e18
@@ -135,33 +136,49 @@ def stacked(parts: Sequence[FloatArray | None], counts: Sequence[int]) -> FloatA
     )
 
 
-def score_calls(calls: Calls, clock_of: Mapping[CallKind, str] = HOST_CLOCKS, *, details: bool = True) -> CallsResult:
-    """Return times and memory of calls, with the name of the clock of each kind. The kind follows from the state."""
+def score_calls(
+    calls: Calls,
+    expected_ns: Mapping[Task, IntArray | None],
+    clock_of: Mapping[CallKind, str] = HOST_CLOCKS,
+    place_of: Mapping[CallKind, Place] = HOST_PLACES,
+    *,
+    details: bool = True,
+) -> CallsResult:
+    """Return times, memory and completeness of calls. The kind of a call follows from its state.
+
+    `expected_ns` has the stamps of the pairs that should have a call. `clock_of` and `place_of` state the clock and the
+    place of the calls of each kind. Calls that an external node states have no completeness, because its answers are
+    counted instead (`answers_completeness`).
+    """
     # a peak of 0 is unknown, because systems without the measurement report 0; above the idle process 0 is possible
     peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)
     above = np.where(np.isfinite(peak) | (calls.above_idle_bytes > 0.0), calls.above_idle_bytes, np.nan)
-    calls = replace(calls, peak_bytes=peak, above_idle_bytes=above)
+    measured = replace(calls, peak_bytes=peak, above_idle_bytes=above)
     kinds = calls.kinds
     times: list[Figure] = []
     peaks: list[Figure] = []
+    completeness: list[Figure] = []
     clocks: dict[str, str] = {}
     plots: dict[str, CallPlots] = {}
     for kind in CallKind:
         mine = np.flatnonzero(kinds == kind)
         if not len(mine):
             continue
+        place = place_of[kind]
         if np.isfinite(calls.seconds[mine]).any():
             clocks[kind.value] = clock_of[kind]
-            times += time_rows(kind, calls.seconds[mine])
-            times += deadline_rows(kind, calls.stamps_ns[mine], calls.seconds[mine])
+            times += time_rows(kind, place, calls.seconds[mine])
+            times += deadline_rows(kind, place, calls.stamps_ns[mine], calls.seconds[mine])
             for name, values in sorted(calls.stage_s.items()):
-                times += stage_rows(kind, name, values[mine])
-        peaks += peak_rows(kind, calls, mine)
+                times += stage_rows(kind, place, name, values[mine])
+        peaks += peak_rows(kind, place, measured, mine)
+        if place is not Place.STATED:
+            completeness += completeness_rows(kind, place, calls, mine, expected_ns.get(kind.task))
         if details:
-            plots[kind.value] = plots_of(calls, mine)
+            plots[kind.value] = plots_of(measured, mine)
     method = calls.memory_method if has_memory(peaks) else METHOD_UNAVAILABLE
     records = CallRecords(clocks=clocks, memory_method=method)
-    return CallsResult(figures=(*times, *peaks), records=records, plots=plots)
+    return CallsResult(figures=(*times, *peaks, *completeness), records=records, plots=plots)
 
 
 def has_memory(rows: Iterable[Figure]) -> bool:
@@ -170,18 +187,13 @@ def has_memory(rows: Iterable[Figure]) -> bool:
 
 
 def completeness_rows(
-    calls: Calls, expected_ns: Mapping[Task, IntArray | None], place: Place = Place.HOST
+    kind: CallKind, place: Place, calls: Calls, mine: NDArray[np.intp], expected_ns: IntArray | None
 ) -> Iterator[Figure]:
-    """Yield the rows that compare measured with expected calls, for each kind of call that was measured."""
-    kinds = calls.kinds
-    for kind in CallKind:
-        mine = np.flatnonzero(kinds == kind)
-        if not len(mine):
-            continue
-        values = {Scope.CALLS: calls.seconds[mine]}
-        if (memory := measured_memory(calls, mine)) is not None:
-            values[Scope.MEMORY] = memory
-        yield from calls_completeness(kind, calls.stamps_ns[mine], expected_ns.get(kind.task), values, place)
+    """Yield the rows that compare the measured calls of a kind with the expected calls."""
+    values = {Scope.CALLS: calls.seconds[mine]}
+    if (memory := measured_memory(calls, mine)) is not None:
+        values[Scope.MEMORY] = memory
+    yield from calls_completeness(kind, calls.stamps_ns[mine], expected_ns, values, place)
 
 
 def measured_memory(calls: Calls, mine: NDArray[np.intp]) -> FloatArray | None:
@@ -199,19 +211,19 @@ def measured_memory(calls: Calls, mine: NDArray[np.intp]) -> FloatArray | None:
     return known
 
 
-def time_rows(kind: CallKind, seconds: FloatArray) -> Iterator[Figure]:
+def time_rows(kind: CallKind, place: Place, seconds: FloatArray) -> Iterator[Figure]:
     """Yield the rows of the times of calls. `seconds` `(N,)` is in the order of the calls, NaN if not measured.
 
     The first call has a separate row, because it may load libraries.
     """
     known = seconds[np.isfinite(seconds)]
-    yield figure_row(kind, statistics=formulas.statistics(known))
-    yield figure_row(kind, part=FIRST, n=1, value=float(known[0]))
+    yield figure_row(kind, part=None if place is Place.HOST else place, statistics=formulas.statistics(known))
+    yield figure_row(kind, part=FIRST.at(place), n=1, value=float(known[0]))
     if len(known) > 1:
-        yield figure_row(kind, part=AFTER_FIRST, statistics=formulas.statistics(known[1:]))
+        yield figure_row(kind, part=AFTER_FIRST.at(place), statistics=formulas.statistics(known[1:]))
 
 
-def deadline_rows(kind: CallKind, stamps_ns: IntArray, seconds: FloatArray) -> Iterator[Figure]:
+def deadline_rows(kind: CallKind, place: Place, stamps_ns: IntArray, seconds: FloatArray) -> Iterator[Figure]:
     """Yield the period of the pairs, the fraction of calls within the period, and the mean time divided by the period.
 
     The period is the median difference of the stamps. There are no rows for calls without stamps or for mapping calls.
@@ -220,21 +232,23 @@ def deadline_rows(kind: CallKind, stamps_ns: IntArray, seconds: FloatArray) -> I
     known = seconds[np.isfinite(seconds)]
     if kind is not CallKind.LOCALISATION or not len(apart_s):
         return
+    part = calls_part("", kind, place)
     period_s = float(np.median(apart_s))
-    yield figure_row("period", part=kind, n=len(apart_s), value=period_s)
-    yield figure_row("within_period", part=kind, n=len(known), value=float(np.mean(known <= period_s)))
-    yield figure_row("processor_share", part=kind, n=len(known), value=float(np.mean(known)) / period_s)
+    yield figure_row("period", part=part, n=len(apart_s), value=period_s)
+    yield figure_row("within_period", part=part, n=len(known), value=float(np.mean(known <= period_s)))
+    yield figure_row("processor_share", part=part, n=len(known), value=float(np.mean(known)) / period_s)
 
 
-def stage_rows(kind: CallKind, stage: str, seconds: FloatArray) -> Iterator[Figure]:
+def stage_rows(kind: CallKind, place: Place, stage: str, seconds: FloatArray) -> Iterator[Figure]:
     """Yield the row of one stage over the calls that have the stage."""
     known = seconds[np.isfinite(seconds)]
     if len(known):
-        yield figure_row(kind, part=stage, statistics=formulas.statistics(known))
+        yield figure_row(kind, part=RowPart(stage).at(place), statistics=formulas.statistics(known))
 
 
-def peak_rows(kind: CallKind, calls: Calls, mine: NDArray[np.intp]) -> Iterator[Figure]:
+def peak_rows(kind: CallKind, place: Place, calls: Calls, mine: NDArray[np.intp]) -> Iterator[Figure]:
     """Yield the rows of the peak memory of some calls; resident memory always has rows, null if not measured."""
+    part = calls_part("", kind, place)
     for name, values in (
         ("peak", calls.peak_bytes),
         ("above_idle", calls.above_idle_bytes),
@@ -243,7 +257,7 @@ def peak_rows(kind: CallKind, calls: Calls, mine: NDArray[np.intp]) -> Iterator[
     ):
         known = np.empty(0) if values is None else values[mine][np.isfinite(values[mine])]
         if len(known) or name in ("peak", "above_idle"):
-            yield figure_row(name, part=kind, n=len(known), value=int(known.max()) if len(known) else None)
+            yield figure_row(name, part=part, n=len(known), value=int(known.max()) if len(known) else None)
 
 
 def plots_of(calls: Calls, mine: NDArray[np.intp]) -> CallPlots:
@@ -271,12 +285,13 @@ def plots_of(calls: Calls, mine: NDArray[np.intp]) -> CallPlots:
 def score_target(
     calls: Calls,
     name: str,
+    expected_ns: Mapping[Task, IntArray | None],
     estimate_ns: IntArray | None = None,
     *,
     has_stamps: bool = False,
     other_run: str | None = None,
 ) -> tuple[tuple[Figure, ...], TargetRun]:
-    """Return the rows, with the part `target`, of calls that were measured on a target, and the record of the target.
+    """Return the rows, at the place `target`, of calls that were measured on a target, and the record of the target.
 
     Every stamp of a localisation call must be a stamp of the estimate; otherwise MetricsError, unless `other_run` names
     the run of the calls.
@@ -290,20 +305,13 @@ def score_target(
                 f"the times of {name} belong to another run: {np.count_nonzero(~np.isin(localised, estimate_ns))} of "
                 f"{len(localised)} stamps are not in the estimate; name that run by the option target_run"
             )
-    scored = score_calls(calls, dict.fromkeys(CallKind, name), details=False)
+    on_target = dict.fromkeys(CallKind, Place.TARGET)
+    expected_ns = expected_ns if has_stamps else {}  # calls without stamps cannot be assigned to pairs
+    scored = score_calls(calls, expected_ns, dict.fromkeys(CallKind, name), on_target, details=False)
     is_measured = has_memory(scored.figures)
-    figures = [at_place(row, Place.TARGET) for row in scored.figures if row.subject is Subject.TIMING or is_measured]
+    figures = [row for row in scored.figures if row.subject is not Subject.MEMORY or is_measured]
     method = (calls.memory_method or f"as measured on {name}") if is_measured else None
     return tuple(figures), TargetRun(name=name, matched_share=matched, other_run=other_run, memory_method=method)
-
-
-def at_place(row: Figure, place: Place) -> Figure:
-    """Return a row of calls with its part and clause changed to those of calls at another place.
-
-    The specification defines the times of calls on the target [4.2.1, 4.3.1].
-    """
-    part = (row.part or RowPart("")).at(place)
-    return replace_row(row, part=part, clause=clause_of(row.figure, part))
 
 
 def statistic_range(name: str) -> tuple[float, float]:
@@ -332,13 +340,12 @@ def stage_of(figure: str) -> str | None:
 
 
 def with_external(scored: CallsResult, node: ExternalScore) -> CallsResult:
-    """Return scored calls with time and memory of an external node as measured from outside.
+    """Return scored calls with time, memory and completeness of an external node as measured from outside.
 
-    Times and memory that the node reports for its own calls have the part `stated`, which cannot be limited.
+    Times and memory that the node states for its own calls are at the place `stated` and cannot be limited.
     """
     kind, records = CallKind(node.task), scored.records or CallRecords()
     kinds = KINDS_OF[Task(node.task)]
-    figures = [at_place(row, Place.STATED) if row.call in kinds else row for row in scored.figures]
     measured = list[Figure]()
     clocks = {name: clock for name, clock in records.clocks.items() if name not in kinds}
     if node.latency_s is not None:
@@ -352,4 +359,5 @@ def with_external(scored: CallsResult, node: ExternalScore) -> CallsResult:
         if others:
             method += f"; others: {records.memory_method or UNKNOWN_METHOD}"
     records = replace_row(records, clocks=clocks, memory_method=method)
-    return replace(scored, figures=(*measured, *figures), records=records)
+    figures = (*measured, *scored.figures, *answers_completeness(node))
+    return replace(scored, figures=figures, records=records)
