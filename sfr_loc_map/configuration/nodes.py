@@ -2,8 +2,8 @@
 
 A ROS parameter file has the parameters of all nodes below `/**: ros__parameters:`, and those of a node below `NODE:
 ros__parameters:`. In the name of a node, `*` stands for one part, and `**` for any number of parts. Namespaces are
-ignored, because commands have none. `sections_of_nodes` returns the parameters as the sections of an `sfr.yaml`, and
-`node_parameters` is the inverse.
+ignored, because commands have none. `sections_of_nodes` returns the parameters of such a file as the sections of an
+`sfr.yaml`, and `node_parameters` returns the parameters of each node from sections.
 """
 
 from __future__ import annotations
@@ -58,20 +58,12 @@ def has_nodes(flat: Mapping[str, Any]) -> bool:
     return any(ROS_PARAMETERS in name.split(".") for name in flat)
 
 
-class NodeValues(NamedTuple):
-    """The content of a ROS parameter file."""
+def sections_of_nodes(flat: Mapping[str, Any], path: Path) -> tuple[dict[str, Any], tuple[tuple[str, str], ...]]:
+    """Return the sections of a ROS parameter file, and node and name of the parameters that belong to no section.
 
-    sections: dict[str, Any]
-    others: tuple[tuple[str, str], ...]
-    """Node and name of the parameters that are not those of a section; the node is `ALL_NODES` or one of the suite."""
-
-
-def sections_of_nodes(flat: Mapping[str, Any], path: Path) -> NodeValues:
-    """Return the sections of a ROS parameter file; values of a node have priority over those of all nodes (`/**`).
-
-    ConfigError if a section is not a mapping or is that of another node, if two nodes have different values of a
-    parameter that a section has once, or if all parameters are those of nodes of other programs. Raises the errors of
-    `_by_node` and `_by_suite_node`.
+    Values of a node have priority over those of all nodes (`ALL_NODES`). ConfigError if a section is not a mapping or
+    is that of another node, if two nodes have different values of a parameter that a section has once, or if all
+    parameters are those of nodes of other programs. Raises the errors of `_by_node` and `_by_suite_node`.
     """
     nodes = _by_node(flat, path)
     parameters = _by_suite_node(nodes, path)
@@ -82,32 +74,38 @@ def sections_of_nodes(flat: Mapping[str, Any], path: Path) -> NodeValues:
         )
     sections: dict[str, Any] = {}
     others: list[tuple[str, str]] = []
-    node_of: dict[str, str] = {}
-    for name in (ALL_NODES, *SUITE_NODES):
-        for parameter, value in parameters.get(name, {}).items():
+    node_of: dict[str, str] = {}  # by parameter: first node of the suite with a value
+    for node in (ALL_NODES, *SUITE_NODES):
+        for parameter, value in parameters.get(node, {}).items():
             prefix, _, key = parameter.partition(".")
             section = _SECTION_OF_PREFIX.get(prefix)
-            if not key and is_empty(value):
+            is_without_values = not key and is_empty(value)
+            # nodes have other settings of their inputs, too
+            is_other_input = section == "sync" and key not in ("", STAMP_TOLERANCE)
+            if is_without_values or is_other_input:
                 continue
             if section is None:
-                others.append((name, parameter))
+                others.append((node, parameter))
                 continue
-            if section == "sync" and key not in ("", STAMP_TOLERANCE):  # nodes have other settings of their inputs
-                continue
-            of_section = NODE_SECTIONS[section].nodes
-            if name not in (ALL_NODES, *of_section):
-                raise ConfigError(f"{path}: '{parameter}' of '{name}' is a parameter of {alternatives(of_section)}")
-            if not key:
-                raise ConfigError(f"{path}: '{parameter}' is {value!r:.40}: {MAPPING} is required")
+            _check_node_of_section(section, node, parameter, value, path)
             values = sections.setdefault(section, {})
-            other = name if name == ALL_NODES else node_of.setdefault(parameter, name)
-            if other != name and values[key] != value:
+            other = node if node == ALL_NODES else node_of.setdefault(parameter, node)
+            if other != node and values[key] != value:
                 raise ConfigError(
-                    f"{path}: '{parameter}' is {values[key]!r:.40} for '{other}' and {value!r:.40} for '{name}': a "
+                    f"{path}: '{parameter}' is {values[key]!r:.40} for '{other}' and {value!r:.40} for '{node}': a "
                     "command uses one value for both nodes; give equal values"
                 )
             values[key] = value
-    return NodeValues(sections, tuple(others))
+    return sections, tuple(others)
+
+
+def _check_node_of_section(section: str, node: str, parameter: str, value: object, path: Path) -> None:
+    """Raise ConfigError if a section is that of another node, or if its value is not a mapping."""
+    nodes = NODE_SECTIONS[section].nodes
+    if node not in (ALL_NODES, *nodes):
+        raise ConfigError(f"{path}: '{parameter}' of '{node}' is a parameter of {alternatives(nodes)}")
+    if not parameter.partition(".")[2]:
+        raise ConfigError(f"{path}: '{parameter}' is {value!r:.40}: {MAPPING} is required")
 
 
 def _by_node(flat: Mapping[str, Any], path: Path) -> dict[str, dict[str, Any]]:

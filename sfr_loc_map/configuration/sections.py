@@ -139,7 +139,7 @@ class Configuration:
     sections: Mapping[str, Any] = field(default_factory=dict)
     """Values by section; a section is a mapping of dotted names, except `conditions` and `limits` (`check_form`)."""
     is_changed: bool = False  #: Whether options changed values of the file.
-    #: Node and name of the parameters of a ROS parameter file that are not those of a section (`NodeValues.others`).
+    #: Node, or `ALL_NODES`, and name of the parameters of a ROS parameter file that belong to no section.
     others: tuple[tuple[str, str], ...] = ()
 
     @classmethod
@@ -153,9 +153,9 @@ class Configuration:
         flat = _read_flat(path)
         if not has_nodes(flat):
             return cls(path, _sections_of_file(flat, path))
-        found = sections_of_nodes(flat, path)
-        _check_others(found.others, path)
-        return cls(path, found.sections, others=found.others)
+        sections, others = sections_of_nodes(flat, path)
+        _check_others(others, path)
+        return cls(path, sections, others=others)
 
     @property
     def origin(self) -> str:
