@@ -22,7 +22,15 @@ from sfr_loc_map.signals import stopping
 class PageProcess(AbstractContextManager["PageProcess"]):
     """The process of the live page, whose exit does not affect the run; a context manager.
 
-    The page prints its address to standard output, and the reason for an error to standard error.
+    The page prints its address to standard output, and the reason for an error to standard error. The end of a run is
+    reported in this order:
+
+    | method | called by | when |
+    |---|---|---|
+    | `aborted` | `shown_on`, around the nodes of a run | an error of the suite ends the run |
+    | `played` | `replay.session` | the source was played, before the nodes end |
+    | `scored`, `reported` | `cli.replay` | the complete run is scored, and its report is written |
+    | `stay` | `cli.live_option` | after a replay, also after an error once `has_run_ended` |
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:

@@ -10,7 +10,7 @@ The path of a stereo pair through a node, in two threads:
 publishes the score (`score_publisher`) or saves it (`score_file`).
 
 - `lifecycle`: what the three nodes have in common (`managed_node`): states, parameters, endpoints, health
-- `input`: reception of pairs, poses, extrinsics and true poses; what a node waits for (`waiting`)
+- `input`: reception of pairs, poses, extrinsics and true poses; what a node waits for (`missing_input`)
 - `launch`: the nodes as processes; `start` is the first module of such a process
 - `localisation_session`: the localiser of the node, with its start pose; `pose_file`: the pose at which a new process
   resumes

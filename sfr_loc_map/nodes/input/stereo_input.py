@@ -18,7 +18,7 @@ from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw
 from sfr_loc_map.io.image_codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
-from sfr_loc_map.nodes.input.waiting import Input
+from sfr_loc_map.nodes.input.missing_input import Input
 from sfr_loc_map.nodes.lifecycle.diagnostics import StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.parallel import both
