@@ -181,8 +181,8 @@ class PairNode(ManagedNode[P], ABC):
         If no pair was processed since the last call, also log what the node waits for.
         """
         super().report_periodically()
-        self._stereo.update_publishers()
-        if doubled := self._stereo.doubled_text():
+        self._stereo.losses.update_publishers()
+        if doubled := self._stereo.losses.doubled_text():
             self.status.warn(doubled, "publishers")
         has_worked = self.status.call_count > self._call_count_before or not self.worker.is_idle
         self._call_count_before = self.status.call_count

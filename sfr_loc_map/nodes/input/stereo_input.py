@@ -18,23 +18,21 @@ from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw
 from sfr_loc_map.io.image_codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
+from sfr_loc_map.nodes.input.image_losses import ImageLosses
 from sfr_loc_map.nodes.input.missing_input import Input
 from sfr_loc_map.nodes.lifecycle.diagnostics import StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.parallel import both
-from sfr_loc_map.ros.environment import EXPORT_LINE
 from sfr_loc_map.ros.image_messages import check_image
 from sfr_loc_map.ros.qos import RELIABILITIES, profile
-from sfr_loc_map.ros.transport import TransportGaps, begin_counting
+from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.run_order import RunOrder
 from sfr_loc_map.stamp_pairing import MAX_TOLERANCE_S, STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.suite_names import SIDES, Side
 from sfr_loc_map.topics import COMPRESSED_END, RAW, RECTIFIED
-from sfr_loc_map.transport_issues import MUCH_LOST, doubled_publishers, loss_fix
 
 TRANSPORTS = {"raw": ("", Image), "compressed": (COMPRESSED_END, CompressedImage)}
 """Ending of the topic and type of its messages, by the transport of the images."""
-LOSS_WINDOW = 40  #: Minimum number of images over which the fraction lost in transport is computed.
 RECENT = 200  #: Number of stamps kept of each side, to explain why its images form no pair.
 ReceivedImage = tuple[Any, Mapping[str, Any]]
 """sensor_msgs/Image or CompressedImage, and the message info of the middleware."""
@@ -147,10 +145,8 @@ class StereoInput:
         self._rectifier: StereoRectifier | None = None
         self._pairing: StampPairing[ReceivedImage] = StampPairing(config.stamp_tolerance_ns, config.queue_depth)
         self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
-        self._gaps: dict[str, TransportGaps] = {}  # gaps in the sequence numbers, by topic
-        self._doubled: list[str] = []  # a text for each image topic that had several publishers at the last update
+        self.losses = ImageLosses(name, status, endpoints)
         self._remove_compressed: dict[Side, Callable[[], object]] = {}
-        self._counts_at_last_fraction = 0, 0  # images lost and sent when the lost fraction was last computed
         self.reset_received()
         self._forget_cameras()
 
@@ -173,7 +169,7 @@ class StereoInput:
             stem = f"{self._name}/{side}"
             add_subscription(CameraInfo, f"{stem}/camera_info", partial(self._add_camera_info, side), qos)
             for name, kind in self._images.items():
-                gaps = begin_counting(self._gaps, f"{stem}/{name}")
+                gaps = self.losses.begin_counting(f"{stem}/{name}")
                 remove = add_subscription(kind, f"{stem}/{name}", partial(self._receive_image, side, gaps), qos)
                 if kind is CompressedImage:
                     self._remove_compressed[side] = remove
@@ -181,7 +177,7 @@ class StereoInput:
     def counts(self) -> dict[str, int]:
         """Return the numbers of messages dropped since the configuration, by cause."""
         return {
-            "dropped_in_transport": sum(gaps.lost for gaps in self._gaps.values()),
+            "dropped_in_transport": self.losses.count,
             "dropped_unpaired": self._pairing.unpaired + self._pairing.overflowed,
             "dropped_rejected": self._dropped["rejected"],
             "dropped_stale": self._order.late,  # not later than a previous pair; `Level.STALE` means silent
@@ -193,19 +189,6 @@ class StereoInput:
     def last_ns(self) -> int | None:
         """Stamp of the last pair of the run, None before the first."""
         return self._order.last_ns
-
-    def update_publishers(self) -> None:
-        """Count no losses on image topics that have several publishers now, and count them on all others."""
-        self._doubled.clear()
-        for topic, gaps in self._gaps.items():
-            issue = doubled_publishers(topic, self._endpoints.publishers(topic))
-            gaps.set_several(issue is not None)
-            if issue is not None:
-                self._doubled.append(f"{topic} has {issue.text}")
-
-    def doubled_text(self) -> str:
-        """Return which image topics had several publishers at the last update; empty if all had at most one."""
-        return f"{'; '.join(self._doubled)}: stop all but one" if self._doubled else ""
 
     def inputs(self) -> list[Input]:
         """Return the inputs, each with its number of messages since `reset_received`."""
@@ -302,25 +285,9 @@ class StereoInput:
         if isinstance(message, Image) and side in self._remove_compressed:
             self._remove_compressed.pop(side)()  # raw images arrive, so compressed images are not needed
         if gaps.add(info):
-            self._warn_of_losses()
+            self.losses.warn_if_many()
         self._status.note_arrival()
         self._add_image(side, (message, info))
-
-    def _warn_of_losses(self) -> None:
-        """Warn if many of the recent images, at least `LOSS_WINDOW`, were lost and each topic has one publisher."""
-        lost = sum(gaps.lost for gaps in self._gaps.values())
-        sent = lost + sum(gaps.count for gaps in self._gaps.values())
-        lost_before, sent_before = self._counts_at_last_fraction
-        if sent - sent_before < LOSS_WINDOW:
-            return
-        self._counts_at_last_fraction = lost, sent
-        fraction = (lost - lost_before) / (sent - sent_before)
-        if fraction <= MUCH_LOST:
-            return
-        self.update_publishers()
-        if not self._doubled:
-            text = f"{fraction:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
-            self._status.warn(text, "transport")
 
     def _hand_over(self, rig: StereoRig, images: tuple[ReceivedImage, ReceivedImage]) -> None:
         stamp_ns = stamp_of(images[0][0])
