@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
-from typing import NamedTuple
+from itertools import islice, tee, zip_longest
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from sfr_loc_map.faults.image_changes import Affected
 from sfr_loc_map.faults.kinds import Fault, Selection
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+
+T = TypeVar("T")
 
 UNAFFECTED = -1  #: Burst start of a pair without a fault.
 
@@ -60,14 +62,14 @@ class PlannedFault:
         """Return whether the fault affects a pair."""
         return bool(self.starts[index] != UNAFFECTED)
 
-    def rig(self, rig: StereoRig) -> StereoRig:
+    def changed_rig(self, rig: StereoRig) -> StereoRig:
         """Return the rig with the fault; ConfigError if the amount is impossible for this rig."""
         try:
             return self.fault.kind.info.rig(rig, self.fault.amount)
         except GeometryError as error:
             raise ConfigError(f"fault '{self.fault.kind}': amount is {self.fault.amount:g}: {error}") from error
 
-    def stamps(self, index: int, stamp_ns: int, following_ns: int | None) -> tuple[int, int | None]:
+    def changed_stamps(self, index: int, stamp_ns: int, following_ns: int | None) -> tuple[int, int | None]:
         """Return the stamps of a pair and of the next pair of the source, from these stamps without the fault.
 
         The next pair has the fault only if all pairs have it.
@@ -79,7 +81,7 @@ class PlannedFault:
             following_ns = change(following_ns, amount, None)
         return stamp_ns, following_ns
 
-    def pair(self, index: int, pair: StereoPair, previous: StereoPair | None, rig: StereoRig) -> StereoPair:
+    def changed_pair(self, index: int, pair: StereoPair, previous: StereoPair | None, rig: StereoRig) -> StereoPair:
         """Return a pair with changed images, if the fault affects the pair; `rig` is the true rig.
 
         `pair` and `previous`, the last earlier pair that is not a repetition, have only the faults before this fault.
@@ -114,43 +116,50 @@ class FaultInjector:
         """
         self._true_rig = rig
         self._planned = [PlannedFault.of(fault, (seed, number), count) for number, fault in enumerate(faults)]
-        self.rig = rig  # with the faults of the calibration
-        self.kept: Mask = np.ones(count, bool)
+        self.rig = rig  #: The rig with the faults of the calibration.
+        self.kept: Mask = np.ones(count, bool)  #: `(count,)`, whether each pair is not dropped.
         for planned in self._planned:
-            self.rig = planned.rig(self.rig)
+            self.rig = planned.changed_rig(self.rig)
             if planned.fault.kind.info.drops:
                 self.kept &= planned.starts == UNAFFECTED
 
     def stamps_ns(self, stamps_ns: Sequence[int]) -> list[int]:
         """Return the stamps of the pairs that `pairs` yields, from the stamps of the source."""
         found: list[int] = []
-        for index, (stamp_ns, following_ns) in enumerate(pairwise((*stamps_ns, None))):
-            if stamp_ns is None or not self.kept[index]:
+        for index, (stamp_ns, following_ns) in enumerate(_with_following(stamps_ns)):
+            if not self.kept[index]:
                 continue
             for planned in self._planned:
-                stamp_ns, following_ns = planned.stamps(index, stamp_ns, following_ns)
+                stamp_ns, following_ns = planned.changed_stamps(index, stamp_ns, following_ns)
             found.append(stamp_ns)
         return found
 
-    def pairs(self, pairs: Iterable[StereoPair]) -> Iterator[tuple[int, StereoPair]]:
+    def pairs(self, source_pairs: Iterable[StereoPair]) -> Iterator[tuple[int, StereoPair]]:
         """Yield the remaining pairs with their indices in the source.
 
         Repeated images keep the faults that precede the repetition in the order of the faults.
         """
         previous: list[StereoPair] = []
-        for index, (pair, following) in enumerate(pairwise(chain(pairs, (None,)))):
-            if pair is None or not self.kept[index]:
+        for index, (pair, following) in enumerate(_with_following(source_pairs)):
+            if not self.kept[index]:
                 continue
             stages = [pair]  # the input of each fault, then the final pair
             following_ns = None if following is None else following.stamp_ns
             for number, planned in enumerate(self._planned):
-                changed = planned.pair(index, stages[-1], previous[number] if previous else None, self._true_rig)
-                stamp_ns, following_ns = planned.stamps(index, changed.stamp_ns, following_ns)
+                before = previous[number] if previous else None
+                changed = planned.changed_pair(index, stages[-1], before, self._true_rig)
+                stamp_ns, following_ns = planned.changed_stamps(index, changed.stamp_ns, following_ns)
                 stages.append(replace(changed, stamp_ns=stamp_ns))
             yield index, stages[-1]
             # consecutive repetitions repeat the last new images
             if not any(planned.fault.kind.info.repeats and planned.affects(index) for planned in self._planned):
                 previous = stages
+
+
+def _with_following(items: Iterable[T]) -> Iterator[tuple[T, T | None]]:
+    """Yield each item with the next item; None after the last."""
+    here, ahead = tee(items)
+    return zip_longest(here, islice(ahead, 1, None))
 
 
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:

@@ -54,7 +54,9 @@ class Selection(Enum):
     """How the affected pairs of a drive are selected."""
 
     BURSTS = auto()  #: Bursts of `burst` pairs from the pair `start` on, until `share` of these pairs is affected.
-    COMPLETE_BURSTS = auto()  #: As `BURSTS`, but a burst begins only if it can end within the drive.
+    #: As `BURSTS`, but a burst is not shortened to `share`, and begins only if the drive contains all its pairs. If
+    #: fewer than `burst` pairs remain from `start` on, the burst begins at `start` and ends with the drive.
+    COMPLETE_BURSTS = auto()
     FIRST_PAIRS = auto()  #: The first `amount` pairs.
     ALL_PAIRS = auto()  #: All pairs.
 
@@ -85,47 +87,36 @@ class KindInfo(NamedTuple):
         return self.min_amount < 0.0
 
 
-def _pairs(effect: str, change: Change = images.unchanged, *, drops: bool = False, repeats: bool = False) -> KindInfo:
-    """Faults of both images of single pairs, without a strength."""
-    return KindInfo(effect, options=PAIR_OPTIONS, change=change, drops=drops, repeats=repeats)
-
-
-def _images(effect: str, change: Change) -> KindInfo:
-    """Faults of the images of one or both cameras, without a strength."""
-    return KindInfo(effect, options=(*PAIR_OPTIONS, "camera"), change=change)
-
-
-def _strength(
-    effect: str, amount: float, change: Change, max_amount: float = 1000.0, neutral: float | None = 0.0
+def _image_strength(
+    *, effect: str, amount: float, change: Change, max_amount: float = 1000.0, neutral: float | None = 0.0
 ) -> KindInfo:
     """Faults of the images of one or both cameras with a strength."""
-    return KindInfo(effect, amount, neutral, max_amount=max_amount, change=change)
+    return KindInfo(effect=effect, amount=amount, neutral=neutral, max_amount=max_amount, change=change)
 
 
-def _episode(effect: str, amount: float, change: Change) -> KindInfo:
-    """Faults that cover a fraction of the image and begin and end within a burst."""
-    return KindInfo(effect, amount, 0.0, max_amount=1.0, selection=Selection.COMPLETE_BURSTS, burst=20, change=change)
-
-
-def _fixed_region(effect: str, amount: float, change: Change, max_amount: float = 1.0) -> KindInfo:
+def _fixed_region(*, effect: str, amount: float, change: Change, max_amount: float = 1.0) -> KindInfo:
     """Faults of a region of the image, by default in all pairs of a drive."""
-    return KindInfo(effect, amount, 0.0, max_amount=max_amount, share=1.0, start=0, change=change)
+    return KindInfo(effect=effect, amount=amount, neutral=0.0, max_amount=max_amount, share=1.0, start=0, change=change)
 
 
 def _all_pairs(
+    *,
     effect: str,
     amount: float,
+    neutral: float = 0.0,
+    min_amount: float,
     max_amount: float,
+    options: tuple[str, ...] = ("amount",),
     change: Change = images.unchanged,
     stamp: StampChange = same_stamp,
-    options: tuple[str, ...] = ("amount",),
+    rig: RigChange = same_rig,
 ) -> KindInfo:
-    """Faults of all pairs with an amount of any sign."""
+    """Faults of all pairs: of the right camera, of the clock and of the rig file."""
     return KindInfo(
-        effect,
-        amount,
-        neutral=0.0,
-        min_amount=-max_amount,
+        effect=effect,
+        amount=amount,
+        neutral=neutral,
+        min_amount=min_amount,
         max_amount=max_amount,
         selection=Selection.ALL_PAIRS,
         options=options,
@@ -133,20 +124,6 @@ def _all_pairs(
         start=0,
         change=change,
         stamp=stamp,
-    )
-
-
-def _factor(effect: str, amount: float, rig: RigChange) -> KindInfo:
-    """Factors on a number of the rig file."""
-    return KindInfo(
-        effect,
-        amount,
-        neutral=1.0,
-        min_amount=0.001,
-        selection=Selection.ALL_PAIRS,
-        options=("amount",),
-        share=1.0,
-        start=0,
         rig=rig,
     )
 
@@ -163,84 +140,140 @@ class FaultKind(StrEnum):
         return kind
 
     # fmt: off
-    DROPPED = "dropped", _pairs("the pair is missing", drops=True)
-    REPEATED = "repeated", _pairs("the pair repeats the previous images", images.repeated, repeats=True)
-    SWAPPED = "swapped", _pairs("left and right images are swapped", images.swapped)
-    IDENTICAL = "identical", _pairs("the right image is a copy of the left image", images.identical)
+    DROPPED = "dropped", KindInfo(effect="the pair is missing", options=PAIR_OPTIONS, drops=True)
+    REPEATED = "repeated", KindInfo(
+        effect="the pair repeats the previous images",
+        options=PAIR_OPTIONS, change=images.repeated, repeats=True,
+    )
+    SWAPPED = "swapped", KindInfo(
+        effect="left and right images are swapped",
+        options=PAIR_OPTIONS, change=images.swapped,
+    )
+    IDENTICAL = "identical", KindInfo(
+        effect="the right image is a copy of the left image",
+        options=PAIR_OPTIONS, change=images.identical,
+    )
     LATE = "late", KindInfo(
-        "the stamp is AMOUNT s late, but before the next stamp", 0.2, 0.0, max_amount=1e6,
-        options=("amount", *PAIR_OPTIONS), stamp=late_stamp,
+        effect="the stamp is AMOUNT s late, but before the next stamp",
+        amount=0.2, neutral=0.0, max_amount=1e6, options=("amount", *PAIR_OPTIONS), stamp=late_stamp,
     )
 
-    BLACK = "black", _images("the image is black", images.black)
-    INTERLACED = "interlaced", _images("every second row is from the previous pair", images.interlaced)
+    BLACK = "black", KindInfo(effect="the image is black", options=(*PAIR_OPTIONS, "camera"), change=images.black)
+    INTERLACED = "interlaced", KindInfo(
+        effect="every second row is from the previous pair",
+        options=(*PAIR_OPTIONS, "camera"), change=images.interlaced,
+    )
     START = "start", KindInfo(
-        "the first AMOUNT pairs are black", 5.0, 0.0, max_amount=1e9, selection=Selection.FIRST_PAIRS,
-        options=("amount", "camera"), share=1.0, start=0, change=images.black,
+        effect="the first AMOUNT pairs are black",
+        amount=5.0, neutral=0.0, max_amount=1e9, selection=Selection.FIRST_PAIRS, options=("amount", "camera"),
+        share=1.0, start=0, change=images.black,
     )
     FROZEN = "frozen", KindInfo(
-        "the previous images are shown with new noise of AMOUNT grey levels", 1.0, burst=5, change=images.frozen,
-        repeats=True,
+        effect="the previous images are shown with new noise of AMOUNT grey levels",
+        amount=1.0, burst=5, change=images.frozen, repeats=True,
     )
-    TORN = "torn", _strength("the lower fraction AMOUNT of the image is from the previous pair", 0.5, images.torn, 1.0)
-    GHOST = "ghost", _strength("the previous image is blended in with weight AMOUNT", 0.5, images.ghost, 1.0)
-    SATURATION = "saturation", _strength(
-        "overexposure: a fraction AMOUNT of the image is clipped", 0.5, images.saturated, 1.0, neutral=None
+    TORN = "torn", _image_strength(
+        effect="the lower fraction AMOUNT of the image is from the previous pair",
+        amount=0.5, max_amount=1.0, change=images.torn,
     )
-    BLINDED = "blinded", _strength("glare: a spot, AMOUNT image widths wide, is saturated", 1.0, images.blinded)
-    BLURRED = "blurred", _strength("Gaussian blur of AMOUNT px", 2.5, images.blurred, 50.0)
-    NOISY = "noisy", _strength("Gaussian noise of AMOUNT grey levels", 10.0, images.noisy)
-    EXPOSURE = "exposure", _strength("brightness times AMOUNT", 0.5, images.exposed, neutral=1.0)
-    SHEAR = "shear", _strength(
-        "rows are sheared by AMOUNT px in a random direction, as by a rolling shutter", 1.0, images.sheared
+    GHOST = "ghost", _image_strength(
+        effect="the previous image is blended in with weight AMOUNT",
+        amount=0.5, max_amount=1.0, change=images.ghost,
+    )
+    SATURATION = "saturation", _image_strength(
+        effect="overexposure: a fraction AMOUNT of the image is clipped",
+        amount=0.5, max_amount=1.0, neutral=None, change=images.saturated,
+    )
+    BLINDED = "blinded", _image_strength(
+        effect="glare: a spot, AMOUNT image widths wide, is saturated",
+        amount=1.0, change=images.blinded,
+    )
+    BLURRED = "blurred", _image_strength(
+        effect="Gaussian blur of AMOUNT px",
+        amount=2.5, max_amount=50.0, change=images.blurred,
+    )
+    NOISY = "noisy", _image_strength(effect="Gaussian noise of AMOUNT grey levels", amount=10.0, change=images.noisy)
+    EXPOSURE = "exposure", _image_strength(
+        effect="brightness times AMOUNT",
+        amount=0.5, neutral=1.0, change=images.exposed,
+    )
+    SHEAR = "shear", _image_strength(
+        effect="rows are sheared by AMOUNT px in a random direction, as by a rolling shutter",
+        amount=1.0, change=images.sheared,
     )
 
     FADE = "fade", KindInfo(
-        "slow blackout: over `burst` pairs the image turns black and back", selection=Selection.COMPLETE_BURSTS,
-        options=(*PAIR_OPTIONS, "camera"), burst=20, change=images.faded,
+        effect="slow blackout: over `burst` pairs the image turns black and back",
+        selection=Selection.COMPLETE_BURSTS, options=(*PAIR_OPTIONS, "camera"), burst=20, change=images.faded,
     )
-    OBJECT = "object", _episode(
-        "an object that covers a fraction AMOUNT of the image crosses it in `burst` pairs", 0.3, views.with_object
+    OBJECT = "object", KindInfo(
+        effect="an object that covers a fraction AMOUNT of the image crosses it in `burst` pairs",
+        amount=0.3, neutral=0.0, max_amount=1.0, selection=Selection.COMPLETE_BURSTS, burst=20,
+        change=views.with_object,
     )
-    ARM = "arm", _episode(
-        "an arm slowly covers a fraction AMOUNT of the image over `burst` pairs", 0.4, views.with_arm
+    ARM = "arm", KindInfo(
+        effect="an arm slowly covers a fraction AMOUNT of the image over `burst` pairs",
+        amount=0.4, neutral=0.0, max_amount=1.0, selection=Selection.COMPLETE_BURSTS, burst=20, change=views.with_arm,
     )
 
     BODY = "body", _fixed_region(
-        "own body: fixed texture in the bottom fraction AMOUNT of the image", 0.3, views.with_body
+        effect="own body: fixed texture in the bottom fraction AMOUNT of the image",
+        amount=0.3, change=views.with_body,
     )
     TEXTURE = "texture", _fixed_region(
-        "a texture moves sideways in the bottom fraction AMOUNT of the image", 0.6, views.with_texture
+        effect="a texture moves sideways in the bottom fraction AMOUNT of the image",
+        amount=0.6, change=views.with_texture,
     )
     REFLECTION = "reflection", _fixed_region(
-        "a fixed reflection of the rover, fraction AMOUNT of the light", 0.5, views.with_reflection
+        effect="a fixed reflection of the rover, fraction AMOUNT of the light",
+        amount=0.5, change=views.with_reflection,
     )
     SCRATCH = "scratch", _fixed_region(
-        "scratched window: fixed lines over a fraction AMOUNT of the image", 0.3, views.with_scratches, 0.9
+        effect="scratched window: fixed lines over a fraction AMOUNT of the image",
+        amount=0.3, max_amount=0.9, change=views.with_scratches,
     )
     DIRT = "dirt", _fixed_region(
-        "dirt on the lenses: fixed spots on a fraction AMOUNT of the image", 0.1, views.with_dirt
+        effect="dirt on the lenses: fixed spots on a fraction AMOUNT of the image",
+        amount=0.1, change=views.with_dirt,
     )
     SHADOW = "shadow", _fixed_region(
-        "own shadow: a fixed dark region over a fraction AMOUNT of the image", 0.2, views.with_shadow
+        effect="own shadow: a fixed dark region over a fraction AMOUNT of the image",
+        amount=0.2, change=views.with_shadow,
     )
 
-    FOCAL = "focal", _factor("calibration: focal length in the rig file times AMOUNT", 1.01, with_focal_factor)
-    BASELINE = "baseline", _factor("calibration: baseline in the rig file times AMOUNT", 1.01, with_baseline_factor)
+    FOCAL = "focal", _all_pairs(
+        effect="calibration: focal length in the rig file times AMOUNT",
+        amount=1.01, neutral=1.0, min_amount=0.001, max_amount=1000.0, rig=with_focal_factor,
+    )
+    BASELINE = "baseline", _all_pairs(
+        effect="calibration: baseline in the rig file times AMOUNT",
+        amount=1.01, neutral=1.0, min_amount=0.001, max_amount=1000.0, rig=with_baseline_factor,
+    )
     # Positive amounts of yaw, drift and pitch turn the camera to the left and down. The angles that the mapper measures
     # (`CameraRotation`) have the opposite sign. The signs of roll are equal.
     ROLL = "roll", _all_pairs(
-        "the right camera is rotated by AMOUNT deg about its optical axis", 0.2, 45.0, images.rolled
+        effect="the right camera is rotated by AMOUNT deg about its optical axis",
+        amount=0.2, min_amount=-45.0, max_amount=45.0, change=images.rolled,
     )
-    PITCH = "pitch", _all_pairs("the right camera is pitched down by AMOUNT deg", 0.1, 45.0, images.pitched)
-    YAW = "yaw", _all_pairs("the right camera is turned to the left by AMOUNT deg", 0.1, 45.0, images.yawed)
+    PITCH = "pitch", _all_pairs(
+        effect="the right camera is pitched down by AMOUNT deg",
+        amount=0.1, min_amount=-45.0, max_amount=45.0, change=images.pitched,
+    )
+    YAW = "yaw", _all_pairs(
+        effect="the right camera is turned to the left by AMOUNT deg",
+        amount=0.1, min_amount=-45.0, max_amount=45.0, change=images.yawed,
+    )
     DRIFT = "drift", _all_pairs(
-        "from `start` on, the right camera turns to the left, AMOUNT deg in 100 pairs", 0.3, 45.0, images.drifting,
-        options=("amount", "start"),
+        effect="from `start` on, the right camera turns to the left, AMOUNT deg in 100 pairs",
+        amount=0.3, min_amount=-45.0, max_amount=45.0, options=("amount", "start"), change=images.drifting,
     )
-    SHIFT = "shift", _all_pairs("the right image is shifted to the right by AMOUNT px", 3.0, 1000.0, images.shifted)
+    SHIFT = "shift", _all_pairs(
+        effect="the right image is shifted to the right by AMOUNT px",
+        amount=3.0, min_amount=-1000.0, max_amount=1000.0, change=images.shifted,
+    )
     CLOCK = "clock", _all_pairs(
-        "all stamps are AMOUNT s late relative to the ground truth", 0.1, 1e9, stamp=moved_stamp
+        effect="all stamps are AMOUNT s late relative to the ground truth",
+        amount=0.1, min_amount=-1e9, max_amount=1e9, stamp=moved_stamp,
     )
     # fmt: on
 

@@ -1,13 +1,13 @@
-"""Faults of the view, such as occlusions, dirt and shadows, as functions of the affected pair."""
+"""Faults of the view, such as occlusions, dirt and shadows, as functions of the affected pair.
+
+Each function draws both images. The pair receives those of the affected cameras (`Affected.with_images`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import wraps
-
 import numpy as np
 
-from sfr_loc_map.faults.image_changes import READ_NOISE, Affected, Change, as_grey, moved, smoothed, with_noise
+from sfr_loc_map.faults.image_changes import READ_NOISE, Affected, as_grey, moved, smoothed, with_noise
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair
 
@@ -22,21 +22,9 @@ SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4
 SCRATCH_LIGHT = 60.0  #: Grey levels by which the strongest scratches are brighter or darker.
 SPOT_RADIUS = 0.04  #: Typical radius of a spot of dirt, fraction of the image's width (chosen by eye).
 SPEED = 0.006  #: Motion of a texture from pair to pair, fraction of the image's width: 3 px at 512 px.
-Views = tuple[GreyImage, GreyImage]  #: Left and right image.
 
 
-def in_view(draw: Callable[[Affected], Views]) -> Change:
-    """Return the fault that draws both images, of which the pair receives those of the affected cameras."""
-
-    @wraps(draw)
-    def changed(at: Affected) -> StereoPair:
-        return at.with_images(*draw(at))
-
-    return changed
-
-
-@in_view
-def with_body(at: Affected) -> Views:
+def with_body(at: Affected) -> StereoPair:
     """Cover the bottom rows of both images with a fixed texture, at the depth of the rover's own body."""
     rig = at.rig
     disparity = rig.fx / BODY_DEPTH
@@ -45,11 +33,11 @@ def with_body(at: Affected) -> Views:
     cover[rig.height - round(at.amount * rig.height) :] = 1.0
     there = moved(texture, -disparity)
     left = _covered(at.pair.left, texture[:, : rig.width], cover, at)
-    return left, _covered(at.pair.right, there[:, : rig.width], cover, at)
+    right = _covered(at.pair.right, there[:, : rig.width], cover, at)
+    return at.with_images(left, right)
 
 
-@in_view
-def with_arm(at: Affected) -> Views:
+def with_arm(at: Affected) -> StereoPair:
     """Cover a rectangle that enters from below, decelerates and stops at the end of the burst."""
     rig = at.rig
     side = np.sqrt(at.amount)  # fraction of the width and of the height
@@ -62,11 +50,11 @@ def with_arm(at: Affected) -> Views:
     cover[rig.height - rows :, first : first + width] = 1.0
     view = texture[rows : rows + rig.height]
     left = _covered(at.pair.left, view, cover, at)
-    return left, _covered(at.pair.right, moved(view, -disparity), moved(cover, -disparity), at)
+    right = _covered(at.pair.right, moved(view, -disparity), moved(cover, -disparity), at)
+    return at.with_images(left, right)
 
 
-@in_view
-def with_texture(at: Affected) -> Views:
+def with_texture(at: Affected) -> StereoPair:
     """Cover the bottom rows of both images with a texture that moves sideways, at the depth of the rover's own body."""
     rig = at.rig
     shift = round(SPEED * rig.width) * at.index
@@ -75,22 +63,22 @@ def with_texture(at: Affected) -> Views:
     cover[rig.height - round(at.amount * rig.height) :] = 1.0
     there = texture[:, round(rig.fx / BODY_DEPTH) :][:, : rig.width]
     left = _covered(at.pair.left, texture[:, : rig.width], cover, at)
-    return left, _covered(at.pair.right, there, cover, at)
+    right = _covered(at.pair.right, there, cover, at)
+    return at.with_images(left, right)
 
 
-@in_view
-def with_reflection(at: Affected) -> Views:
+def with_reflection(at: Affected) -> StereoPair:
     """Blend both images with a fixed texture at the depth of the rover's own body."""
     rig = at.rig
     texture = _texture(rig.height, rig.width, at.pair.left, at.drive_rng)
     kept = 1.0 - at.amount  # fraction of the light of the scene
     there = moved(texture, -rig.fx / BODY_DEPTH)
     left = as_grey(kept * at.pair.left + at.amount * texture)
-    return left, as_grey(kept * at.pair.right + at.amount * there)
+    right = as_grey(kept * at.pair.right + at.amount * there)
+    return at.with_images(left, right)
 
 
-@in_view
-def with_scratches(at: Affected) -> Views:
+def with_scratches(at: Affected) -> StereoPair:
     """Draw bright and dark lines at the same pixels of both images, until they cover the fraction `amount`."""
     import cv2
 
@@ -100,11 +88,12 @@ def with_scratches(at: Affected) -> Views:
         start, end = (at.drive_rng.random((2, 2)) * (rig.width, rig.height)).astype(int).tolist()
         cv2.line(lines, start, end, int(at.drive_rng.integers(1, 256)), 1)
     light = np.where(lines > 0, SCRATCH_LIGHT * (lines / 128.0 - 1.0), 0.0).astype(np.float32)
-    return as_grey(at.pair.left + light), as_grey(at.pair.right + light)
+    left = as_grey(at.pair.left + light)
+    right = as_grey(at.pair.right + light)
+    return at.with_images(left, right)
 
 
-@in_view
-def with_object(at: Affected) -> Views:
+def with_object(at: Affected) -> StereoPair:
     """Cover an ellipse that moves from the left to the right edge of the images at a constant depth."""
     rig = at.rig
     side = np.sqrt(at.amount * 4.0 / np.pi)
@@ -118,11 +107,10 @@ def with_object(at: Affected) -> Views:
         inside = ((u - x) / (0.5 * width + 1e-6)) ** 2 + ((v - row) / (0.5 * height + 1e-6)) ** 2 < 1.0
         texture_here = moved(texture, x - 0.5 * rig.width)
         views.append(_covered(image, texture_here, inside.astype(np.float32), at))
-    return views[0], views[1]
+    return at.with_images(views[0], views[1])
 
 
-@in_view
-def with_dirt(at: Affected) -> Views:
+def with_dirt(at: Affected) -> StereoPair:
     """Darken blurred spots on the fraction `amount` of each image; the images have different spots."""
     import cv2
 
@@ -136,11 +124,10 @@ def with_dirt(at: Affected) -> Views:
             cv2.circle(cover, centre, radius, 1, -1)
         shade = smoothed(cover.astype(np.float32), 0.25 * SPOT_RADIUS * rig.width)
         views.append(_darkened(image, shade, DIRT_BRIGHTNESS))
-    return views[0], views[1]
+    return at.with_images(views[0], views[1])
 
 
-@in_view
-def with_shadow(at: Affected) -> Views:
+def with_shadow(at: Affected) -> StereoPair:
     """Darken a rectangle at the bottom, with a penumbra; its disparity is that of ground at `SHADOW_DEPTH`."""
     rig = at.rig
     side = np.sqrt(at.amount)
@@ -150,7 +137,9 @@ def with_shadow(at: Affected) -> Views:
     shade[rig.height - min(height, rig.height) :, first : first + width] = 1.0
     shade = smoothed(shade, 0.01 * rig.width)
     there = moved(shade, -rig.fx / SHADOW_DEPTH)
-    return _darkened(at.pair.left, shade, SHADOW_BRIGHTNESS), _darkened(at.pair.right, there, SHADOW_BRIGHTNESS)
+    left = _darkened(at.pair.left, shade, SHADOW_BRIGHTNESS)
+    right = _darkened(at.pair.right, there, SHADOW_BRIGHTNESS)
+    return at.with_images(left, right)
 
 
 def _texture(height: int, width: int, like: GreyImage, drive_rng: np.random.Generator) -> FloatImage:
