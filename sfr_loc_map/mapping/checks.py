@@ -29,7 +29,7 @@ def check_index(index: int) -> None:
 
 
 def check_pair(pair: StereoPair) -> None:
-    """Raise MappingError if a pair is another object."""
+    """Raise MappingError if a pair has a wrong type."""
     if not isinstance(pair, StereoPair):
         raise MappingError(f"the pair has the type {type(pair).__name__}: a StereoPair is required")
 
@@ -59,7 +59,7 @@ def check_maps(maps: Sequence[MappedPair], rig: StereoRig) -> None:
 
 
 def check_pose(stamp_ns: int, T_lm_navsb: Transform) -> None:
-    """Raise MappingError if a pose is another object, has an invalid rotation, or is far from the origin of LM."""
+    """Raise MappingError if a pose has a wrong type or an invalid rotation, or is far from the origin of LM."""
     if not isinstance(T_lm_navsb, Transform):
         raise MappingError(
             f"the pose of stamp {stamp_ns} has the type {type(T_lm_navsb).__name__}: a Transform is required"

@@ -20,7 +20,7 @@ def check_points(xyz: FloatArray32) -> None:
 
 
 def check_poses(poses_lm_left: Sequence[Transform]) -> None:
-    """Raise MappingError if a pose is another object."""
+    """Raise MappingError if a pose has a wrong type."""
     for pose in poses_lm_left:
         if not isinstance(pose, Transform):
             raise MappingError(f"a pose of a left camera has the type {type(pose).__name__}: a Transform is required")

@@ -37,8 +37,8 @@ The stages of `Mapper.fuse`:
 To add
 
 - a validity test of the pixels of one pair: the docstring of `disparity/validity` lists the steps.
-- another filter of the disparities of one pair: a function that takes and returns a `DisparityScene`, and its call in
-  `estimate_disparity` after `fill_holes`. The fraction of measured pixels is computed earlier.
+- a test of measured and filled pixels of one pair: a value of `PixelStatus`, and a call of `with_reason` in
+  `estimate_disparity` beside that of BEYOND_RANGE. The fraction of measured pixels is computed earlier.
 - a contribution to sigma: the docstring of `point_sigma` lists the steps.
 - a test of points across pairs: a flag of `Judgement` (`multiview/fusion`), which drops points, or a stage of
   `Mapper.fuse` that takes and returns views, like `without_fixed_content`.
@@ -94,7 +94,7 @@ class Mapper:
     def __init__(self, rig: StereoRig, config: MappingConfig = MappingConfig()) -> None:  # noqa: B008 - frozen
         """Prepare for a rig.
 
-        Raises GeometryError for another object or a rig with too small images. Raises ConfigError if the parameters are
+        Raises GeometryError if the rig has a wrong type or too small images. Raises ConfigError if the parameters are
         inconsistent or do not suit the rig.
         """
         check_rig(rig)

@@ -33,14 +33,15 @@ class PairMap:
 class MappedPair(PairMap):
     """The map of one stereo pair by `Mapper.process`, which `Mapper.fuse` accepts.
 
-    `fuse` only uses the stamp and the fields below. The arrays of the map are read-only. Most of them are views of the
-    arrays of `view`, which are writable, because the kernels are compiled for writable arrays.
+    `fuse` only uses the stamp, the rig, the view and the calibration. The arrays of the map are read-only. The columns
+    of the cloud and the disparities share the memory of `view`, whose arrays are writable, because the kernels are
+    compiled for writable arrays.
     """
 
     #: `(H, W)` uint8, the `PixelStatus` of each pixel: measured, filled, or the reason why it has no disparity.
     pixel_status: StatusImage
     rig: StereoRig  #: Rig of the pair.
-    view: PairView  #: Points with their fusion sigma, disparities, pose and saturation.
+    view: PairView  #: The pair as `fuse` requires it.
     calibration: CalibrationSigma  #: Uncertainty of the calibration given the measurements in this pair.
 
 

@@ -21,7 +21,7 @@ def point_covariances(cloud: PointCloud, poses_lm_left: Sequence[Transform], foc
     distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. The pair index of a point is that of
     its pose.
 
-    Raises MappingError if a pose is missing or another object, if a point is at its camera, if a coordinate is not
+    Raises MappingError if a pose is missing or has a wrong type, if a point is at its camera, if a coordinate is not
     finite, if a sigma is negative or not finite, or if the focal length f, `focal_px`, is not positive and finite.
     """
     if not 0.0 < focal_px < np.inf:

@@ -10,7 +10,7 @@ refinement                             one field of disparities on cells of 2 x 
                                        photometric residuals and weighted second differences (variational, after Horn
                                        and Schunck 1981), coarse to fine by conjugate gradients
 sigma                                  posterior of the field, smoothing bias, and the error beside creases
-validity                               ten tests of each pixel (`PixelStatus`); beside disparity jumps, a small network
+validity                               tests of each pixel (`PixelStatus`); beside disparity jumps, a small network
                                        compares matching costs with adaptive support weights (Yoon and Kweon 2006)
 rotation of the right camera           yaw, pitch and roll from the vertical disparity at measured pixels
 holes                                  invalid pixels take the disparity of a surface beside them if both images
@@ -21,7 +21,6 @@ holes                                  invalid pixels take the disparity of a su
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -62,16 +61,11 @@ class DisparityMap:
     rotation: CameraRotation  #: Rotation of the right camera relative to its calibration.
 
 
-class RefinedPair(NamedTuple):
-    """A pair after the refinement."""
-
-    scene: DisparityScene  #: Its valid pixels are those that the semi-global matching has matched.
-    refined: RefinedDisparity
-    correction: RightImageCorrection  #: The deviations that were removed from the right image.
-
-
 def estimate_disparity(pair: StereoPair, rig: StereoRig, search: SearchRange) -> DisparityMap:
     """Return the disparity map of a pair.
+
+    From the tests of the pixels on, `status` is the only record of which pixels are valid. To reject pixels after holes
+    are filled, call `with_reason` with their mask, as for BEYOND_RANGE.
 
     Raises MappingError if the images do not match, before holes are filled.
     """
@@ -86,13 +80,13 @@ def estimate_disparity(pair: StereoPair, rig: StereoRig, search: SearchRange) ->
 
     rotation = measure_right_rotation(scene, correction.vertical, rig)
 
-    filled = fill_holes(scene, saturation.square_saturated, refined.noise_grey)
-    status = np.where(filled.valid & ~scene.valid, np.uint8(PixelStatus.FILLED), status)
-    px = filled.disparity - roll_error_px(rotation, rig)
+    scene, is_filled = fill_holes(scene, saturation.square_saturated, refined.noise_grey)
+    status = np.where(is_filled, np.uint8(PixelStatus.FILLED), status)
+    px = scene.disparity - roll_error_px(rotation, rig)
     status = with_reason(status, px < search.min_disparity_px, PixelStatus.BEYOND_RANGE)
     return DisparityMap(
         px=np.where(is_valid(status), px, F(np.nan)),
-        sigma_px=filled.sigma,
+        sigma_px=scene.sigma,
         status=status,
         left=scene.left,
         noise_grey=refined.noise_grey,
@@ -103,8 +97,13 @@ def estimate_disparity(pair: StereoPair, rig: StereoRig, search: SearchRange) ->
     )
 
 
-def refine_pair(pair: StereoPair, camera: StereoCamera, disparity_count: int) -> RefinedPair:
-    """Return the refined disparity of a pair, from a search over `disparity_count` integer disparities from 0.
+def refine_pair(
+    pair: StereoPair, camera: StereoCamera, disparity_count: int
+) -> tuple[DisparityScene, RefinedDisparity, RightImageCorrection]:
+    """Return the scene of a pair, its refined disparity, and the deviations that were removed from the right image.
+
+    The search is over `disparity_count` integer disparities from 0. The valid pixels of the scene are those that the
+    semi-global matching has matched.
 
     The stages up to sigma are a separate function, because `tools/train_jump_network.py` calls them, too.
     """
@@ -125,4 +124,4 @@ def refine_pair(pair: StereoPair, camera: StereoCamera, disparity_count: int) ->
         sigma=disparity_sigma(refined),
         valid=np.isfinite(matched_px),
     )
-    return RefinedPair(scene, refined, correction)
+    return scene, refined, correction

@@ -112,8 +112,11 @@ class HypothesisCosts(NamedTuple):
     effective_pixels: FloatArray32  #: As in `PlaneCost`.
 
 
-def fill_holes(scene: DisparityScene, saturated: Mask, noise_grey: float) -> DisparityScene:
-    """Return the scene with filled holes, whose pixels are valid; completely saturated neighbourhoods stay invalid.
+def fill_holes(scene: DisparityScene, saturated: Mask, noise_grey: float) -> tuple[DisparityScene, Mask]:
+    """Return the scene with the disparities and sigmas of filled holes, and the mask of the filled pixels `(H, W)`.
+
+    The valid pixels of the returned scene are the measured and the filled pixels. Pixels of completely saturated
+    neighbourhoods are not filled.
 
     The valid pixels of the given scene are measured. The standard deviation of a filled disparity is at least
     `MIN_FILLED_SIGMA_PX`. No hole is filled if fewer than `MIN_SAMPLES` samples are available for the maximum cost.
@@ -121,7 +124,7 @@ def fill_holes(scene: DisparityScene, saturated: Mask, noise_grey: float) -> Dis
     """
     cost_limit = _cost_limit(scene)
     if cost_limit is None:
-        return scene
+        return scene, np.zeros_like(scene.valid)
     min_margin = F(MARGIN_SIGMAS * noise_grey)
     after = scene
     newly_valid = scene.valid
@@ -136,11 +139,12 @@ def fill_holes(scene: DisparityScene, saturated: Mask, noise_grey: float) -> Dis
     # Depths are compared after all passes. A rejected pixel may therefore have provided a hypothesis in a later pass.
     valid_px = np.where(after.valid, after.disparity, F(0.0))
     is_filled = after.valid & ~scene.valid & (depth_ratio(valid_px, NEARBY_PX) < MAX_DEPTH_RATIO)
-    return scene._replace(
+    filled = scene._replace(
         disparity=np.where(is_filled, after.disparity, scene.disparity),
         sigma=np.where(is_filled, np.maximum(scene.sigma, MIN_FILLED_SIGMA_PX), scene.sigma),
         valid=scene.valid | is_filled,
     )
+    return filled, is_filled
 
 
 def _cost_limit(scene: DisparityScene) -> np.float32 | None:

@@ -11,11 +11,11 @@ which is measured. A yaw (wy) causes the saddle `x y`, a roll (wz) causes a tilt
 offset of the principal point changes y like a pitch, but does not change x. Residual lens distortion can have any of
 these shapes, and its effect on x is about as large as its effect on y.
 
-The yaw is measured twice. The first fit ignores that the disparities have already explained a part of the vertical
+A large yaw is measured twice. The first fit ignores that the disparities have already explained a part of the vertical
 disparity, and returns 60 to 80 % of a large yaw. If the vertical disparity that neither offset nor roll explains is at
-least `MIN_ROTATION_PX`, `fit_beside_disparity` therefore repeats the measurement in `REPEATED_STEPS` steps. On the
-development panorama and the sample, with the right camera rotated by 0.3 to 1 deg, the repeated measurement returns 95
-to 106 % of the yaw.
+least `MIN_ROTATION_PX`, `fit_jointly_with_disparity` therefore repeats the measurement in `REPEATED_STEPS` steps. On
+the development panorama and the sample, with the right camera rotated by 0.3 to 1 deg, the repeated measurement returns
+95 to 106 % of the yaw.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from sfr_loc_map.mapping.disparity.vertical_disparity import (
     ALL_TERMS,
     VerticalFit,
     VerticalPolynomial,
-    fit_beside_disparity,
+    fit_jointly_with_disparity,
     fit_vertical_disparity,
     without_vertical_disparity,
 )
@@ -41,8 +41,9 @@ MIN_ROTATION_COUNT = 5000
 """Minimum number of valid samples for measuring the rotation: five times that of the correction, because there are five
 coefficients, of which the saddle is the least observable."""
 MIN_ROTATION_PX = 0.05
-"""Minimum vertical disparity at the image edge that counts as a rotation, pixels. Smaller values are measurement noise
-(about 0.02 pixels) or residual distortion."""
+"""Minimum vertical disparity that counts as a rotation, pixels. Smaller values are measurement noise (about 0.02
+pixels) or residual distortion. The value is compared with the standard deviation over the image for a yaw, with the
+shift of the rows at the image edge for a roll, and with the offset for a pitch (`calibration_sigma`)."""
 REPEATED_STEPS = 3  #: Gauss-Newton steps of the repeated measurement. A fourth step changes a yaw of 1 deg by 0.3 %.
 YAW_BIAS_FRACTION = 0.05
 """Standard deviation of the remaining bias of a repeated measurement of the yaw, as a fraction of the yaw: the largest
@@ -56,8 +57,8 @@ that the root mean square of a linear vertical disparity is 6 % larger than over
 class CameraRotation:
     """Rotation of the right camera relative to its calibration, and the underlying vertical disparity.
 
-    The angles are those of the rotation `w` of the camera about its axes. The amounts of the injected faults `yaw` and
-    `pitch` (`faults.kinds`) have the opposite sign: the camera turns to the left and down.
+    The angles are those of the rotation `w` of the camera about its axes. `FaultKind` compares their signs with those
+    of injected faults.
     """
 
     yaw_rad: float  #: About y; a positive yaw turns the camera to the right. 0 if too few pixels are valid.
@@ -105,12 +106,12 @@ def measure_right_rotation(scene: DisparityScene, removed: VerticalPolynomial, r
 
 
 def _repeated_fit(scene: DisparityScene, rig: StereoRig) -> VerticalFit | None:
-    """Return the vertical disparity that remains in a pair, fitted beside its disparities; None if a step fails."""
+    """Return the remaining vertical disparity of a pair, fitted jointly with its disparities; None if a step fails."""
     remaining = VerticalPolynomial()
     sigmas = VerticalPolynomial()
     for _ in range(REPEATED_STEPS):
         right = without_vertical_disparity(scene.right, remaining, rig.camera)
-        step = fit_beside_disparity(
+        step = fit_jointly_with_disparity(
             scene.left, right, scene.disparity, rig.camera, scene.valid, min_count=MIN_ROTATION_COUNT
         )
         if step is None:

@@ -25,9 +25,8 @@ from sfr_loc_map.mapping.filters import square_element
 
 SURFACE_JUMP_PX = F(1.0)
 """Neighbouring disparities that differ by more than this belong to two surfaces, pixels: the disparity of ground
-changes by less from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera. Pixels count as
-one surface if the difference is smaller (`<`), and as two surfaces if it is larger (`>`). At exactly this value neither
-is assumed, except in `segments` (one surface) and in `jump_network` (two surfaces)."""
+changes by less from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera. A difference of
+exactly this value counts as a jump in some functions and not in others."""
 MIN_DIVISOR_DISPARITY_PX = F(0.3)
 """Lower bound of disparities for ratios of depths, pixels. Chosen by hand: the error of a smaller disparity may be as
 large as the disparity."""
@@ -46,7 +45,7 @@ class DisparityScene(NamedTuple):
     #: Disparities, pixels, defined everywhere. At invalid pixels they are only a smooth continuation.
     disparity: FloatImage
     sigma: FloatImage  #: Standard deviation of the disparity, pixels.
-    valid: Mask  #: Pixels that pass the tests so far. After hole filling, also the filled pixels.
+    valid: Mask  #: Valid pixels, for the stage that receives the scene; `estimate_disparity` keeps their status.
 
 
 class RightSurfaces(NamedTuple):

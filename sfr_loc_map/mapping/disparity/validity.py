@@ -64,10 +64,11 @@ the density by 0.001 (measurements/mapper_trials.md)."""
 
 
 class PixelStatus(IntEnum):
-    """Status of a pixel. The reason for an invalid pixel is the first test that it fails, in the order of the values.
+    """Status of a pixel. The reason for an invalid pixel is the first test that it fails.
 
-    If a saturated pixel also fails an earlier test, the reason is that test. Like all saturated pixels, such a pixel is
-    not filled. A filled pixel does not keep the reason for which it was invalid.
+    The order of the tests is that of the values, with the exceptions that the docstring of the module names. If a
+    saturated pixel also fails an earlier test, the reason is that test. Like all saturated pixels, such a pixel is not
+    filled. A filled pixel does not keep the reason for which it was invalid.
 
     The status is that of one pair, and the fusion does not change it. A valid pixel may therefore have no point in a
     fused cloud: `multiview.fixed_content` removes content that is fixed to the image, and `multiview.fusion` drops

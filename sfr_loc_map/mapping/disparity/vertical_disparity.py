@@ -5,7 +5,7 @@ of the image along the column. A fit is one Gauss-Newton step, whose linearisati
 
 The disparity was estimated from the same residuals: where edges are oblique, a change of the disparity explains a part
 of a vertical shift. `fit_vertical_disparity` ignores this change and returns too small values if the vertical disparity
-is large. `fit_beside_disparity` eliminates this change.
+is large. `fit_jointly_with_disparity` eliminates this change.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ DAMPING = 1e-9
 """Added to the diagonal of the normal equations, as a fraction of their trace, so that they can be inverted. The
 weakest term, the saddle, has about 1e-3 of the trace."""
 FREE_BLOCK_PX = 8
-"""Side of the blocks whose disparity is free in `fit_beside_disparity`, pixels. With blocks of 4 or 16 pixels, the
-measured yaw of a camera rotated by 0.3 to 1 deg differs by up to 3 % from that with 8 pixels."""
+"""Side of the blocks whose disparity is free in `fit_jointly_with_disparity`, pixels. With blocks of 4 or 16 pixels,
+the measured yaw of a camera rotated by 0.3 to 1 deg differs by up to 3 % from that with 8 pixels."""
 MIN_SLOPE_SUM = 1e-6
 """Added to the sum of the squared slopes along the row in a block, which is a divisor and is 0 in a uniform block."""
 SMOOTHING = np.array([[0.125, 0.25, 0.125]], F)
@@ -113,7 +113,7 @@ def fit_vertical_disparity(
     return _solved(terms * slope[:, None], cauchy_weight(r, HALF_WEIGHT_SIGMAS * sigma), r, sigma)
 
 
-def fit_beside_disparity(
+def fit_jointly_with_disparity(
     left: FloatImage, right: FloatImage, disparity_px: FloatImage, camera: StereoCamera, used: Mask, *, min_count: int
 ) -> VerticalFit | None:
     """Return all terms of the vertical disparity, fitted together with a change of the disparity in each block.

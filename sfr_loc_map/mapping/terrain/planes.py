@@ -26,16 +26,17 @@ class Planes(NamedTuple):
 
 
 @jit_rows
-def fit_planes(height: FloatArray, disc: IntArray, cell_m: float) -> Planes:
-    """Return the least-squares planes of heights `(R, C)`, NaN where unknown, in a disc `(K, 2)` around each cell.
+def fit_planes(height: FloatArray, plane_disc: IntArray, cell_m: float) -> Planes:
+    """Return the least-squares planes of heights `(R, C)`, NaN where unknown, around each cell.
 
-    A plane requires that `MIN_PLANE_FRACTION` of the disc is known.
+    `plane_disc` `(K, 2)` are the rows and columns, relative to the cell, of the cells to which its plane is fitted. A
+    plane requires that `MIN_PLANE_FRACTION` of the disc is known.
     """
     rows, columns = height.shape
     slope_x = np.full((rows, columns), np.nan)
     slope_y = np.full((rows, columns), np.nan)
     residual = np.full((rows, columns), np.nan)
-    size = len(disc)
+    size = len(plane_disc)
     for row in prange(rows):
         for column in range(columns):
             own = height[row, column]
@@ -53,11 +54,11 @@ def fit_planes(height: FloatArray, disc: IntArray, cell_m: float) -> Planes:
             yz = 0.0
             zz = 0.0
             for k in range(size):
-                i = row + disc[k, 0]
-                j = column + disc[k, 1]
+                i = row + plane_disc[k, 0]
+                j = column + plane_disc[k, 1]
                 if 0 <= i < rows and 0 <= j < columns and not np.isnan(height[i, j]):
-                    dx = disc[k, 1] * cell_m
-                    dy = disc[k, 0] * cell_m
+                    dx = plane_disc[k, 1] * cell_m
+                    dy = plane_disc[k, 0] * cell_m
                     dz = height[i, j] - own
                     n += 1.0
                     x += dx

@@ -33,23 +33,23 @@ def steps_of_cells(
     cell_of_point: NDArray[np.int32],
     model: ElevationModel,
     planes: Planes,
-    near: IntArray,
-    around: IntArray,
+    step_disc: IntArray,
+    plane_disc: IntArray,
     max_rise: float,
 ) -> FloatArray32:
     """Return the step of each cell `(R, C)`, metres, NaN without heights, from the points `(N, 3)` of the cloud.
 
-    The step of a cell with a plane is measured relative to this plane over the cells `near` `(K, 2)`. The step of a
-    cell without a plane is measured relative to the cells `around` `(K, 2)`. `max_rise` is the rise of the steepest
-    slope that is not a hazard, metres per metre.
+    The step of a cell with a plane is measured relative to this plane over the cells `step_disc` `(K, 2)`. The step of
+    a cell without a plane is measured relative to the cells `plane_disc` `(K, 2)`. `max_rise` is the rise of the
+    steepest slope that is not a hazard, metres per metre.
     """
     level_height = _level_heights(xyz, cell_of_point, model.cells, planes)
     return _largest_steps(
         raw=_outer_heights(cell_of_point, xyz[:, 2].copy(), model.count),
         level=_outer_heights(cell_of_point, level_height, model.count),
         planes=planes,
-        near=near,
-        around=around,
+        step_disc=step_disc,
+        plane_disc=plane_disc,
         max_rise=max_rise,
         cell_m=model.cell_m,
     ).astype(F)
@@ -114,8 +114,8 @@ def _largest_steps(
     raw: OuterHeights,
     level: OuterHeights,
     planes: Planes,
-    near: IntArray,
-    around: IntArray,
+    step_disc: IntArray,
+    plane_disc: IntArray,
     max_rise: float,
     cell_m: float,
 ) -> FloatArray:
@@ -131,15 +131,17 @@ def _largest_steps(
             a = planes.slope_x[row, column]
             b = planes.slope_y[row, column]
             if np.isnan(a):
-                step[row, column] = _step_beyond_slope(raw, row, column, around, max_rise * cell_m)
+                step[row, column] = _step_beyond_slope(raw, row, column, plane_disc, max_rise * cell_m)
             else:
-                step[row, column] = _step_from_plane(level, row, column, near, a * cell_m, b * cell_m)
+                step[row, column] = _step_from_plane(level, row, column, step_disc, a * cell_m, b * cell_m)
     return step
 
 
 @jit_rows_inline
-def _step_from_plane(level: OuterHeights, row: int, column: int, near: IntArray, rise_x: float, rise_y: float) -> float:
-    """Return the largest high height minus the smallest low height of the cells around a cell, `near` `(K, 2)`.
+def _step_from_plane(
+    level: OuterHeights, row: int, column: int, step_disc: IntArray, rise_x: float, rise_y: float
+) -> float:
+    """Return the largest high height minus the smallest low height of the cells around a cell, `step_disc` `(K, 2)`.
 
     Both heights are relative to the plane of the cell, which rises by `rise_x` per column and by `rise_y` per row,
     metres. `level` does not contain the slope within a cell, so that a slope alone is not a step.
@@ -147,33 +149,33 @@ def _step_from_plane(level: OuterHeights, row: int, column: int, near: IntArray,
     rows, columns = level.low.shape
     lowest = np.inf
     highest = -np.inf
-    for k in range(len(near)):
-        i = row + near[k, 0]
-        j = column + near[k, 1]
+    for k in range(len(step_disc)):
+        i = row + step_disc[k, 0]
+        j = column + step_disc[k, 1]
         if 0 <= i < rows and 0 <= j < columns and not np.isnan(level.low[i, j]):
-            plane = rise_x * near[k, 1] + rise_y * near[k, 0]
+            plane = rise_x * step_disc[k, 1] + rise_y * step_disc[k, 0]
             lowest = min(lowest, level.low[i, j] - plane)
             highest = max(highest, level.high[i, j] - plane)
     return highest - lowest
 
 
 @jit_rows_inline
-def _step_beyond_slope(raw: OuterHeights, row: int, column: int, around: IntArray, max_rise: float) -> float:
+def _step_beyond_slope(raw: OuterHeights, row: int, column: int, plane_disc: IntArray, rise_per_cell: float) -> float:
     """Return the step of a cell without a plane; NaN without heights.
 
-    The slope of the ground is unknown. Any slope that is not a hazard explains at most the height difference `max_rise`
-    times the distance, in cells, between the cell and one of the cells `around` `(K, 2)`. The height difference within
-    the cell is not reduced. The step is the largest rest of a difference, so that an isolated obstacle is a hazard even
-    if its sides are not observed.
+    The slope of the ground is unknown. Any slope that is not a hazard explains at most the height difference
+    `rise_per_cell`, metres, times the distance, in cells, between the cell and one of the cells `plane_disc` `(K, 2)`.
+    The height difference within the cell is not reduced. The step is the largest rest of a difference, so that an
+    isolated obstacle is a hazard even if its sides are not observed.
     """
     rows, columns = raw.low.shape
     low = raw.low[row, column]
     high = raw.high[row, column]
     step: float = high - low
-    for k in range(len(around)):
-        i = row + around[k, 0]
-        j = column + around[k, 1]
+    for k in range(len(plane_disc)):
+        i = row + plane_disc[k, 0]
+        j = column + plane_disc[k, 1]
         if 0 <= i < rows and 0 <= j < columns and not np.isnan(raw.low[i, j]):
-            rise = max_rise * np.hypot(around[k, 0], around[k, 1])
+            rise = rise_per_cell * np.hypot(plane_disc[k, 0], plane_disc[k, 1])
             step = max(step, high - raw.low[i, j] - rise, raw.high[i, j] - low - rise)
     return step

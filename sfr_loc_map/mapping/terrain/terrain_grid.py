@@ -45,8 +45,9 @@ UNKNOWN = -1  #: Value of a cell that is unknown, as in nav_msgs/OccupancyGrid.
 class Discs(NamedTuple):
     """Discs of cells around a cell: rows and columns relative to the cell `(K, 2)` each."""
 
-    plane: IntArray  #: Cells to which a plane is fitted: the footprint, or within `MIN_RADIUS_CELLS` if this is larger.
-    step: IntArray  #: Cells within `STEP_RADIUS_M`, whose heights are compared relative to the plane.
+    #: Cells to which a plane is fitted: the footprint, or within `MIN_RADIUS_CELLS` if this is larger.
+    plane_disc: IntArray
+    step_disc: IntArray  #: Cells within `STEP_RADIUS_M`, whose heights are compared relative to the plane.
     footprint: IntArray  #: Cells within the rover's footprint, in which a step is a hazard.
 
 
@@ -58,13 +59,13 @@ class TerrainGrid:
     #: `elevation_model`, cells with fewer than `MIN_POINTS` points are NaN.
     elevation: ElevationModel
     #: `(R, C)` float32, angle of the plane fitted to the heights within the rover's footprint, or within
-    #: `MIN_RADIUS_CELLS` if this is larger (`Discs.plane`).
+    #: `MIN_RADIUS_CELLS` if this is larger (`Discs.plane_disc`).
     slope_rad: FloatArray32
     #: `(R, C)` float32, root of the mean squared difference of these heights from the plane.
     roughness_m: FloatArray32
     #: `(R, C)` float32, largest difference, relative to that plane, between the high and the low heights of the cells
-    #: within `STEP_RADIUS_M`. Without a plane, largest height difference between the cell and a cell of `Discs.plane`,
-    #: reduced by the rise of the steepest passable slope between both cells.
+    #: within `STEP_RADIUS_M`. Without a plane, largest height difference between the cell and a cell of
+    #: `Discs.plane_disc`, reduced by the rise of the steepest passable slope between both cells.
     step_m: FloatArray32
     #: `(R, C)` int8, 100 if a criterion reaches its limit, otherwise the largest ratio to a limit in percent; -1 where
     #: unknown.
@@ -102,11 +103,11 @@ def terrain_grid(
     poses = poses_lm_left or None  # an empty sequence means no poses
     check_poses(poses or ())
     model, cell_of_point = _heights(cloud, config, poses, random_sigma)
-    planes = fit_planes(model.height_m.astype(np.float64), discs.plane, config.cell_m)
+    planes = fit_planes(model.height_m.astype(np.float64), discs.plane_disc, config.cell_m)
     slope_rad = np.arctan(np.hypot(planes.slope_x, planes.slope_y)).astype(F)
     roughness_m = planes.residual_m.astype(F)
     max_rise = float(np.tan(np.radians(config.max_slope_deg)))
-    step_m = steps_of_cells(cloud.xyz, cell_of_point, model, planes, discs.step, discs.plane, max_rise)
+    step_m = steps_of_cells(cloud.xyz, cell_of_point, model, planes, discs.step_disc, discs.plane_disc, max_rise)
     hazard = _hazards(slope_rad, roughness_m, step_m, discs.footprint, config)
     return TerrainGrid(model, slope_rad, roughness_m, step_m, hazard)
 
@@ -121,8 +122,8 @@ def _discs(config: TerrainConfig) -> Discs:
             "(terrain.cell_m, terrain.footprint_radius_m)"
         )
     return Discs(
-        plane=_disc(max(footprint_cells, MIN_RADIUS_CELLS)),
-        step=_disc(STEP_RADIUS_M / config.cell_m),
+        plane_disc=_disc(max(footprint_cells, MIN_RADIUS_CELLS)),
+        step_disc=_disc(STEP_RADIUS_M / config.cell_m),
         footprint=_disc(footprint_cells),
     )
 

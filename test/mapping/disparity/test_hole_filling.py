@@ -36,8 +36,8 @@ class TwoPlanes:
             sigma=np.full_like(disparity, 0.1),
             valid=valid,
         )
-        found = fill_holes(given, saturated, self.noise)
-        filled = found.valid & ~valid
+        found, filled = fill_holes(given, saturated, self.noise)
+        assert not (filled & valid).any()
         np.testing.assert_array_equal(found.valid, valid | filled)
         assert (found.sigma[filled] >= MIN_FILLED_SIGMA_PX).all()
         np.testing.assert_array_equal(found.sigma[~filled], given.sigma[~filled])
