@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from sfr_loc_map.bench.fault_benchmark import FaultBenchmark, FaultEntry
+from sfr_loc_map.bench.fault_benchmark import SILENT_RATIO, FaultBenchmark, FaultEntry
 from sfr_loc_map.bench.figure_rows import FigureRow
 from sfr_loc_map.bench.method_benchmark import MethodBenchmark
 from sfr_loc_map.methods.registry import OURS_IN_TABLES
@@ -23,7 +23,7 @@ FAULT_COLUMNS: tuple[tuple[Column, Callable[[FaultEntry], float | None]], ...] =
     (Column("position error / 3 sigma"), lambda entry: entry.stated.position_ratio),
     (Column("attitude error / 3 sigma"), lambda entry: entry.stated.attitude_ratio),
     (Column("step error / 3 sigma"), lambda entry: entry.stated.step_ratio),
-    (Column("ratio above 5", PERCENT), lambda entry: entry.stated.beyond_share),
+    (Column(f"ratio above {SILENT_RATIO:g}", PERCENT), lambda entry: entry.stated.beyond_share),
     (Column("vertical disparity", Unit("px")), lambda entry: entry.vertical_offset_px),
     (Column("disparity bias", Unit("px")), lambda entry: entry.disparity_offset_px),
 )

@@ -5,8 +5,8 @@ A method under test (in the documentation also: a candidate) is called through t
     runs, bench/method_benchmark.py
       isolated_localiser.py, isolated_mapper.py    one call for a pair or a set: checks the values of the answer
         map_arrays.py                              clouds and disparity images in the answer of a mapper
-        isolated_method.py                         starts an ended process again, at the last known pose
-          method_process.py                        one process: starts it, measures its calls, reads its answers
+        isolated_method.py                         decides when a process is started, ended, and started again
+          method_process.py                        one process, from its start to its end: its calls and its answers
             scratch_folder.py                      shared images, log, arrays of the answers
             supervised_process.py                  the process with its pipes: messages as lines of JSON, with a timeout
             call_monitor.py                        time and memory from outside, leaks, misstated times
@@ -18,7 +18,7 @@ A method under test (in the documentation also: a candidate) is called through t
                   the method
 
 `registry.py` finds a method by its name. `method_call.py` has the request and the record of a call, and the failures.
-`isolated_method.py` alone starts and ends the process of a method. `point_bounds.py` has the bounds of points for both
+`point_bounds.py` has the bounds of points for both
 sides of the boundary. `config_truth.py` refuses a configuration that contains the ground truth. `ours.py` is our method
 with the interface of a candidate.
 

@@ -17,6 +17,7 @@
         statistics/groups.py      pooled errors (pooling.py) and verdicts (group_verdicts.py) of each group
         statistics/budget.py      error budgets
         statistics/common_deviations.py  deviations of the results
+      statistics/verdict_texts.py what prevents a pass, as texts of the command
       pages/page.py               suite.json, report.html, pages/, results.parquet (tables.py, export.py)
 
 `search/` chooses points of a scenario, runs their jobs in the same way and reads their results from the folder. The

@@ -284,9 +284,11 @@ def test_the_report_refuses_a_suite_file_that_has_changed(sfr: Sfr, missed: tupl
 def test_a_suite_from_which_a_drive_that_was_run_was_removed_is_incomplete(sfr: Sfr, missed: tuple[Path, Path]) -> None:
     suite, out = missed
     remove_bad_drive(suite)
-    chosen = sfr("suite", "run", suite, "--out", out, "--json", "-")
-    assert (chosen.code, json.loads(chosen.out)["verdict"]) == (2, "incomplete")
-    assert "removed: 'drive2.csv' was run" in chosen.err
+    for command in (("run", suite, "--out", out), ("report", out, "--overwrite")):
+        chosen = sfr("suite", *command, "--json", "-")
+        assert (chosen.code, json.loads(chosen.out)["verdict"]) == (2, "incomplete")
+        assert "removed: 'drive2.csv' was run" in chosen.err
+        assert "is no longer part of the suite" in (out / "report.html").read_text()
 
 
 @pytest.mark.slow

@@ -113,7 +113,8 @@ class History:
     false_alarm_rate: float  #: Maximum probability of an alarm in a night without a change.
     changes: tuple[Change, ...]  #: Changes in the order of the nights.
     figures: Mapping[str, tuple[float | None, ...]]  #: Mean over the jobs of each night, by figure.
-    tested: int  #: Number of figures of the last night whose scatter is known, so that a change would be detected.
+    #: Number of figures of the last night whose scatter is known, without the fraction of jobs without a result.
+    tested: int
     without_result: tuple[str, ...]  #: Planned jobs and sources of the last night that have no result.
     deviations: tuple[DeviationOfNights, ...]  #: Deviations of the results of all nights.
 

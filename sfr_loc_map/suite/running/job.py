@@ -1,8 +1,9 @@
 """A job of a suite: its inputs, and its identities.
 
-    key           hash of all inputs of the result except names and paths of sources; names the files of the job
-    pairing       hash of data, task, faults, repeat and scoring: pairs jobs of two suites, even with other code or
-                  parameters; `PairKey` adds the configuration if a suite has several
+    key           hash of all inputs of the result; names the files of the job. Names and paths of sources and the names
+                  of configurations are not inputs, so that a renamed source or configuration keeps its results
+    pairing       hash of data, task, faults, repeat, first pose and scoring: pairs jobs of two suites, even with other
+                  code or parameters; `PairKey` adds the configuration if a suite has several
     drive_key     hash of drive, task and faults: repeats and copies of a drive share this hash, because their errors
                   depend on each other. Sequential tests take the drives in the order of this hash
     group         task, configuration and faults: the errors of a group are pooled

@@ -206,9 +206,10 @@ class Store:
         return score
 
     def failure(self, job: Job) -> JobFailure:
-        """Return the failure of a job."""
+        """Return the failure of a job, with the names of the plan: those in the file are of the run that failed."""
         path = self.failures / f"{job.key}.json"
-        return _record(JobFailure, _read(path), path)
+        stored = _record(JobFailure, _read(path), path)
+        return JobFailure.of(job, stored.cause, stored.message)
 
     def save(self, job: Job, outcome: JobOutcome) -> None:
         """Save the outcome of a job atomically."""

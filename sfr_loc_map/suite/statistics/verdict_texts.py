@@ -18,7 +18,7 @@ UNDECIDED = (VerdictState.NOT_ENOUGH_DATA, VerdictState.NOT_JUDGED)
 
 @dataclass(frozen=True, slots=True)
 class VerdictTexts:
-    """What prevents a suite from passing, one text each; all are empty if the suite passes or has no limits.
+    """What prevents a suite from passing, one text each, and a warning about conditions (`without_drives`).
 
     Failures take precedence over jobs without a result, and these over missing judgements.
     """

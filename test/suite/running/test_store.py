@@ -51,6 +51,17 @@ def test_a_source_that_was_run_and_is_in_no_job_is_reported(tmp_path: Path) -> N
     assert not store.left_over(), "with other code, and with a seed of no faults, the same work is done again"
 
 
+def test_a_failure_has_the_names_of_the_plan(tmp_path: Path) -> None:
+    """A renamed configuration or source keeps its failure, because names are not part of the key of a job."""
+    store = Store(tmp_path)
+    store.save(JOB, CRASHED)
+    renamed = replace(JOB, configuration="fast", source=recording("b", path="b.mcap"))
+    assert renamed.key == JOB.key
+    failure = store.failure(renamed)
+    assert (failure.configuration, failure.label, failure.source) == ("fast", renamed.label, "b.mcap")
+    assert failure.cause is CRASHED.cause
+
+
 @pytest.mark.parametrize("removed", ["seed", "fault", "repeat"])
 def test_a_failed_job_cannot_be_removed_from_a_suite(removed: str, tmp_path: Path) -> None:
     """All seeds of a scenario have one path, and a fault or a repeat has the path of the source without it."""
