@@ -367,7 +367,7 @@ MUTATIONS = (
     Mutation("child_process.py", 'not name.startswith("LD_") or name', "True or name"),
     # a search: a run that fails is not a worst case, but a lost drive is
     Mutation("suite/search/search.py", "if self._store.state(job) is JobState.FAILED]:", "if False]:"),
-    Mutation("suite/search/search.py", "WITHOUT_FIGURE if ratio is None else ratio", "2.0 if ratio is None else ratio"),
+    Mutation("suite/search/search.py", "jobs), key=badness_of)", "jobs), key=lambda ratio: ratio or 0.0)"),
     # copies of a drive count as one drive
     Mutation(DRIVES, "MAX_BREAK_S = 10.0", "MAX_BREAK_S = 100.0"),
     Mutation(DRIVES, "MAX_BREAK_S = 10.0", "MAX_BREAK_S = 1.0"),

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.report.page import render_overview
 from sfr_loc_map.report.plots import Plot, axis, colour_bar, log_axis, marks, plain, span
 from sfr_loc_map.report.summary import Banner
-from sfr_loc_map.suite.search.record import CoverageRecord, PointRecord, SearchRecord
+from sfr_loc_map.suite.search.record import CoverageRecord, SearchRecord, badness_of
 from sfr_loc_map.tables.model import ABSENT, Cell, Column, Table
 
 WORST_SHOWN = 20  #: Maximum number of points in the table of the worst points.
@@ -24,21 +23,21 @@ def search_tables(record: SearchRecord) -> list[Table]:
 
 def case_table(record: SearchRecord) -> Table:
     """Return the ranges of the parameters, and their values in the usual scenario, the worst point and the case."""
-    columns = ("parameter", "low", "high", "usual", "worst point", "reduced case", "rank correlation")
+    columns = ("parameter", "low", "high", "usual", "worst point", "reduced case")
     heads = tuple(Column(title, words=title == "parameter") for title in columns)
     cases = (record.usual, record.found, record.case)
     rows = []
-    for parameter, correlation in zip(record.parameters, record.correlations, strict=True):
+    for parameter in record.parameters:
         of_cases = (case.point.get(parameter.name) for case in cases)
-        values = (parameter.low, parameter.high, *of_cases, correlation)
+        values = (parameter.low, parameter.high, *of_cases)
         rows.append((Cell.head(parameter.name), *map(Cell.number, values)))
     ratios = (_ratio(case.ratio) for case in cases)
-    rows.append((Cell.head("figure over limit"), *[Cell(ABSENT)] * 2, *ratios, Cell(ABSENT)))
+    rows.append((Cell.head("figure over limit"), *[Cell(ABSENT)] * 2, *ratios))
     note = (
         f"{record.title}: limit {record.limit:g}. {len(record.points)} points were searched. The reduced case is "
         "the worst point with those changes removed or made smaller without which the limit is still missed. Further "
         "points were run to reduce the case and to compute the slices. A drive without the figure counts as worse than "
-        "any drive with the figure. Rank correlation: between the parameter and the ratio, over all searched points."
+        "any drive with the figure."
     )
     return Table("case", "Worst case", heads, tuple(rows), note)
 
@@ -50,17 +49,12 @@ def _ratio(ratio: float | None) -> Cell:
 def _points_table(record: SearchRecord) -> Table:
     names = [parameter.name for parameter in record.parameters]
     heads = (Column("point"), Column("figure over limit"), *map(Column, names))
-    numbered = sorted(enumerate(record.points, 1), key=lambda item: _badness(item[1]), reverse=True)
+    numbered = sorted(enumerate(record.points, 1), key=lambda item: badness_of(item[1].ratio), reverse=True)
     rows = tuple(
         (Cell.number(number), _ratio(item.ratio), *(Cell.number(item.point[name]) for name in names))
         for number, item in numbered[:WORST_SHOWN]
     )
     return Table("points", "Points with the smallest margin", heads, rows)
-
-
-def _badness(point: PointRecord) -> float:
-    """Return the ratio; infinite for a drive without the figure, which is worse than any drive with the figure."""
-    return math.inf if point.ratio is None else point.ratio
 
 
 def _coverage_tables(coverage: Sequence[CoverageRecord]) -> list[Table]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import msgspec
 
 from sfr_loc_map.metrics.conditions import label_of
@@ -10,6 +13,8 @@ from sfr_loc_map.metrics.figures.catalogue import statistic_title, title_of
 SCHEMA = "sfr-search/2"
 LOST_RATIO = 2.0
 """Smallest ratio that is shown, and reported to the sampler, for a drive without the figure. Its ratio is unknown."""
+DIGITS = 6  #: Significant digits of the value of a parameter, unless its range is narrow.
+DIGITS_OF_FLOAT = 17  #: Significant digits that identify a float64.
 
 
 class PointRecord(msgspec.Struct, frozen=True):
@@ -22,18 +27,39 @@ class PointRecord(msgspec.Struct, frozen=True):
     @property
     def fails(self) -> bool:
         """Whether the limit is missed."""
-        return self.ratio is None or self.ratio > 1.0
+        return badness_of(self.ratio) > 1.0
 
 
-class ParameterRecord(msgspec.Struct, frozen=True):
-    """A parameter of a search with its range."""
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of the scenario, or the amount of a fault, with its range."""
 
-    name: str
+    name: str  #: Dotted name of a setting, or a name for the fault.
     low: float
     high: float
-    usual: float
-    fault: str = ""
-    is_whole: bool = False
+    usual: float  #: Value in the scenario, or the amount at which the fault has no effect.
+    fault: str = ""  #: The fault without its amount; empty for a setting.
+    is_whole: bool = False  #: Whether values are integers.
+
+    @property
+    def section(self) -> str:
+        """Section of the scenario that has the parameter, or `faults`."""
+        return "faults" if self.fault else self.name.partition(".")[0]
+
+    @property
+    def digits(self) -> int:
+        """Number of significant digits of the values: 6, and more if the range is narrow relative to its bounds."""
+        largest = max(abs(self.low), abs(self.high))
+        decades = math.log10(largest) - math.log10(self.high - self.low)
+        return min(DIGITS + max(0, math.floor(decades)), DIGITS_OF_FLOAT)
+
+    def rounded(self, value: float) -> float:
+        """Return a value as the scenario uses it: an integer, or a number with `digits` significant digits."""
+        return float(round(value)) if self.is_whole else float(f"{value:.{self.digits}g}")
+
+    def drawn(self, value: float) -> float:
+        """Return a rounded value within the range."""
+        return min(max(self.rounded(value), self.low), self.high)
 
 
 class LeftOutRecord(msgspec.Struct, frozen=True):
@@ -71,7 +97,7 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema"
     condition: str
     limit: float
     lost_ratio: float = LOST_RATIO  #: Ratio at which a drive without the figure is shown: at least the largest ratio.
-    parameters: list[ParameterRecord]
+    parameters: list[Parameter]
     points: list[PointRecord]  #: Points of the search with a result, in the order of the search.
     left_out: list[LeftOutRecord] = []  #: Points whose scenario cannot be run. They do not count as misses.
     usual: PointRecord  #: The unchanged scenario.
@@ -79,7 +105,6 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema"
     case: PointRecord  #: The reduced case: the worst point with changes removed or made smaller.
     slices: list[SliceRecord] = []
     coverage: list[CoverageRecord] = []
-    correlations: list[float]  #: Rank correlation of each parameter with the ratio.
 
     @property
     def title(self) -> str:
@@ -95,6 +120,11 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema"
     def until_first_miss(self) -> int | None:
         """Number of points up to the first miss; None without a miss."""
         return next((number for number, item in enumerate(self.points, 1) if item.fails), None)
+
+
+def badness_of(ratio: float | None) -> float:
+    """Return the value by which ratios are compared. A drive without the figure, such as a lost drive, is the worst."""
+    return math.inf if ratio is None else ratio
 
 
 def ratio_text(ratio: float | None) -> str:

@@ -7,9 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
-import msgspec
 import yaml
-from msgspec.structs import replace
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError
@@ -22,25 +20,17 @@ from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobState
 from sfr_loc_map.suite.running.plan import Plan
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.search.record import (
-    LOST_RATIO,
-    LeftOutRecord,
-    ParameterRecord,
-    PointRecord,
-    SearchRecord,
-    ratio_text,
-)
+from sfr_loc_map.suite.search.record import LeftOutRecord, PointRecord, SearchRecord, badness_of, ratio_text
 from sfr_loc_map.suite.search.specification import WITHOUT_EFFECT, Point, SearchSettings, SearchSpecification
 from sfr_loc_map.suite.search.worst_case import (
-    WITHOUT_FIGURE,
     RandomChooser,
     TreeChooser,
     TriedPoint,
     coverage_of,
-    rank_correlations,
+    lost_ratio_of,
     reduced,
-    search_worst,
     slices_of,
+    tried_points,
 )
 
 _log = logging.getLogger(__name__)
@@ -76,8 +66,8 @@ class _Points:
         self.left_out: dict[Point, str] = {}
         self._specification, self._store, self._run_waiting_jobs = specification, store, run_waiting_jobs
 
-    def evaluate(self, points: Sequence[Point]) -> list[float | None]:
-        """Return the largest ratio of the jobs of each point, None if its scenario cannot be run."""
+    def evaluate(self, points: Sequence[Point]) -> list[TriedPoint]:
+        """Run points, and return them with their results. The ratio of a point is that of its worst seed."""
         jobs = {point: self._specification.jobs_at(point) for point in points}
         by_key = {job.key: job for of_point in jobs.values() for job in of_point}
         self.planned |= by_key
@@ -85,22 +75,21 @@ class _Points:
         if waiting:
             self._run_waiting_jobs(waiting)
         _check_host(self._store, [job for of_point in jobs.values() for job in of_point])
-        return [self._ratio_at(point, jobs[point]) for point in points]
+        return [self._tried(point, jobs[point]) for point in points]
 
-    def _ratio_at(self, point: Point, jobs: Sequence[Job]) -> float | None:
+    def _tried(self, point: Point, jobs: Sequence[Job]) -> TriedPoint:
         if refused := [job for job in jobs if self._store.state(job) is JobState.FAILED]:
             self.left_out[point] = one_line(self._store.failure(refused[0]).message)
-            return None
-        return max(self._ratio_of(job) for job in jobs)
+            return TriedPoint(point, refusal=self.left_out[point])
+        return TriedPoint(point, max(map(self._ratio_of, jobs), key=badness_of))
 
-    def _ratio_of(self, job: Job) -> float:
-        """Return the ratio of a job; `WITHOUT_FIGURE` if its drive lacks the figure."""
-        ratio = self._specification.ratio_of(self._store.score(job))
-        return WITHOUT_FIGURE if ratio is None else ratio
+    def _ratio_of(self, job: Job) -> float | None:
+        return self._specification.ratio_of(self._store.score(job))
 
     def worst_seed(self, point: Point) -> int:
         """Return the seed with the largest ratio at a point that was run."""
-        return max(self._specification.jobs_at(point), key=self._ratio_of).seed
+        jobs = self._specification.jobs_at(point)
+        return max(jobs, key=lambda job: badness_of(self._ratio_of(job))).seed
 
 
 def _search(specification: SearchSpecification, points: _Points, *, at_random: bool) -> FoundCase:
@@ -108,14 +97,15 @@ def _search(specification: SearchSpecification, points: _Points, *, at_random: b
     parameters = specification.parameters
     chooser = RandomChooser(parameters, chosen.seed) if at_random else TreeChooser(parameters, chosen.seed)
     usual = _usual_point(specification, points)
-    tried = list(search_worst(chooser, points.evaluate, chosen.points, chosen.batch))
+    searched = [*tried_points(chooser, points.evaluate, chosen.points, chosen.batch)]
+    tried = [item for item in searched if not item.refusal]
     if not tried:
-        last_reason = [*points.left_out.values()][-1]
+        last_reason = searched[-1].refusal
         raise InputError(f"{specification.path}: no point can be run; reason for the last point: {last_reason}")
-    found = max([usual, *tried], key=lambda item: item.ratio)
+    found = max([usual, *tried], key=lambda item: item.badness)
     case = reduced(found, parameters, points.evaluate)
-    slices = slices_of(parameters, case, tried, chosen.slices, points.evaluate) if chosen.slices else []
-    largest = max([LOST_RATIO, *(item.ratio for item in tried if not item.is_lost)])
+    lost_ratio = lost_ratio_of(tried)
+    slices = slices_of(parameters, case, chosen.slices, points.evaluate, lost_ratio) if chosen.slices else []
     record = SearchRecord(
         version=__version__,
         search=str(specification.path),
@@ -123,16 +113,15 @@ def _search(specification: SearchSpecification, points: _Points, *, at_random: b
         statistic=chosen.statistic,
         condition=chosen.condition,
         limit=chosen.limit,
-        lost_ratio=largest,
-        parameters=msgspec.convert(to_plain(parameters), list[ParameterRecord]),
+        lost_ratio=lost_ratio,
+        parameters=list(parameters),
         points=[_recorded(specification, item) for item in tried],
         left_out=[LeftOutRecord(specification.named(point), reason) for point, reason in points.left_out.items()],
         usual=_recorded(specification, usual),
         found=_recorded(specification, found),
         case=_recorded(specification, case),
-        slices=[replace(cut, ratios=_limited(cut.ratios, largest)) for cut in slices],
+        slices=slices,
         coverage=coverage_of(parameters, [item.point for item in tried]),
-        correlations=rank_correlations(tried, len(parameters)),
     )
     return FoundCase(record, case_file(specification, case, points.worst_seed(case.point)))
 
@@ -140,12 +129,10 @@ def _search(specification: SearchSpecification, points: _Points, *, at_random: b
 def _usual_point(specification: SearchSpecification, points: _Points) -> TriedPoint:
     """Run the unchanged scenario; InputError if it cannot be run, or if its drive lacks the figure."""
     chosen = specification.settings
-    (ratio,) = points.evaluate([specification.usual])
-    if ratio is None:
-        reason = points.left_out[specification.usual]
-        raise InputError(f"{specification.path}: the unchanged scenario cannot be run: {reason}")
-    usual = TriedPoint(specification.usual, ratio)
-    if usual.is_lost:
+    (usual,) = points.evaluate([specification.usual])
+    if usual.refusal:
+        raise InputError(f"{specification.path}: the unchanged scenario cannot be run: {usual.refusal}")
+    if usual.ratio is None:
         raise InputError(
             f"{specification.path}: the unchanged scenario has no {chosen.figure} {chosen.statistic} over "
             f"{chosen.condition}; choose a figure and a condition that its drive has"
@@ -155,12 +142,7 @@ def _usual_point(specification: SearchSpecification, points: _Points) -> TriedPo
 
 def _recorded(specification: SearchSpecification, item: TriedPoint) -> PointRecord:
     jobs = [job.key for job in specification.jobs_at(item.point)]
-    return PointRecord(None if item.is_lost else item.ratio, specification.named(item.point), jobs)
-
-
-def _limited(rows: Sequence[Sequence[float | None]], largest: float) -> list[list[float | None]]:
-    """Return the ratios of a slice, of which those without the figure become the largest ratio of the search."""
-    return [[None if ratio is None else min(ratio, largest) for ratio in row] for row in rows]
+    return PointRecord(item.ratio, specification.named(item.point), jobs)
 
 
 def _is_open(store: Store, job: Job) -> bool:
@@ -207,7 +189,7 @@ def case_file(specification: SearchSpecification, case: TriedPoint, seed: int) -
             f"{chosen.figure}{f', part {chosen.part}' if chosen.part else ''}, so {CASE} repeats the case without a "
             "verdict"
         )
-    ratio = ratio_text(None if case.is_lost else case.ratio)
+    ratio = ratio_text(case.ratio)
     head = f"# Found by a search for {chosen.figure} {chosen.statistic}, limit {chosen.limit:g}: {ratio}.\n"
     return head + yaml.safe_dump(content, sort_keys=False)
 

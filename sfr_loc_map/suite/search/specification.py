@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,11 +26,10 @@ from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.source_entries import changed_scenario, scenario_settings, simulation_of
 from sfr_loc_map.suite.running.specification import SuiteSettings, check_keys
+from sfr_loc_map.suite.search.record import Parameter
 
 Point = tuple[float, ...]
 """Values of the parameters of a search, in the order of the file."""
-DIGITS = 6  #: Significant digits of the value of a parameter, unless its range is narrow.
-DIGITS_OF_FLOAT = 17  #: Significant digits that identify a float64.
 CHOICES = (*STATISTICS, "value")  #: Statistics that a search accepts.
 SUBJECTS = (Subject.TRAJECTORY, Subject.TIMING, Subject.MEMORY, Subject.COMPLETENESS, Subject.CONSISTENCY)
 """Subjects of the figures that the score of a localised drive can have."""
@@ -47,38 +45,6 @@ STRUCTURED = ("scenario", "set", "ranges", "seeds", "running")
 """Keys of a search that are not scalar settings."""
 WITHOUT_EFFECT = ("repeats", "stop_when_decided", "order_seed", "nominal")
 """Settings of a suite that a search rejects, because they would have no effect."""
-
-
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """A parameter of the scenario, or the amount of a fault, with its range."""
-
-    name: str  #: Dotted name of a setting, or a name for the fault.
-    low: float
-    high: float
-    usual: float  #: Value in the scenario, or the amount at which the fault has no effect.
-    fault: str = ""  #: The fault without its amount; empty for a setting.
-    is_whole: bool = False  #: Whether values are integers.
-
-    @property
-    def group(self) -> str:
-        """Group of the parameter: `faults`, or the section of the scenario."""
-        return "faults" if self.fault else self.name.partition(".")[0]
-
-    @property
-    def digits(self) -> int:
-        """Number of significant digits of the values: 6, and more if the range is narrow relative to its bounds."""
-        largest = max(abs(self.low), abs(self.high))
-        decades = math.log10(largest) - math.log10(self.high - self.low)
-        return min(DIGITS + max(0, math.floor(decades)), DIGITS_OF_FLOAT)
-
-    def rounded(self, value: float) -> float:
-        """Return a value as the scenario uses it: an integer, or a number with `digits` significant digits."""
-        return float(round(value)) if self.is_whole else float(f"{value:.{self.digits}g}")
-
-    def drawn(self, value: float) -> float:
-        """Return a rounded value within the range."""
-        return min(max(self.rounded(value), self.low), self.high)
 
 
 @dataclass(frozen=True, slots=True)

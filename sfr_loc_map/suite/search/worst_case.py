@@ -6,7 +6,6 @@ continued, because points with results are not run again.
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -14,30 +13,45 @@ from itertools import combinations, product
 from typing import Protocol
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from sfr_loc_map.errors import MissingExtraError
-from sfr_loc_map.suite.search.record import LOST_RATIO, CoverageRecord, SliceRecord
-from sfr_loc_map.suite.search.specification import Parameter, Point
+from sfr_loc_map.suite.search.record import LOST_RATIO, CoverageRecord, Parameter, SliceRecord, badness_of
+from sfr_loc_map.suite.search.specification import Point
 
-WITHOUT_FIGURE = math.inf
-"""Ratio of a drive that lacks the figure, for example a lost drive: worse than any drive that has the figure."""
 BISECTIONS = 4  #: Number of bisections between the usual value and the found value.
 CELLS = 3  #: Number of cells per range in the coverage.
 MAX_SLICED = 3  #: Maximum number of parameters that are combined into slices.
-Evaluate = Callable[[Sequence[Point]], Sequence[float | None]]
-"""Runs points and returns the ratio of each: the figure of the worst seed divided by the limit; `WITHOUT_FIGURE` if a
-drive lacks the figure; None if the scenario cannot be run."""
+
+
+@dataclass(frozen=True, slots=True)
+class TriedPoint:
+    """A point with its result."""
+
+    point: Point
+    #: Figure of the worst seed divided by the limit; None if a drive lacks the figure, or if there is a refusal.
+    ratio: float | None = None
+    refusal: str = ""  #: Why the scenario cannot be run; empty if it was run.
+
+    @property
+    def badness(self) -> float:
+        """The value by which points are compared. A point that cannot be run is better than any other."""
+        return -np.inf if self.refusal else badness_of(self.ratio)
+
+    @property
+    def fails(self) -> bool:
+        """Whether the limit is missed."""
+        return self.badness > 1.0
+
+
+Evaluate = Callable[[Sequence[Point]], Sequence[TriedPoint]]
+"""Runs points, and returns them with their results in the same order."""
 
 
 class Chooser(Protocol):
-    """Chooses points, informed by the ratios of earlier points."""
+    """Chooses points, informed by the results of earlier points."""
 
-    def ask(self, count: int) -> list[Point]:
-        """Return the next points."""
-
-    def tell(self, points: Sequence[Point], ratios: Sequence[float | None]) -> None:
-        """Add the ratios of the last points, in their order; None for a point without a result."""
+    def run_batch(self, count: int, evaluate: Evaluate) -> Sequence[TriedPoint]:
+        """Choose a number of points, run them, and return their results."""
 
 
 class RandomChooser:
@@ -47,7 +61,7 @@ class RandomChooser:
         self._parameters = parameters
         self._rng = np.random.default_rng(seed)
 
-    def ask(self, count: int) -> list[Point]:
+    def points(self, count: int) -> list[Point]:
         """Return uniform points."""
         drawn = self._rng.random((count, len(self._parameters)))
         return [
@@ -58,8 +72,9 @@ class RandomChooser:
             for row in drawn
         ]
 
-    def tell(self, points: Sequence[Point], ratios: Sequence[float | None]) -> None:
-        """Ignore the ratios."""
+    def run_batch(self, count: int, evaluate: Evaluate) -> Sequence[TriedPoint]:
+        """Run uniform points, and return their results."""
+        return evaluate(self.points(count))
 
 
 class TreeChooser:
@@ -86,62 +101,43 @@ class TreeChooser:
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             sampler = optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True)
         self._study = optuna.create_study(sampler=sampler, direction="maximize")
-        self._asked: list[optuna.trial.Trial] = []
-        self._lost_ratio = LOST_RATIO
+        self._tried: list[TriedPoint] = []
         self._failed = optuna.trial.TrialState.FAIL
 
-    def ask(self, count: int) -> list[Point]:
-        """Return the next points."""
-        self._study.enqueue_trial(self._named(self._uniform.ask(1)[0]))
-        trials = [self._study.ask(self._ranges) for _ in range(count)]
-        self._asked = trials
-        return [
-            tuple(parameter.drawn(trial.params[parameter.name]) for parameter in self._parameters) for trial in trials
-        ]
+    def run_batch(self, count: int, evaluate: Evaluate) -> Sequence[TriedPoint]:
+        """Choose points, run them, report them to the sampler, and return their results.
 
-    def tell(self, points: Sequence[Point], ratios: Sequence[float | None]) -> None:
-        """Add the ratios of the last points; the sampler ignores points without a result.
-
-        The sampler requires finite ratios. A point with the ratio `WITHOUT_FIGURE` is assigned the largest finite ratio
-        so far, which is at least `LOST_RATIO`.
+        The sampler requires finite ratios. A drive without the figure has the ratio of `lost_ratio_of`. The sampler
+        ignores points that cannot be run.
         """
-        known = [ratio for ratio in ratios if ratio is not None and ratio != WITHOUT_FIGURE]
-        self._lost_ratio = max([self._lost_ratio, *known])
-        for trial, ratio in zip(self._asked, ratios, strict=True):
-            finite = None if ratio is None else min(ratio, self._lost_ratio)
-            self._study.tell(trial, finite, state=self._failed if ratio is None else None)
-
-    def _named(self, point: Point) -> dict[str, float]:
-        return {parameter.name: value for parameter, value in zip(self._parameters, point, strict=True)}
-
-
-@dataclass(frozen=True, slots=True)
-class TriedPoint:
-    """A point and its ratio."""
-
-    point: Point
-    ratio: float  #: `WITHOUT_FIGURE` if a drive lacks the figure.
-
-    @property
-    def is_lost(self) -> bool:
-        """Whether a drive lacks the figure."""
-        return self.ratio == WITHOUT_FIGURE
-
-    @property
-    def fails(self) -> bool:
-        """Whether the limit is missed."""
-        return self.ratio > 1.0
+        uniform = zip(self._parameters, self._uniform.points(1)[0], strict=True)
+        self._study.enqueue_trial({parameter.name: value for parameter, value in uniform})
+        trials = [self._study.ask(self._ranges) for _ in range(count)]
+        tried = evaluate(
+            [tuple(parameter.drawn(trial.params[parameter.name]) for parameter in self._parameters) for trial in trials]
+        )
+        self._tried += tried
+        lost_ratio = lost_ratio_of(self._tried)
+        for trial, item in zip(trials, tried, strict=True):
+            if item.refusal:
+                self._study.tell(trial, state=self._failed)
+            else:
+                self._study.tell(trial, min(item.badness, lost_ratio))
+        return tried
 
 
-def search_worst(chooser: Chooser, evaluate: Evaluate, count: int, batch: int) -> Iterator[TriedPoint]:
-    """Yield those of `count` points that have a result, in the order of the search."""
+def lost_ratio_of(tried: Sequence[TriedPoint]) -> float:
+    """Return the ratio that is reported to the sampler, and shown, for a drive without the figure.
+
+    The ratio is the largest ratio of the points, and at least `LOST_RATIO`.
+    """
+    return max([LOST_RATIO, *(item.ratio for item in tried if item.ratio is not None)])
+
+
+def tried_points(chooser: Chooser, evaluate: Evaluate, count: int, batch: int) -> Iterator[TriedPoint]:
+    """Yield `count` points with their results, in the order of the search."""
     for begin in range(0, count, batch):
-        points = chooser.ask(min(batch, count - begin))
-        ratios = evaluate(points)
-        chooser.tell(points, ratios)
-        for point, ratio in zip(points, ratios, strict=True):
-            if ratio is not None:
-                yield TriedPoint(point, ratio)
+        yield from chooser.run_batch(min(batch, count - begin), evaluate)
 
 
 def reduced(found: TriedPoint, parameters: Sequence[Parameter], evaluate: Evaluate) -> TriedPoint:
@@ -156,28 +152,21 @@ def reduced(found: TriedPoint, parameters: Sequence[Parameter], evaluate: Evalua
     case = found
     for index, parameter in enumerate(parameters):
         if case.point[index] != parameter.usual:
-            case = _failing(_with(case.point, index, parameter.usual), evaluate) or case
+            (tried,) = evaluate([_with(case.point, index, parameter.usual)])
+            case = tried if tried.fails else case
     for index, parameter in enumerate(parameters):
         holds, fails = parameter.usual, case.point[index]
         for _ in range(BISECTIONS):
             between = parameter.rounded(0.5 * (holds + fails))
             if between in (holds, fails):
                 break
-            tried = _failing(_with(case.point, index, between), evaluate)
-            if tried is None:
-                holds = between
+            (tried,) = evaluate([_with(case.point, index, between)])
+            if tried.fails:
+                case = tried
+                fails = between
             else:
-                case, fails = tried, between
+                holds = between
     return case
-
-
-def _failing(point: Point, evaluate: Evaluate) -> TriedPoint | None:
-    """Return a point with its ratio if the point misses the limit; None if it meets the limit or has no result."""
-    (ratio,) = evaluate([point])
-    if ratio is None:
-        return None
-    tried = TriedPoint(point, ratio)
-    return tried if tried.fails else None
 
 
 def _with(point: Point, index: int, value: float) -> Point:
@@ -185,15 +174,16 @@ def _with(point: Point, index: int, value: float) -> Point:
 
 
 def slices_of(
-    parameters: Sequence[Parameter], case: TriedPoint, tried: Sequence[TriedPoint], count: int, evaluate: Evaluate
+    parameters: Sequence[Parameter], case: TriedPoint, count: int, evaluate: Evaluate, lost_ratio: float
 ) -> list[SliceRecord]:
-    """Return slices through a case for each pair of the most important parameters."""
+    """Return slices through a case for each pair of `sliced_parameters`. Ratios are at most `lost_ratio`."""
     slices = []
-    for first, second in combinations(most_important(parameters, case, tried), 2):
-        x, y = (_grid(parameters[index], count) for index in (first, second))
-        points = [_with(_with(case.point, first, at_x), second, at_y) for at_y, at_x in product(y, x)]
-        ratios = evaluate(points)
-        rows = [list(ratios[begin : begin + len(x)]) for begin in range(0, len(ratios), len(x))]
+    for first, second in combinations(sliced_parameters(parameters, case), 2):
+        x = _grid(parameters[first], count)
+        y = _grid(parameters[second], count)
+        tried = evaluate([_with(_with(case.point, first, at_x), second, at_y) for at_y, at_x in product(y, x)])
+        ratios = [None if item.refusal else min(item.badness, lost_ratio) for item in tried]
+        rows = [ratios[begin : begin + len(x)] for begin in range(0, len(ratios), len(x))]
         slices.append(SliceRecord(first, second, list(x), list(y), rows))
     return slices
 
@@ -203,33 +193,19 @@ def _grid(parameter: Parameter, count: int) -> tuple[float, ...]:
     return tuple(dict.fromkeys(values))
 
 
-def most_important(parameters: Sequence[Parameter], case: TriedPoint, tried: Sequence[TriedPoint]) -> list[int]:
-    """Return at most three parameters: first those that the case changes, then those most correlated with the ratio."""
-    usual = [parameter.usual for parameter in parameters]
-    correlations = rank_correlations(tried, len(parameters))
-    order = sorted(
-        range(len(parameters)), key=lambda index: (case.point[index] == usual[index], -abs(correlations[index]))
-    )
+def sliced_parameters(parameters: Sequence[Parameter], case: TriedPoint) -> list[int]:
+    """Return at most three parameters: first those that the case changes, then the others in the order of the file."""
+    numbers = range(len(parameters))
+    order = sorted(numbers, key=lambda index: case.point[index] == parameters[index].usual)
     return sorted(order[:MAX_SLICED])
 
 
-def rank_correlations(tried: Sequence[TriedPoint], count: int) -> list[float]:
-    """Return Spearman's rank correlation of each parameter with the ratio; 0 if undefined."""
-    ratios = [item.ratio for item in tried]
-    found = []
-    for index in range(count):
-        values = [item.point[index] for item in tried]
-        is_defined = len(set(values)) > 1 and len(set(ratios)) > 1
-        found.append(float(spearmanr(values, ratios).statistic) if is_defined else 0.0)
-    return found
-
-
 def coverage_of(parameters: Sequence[Parameter], points: Sequence[Point]) -> list[CoverageRecord]:
-    """Return the coverage of each combination of parameters, one from each of the first three groups."""
-    groups: dict[str, list[int]] = {}
+    """Return the coverage of each combination of parameters, one from each of the first three sections."""
+    sections: dict[str, list[int]] = {}
     for index, parameter in enumerate(parameters):
-        groups.setdefault(parameter.group, []).append(index)
-    chosen = list(groups.values())[:3]
+        sections.setdefault(parameter.section, []).append(index)
+    chosen = list(sections.values())[:3]
     return [_combination([parameters[index] for index in indices], indices, points) for indices in product(*chosen)]
 
 

@@ -79,7 +79,7 @@ def search_file(folder: Path, *ratios: float) -> Path:
     points = [{"ratio": ratio, "point": {"light": 10.0 * ratio}} for ratio in ratios]
     worst = max(points, key=lambda item: item["ratio"])
     content = {"schema": "sfr-search/2", "figure": "position", "statistic": "mean_plus_3sigma", "limit": 0.1}
-    content |= {"condition": "distance=5", "correlations": [1.0]}
+    content |= {"condition": "distance=5"}
     content |= {"parameters": [{"name": "light", "low": 1.0, "high": 60.0, "usual": 5.0}]}
     return write(
         folder / "search.json", content | {"points": points, "usual": points[0], "found": worst, "case": worst}
@@ -118,7 +118,7 @@ def test_evidence_is_in_the_order_of_a_review_with_its_open_points(tmp_path: Pat
     assert "1.5 times" in search
     _, overlap = found[0].tables
     assert overlap.rows[0][3].value == 0.0125
-    assert [cell.value for cell in found[2].tables[0].rows[0]] == [None, 1.0, 60.0, 5.0, 15.0, 15.0, 1.0]
+    assert [cell.value for cell in found[2].tables[0].rows[0]] == [None, 1.0, 60.0, 5.0, 15.0, 15.0]
 
 
 def test_evidence_without_a_problem_leaves_no_point_open(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from sfr_loc_map.suite.running.specification import load_specification
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.search.search import case_file, find_worst_case
 from sfr_loc_map.suite.search.specification import SearchSpecification, load_search
-from sfr_loc_map.suite.search.worst_case import BISECTIONS, WITHOUT_FIGURE, TriedPoint
+from sfr_loc_map.suite.search.worst_case import BISECTIONS, TriedPoint
 
 pytest.importorskip("optuna")
 ASSOCIATION = Association(matched=100, estimate_poses=100, truth_poses=100)
@@ -280,7 +280,7 @@ def test_a_lost_drive_is_a_miss(specification: SearchSpecification, tmp_path: Pa
     assert not record.left_out
     assert record.found.ratio is None
     assert record.found.fails
-    lost = TriedPoint(specification.usual, WITHOUT_FIGURE)
+    lost = TriedPoint(specification.usual)
     assert "a drive without the figure" in case_file(specification, lost, 1)
     assert "no figure" in render_search(record)
 
