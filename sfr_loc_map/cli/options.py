@@ -252,7 +252,8 @@ def method_under_test(
 
     MethodError if there is no such method. ConfigError if an option does not apply to the method.
     """
-    from sfr_loc_map.methods.registry import EXTERNAL, MethodLimits, config_text, find_method
+    from sfr_loc_map.methods.registry import MethodLimits, config_text, find_method
+    from sfr_loc_map.metrics.figures.records import MethodKind
     from sfr_loc_map.runs.under_test import UnderTest
 
     if name == OURS:
@@ -263,7 +264,7 @@ def method_under_test(
     called = {"call_timeout_s": "--call-timeout", "memory_mb": "--memory-limit"}
     limits = build(MethodLimits, values, origin="", called=called)
     refuse_given(context, OF_OUR_METHOD[task], f"applies to our method: omit it with --method {name}")
-    if name == EXTERNAL:
+    if name == MethodKind.EXTERNAL:
         raise ConfigError("'--method external': a node is scored by sfr replay SRC --external TASK")
     return UnderTest(find_method(name, task, config_text(config)), limits, hidden=source.truth_paths())
 

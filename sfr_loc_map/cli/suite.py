@@ -280,7 +280,7 @@ def history(
     from sfr_loc_map.suite.history.history import find_changes
     from sfr_loc_map.suite.history.night import Night, check_order
     from sfr_loc_map.suite.pages.page import render_history
-    from sfr_loc_map.suite.pages.tables import history_tables
+    from sfr_loc_map.suite.pages.tables import history_table
 
     propose("sfr report A B", why="compares two of these runs in full")
     check_suffix(html, HTML_SUFFIXES)
@@ -291,7 +291,7 @@ def history(
     if html is not None:
         with secondary_output():
             write_text(render_history(result), html)
-    show(result.to_dict(), json_path, history_tables(result))
+    show(result.to_dict(), json_path, [history_table(result)])
     for change in result.worse:
         say(change.text, err=True)
     for label in result.without_result:

@@ -25,7 +25,6 @@ from sfr_loc_map.suite_names import OURS, Task
 
 ADAPTERS = Path(__file__).parent / "adapters"
 CHILD = Path(__file__).parent / "child"
-EXTERNAL = "external"
 OURS_IN_TABLES = "ours"  #: Name of our method in the tables and files of a comparison.
 LIBRARY_PREFIX = "lib:"
 CLASS_ADAPTER, LIBRARY_ADAPTER = "python_class.py", "c_library.py"

@@ -25,7 +25,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.statistics.intervals import Interval
 from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.suite.history.night import Night, with_figures_of_other_nights
+from sfr_loc_map.suite.history.night import Night
 from sfr_loc_map.suite.history.night_changes import FoundChange, changes_of
 from sfr_loc_map.suite.history.night_comparison import (
     MIN_JOBS_OF_SCATTER,
@@ -36,7 +36,6 @@ from sfr_loc_map.suite.history.night_comparison import (
     known_mean,
 )
 from sfr_loc_map.suite.running.job import PairKey, have_one_configuration
-from sfr_loc_map.suite.statistics.common_deviations import without_numbers
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
 
 FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and jobs.
@@ -96,14 +95,6 @@ class Change:
         return shlex.join(("sfr", "report", self.before_night, self.night))
 
 
-@dataclass(frozen=True, slots=True)
-class DeviationOfNights:
-    """A deviation of results in one or more nights. Sentences that differ only in numbers are one deviation."""
-
-    text: str  #: The deviation in the last of these nights.
-    nights: tuple[str, ...]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
     """The nights of a suite, in chronological order, with the detected changes."""
@@ -116,7 +107,6 @@ class History:
     #: Number of figures of the last night whose scatter is known, without the fraction of jobs without a result.
     tested: int
     without_result: tuple[str, ...]  #: Planned jobs and sources of the last night that have no result.
-    deviations: tuple[DeviationOfNights, ...]  #: Deviations of the results of all nights.
 
     @property
     def shortage(self) -> str:
@@ -153,7 +143,6 @@ def find_changes(nights: Sequence[Night]) -> History:
         raise MetricsError(f"a history requires at least two suites, found {len(nights)}: give several folders")
     if have_one_configuration(night.labels for night in nights):
         nights = [night.without_configurations() for night in nights]
-    nights = with_figures_of_other_nights(nights)
     keys = list(dict.fromkeys(key for night in nights for key in night.labels))
     if not keys:
         raise InputError(f"none of the {len(nights)} suites has a result: give folders of finished suites")
@@ -181,17 +170,7 @@ def find_changes(nights: Sequence[Night]) -> History:
         figures=series,
         tested=tested,
         without_result=nights[-1].without_result,
-        deviations=_deviations_of(nights),
     )
-
-
-def _deviations_of(nights: Sequence[Night]) -> tuple[DeviationOfNights, ...]:
-    found: dict[str, DeviationOfNights] = {}
-    for night in nights:
-        for kind, text in {without_numbers(text): text for text in night.deviations}.items():
-            earlier = found[kind].nights if kind in found else ()
-            found[kind] = DeviationOfNights(text, (*earlier, night.name))
-    return tuple(found.values())
 
 
 def _means_of_nights(values: FloatArray, scale: Scale) -> tuple[float | None, ...]:

@@ -15,7 +15,6 @@ from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.metrics.stored.score_json import from_plain
 from sfr_loc_map.suite.running.job import PairKey
 from sfr_loc_map.suite.running.specification import Refusal
-from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
 from sfr_loc_map.suite.statistics.summary import SCHEMA
 
@@ -47,8 +46,7 @@ class SuiteFile(msgspec.Struct, frozen=True, kw_only=True):
     time: str | None = None
     refusals: list[Refusal] = []
     waiting_jobs: list[str] = []
-    deviations: list[CommonDeviation] = []
-    compared_figures: list[ComparedFigure] = []  #: Keys of the figures by their names; empty in earlier versions.
+    compared_figures: list[ComparedFigure]  #: The figure of each kind and displayed name.
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,22 +60,12 @@ class Night:
     figures: Mapping[PairKey, Mapping[ComparedFigure, float]]
     time: str = ""  #: Time of the run, ISO 8601 in UTC; empty if unknown.
     waiting: tuple[str, ...] = ()  #: Labels of the jobs that were not run, and names of the refused sources.
-    deviations: tuple[str, ...] = ()  #: Deviations of the results, as sentences.
 
     @property
     def without_result(self) -> tuple[str, ...]:
         """Labels of the planned jobs without a result, and names of the refused sources."""
         failed = (label for key, label in self.labels.items() if key not in self.figures)
         return (*failed, *self.waiting)
-
-    def is_copy_of(self, other: Night) -> bool:
-        """Return whether two folders have the same night: the same time, commit and values of all figures."""
-        is_same_run = bool(self.time) and (self.time, self.commit) == (other.time, other.commit)
-        return is_same_run and self._values == other._values
-
-    @property
-    def _values(self) -> dict[PairKey, list[float]]:
-        return {key: [*of_job.values()] for key, of_job in self.figures.items()}
 
     @classmethod
     def read(cls, folder: Path) -> Night:
@@ -95,7 +83,6 @@ class Night:
                 figures={job.key: _figures(job, by_name) for job in suite.results},
                 time=suite.time or "",
                 waiting=(*suite.waiting_jobs, *(refusal.name for refusal in suite.refusals)),
-                deviations=tuple(item.text for item in suite.deviations),
             )
 
     def without_configurations(self) -> Night:
@@ -117,35 +104,15 @@ def _suite_file(content: object) -> SuiteFile:
 def _figures(
     job: JobOfNight, by_name: Mapping[tuple[ComparedKind, str], ComparedFigure]
 ) -> dict[ComparedFigure, float]:
-    """Return the figures of a result; ValueError if a value is negative, too large or NaN."""
+    """Return the figures of a result; ValueError for an unknown figure, and for a negative or NaN value."""
     found = {}
     for kind, name, value in job.figures:
         if not 0.0 <= value <= MAX_NUMBER:
             raise ValueError(f"{name} is {value:g}: a number of 0 to {MAX_NUMBER:g} is required")
-        found[by_name.get((kind, name), ComparedFigure.known_by_name(kind, name))] = value
+        if (kind, name) not in by_name:
+            raise ValueError(f"compared_figures does not have {name}")
+        found[by_name[kind, name]] = value
     return found
-
-
-def with_figures_of_other_nights(nights: Sequence[Night]) -> list[Night]:
-    """Return the nights; figures that are known by their names are the figures that have these names in other nights.
-
-    `suite.json` of earlier versions states only the names.
-    """
-    figures = {figure for night in nights for of_job in night.figures.values() for figure in of_job}
-    by_name = {(figure.kind, figure.name): figure for figure in figures if not figure.is_known_by_name}
-
-    def known(figure: ComparedFigure) -> ComparedFigure:
-        return by_name.get((figure.kind, figure.name), figure) if figure.is_known_by_name else figure
-
-    return [
-        replace(
-            night,
-            figures={
-                key: {known(figure): value for figure, value in of_job.items()} for key, of_job in night.figures.items()
-            },
-        )
-        for night in nights
-    ]
 
 
 def check_order(nights: Sequence[Night]) -> None:
@@ -155,7 +122,7 @@ def check_order(nights: Sequence[Night]) -> None:
     """
     places = [Path(night.name).resolve() for night in nights]
     for first, second in combinations(range(len(nights)), 2):
-        if places[first] == places[second] or nights[first].is_copy_of(nights[second]):
+        if places[first] == places[second]:
             raise MetricsError(
                 f"'{nights[first].name}' and '{nights[second].name}' are the same run of the suite: give each run once"
             )

@@ -14,7 +14,7 @@ from sfr_loc_map.report.plots import Plot, Values, axis, error_scale, largest, l
 from sfr_loc_map.report.summary import Banner
 from sfr_loc_map.suite.history.history import History
 from sfr_loc_map.suite.pages.export import write_parquet
-from sfr_loc_map.suite.pages.tables import FIRST_TABLES, PAGES, history_tables, linked, suite_tables
+from sfr_loc_map.suite.pages.tables import FIRST_TABLES, PAGES, history_table, linked, suite_tables
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.budget import Budget
 from sfr_loc_map.suite.statistics.summary import Summary
@@ -107,7 +107,7 @@ def render_history(history: History) -> str:
         layout = {"xaxis": axis("night"), "yaxis": axis(figure)}
         plots.append(Plot(f"history-{number}", figure, caption, [trace], layout))
     banner = Banner.without_verdict(heading, text)
-    return render_overview("History of suites", banner, history_tables(history), [("Figures", plots)])
+    return render_overview("History of suites", banner, [history_table(history)], [("Figures", plots)])
 
 
 def _columns(rows: Sequence[tuple[int, float | None]], factor: float = 1.0) -> list[Values]:

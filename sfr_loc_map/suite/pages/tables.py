@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.figures.subjects import Scope, Subject
 from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_cell
-from sfr_loc_map.suite.history.history import Change, DeviationOfNights, History
+from sfr_loc_map.suite.history.history import Change, History
 from sfr_loc_map.suite.history.night_comparison import MIN_REFERENCE
 from sfr_loc_map.suite.running.job import SHORT_KEY
 from sfr_loc_map.suite.running.job_outcome import WorkerRecord
@@ -471,15 +471,8 @@ HISTORY: tuple[RowColumn[Change], ...] = (
 )
 
 
-DEVIATIONS_OF_NIGHTS: tuple[RowColumn[DeviationOfNights], ...] = (
-    heads("deviation", lambda row: row.text),
-    numbers("runs", lambda row: len(row.nights)),
-    words("last run", lambda row: row.nights[-1]),
-)
-
-
-def history_tables(history: History) -> list[Table]:
-    """Return the tables of a history: every change of a figure, and the deviations of the results."""
+def history_table(history: History) -> Table:
+    """Return the table of a history: every change of a figure."""
     note = (
         f"Runs of the suite (nights): {len(history.nights)}. Before and after: means over the named jobs. Without "
         f"changes, at most one night in {1.0 / history.false_alarm_rate:g} gives an alarm."
@@ -491,11 +484,7 @@ def history_tables(history: History) -> list[Table]:
     if history.shortage:
         note += f" Not judged: {history.shortage}."
     title = "No figure changed" if history.tested and not history.changes else "Changes"
-    changes = table_of("history", title, HISTORY, history.changes, note)
-    if not history.deviations:
-        return [changes]
-    title = "Deviations of the results"
-    return [changes, table_of("deviations", title, DEVIATIONS_OF_NIGHTS, history.deviations)]
+    return table_of("history", title, HISTORY, history.changes, note)
 
 
 NO_NUMBER = "no number"  #: Text if no number of drives is enough.

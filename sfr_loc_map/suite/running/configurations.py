@@ -15,12 +15,11 @@ from sfr_loc_map.configuration.parameters import build, flatten
 from sfr_loc_map.configuration.yaml_file import entries_by_name
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.hashes import hash_path
-from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.methods.isolation import OWN_FILES, own_files_sha256
-from sfr_loc_map.methods.registry import LIBRARY_PREFIX, Method, find_method
+from sfr_loc_map.methods.registry import LIBRARY_PREFIX, Method, config_text, find_method
 from sfr_loc_map.suite.running.digests import cached
 from sfr_loc_map.suite_names import OURS, Task
 
@@ -118,16 +117,13 @@ def _with_masks(parameters: Mapping[str, object], origin: str, folder: Path) -> 
 
 def _method(values: Mapping[str, object], task: Task, folder: Path) -> Configuration:
     """Return the absolute path of a method and the text of its configuration, with the hashes of its files."""
-    spec, text = str(values[METHOD]), ""
+    spec = str(values[METHOD])
     module, _, name = spec.rpartition(":")
     if spec.startswith(LIBRARY_PREFIX):
         spec = f"{LIBRARY_PREFIX}{(folder / spec.removeprefix(LIBRARY_PREFIX)).resolve()}"
     elif module.endswith(".py"):
         spec = f"{(folder / module).resolve()}:{name}"
-    if METHOD_CONFIG in values:
-        path = folder / str(values[METHOD_CONFIG])
-        with refusing(f"cannot read '{path}'", "give the text file with the configuration of the method"):
-            text = read_text(path)
+    text = config_text(folder / str(values[METHOD_CONFIG]) if METHOD_CONFIG in values else None)
     return Configuration({METHOD: spec, METHOD_CONFIG: text}, _files_of_method(find_method(spec, task, text)))
 
 

@@ -82,22 +82,12 @@ def code_fingerprint() -> str:
     return digest(code_facts())[:16]
 
 
-def estimate_hash(estimate: Path, truth: Path) -> str:
-    """Return the hash of an estimate, its truth and its calls. The calls contain findings and lost poses."""
-    return hash_of(files_of_estimate(estimate, truth))
-
-
 def input_hashes(estimate: Path, truth: Path) -> dict[str, str]:
     """Return the hashes of an estimate, its truth and its calls, by their role in the provenance of a score."""
     inputs = ScoreInputs.of(estimate, truth)
     stats = {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
     named = {"estimate": inputs.estimate, "truth": inputs.truth, "cloud": inputs.cloud, "map_truth": inputs.map_truth}
     return {role: cached(file.path, hash_path) for role, file in read_files({**named, **stats}).items()}
-
-
-def files_hash(path: Path) -> str:
-    """Return the hash of a file or folder, of its configuration, and of the files that the configuration names."""
-    return hash_of(files_of_source(path))
 
 
 def hash_of(paths: Sequence[Path]) -> str:
@@ -107,7 +97,10 @@ def hash_of(paths: Sequence[Path]) -> str:
 
 
 def files_of_estimate(estimate: Path, truth: Path) -> tuple[Path, ...]:
-    """Return an estimate, its truth and its calls, each with the files of `files_of_source`."""
+    """Return an estimate, its truth and its calls, each with the files of `files_of_source`.
+
+    The calls contain findings and lost poses.
+    """
     paths = (estimate, truth, *ScoreInputs.of(estimate, truth).stats)
     return tuple(file for path in paths for file in files_of_source(path))
 

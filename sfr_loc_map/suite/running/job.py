@@ -153,7 +153,6 @@ class Job:
     repeat: int  #: Number of the repetition, from 0.
     threads: int  #: Number of threads.
     code: str  #: Fingerprint of the code.
-    order_seed: int = 0  #: Seed of the order of the drives; not an input of the result.
     #: Figures and conditions for which all errors are kept, because their tolerance bound is limited.
     kept_errors: tuple[tuple[str, str], ...] = ()
 
@@ -199,12 +198,8 @@ class Job:
 
     @property
     def drive_key(self) -> str:
-        """Hash that repeats and copies of one drive share. Their errors are not independent.
-
-        With `order_seed` 0 the order of the hashes follows from the data of the drives.
-        """
-        seed = [self.order_seed] if self.order_seed else []
-        return digest([self.task, *self.source.drive_identity, self.faults, *seed])
+        """Hash that repeats and copies of one drive share. Their errors are not independent."""
+        return digest([self.task, *self.source.drive_identity, self.faults])
 
     @property
     def alteration(self) -> str:

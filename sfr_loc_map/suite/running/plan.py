@@ -167,6 +167,5 @@ def _jobs(
                 repeat=repeat,
                 threads=settings.threads,
                 code=code,
-                order_seed=settings.order_seed,
                 kept_errors=specification.kept_errors,
             )

@@ -17,11 +17,10 @@ from sfr_loc_map.metrics.stored.score_json import from_plain, json_line, to_plai
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import (
     code_fingerprint,
-    estimate_hash,
     file_state,
-    files_hash,
     files_of_estimate,
     files_of_source,
+    hash_of,
     input_hashes,
 )
 from sfr_loc_map.suite.running.drive_copies import DriveTrace, trace_of_estimate, trace_of_source
@@ -56,11 +55,11 @@ def inspected(stated: StatedSource, cache: Path) -> InspectedSource:
 def _inspected_estimate(stated: StatedFile) -> InspectedSource:
     path, truth = Path(stated.location), Path(stated.truth)
     state = state_of(files_of_estimate, path, truth)  # before the files are hashed, so that a later change is detected
-    truth_sha256 = files_hash(truth)
+    truth_sha256 = hash_of(files_of_source(truth))
     estimate = Estimate(
         name=stated.name,
         path=stated.location,
-        sha256=estimate_hash(path, truth),
+        sha256=hash_of(files_of_estimate(path, truth)),
         drive=truth_sha256,
         truth=stated.truth,
         truth_sha256=truth_sha256,
@@ -150,4 +149,6 @@ def read_facts(path: Path) -> RecordingFacts:
 
     source = open_source(path)
     pairs, nav_pairs = (0 if part is None else len(part) for part in (source.loc, source.nav))
-    return RecordingFacts(sha256=files_hash(path), pairs=pairs, nav_pairs=nav_pairs, trace=trace_of_source(source))
+    return RecordingFacts(
+        sha256=hash_of(files_of_source(path)), pairs=pairs, nav_pairs=nav_pairs, trace=trace_of_source(source)
+    )

@@ -49,12 +49,6 @@ class SuiteSettings:
     start: str = param("truth", doc="First pose of a drive.", choices=("identity", "truth"))
     repeats: int = param(1, doc="Number of times that each job is run.", low=1, high=1000)
     seed: int = param(0, doc="Seed that selects the pairs that a fault affects.", low=0, high=2**31 - 1)
-    order_seed: int = param(
-        0,
-        doc="Seed of the order in which sequential tests take the drives. 0: order of the hashes of their data.",
-        low=0,
-        high=2**31 - 1,
-    )
     threads: int = param(1, doc="Number of threads of a job.", low=1, high=256)
     memory_mb: int = param(
         4000, unit="MB", doc="Resident memory above which the process of a job is killed.", low=500, high=10**6
@@ -225,8 +219,6 @@ def check(specification: SuiteSpecification) -> None:
     is_sequential = [] if limits is None else [limit.good is not None for limit in limits.limits]
     if settings.stop_when_decided and not (is_sequential and all(is_sequential)):
         raise ConfigError(f"{path}: 'stop_when_decided' has no effect unless every limit has 'good': remove it")
-    if settings.order_seed and not any(is_sequential):
-        raise ConfigError(f"{path}: 'order_seed' has no effect without a limit with 'good': remove it")
     if not specification.budget:
         return
     if limits is not None or specification.perturb or specification.tasks not in ((), (JobTask.LOCALISE,)):

@@ -43,7 +43,7 @@ NOT_OF_A_DRIVE = (
 """Figures of these subjects that require an alignment, a ground truth without heights, maps, or running nodes."""
 STRUCTURED = ("scenario", "set", "ranges", "seeds", "running")
 """Keys of a search that are not scalar settings."""
-WITHOUT_EFFECT = ("repeats", "stop_when_decided", "order_seed", "nominal")
+WITHOUT_EFFECT = ("repeats", "stop_when_decided", "nominal")
 """Settings of a suite that a search rejects, because they would have no effect."""
 
 

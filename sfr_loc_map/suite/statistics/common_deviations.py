@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import msgspec
 from msgspec import Struct
@@ -51,12 +51,6 @@ def _several_items(results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
     """Yield a deviation that names the items under test if the suite does not declare all of them."""
     if items := undeclared_items_in(results):
         text = f"The results come from several items under test or configurations: {', '.join(items)}."
-        yield from deviations_of_all([text], results)
-
-
-def deviations_of_all(sentences: Iterable[str], results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
-    """Yield sentences that are about all results as deviations."""
-    for text in sentences:
         yield CommonDeviation(text=text, results=len(results), of="all results")
 
 

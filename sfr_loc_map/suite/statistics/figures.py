@@ -48,16 +48,6 @@ class ComparedFigure:
     condition: str = ""  #: Condition of its row; empty if it has none.
     part: str = ""  #: Part of its row if the part is not the judged one.
 
-    @classmethod
-    def known_by_name(cls, kind: ComparedKind, name: str) -> ComparedFigure:
-        """Return a figure of which only the displayed name is known."""
-        return cls(kind, name, figure=name, statistic="")
-
-    @property
-    def is_known_by_name(self) -> bool:
-        """Whether only the displayed name is known."""
-        return not self.statistic
-
 
 def figures_of(score: Score) -> dict[ComparedFigure, float]:
     """Return the compared figures that a score has: all counts and errors, and the positive values of other figures.

@@ -21,7 +21,7 @@ from sfr_loc_map.suite.running.job_outcome import JobFailure, JobState, WorkerRe
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.budget import Budget, budgets_of
-from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation, common_deviations, deviations_of_all
+from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation, common_deviations
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, figures_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
 from sfr_loc_map.suite.statistics.groups import Group, are_decided, groups_of, planned_groups_of
@@ -63,7 +63,6 @@ class Summary:
     failures: tuple[JobFailure, ...]
     refusals: tuple[Refusal, ...]
     code: str  #: Fingerprint of the code.
-    order_seed: int = 0  #: Seed of the order in which sequential tests take the drives.
     workers: tuple[WorkerRecord, ...] = ()  #: Workers of all runs of the suite.
     run: Mapping[str, object] = field(default_factory=dict)  #: Commit, branch and date of the code; host and time.
     budgets: tuple[Budget, ...] = ()  #: Error budgets, by configuration and condition.
@@ -139,7 +138,7 @@ class Summary:
         named = ("verdict", *rows)
         parts = {name: to_plain(getattr(self, name)) for name in named}
         parts["waiting_jobs"] = [] if self.is_decided else list(self.waiting_jobs)
-        head = {"schema": SCHEMA, "version": __version__, "code": self.code, "order_seed": self.order_seed}
+        head = {"schema": SCHEMA, "version": __version__, "code": self.code}
         head["counts"] = to_plain(self.counts)
         parts["compared_figures"] = to_plain(self.compared_figures)
         return {**head, **self.run, **parts, "results": [result.to_dict() for result in self.results]}
@@ -160,7 +159,6 @@ def summarise(store: Store, reader: ResultReader | None = None) -> Summary:
         in_state[store.state(job)].append(job)
     results = reader.results_of(in_state[JobState.DONE])
     unfinished = [*in_state[JobState.FAILED], *in_state[JobState.WAITING]]
-    order_seed = jobs[0].order_seed if jobs else 0
     return Summary(
         jobs=len(jobs),
         waiting=len(in_state[JobState.WAITING]),
@@ -169,7 +167,6 @@ def summarise(store: Store, reader: ResultReader | None = None) -> Summary:
         failures=tuple(store.failure(job) for job in in_state[JobState.FAILED]),
         refusals=(*plan.refusals, *store.left_over()),
         code=jobs[0].code if jobs else "",
-        order_seed=order_seed,
         workers=store.workers(),
         run=msgspec.to_builtins(plan.run),
         budgets=tuple(budgets_of(results, jobs)),
@@ -177,7 +174,7 @@ def summarise(store: Store, reader: ResultReader | None = None) -> Summary:
         planned_groups=planned_groups_of(jobs),
         copies=tuple(copies_in(jobs)),
         replaced_truths=replaced_truths_in(results),
-        deviations=(*deviations_of_all(_chosen_order(order_seed), results), *common_deviations(results)),
+        deviations=common_deviations(results),
         limits=limits,
     )
 
@@ -200,12 +197,3 @@ def replaced_truths_in(results: Sequence[ScoredJob]) -> tuple[ReplacedTruth, ...
         if file is not None:
             found[ReplacedTruth(result.job.source.name, file.path)] = None
     return tuple(found)
-
-
-def _chosen_order(order_seed: int) -> Iterator[str]:
-    """Yield a sentence if the order of the drives was chosen, because the verdict can depend on the order."""
-    if order_seed:
-        yield (
-            f"The order in which sequential tests take the drives was chosen: order_seed {order_seed}, default 0. "
-            "The verdict can depend on this order. It is unknown whether the seed was chosen before the results."
-        )

@@ -14,7 +14,7 @@ def test_data_that_differ_have_other_digests(tmp_path: Path) -> None:
     found = []
     for text in ("left", "LEFT", "left"):
         (tmp_path / "left.png").write_text(text)
-        found.append(digests.files_hash(tmp_path))
+        found.append(digests.hash_of(digests.files_of_source(tmp_path)))
     assert found[0] == found[2]
     assert found[0] != found[1]
 
@@ -29,7 +29,7 @@ def test_the_files_of_a_linked_folder_are_data_of_the_source(tmp_path: Path) -> 
     found = []
     for text in ("first", "other one"):
         (images / "0.png").write_text(text)
-        found.append((digests.files_hash(drive), digests.file_state(drive)))
+        found.append((digests.hash_of(digests.files_of_source(drive)), digests.file_state(drive)))
     assert found[0][0] != found[1][0]
     assert found[0][1] != found[1][1]
 
@@ -38,9 +38,9 @@ def test_calls_are_data_of_their_estimate(tmp_path: Path) -> None:
     for name in ("drive.csv", "truth.csv", "drive.stats.csv"):
         (tmp_path / name).write_text(name)
     paths = (tmp_path / "drive.csv", tmp_path / "truth.csv")
-    before = digests.estimate_hash(*paths)
+    before = digests.hash_of(digests.files_of_estimate(*paths))
     (tmp_path / "drive.stats.csv").write_text("with a finding")
-    assert digests.estimate_hash(*paths) != before
+    assert digests.hash_of(digests.files_of_estimate(*paths)) != before
 
 
 @pytest.mark.parametrize("setting", ["truth: {source: mytruth.csv}", "calibration: {file: mytruth.csv}"])
@@ -51,7 +51,7 @@ def test_the_files_that_a_configuration_names_are_data_of_the_source(setting: st
     found = []
     for text in ("first", "another"):
         (tmp_path / "mytruth.csv").write_text(text)
-        found.append(digests.estimate_hash(tmp_path / "drive.csv", tmp_path / "truth.csv"))
+        found.append(digests.hash_of(digests.files_of_estimate(tmp_path / "drive.csv", tmp_path / "truth.csv")))
     assert found[0] != found[1]
 
 

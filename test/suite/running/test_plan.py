@@ -68,18 +68,6 @@ def test_a_source_without_data_for_a_requested_task_is_refused(tmp_path: Path) -
         assert {job.source.name for job in jobs} >= {"both"}
 
 
-def test_a_seed_of_the_suite_decides_the_order_of_the_drives(tmp_path: Path) -> None:
-    """A supplier of the files who does not know the seed cannot select the order. No job is run again."""
-    for number in range(5):
-        (tmp_path / f"drive{number}").write_text(f"{number}")
-    share = {"limit": 1.0, "prob": 0.75, "confidence": 0.75, "power": 0.75, "good": 0.05, "interpretation": "ensemble"}
-    limits = {"trajectory": [{"condition": "distance=5", "position_bound_m": share}]}
-    plans = [plan_of(tmp_path, sources=["drive*"], limits=limits, order_seed=seed)[0] for seed in range(4)]
-    orders = {tuple(job.source.name for job in sorted(jobs, key=lambda job: job.drive_key)) for jobs in plans}
-    assert len(orders) == 4
-    assert len({tuple(job.key for job in jobs) for jobs in plans}) == 1
-
-
 def test_simulations_by_seed_and_settings(tmp_path: Path) -> None:
     (tmp_path / "flat.yaml").write_text("drive: {pairs: 7}\npanorama: {enabled: false}\n")
     seeds = [{"simulate": "flat.yaml", "seeds": [1, 2], "set": {"drive.pairs": 3}}]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sfr_loc_map.suite.running import source_inspection
-from sfr_loc_map.suite.running.digests import files_hash
+from sfr_loc_map.suite.running.digests import files_of_source, hash_of
 from sfr_loc_map.suite.running.source_inspection import RecordingFacts, facts_of
 
 
@@ -18,7 +18,7 @@ def reads(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
 
     def read(path: Path) -> RecordingFacts:
         found.append(path)
-        return RecordingFacts(sha256=files_hash(path), pairs=1, nav_pairs=0)
+        return RecordingFacts(sha256=hash_of(files_of_source(path)), pairs=1, nav_pairs=0)
 
     monkeypatch.setattr(source_inspection, "read_facts", read)
     return found

@@ -142,7 +142,6 @@ def test_a_mask_is_found_beside_the_suite_and_known_by_its_content(tmp_path: Pat
         ({"sources": [{"simulate": None}]}, "'simulate: SCENARIO'"),
         ({"repeats": 0}, "repeats"),
         ({"stop_when_decided": True}, "'stop_when_decided' has no effect"),
-        ({"order_seed": 3}, "'order_seed' has no effect"),
         ({"sources": [{"simulate": "s.yaml", "set": {"seed": 9}}]}, "'seed' in 'set' has no effect"),
         (
             {

@@ -145,7 +145,7 @@ def test_the_case_has_the_limit_of_the_search_or_a_warning(
     assert ("without a verdict" in caplog.text) == (expected is None)
 
 
-@pytest.mark.parametrize("name", ["repeats", "stop_when_decided", "order_seed", "nominal"])
+@pytest.mark.parametrize("name", ["repeats", "stop_when_decided", "nominal"])
 def test_settings_without_effect_in_a_search_are_refused(specification: SearchSpecification, name: str) -> None:
     file = specification.path
     file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | {"running": {name: 1}}))

@@ -132,18 +132,6 @@ def test_a_run_reads_each_result_once(tmp_path: Path, monkeypatch: pytest.Monkey
     assert read == [job.key for job in jobs]
 
 
-@pytest.mark.parametrize("seed", [0, 740])
-def test_a_chosen_order_of_the_drives_is_a_deviation(tmp_path: Path, seed: int) -> None:
-    """The verdict of a sequential test can depend on the order, so that the seed could be chosen after the results."""
-    store = Store(tmp_path)
-    save_jobs(store, [dataclasses.replace(JOB, order_seed=seed)])
-    content = summarise(store).to_dict()
-    assert content["order_seed"] == seed
-    stated = [item["text"] for item in content["deviations"]]
-    assert len(stated) == bool(seed)
-    assert all(f"order_seed {seed}" in text for text in stated)
-
-
 @pytest.mark.parametrize(
     ("configuration", "name", "is_judged"),
     [("-", "nav", True), ("-", "otherloc", False), ("nav", "otherloc", False), ("nav", "nav", True)],
