@@ -33,7 +33,7 @@ RIGS = tuple(task.rig for task in Task)
 RIG_OF_NODE = {task.node: task.rig for task in Task}
 EXPECTED: Mapping[str, tuple[str, ...]] = {
     **{name: (TOPICS[name].msgtype,) for name in names(Role.INPUT, Role.TRUTH)},
-    TRUE_POSES: tuple(TRUTH_TYPES),
+    TRUE_POSES: TRUTH_TYPES,
 }
 """Accepted message types of each observed topic, by the name of the topic in the suite."""
 MESSAGES_KEPT = 4  #: Number of messages that are kept for each topic.

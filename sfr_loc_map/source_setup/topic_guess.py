@@ -175,6 +175,5 @@ def _truths_of(seen: Sequence[SeenTopic]) -> list[SeenTopic]:
     best = [topic for topic in best if topic.msgtype != POINT] or best  # poses have more information
     if len({topic.name.rpartition("/")[0] for topic in best}) != 1:
         return best
-    order = list(TRUTH_TYPES)
-    kind = min((topic.msgtype for topic in best), key=order.index)
+    kind = min((topic.msgtype for topic in best), key=TRUTH_TYPES.index)
     return [topic for topic in best if topic.msgtype == kind]

@@ -56,7 +56,7 @@ def open_euroc(path: Path, config: SourceConfig) -> Source:
     stamps = stereo_pairs(list(left), list(right), config.sync, f"'{folder}'")
     pairs = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in stamps.items()]
     complete, missing_ns = complete_pairs(pairs, f"'{folder}'")
-    missing_ns = (*missing_ns, *without_partner(list(left), stamps))
+    missing_ns = tuple(sorted((*missing_ns, *without_partner(list(left), stamps))))
     loc = ImageFileSequence(rig, complete, missing_ns, rectifier=rectifier)
     loc = loc.configured(path, config, _load_truth(folder))
     return Source(path, SourceFormat.EUROC, loc, None, config=config, own_extrinsics=rig.T_rb_sb)

@@ -1,27 +1,34 @@
-"""True poses from the messages of a topic, live or in a bag.
-
-Odometry and PoseWithCovariance in bags are read by `bag.poses.read_odometry`. Invalid poses in a bag are skipped,
-whatever the type of the messages.
-"""
+"""True poses from the messages of a topic, live or in a bag."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from sfr_loc_map import message_types
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.geodesy import enu_m
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.io.bag.frames import pose_row
 from sfr_loc_map.message_stamps import NS_PER_S, jumped_back, stamp_of
-from sfr_loc_map.message_types import FIX, ODOMETRY, PATH, POINT, POSE, POSE_WITH_COVARIANCE, TRANSFORM
 from sfr_loc_map.topics import TRUE_POSES
 
+TRUTH_TYPES = (
+    message_types.ODOMETRY,
+    message_types.POSE_WITH_COVARIANCE,
+    message_types.POSE,
+    message_types.TRANSFORM,
+    message_types.PATH,
+    message_types.POINT,
+    message_types.FIX,
+)
+"""Types of messages with true poses; if one body has several types, the first in this order is preferred."""
 NO_FIX = -1  #: `NavSatStatus.STATUS_NO_FIX`.
 UNKNOWN = (np.nan,) * 6
+Place = tuple[float, float, float]  #: Latitude, longitude, deg, and height, m.
 TrueRow = tuple[int, tuple[float, ...], tuple[float, ...]]
 """Stamp (ns); position (m) and quaternion (x, y, z, w; zeros without an attitude); variances (m^2, rad^2; NaN:
 unknown)."""
@@ -38,22 +45,33 @@ class TruthReader:
 
         `where` names the topic in errors.
         """
+        self._msgtype = msgtype
         self._where = where
-        self._first: tuple[float, float, float] | None = None
+        self._origin: Place | None = None
         self._path_end_ns: int | None = None
-        self._rows = TRUTH_TYPES[msgtype]
+
+    def set_origin(self, fix: Any) -> None:  # noqa: ANN401 - a NavSatFix of any library
+        """Make a fix the origin of the positions, which is the first fix otherwise."""
+        self._origin = _place_of(fix, 0.0)
 
     def rows(self, message: Any) -> list[TrueRow]:  # noqa: ANN401 - a message of any library
         """Return the true poses of a message: one pose, the new poses of a path, or none for an invalid fix."""
-        return list(self._rows(self, message))
-
-    def _with_covariance(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
-        stamp_ns, pose = pose_row(message, message.pose.pose)
-        yield stamp_ns, pose, tuple(np.asarray(message.pose.covariance, np.float64)[::7].tolist())
-
-    def _plain(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
-        stamp_ns, pose = pose_row(message, getattr(message, "pose", None) or message.transform)
-        yield stamp_ns, pose, UNKNOWN
+        match self._msgtype:
+            case message_types.PATH:
+                return list(self._path(message))
+            case message_types.FIX:
+                return list(self._fix(message))
+            case message_types.POINT:
+                point = message.point
+                return [(stamp_of(message), (point.x, point.y, point.z, 0.0, 0.0, 0.0, 0.0), UNKNOWN)]
+            case message_types.ODOMETRY | message_types.POSE_WITH_COVARIANCE:
+                stamp_ns, pose = pose_row(message, message.pose.pose)
+                variances = np.asarray(message.pose.covariance, np.float64)[::7]
+                return [(stamp_ns, pose, tuple(variances.tolist()))]
+            case message_types.POSE:
+                return [(*pose_row(message, message.pose), UNKNOWN)]
+            case _:
+                return [(*pose_row(message, message.transform), UNKNOWN)]
 
     def _path(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
         """Yield the poses after the end of the previous path, because each path repeats the earlier poses.
@@ -75,37 +93,25 @@ class TruthReader:
                 yield stamp_ns, pose, UNKNOWN
         self._path_end_ns = last_ns if known_ns is None else max(known_ns, last_ns)
 
-    def _point(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
-        point = message.point
-        yield stamp_of(message), (point.x, point.y, point.z, 0.0, 0.0, 0.0, 0.0), UNKNOWN
-
     def _fix(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
         """Yield the position of a fix, if the message has one."""
         if message.status.status == NO_FIX or is_placeholder(message):
             return
         has_height = bool(np.isfinite(message.altitude))
-        height = message.altitude if has_height else 0.0 if self._first is None else self._first[2]
-        place = (message.latitude, message.longitude, height)
-        self._first = self._first or place
+        place = _place_of(message, 0.0 if self._origin is None else self._origin[2])
+        self._origin = self._origin or place
         known = np.nan if message.position_covariance_type == 0 else 1.0
         variances = known * np.asarray(message.position_covariance, np.float64)[[0, 4, 8]]
         if not has_height:
             variances[2] = LOST_VARIANCE
-        position = enu_m(np.array([self._first, place], np.float64))[1]
+        position = enu_m(np.array([self._origin, place], np.float64))[1]
         pose = (*position.tolist(), 0.0, 0.0, 0.0, 0.0)
         yield stamp_of(message), pose, (*variances.tolist(), np.nan, np.nan, np.nan)
 
 
-TRUTH_TYPES: Mapping[str, Callable[[TruthReader, Any], Iterator[TrueRow]]] = {
-    ODOMETRY: TruthReader._with_covariance,
-    POSE_WITH_COVARIANCE: TruthReader._with_covariance,
-    POSE: TruthReader._plain,
-    TRANSFORM: TruthReader._plain,
-    PATH: TruthReader._path,
-    POINT: TruthReader._point,
-    FIX: TruthReader._fix,
-}
-"""Readers of true poses by message type, live and in bags; if one body has several types, the first is preferred."""
+def _place_of(fix: Any, height_m: float) -> Place:  # noqa: ANN401 - a NavSatFix of any library
+    """Return the place of a fix; `height_m` is the height if the fix has no altitude."""
+    return fix.latitude, fix.longitude, fix.altitude if np.isfinite(fix.altitude) else height_m
 
 
 def first_pose_ns(raw: bytes) -> int | None:

@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic
 from sfr_loc_map.io.bag.frames import body_of, chain_above, chain_poses, check_one_body, trajectory_of, valid_indices
-from sfr_loc_map.io.bag.poses import read_frames, read_odometry
+from sfr_loc_map.io.bag.poses import read_frames
 from sfr_loc_map.io.stamps.stamp_checks import check_clock, check_stamp_order
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TrueRow, TruthReader, first_pose_ns, is_placeholder
@@ -25,7 +25,7 @@ from sfr_loc_map.io.truth.names import is_own
 from sfr_loc_map.io.truth.pose_checks import possible_poses
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.message_types import FIX, ODOMETRY, PATH, POSE_WITH_COVARIANCE
+from sfr_loc_map.message_types import FIX, PATH
 from sfr_loc_map.topics import TRUE_POSES
 
 _log = logging.getLogger(__name__)
@@ -84,9 +84,6 @@ def could_be_truth(bag: Bag) -> str:
 
 def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
     """Return the poses of a topic and their variances `(N, 6)`, NaN where unknown."""
-    if topic.msgtype in (ODOMETRY, POSE_WITH_COVARIANCE):
-        poses, covariances = read_odometry(bag, topic)
-        return poses, np.diagonal(covariances, axis1=1, axis2=2)
     where = f"'{topic.bag_name}' of bag '{bag.path}'"
     messages: Iterable[Any] = (message for _, _, message in bag.messages([topic]))
     reader = TruthReader(topic.msgtype, where)
@@ -116,13 +113,14 @@ def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
 
 def _reader_of_fixes(messages: Sequence[Any], where: str) -> TruthReader:
     """Return a reader of NavSatFix whose origin is the first possible fix, because a jump may be the first one."""
-    first = TruthReader(FIX, where)
-    read = [(message, row) for message in messages for row in first.rows(message)]
-    read = [(message, row) for message, row in read if plausible_positions(np.array(row[1][:3]))]
+    from_first = TruthReader(FIX, where)
+    located = [(message, row) for message in messages for row in from_first.rows(message)]
+    located = [(message, row) for message, row in located if plausible_positions(np.array(row[1][:3]))]
     reader = TruthReader(FIX, where)
-    if read:
-        is_possible, _ = possible_poses(trajectory_of([(stamp_ns, pose) for _, (stamp_ns, pose, _) in read]))
-        reader.rows(read[int(np.argmax(is_possible))][0])
+    if located:
+        is_possible, _ = possible_poses(trajectory_of([(stamp_ns, pose) for _, (stamp_ns, pose, _) in located]))
+        first_possible, _ = located[int(np.argmax(is_possible))]
+        reader.set_origin(first_possible)
     return reader
 
 
