@@ -110,13 +110,11 @@ class Source:
 
     def expected_loc_ns(self) -> IntArray:
         """Return the ascending stamps of the localisation pairs that the source lists, with and without images."""
-        stamps_ns = () if self.loc is None else self.loc.stamps_ns
-        return np.union1d(np.array(stamps_ns, np.int64), np.array(self.missing_loc_ns, np.int64))
+        return _listed_ns(self.loc)
 
     def expected_nav_ns(self) -> IntArray:
         """Return the ascending stamps of the mapping pairs that the source lists, with and without images."""
-        stamps_ns = () if self.nav is None else self.nav.stamps_ns
-        return np.union1d(np.array(stamps_ns, np.int64), np.array(self.missing_nav_ns, np.int64))
+        return _listed_ns(self.nav)
 
     @property
     def changed_reading(self) -> dict[str, object]:
@@ -164,6 +162,12 @@ class Source:
     def _sequence(self) -> LocSequence | NavSequence | None:
         """The drive, or the mapping pairs if there is no drive."""
         return self.nav if self.loc is None else self.loc
+
+
+def _listed_ns(sequence: LocSequence | NavSequence | None) -> IntArray:
+    """Return the ascending stamps of all pairs that a sequence lists, with and without images; empty for None."""
+    stamps_ns = () if sequence is None else (*sequence.stamps_ns, *sequence.missing_ns)
+    return np.unique(np.array(stamps_ns, np.int64))
 
 
 def drive_of(source: Source) -> LocSequence:

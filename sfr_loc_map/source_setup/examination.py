@@ -44,17 +44,14 @@ def propose_config(source: Path, given: Configuration, before: Configuration = N
     except CalibrationError:
         raise
     except SfrError as error:  # if values are missing, they are the cause, and the error is not reported
-        _check_given_truth(proposal, given)
-        return proposal if proposal.missing else proposal.adding(Findings(missing=(str(error),)))
+        return _without_truth(proposal, given, "" if proposal.missing else str(error))
     if loc is None:
-        _check_given_truth(proposal, given)
-        return proposal
+        return _without_truth(proposal, given)
     proposal = proposal.adding(propose_extrinsics(loc, proposal.config))
     try:
         truth = loc.ground_truth
     except SfrError as error:
-        _check_given_truth(proposal, given)
-        return proposal.adding(Findings(missing=(str(error),)))
+        return _without_truth(proposal, given, str(error))
     if truth is not None:
         return _with_truth(proposal, truth, loc.stamps_ns)
     return proposal if recorded is None else _with_possible_truth(proposal, recorded)
@@ -119,8 +116,12 @@ def _with_possible_truth(proposal: Proposal, recorded: Bag) -> Proposal:
     return proposal.adding(Findings(remarks=(text,)))
 
 
-def _check_given_truth(proposal: Proposal, given: Configuration) -> None:
-    """Raise the error of a given truth that is invalid or corrupt, although the truth of the drive cannot be read."""
+def _without_truth(proposal: Proposal, given: Configuration, problem: str = "") -> Proposal:
+    """Return the proposal of a source whose drive or truth cannot be read, with the problem, unless it is empty.
+
+    Raises the error of a given truth that is invalid or corrupt.
+    """
     truth = given.section("truth")
     if truth.get("source") or (truth.get("frame") and is_bag(proposal.source)):
         read_truth(proposal.source, proposal.config)
+    return proposal.adding(Findings(missing=(problem,))) if problem else proposal

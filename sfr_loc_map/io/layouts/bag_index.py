@@ -63,8 +63,7 @@ def index_of_drive(topics: CameraTopics, sync: SyncConfig) -> BagIndex:
     """Read the index of a drive."""
     stamps_ns = _read(topics).stamps_ns
     pairs = _image_pairs(topics, stamps_ns, sync)
-    left, *right = topics.images
-    missing_ns = without_partner(stamps_ns[left.name], pairs) if right else ()
+    missing_ns = () if topics.layout else without_partner(stamps_ns[topics.images[0].name], pairs)
     return BagIndex(pairs, missing_ns, {})
 
 
@@ -139,12 +138,13 @@ def _pose_in(bag: Bag, topic: Topic, stamp_ns: int, raw: bytes) -> Transform:
 
 def _image_pairs(cameras: CameraTopics, stamps_ns: Mapping[str, Sequence[int]], sync: SyncConfig) -> _Pairs:
     """Return the stamps of the images of each pair; a joint image is a pair."""
-    left, *right = cameras.images
-    if not right:
-        return {stamp_ns: {left.name: stamp_ns} for stamp_ns in stamps_ns[left.name]}
+    if cameras.layout:
+        (joint,) = cameras.images
+        return {stamp_ns: {joint.name: stamp_ns} for stamp_ns in stamps_ns[joint.name]}
+    left, right = cameras.images
     where = f"bag '{cameras.bag.path}', '{cameras.task.rig}'"
-    matched = stereo_pairs(stamps_ns[left.name], stamps_ns[right[0].name], sync, where)
-    return {left_ns: {left.name: left_ns, right[0].name: right_ns} for left_ns, right_ns in matched.items()}
+    matched = stereo_pairs(stamps_ns[left.name], stamps_ns[right.name], sync, where)
+    return {left_ns: {left.name: left_ns, right.name: right_ns} for left_ns, right_ns in matched.items()}
 
 
 def _matching_poses(bag: Bag, pairs_ns: Sequence[int], poses_ns: Collection[int], sync: SyncConfig) -> dict[int, int]:

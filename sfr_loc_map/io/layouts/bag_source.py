@@ -9,13 +9,13 @@ What is read of a bag, and when; each line opens its files again:
     index_of_drive, _mapping  stamps, camera_info and poses of all messages       once, on first use
     head_poses                frames or joints of a head, without nav/pose        once, on first use
     truth_of_bag              true poses                                          once, on first use
-    _joined                   images and true points                              in each pass over the pairs
+    _messages_of_pairs        images and true points                              in each pass over the pairs
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -79,10 +79,18 @@ class _BagPairs:
         """Stamps of the pairs that are skipped (`BagIndex.missing_ns`)."""
         return self.index.missing_ns
 
-    def _joined(self, *others: Topic) -> Iterator[tuple[StereoPair, Mapping[str, bytes]]]:
+    def _with_messages(self, *others: Topic) -> Iterator[tuple[StereoPair, Mapping[str, bytes]]]:
         """Yield each pair and its raw messages of images and `others` by topic, in the order of stamps."""
-        bag, task = self.topics.bag, self.topics.task
-        topics = [*self.topics.images, *others]
+        depth = SampleDepth(_log.warning, f"{self.topics.bag.path}, {self.topics.task.rig}")
+        for pair_ns, messages in self._messages_of_pairs([*self.topics.images, *others]):
+            yield self._decoded(pair_ns, messages, depth), messages
+
+    def _messages_of_pairs(self, topics: Sequence[Topic]) -> Iterator[tuple[int, Mapping[str, bytes]]]:
+        """Yield the stamp of each pair and its raw messages on `topics`, in the order of stamps.
+
+        The messages of a pair that are recorded before those of an earlier pair wait, for at most `LOOK_AHEAD` pairs.
+        """
+        bag = self.topics.bag
         names = {topic.name for topic in topics}
         pairs = {
             pair_ns: {name: stamp_ns for name, stamp_ns in messages.items() if name in names}
@@ -92,21 +100,19 @@ class _BagPairs:
         waiting: dict[int, dict[str, bytes]] = {}
         order = iter(pairs)
         next_ns = next(order, None)
-        depth = SampleDepth(_log.warning, f"{bag.path}, {task.rig}")
         for topic, stamp_ns, raw in bag.stream(topics):
             pair_ns = pair_of.get((topic.name, stamp_ns))
             if pair_ns is None or next_ns is None or pair_ns < next_ns:  # of no pair, or repeated after its pair
                 continue
             waiting.setdefault(pair_ns, {}).setdefault(topic.name, raw)
             while next_ns is not None and len(waiting.get(next_ns, ())) == len(pairs[next_ns]):
-                messages = waiting.pop(next_ns)
-                yield self._decoded(next_ns, messages, depth), messages
+                yield next_ns, waiting.pop(next_ns)
                 next_ns = next(order, None)
             if len(waiting) > LOOK_AHEAD:
                 raise InputError(
-                    f"bag '{bag.path}': the messages of the {task.rig} pair of stamp {next_ns} ns were recorded more "
-                    f"than {LOOK_AHEAD} pairs apart: record all topics of the pairs with the same delay, or write the "
-                    "bag again with the header stamps as times of recording"
+                    f"bag '{bag.path}': the messages of the {self.topics.task.rig} pair of stamp {next_ns} ns were "
+                    f"recorded more than {LOOK_AHEAD} pairs apart: record all topics of the pairs with the same delay, "
+                    "or write the bag again with the header stamps as times of recording"
                 )
 
     def _decoded(self, stamp_ns: int, raw: Mapping[str, bytes], depth: SampleDepth) -> StereoPair:
@@ -137,7 +143,7 @@ class BagLocSequence(_BagPairs):
 
     def pairs(self) -> Iterator[StereoPair]:
         """Yield the pairs in the order of stamps."""
-        return (pair for pair, _ in self._joined())
+        return (pair for pair, _ in self._with_messages())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -149,7 +155,7 @@ class BagNavSequence(_BagPairs):
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs in the order of stamps, with truth if `ground_truth/points` has their stamp."""
         bag, points = self.topics.bag, self.points
-        for pair, raw in self._joined(*([points] if points else [])):
+        for pair, raw in self._with_messages(*([points] if points else [])):
             truth = None
             if points is not None and points.name in raw:
                 message = bag.deserialise(points, raw[points.name])

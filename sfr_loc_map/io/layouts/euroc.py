@@ -31,7 +31,7 @@ from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_format import SourceFormat
-from sfr_loc_map.io.stamps.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_clock, check_stamp_order, check_unit
+from sfr_loc_map.io.stamps.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_stamp_order, check_truth_order, check_unit
 from sfr_loc_map.io.stamps.stamp_text import parse_stamp_ns
 from sfr_loc_map.io.tables.cells.text_table import read_lines
 from sfr_loc_map.io.tables.columns.pose_columns import TrajectoryFormat
@@ -79,7 +79,7 @@ def _load_truth(folder: Path) -> RecordedTruth | None:
     if file is None:
         return None
     loaded = read_trajectory_file(file, option=TRUTH_OPTION)
-    check_clock(loaded.trajectory.stamps_ns, f"'{file}'")
+    check_truth_order(loaded.trajectory.stamps_ns, f"'{file}'")
     sensor = file.with_name("sensor.yaml")
     if file.parent.name == TRUTH or not sensor.is_file():
         return RecordedTruth(loaded.trajectory, loaded.text)

@@ -31,7 +31,7 @@ from sfr_loc_map.io.number_text import parse_number
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_format import SourceFormat
-from sfr_loc_map.io.stamps.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_clock, check_unit
+from sfr_loc_map.io.stamps.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_truth_order, check_unit
 from sfr_loc_map.io.stamps.stamp_text import parse_stamp_ns
 from sfr_loc_map.io.tables.columns.pose_columns import CSV_HEADER
 from sfr_loc_map.io.tables.trajectory_file import is_suite_table, read_trajectory_file
@@ -147,7 +147,7 @@ def _read_truth(folder: Path) -> RecordedTruth | None:
             "sfr convert, or rename it and set truth.source"
         )
     loaded = read_trajectory_file(file)
-    check_clock(loaded.trajectory.stamps_ns, f"'{file}'")
+    check_truth_order(loaded.trajectory.stamps_ns, f"'{file}'")
     return RecordedTruth(loaded.trajectory, str(file))
 
 

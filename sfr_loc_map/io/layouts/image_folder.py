@@ -81,11 +81,11 @@ def _by_stamp(folder: Path) -> tuple[dict[int, Path], str]:
         if stamp_ns in by_stamp:
             raise InputError(f"'{file}' and '{by_stamp[stamp_ns].name}' have the same stamp: remove one of them")
         by_stamp[stamp_ns] = file
-    _check_one_clock(by_stamp)
+    _check_one_unit(by_stamp)
     return by_stamp, unit
 
 
-def _check_one_clock(by_stamp: Mapping[int, Path]) -> None:
+def _check_one_unit(by_stamp: Mapping[int, Path]) -> None:
     """Raise InputError if only some stamps are those of a clock, because the names are then in several units."""
     times = sorted(by_stamp)
     if times and times[0] < EARLIEST_CLOCK_S * NS_PER_S <= times[-1]:

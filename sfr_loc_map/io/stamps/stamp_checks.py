@@ -148,7 +148,7 @@ def stray_stamps(stamps_ns: IntArray) -> Mask:
     return away if away.mean() <= MAX_INVALID else np.zeros(len(stamps_ns), np.bool_)
 
 
-def check_clock(stamps_ns: IntArray, name: str) -> None:
+def check_truth_order(stamps_ns: IntArray, name: str) -> None:
     """Raise InputError if stamps `(N,)` of true poses decrease.
 
     Stray stamps are ignored, because `truth.pose_checks` removes and reports their poses.

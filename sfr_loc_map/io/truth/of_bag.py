@@ -18,7 +18,7 @@ from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic
 from sfr_loc_map.io.bag.frames import body_of, chain_above, chain_poses, check_one_body, trajectory_of, valid_indices
 from sfr_loc_map.io.bag.poses import read_frames
-from sfr_loc_map.io.stamps.stamp_checks import check_clock, check_stamp_order
+from sfr_loc_map.io.stamps.stamp_checks import check_stamp_order, check_truth_order
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TrueRow, TruthReader, first_pose_ns, is_placeholder
 from sfr_loc_map.io.truth.names import is_own
@@ -61,7 +61,7 @@ def recorded_in_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> RecordedTr
             f"'{topic.bag_name}' of bag '{bag.path}': all stamps of its headers are 0: --set truth.stamps=record uses "
             "the times of recording"
         )
-    check_clock(poses.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'")
+    check_truth_order(poses.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'")
     kind = topic.msgtype.rpartition("/")[2]
     read_from = f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses"
     selected_by = () if topic.bag_name.endswith(TRUE_POSES) else (f"truth.source={topic.bag_name}",)
