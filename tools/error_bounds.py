@@ -35,8 +35,8 @@ from sfr_loc_map.localisation.stages import Candidate, FinalPose
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import refine_pair
+from sfr_loc_map.mapping.disparity.search_range import search_range_of
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
-from sfr_loc_map.mapping.search_range import search_range_of
 from sfr_loc_map.runs.drive_start import start_pose
 
 EVERY = 10

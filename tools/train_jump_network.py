@@ -31,10 +31,10 @@ from sfr_loc_map.mapping.disparity.jump_network import (
     jump_features,
     network_input,
 )
+from sfr_loc_map.mapping.disparity.search_range import search_range_of
 from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
 from sfr_loc_map.mapping.disparity.validity import is_valid, status_before_wrong_surface
 from sfr_loc_map.mapping.filters import local_variance
-from sfr_loc_map.mapping.search_range import search_range_of
 
 INPUTS = len(JumpFeatures._fields)
 UNITS = 16

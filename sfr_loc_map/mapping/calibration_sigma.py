@@ -6,9 +6,8 @@ The configured residual distortion (`CalibrationPrior.distortion_px`) sets the t
   mistaken for a yaw. The largest such yaw has a vertical disparity in the image corners that equals the configured
   distortion. The standard deviation combines this yaw with the noise of the measured yaw and the configured
   uncertainty of the yaw (`_yaw_threshold_rad`).
-- A vertical offset above the distortion and above `MIN_ROTATION_PX` increases sigma like a pitch
-  (`_pitch_threshold_px`). The threshold contains no noise, because an offset is measured to a few hundredths of a
-  pixel.
+- A vertical offset above the distortion and above `MIN_ROTATION_PX` increases sigma like a pitch. The threshold
+  contains no noise, because an offset is measured to a few hundredths of a pixel.
 - Vertical disparity above a multiple of the distortion causes a warning (`findings.vertical_warning_px`).
 
 A larger configured distortion therefore increases sigma, but also raises the yaw, the offset and the vertical disparity
@@ -67,16 +66,12 @@ def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, prior: Calibrat
     return max(SIGNIFICANT_SIGMAS * sigma_rad, math.radians(MIN_SIGNIFICANT_YAW_DEG))
 
 
-def _pitch_threshold_px(prior: CalibrationPrior) -> float:
-    """Return the largest vertical offset that residual distortion explains, pixels; a larger offset may be a pitch."""
-    return max(prior.distortion_px, MIN_ROTATION_PX)
-
-
 def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior) -> CalibrationSigma:
     """Return the uncertainty of the calibration given the rotation of the right camera that is measured in a pair.
 
     A significant yaw is added to the configured uncertainty in quadrature and is not compensated. A vertical offset
-    above `_pitch_threshold_px` is added as a pitch and is not reported. Roll is compensated (`estimate_disparity`).
+    that residual distortion does not explain is added as a pitch and is not reported. Roll is compensated
+    (`estimate_disparity`).
 
     Residual distortion causes an error along rows that is about as large as the vertical disparity:
 
@@ -94,7 +89,7 @@ def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, prior: Calibr
     if is_yaw_significant(rotation, rig, prior):
         yaw_rad = math.hypot(yaw_rad, rotation.yaw_rad)
     pitch_rad = math.radians(prior.pitch_deg)
-    if abs(rotation.pitch_rad) * rig.fy > _pitch_threshold_px(prior):
+    if abs(rotation.pitch_rad) * rig.fy > max(prior.distortion_px, MIN_ROTATION_PX):
         pitch_rad = math.hypot(pitch_rad, rotation.pitch_rad)
     distortion_px = 0.0
     if prior.distortion_px > 0.0:

@@ -20,8 +20,8 @@ from sfr_loc_map.mapping.config import CalibrationPrior
 from sfr_loc_map.mapping.disparity.estimation import DisparityMap
 from sfr_loc_map.mapping.disparity.match_check import MIN_MEASURED_FRACTION
 from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
+from sfr_loc_map.mapping.disparity.search_range import SearchRange
 from sfr_loc_map.mapping.disparity.validity import PixelStatus, StatusImage, is_valid
-from sfr_loc_map.mapping.search_range import SearchRange
 
 LOW_MEASURED_FRACTION = 2.0 * MIN_MEASURED_FRACTION
 """A warning is issued if a smaller fraction of the textured pixels is measured. The threshold is twice the fraction

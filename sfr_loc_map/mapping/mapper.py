@@ -74,6 +74,7 @@ from sfr_loc_map.mapping.checks import (
 )
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
+from sfr_loc_map.mapping.disparity.search_range import SearchRange, search_range_of
 from sfr_loc_map.mapping.findings import findings_of_pair
 from sfr_loc_map.mapping.maps import FusedMap, MappedPair, warnings_of_pairs
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
@@ -83,7 +84,6 @@ from sfr_loc_map.mapping.multiview.registration import register_views
 from sfr_loc_map.mapping.pair_view import PairView
 from sfr_loc_map.mapping.point_sigma import sigma_of_points, sigma_of_view
 from sfr_loc_map.mapping.reprojection import points_from_disparity
-from sfr_loc_map.mapping.search_range import SearchRange, search_range_of
 
 
 class Mapper:

@@ -15,9 +15,9 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.checks import check_index, check_pair_count
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
+from sfr_loc_map.mapping.disparity.search_range import search_range_of
 from sfr_loc_map.mapping.maps import FusedMap, PairMap
 from sfr_loc_map.mapping.reprojection import points_from_disparity
-from sfr_loc_map.mapping.search_range import search_range_of
 from sfr_loc_map.methods.child.loop import Answer
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.map_arrays import Arrays, cloud_in, disparity_in, largest_files

@@ -33,13 +33,13 @@ from sfr_loc_map.mapping.disparity.match_check import check_matches, measured_te
 from sfr_loc_map.mapping.disparity.right_camera import CameraRotation, measure_right_rotation, roll_error_px
 from sfr_loc_map.mapping.disparity.right_image_correction import RightImageCorrection, correct_right_image
 from sfr_loc_map.mapping.disparity.saturation import Saturation, measure_saturation
+from sfr_loc_map.mapping.disparity.search_range import SearchRange
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
 from sfr_loc_map.mapping.disparity.validity import PixelStatus, StatusImage, is_valid, judge_pixels, with_reason
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine_disparity
 from sfr_loc_map.mapping.filters import local_variance
-from sfr_loc_map.mapping.search_range import SearchRange
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -55,7 +55,7 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> tuple[li
     warnings = []
     for i, j in combinations(range(len(views)), 2):
         noise = F(max(views[i].noise_grey, views[j].noise_grey))
-        region = _fixed_region(_fixed_disparity(views[i], views[j], rig), greys[i], greys[j], noise)
+        region = _fixed_region(_has_fixed_disparity(views[i], views[j], rig), greys[i], greys[j], noise)
         fraction = float(region.mean())
         if fraction < MIN_REGION_FRACTION:
             continue
@@ -71,11 +71,13 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> tuple[li
     return kept, Findings(statistics, tuple(warnings))
 
 
-def _fixed_region(fixed_disparity: Mask, first_grey: FloatImage, second_grey: FloatImage, noise: np.float32) -> Mask:
+def _fixed_region(
+    has_fixed_disparity: Mask, first_grey: FloatImage, second_grey: FloatImage, noise: np.float32
+) -> Mask:
     """Return the mask of the samples `(h, w)` with content that is fixed to the image."""
-    if fixed_disparity.mean() < MIN_REGION_FRACTION:
-        return np.zeros(fixed_disparity.shape, np.bool_)
-    is_fixed = fixed_disparity & (_similarity(first_grey, second_grey, noise) > MIN_SIMILARITY)
+    if has_fixed_disparity.mean() < MIN_REGION_FRACTION:
+        return np.zeros(has_fixed_disparity.shape, np.bool_)
+    is_fixed = has_fixed_disparity & (_similarity(first_grey, second_grey, noise) > MIN_SIMILARITY)
     smallest = square_element(REGION_SAMPLES)
     # Closing joins samples, and opening removes regions smaller than the square. The remaining regions are dilated,
     # because windows at their borders include other content and are less similar.
@@ -84,7 +86,7 @@ def _fixed_region(fixed_disparity: Mask, first_grey: FloatImage, second_grey: Fl
     return dilated(np.asarray(opened).astype(np.bool_), REGION_SAMPLES // 2)
 
 
-def _fixed_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
+def _has_fixed_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
     """Return the mask of the samples `(h, w)` with the same disparity in both images where ground would have moved."""
     disparity = first.images.disparity[::STRIDE, ::STRIDE]
     same_disparity: Mask = np.abs(disparity - second.images.disparity[::STRIDE, ::STRIDE]) < SURFACE_JUMP_PX
