@@ -1,6 +1,6 @@
 """Atomic outputs: a file or folder that is written through this module is either complete or absent.
 
-Recordings (`io.bag.writer.BagRecorder`) are written in place instead, so that they survive a crash.
+Recordings (`io.bag.recorder.BagRecorder`) are written in place instead, so that they survive a crash.
 
 An output is written in a hidden folder `.NAME.xxxxxxxx.part` beside its final path, and is renamed when it is complete.
 Only regular files and empty folders are replaced; other folders are replaced on request. If the path is a link, the

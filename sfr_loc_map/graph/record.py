@@ -16,7 +16,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.io.bag.encoding import TYPESTORE
-from sfr_loc_map.io.bag.writer import BagRecorder
+from sfr_loc_map.io.bag.recorder import BagRecorder
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.messages import message_type
 from sfr_loc_map.ros.peer import Peer

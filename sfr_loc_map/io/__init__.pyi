@@ -1,5 +1,5 @@
 from .bag.bag import Bag as Bag
-from .bag.writer import BagRecorder as BagRecorder
+from .bag.recorder import BagRecorder as BagRecorder
 from .bag.writer import BagWriter as BagWriter
 from .calibration.rig_file import rig_json as rig_json
 from .clouds.cloud_file import LoadedCloud as LoadedCloud

@@ -11,7 +11,7 @@ from sfr_loc_map.configuration.parameters import changed
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import check_exists, check_regular, refusing
-from sfr_loc_map.io.calibration.camera_info import LONG_BASELINE_M
+from sfr_loc_map.io.calibration.projections import LONG_BASELINE_M
 from sfr_loc_map.io.layouts.euroc import open_euroc
 from sfr_loc_map.io.layouts.folder import open_folder
 from sfr_loc_map.io.layouts.image_folder import open_image_folder

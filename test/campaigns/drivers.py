@@ -29,7 +29,7 @@ from helpers import ROOT
 from helpers.node_scenes import DRIVERS, params
 from helpers.peer import Peer
 from sfr_loc_map.child_process import child_environment
-from sfr_loc_map.io.calibration.camera_info import projection
+from sfr_loc_map.io.calibration.projections import projection
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.ros.environment import start_ros

@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.encoding import TYPESTORE
-from sfr_loc_map.io.calibration.camera_info import projection
+from sfr_loc_map.io.calibration.projections import projection
 from sfr_loc_map.io.clouds.point_image import FLOAT32
 from sfr_loc_map.io.image_codec import encode_jpeg
 from sfr_loc_map.message_stamps import NS_PER_S

@@ -19,9 +19,9 @@ from pathlib import Path
 
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.inputs import check_exists, refusing
-from sfr_loc_map.io.calibration.camera_info import with_baseline
 from sfr_loc_map.io.calibration.opened_file import open_calibration, partner_of
 from sfr_loc_map.io.calibration.programs import READERS
+from sfr_loc_map.io.calibration.projections import with_baseline
 from sfr_loc_map.io.calibration.stereo_calibration import CameraPair, StereoCalibration, calibrated
 from sfr_loc_map.suffixes import suffix_of
 

@@ -15,7 +15,6 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text, refusing
-from sfr_loc_map.io.calibration.camera_info import check_centre, projection
 from sfr_loc_map.io.calibration.opened_file import (
     HEIGHTS,
     WIDTHS,
@@ -32,6 +31,7 @@ from sfr_loc_map.io.calibration.opened_file import (
     stated_size,
     whole_size,
 )
+from sfr_loc_map.io.calibration.projections import check_centre, projection
 from sfr_loc_map.io.calibration.rectification import RectifiableCamera, check_camera_matrix
 from sfr_loc_map.io.calibration.rig_file import read_rig
 from sfr_loc_map.io.calibration.stereo_calibration import (

@@ -13,13 +13,12 @@ from numpy.typing import ArrayLike
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import SAME_PX, StereoRig
-from sfr_loc_map.io.calibration.camera_info import (
+from sfr_loc_map.io.calibration.projections import (
     TOLERANCE,
     check_centre,
     check_projection,
     have_one_camera_matrix,
     rig_from_projections,
-    size_of_full_images,
 )
 from sfr_loc_map.message_text import alternatives
 
@@ -64,7 +63,7 @@ class RectifiableCamera:
         `name` is the topic. InputError for binning or a region of interest, to which P does not apply, and for a P that
         is not that of a rectified camera.
         """
-        size, p = size_of_full_images(name, info), np.asarray(info.p, np.float64)
+        size, p = _size_of_full_images(name, info), np.asarray(info.p, np.float64)
         check_projection(p, name, RECTIFIED_ADVICE)
         return cls.of_rectified(size, p)
 
@@ -73,7 +72,7 @@ class RectifiableCamera:
         """Return the calibration in a sensor_msgs/CameraInfo; `name` is its topic (`loc/left/camera_info`)."""
         lists = (np.asarray(values, np.float64).reshape(-1).tolist() for values in (info.d, info.k, info.r, info.p))
         d, k, r, p = (tuple(values) for values in lists)
-        size = size_of_full_images(name, info)
+        size = _size_of_full_images(name, info)
         return cls(size, str(info.distortion_model), d, k, r, p).checked(name)
 
     def checked(self, name: str) -> RectifiableCamera:
@@ -127,6 +126,16 @@ class RectifiableCamera:
         p = np.reshape(self.p, (3, 4))[:, :3].reshape(-1)
         rotation = _largest_difference(self.r, np.eye(3).reshape(-1))
         return max(rotation, _largest_difference(self.k, p)) <= TOLERANCE
+
+
+def _size_of_full_images(name: str, info: Any) -> tuple[int, int]:  # noqa: ANN401 - a CameraInfo of any library
+    """Return the width and height in a message on the topic `name`; InputError for binning or a region of interest."""
+    roi = info.roi
+    has_full_size = (roi.width, roi.height) in ((0, 0), (info.width, info.height))
+    is_cropped = not has_full_size or roi.x_offset or roi.y_offset
+    if is_cropped or info.binning_x > 1 or info.binning_y > 1:
+        raise InputError(f"{name} has binning or a region of interest: send full images without binning")
+    return int(info.width), int(info.height)
 
 
 def _intrinsics_of_k(k: Sequence[float]) -> FloatArray:

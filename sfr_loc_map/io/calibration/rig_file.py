@@ -12,7 +12,7 @@ from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, read_bytes, refusing
-from sfr_loc_map.io.calibration.camera_info import baseline_from_projection, check_baseline, check_centre
+from sfr_loc_map.io.calibration.projections import baseline_from_projection, check_baseline, check_centre
 from sfr_loc_map.io.tables.cells.text_table import BOM
 
 

@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, ch
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing
-from sfr_loc_map.io.calibration.camera_info import BASELINE_TOLERANCE
+from sfr_loc_map.io.calibration.projections import BASELINE_TOLERANCE
 from sfr_loc_map.io.calibration.rectification import (
     FISHEYE,
     MIN_VALID,

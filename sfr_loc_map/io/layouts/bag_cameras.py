@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_extrinsics
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
-from sfr_loc_map.io.calibration.camera_info import with_baseline
+from sfr_loc_map.io.calibration.projections import with_baseline
 from sfr_loc_map.io.calibration.rectification import (
     RectifiableCamera,
     StereoRectifier,

@@ -24,7 +24,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import parent_of, read_table, refusing
-from sfr_loc_map.io.calibration.camera_info import check_centre, projection, rig_from_projections
+from sfr_loc_map.io.calibration.projections import check_centre, projection, rig_from_projections
 from sfr_loc_map.io.image_codec import encode_png, read_grey
 from sfr_loc_map.io.layouts.image_files import ImageFileSequence, ImagePair, complete_pairs
 from sfr_loc_map.io.layouts.writer import TableWriter

@@ -12,10 +12,10 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from sfr_loc_map.errors import OutputError
-from sfr_loc_map.io.bag import writer
+from sfr_loc_map.io.bag import recorder
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.encoding import TYPESTORE
-from sfr_loc_map.io.bag.writer import BagRecorder
+from sfr_loc_map.io.bag.recorder import BagRecorder
 
 STRING = "std_msgs/msg/String"
 
@@ -64,7 +64,7 @@ def test_a_failed_synchronisation_ends_the_recording(path: Path, monkeypatch: py
     def fail(_: int) -> None:
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr(writer, "SYNC_S", 0.001)
+    monkeypatch.setattr(recorder, "SYNC_S", 0.001)
     monkeypatch.setattr(os, "fdatasync", fail)
     bag, topic = started(path)
     bag._syncing.join(10.0)

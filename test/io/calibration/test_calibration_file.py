@@ -25,7 +25,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
-from sfr_loc_map.io.calibration.camera_info import with_baseline
+from sfr_loc_map.io.calibration.projections import with_baseline
 from sfr_loc_map.io.calibration.rectification import RectifiableCamera
 from sfr_loc_map.io.calibration.stereo_calibration import CameraPair, StereoCalibration, calibrated
 

@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.bag.messages import camera_info
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
-from sfr_loc_map.io.calibration.camera_info import projection
+from sfr_loc_map.io.calibration.projections import projection
 from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.registry import open_source

@@ -10,7 +10,7 @@ from helpers.made_worlds import blob, centre_of, seen_at
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.io.calibration.camera_info import projection
+from sfr_loc_map.io.calibration.projections import projection
 from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos
 
 RIG = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)

@@ -1,9 +1,11 @@
-"""Conversion between a rectified rig and two sensor_msgs/CameraInfo; P[3] of the right camera is -fx baseline."""
+"""The projection matrices P of a rectified rig, and the checks of a rig of any format.
+
+P[3] of the right camera is -fx baseline. Centre, baseline and unit are checked for files as for messages.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,16 +28,6 @@ LONG_BASELINE_M = 1.0
 BASELINE_TOLERANCE = 0.01  #: Largest difference between two statements of one baseline, as a fraction of the baseline.
 TOLERANCE = 1e-6
 """Largest deviation of a coefficient from that of a rectified camera (P and K in pixels, R and D without unit)."""
-
-
-def size_of_full_images(name: str, info: Any) -> tuple[int, int]:  # noqa: ANN401 - a CameraInfo of any library
-    """Return the width and height in a message on the topic `name`; InputError for binning or a region of interest."""
-    roi = info.roi
-    has_full_size = (roi.width, roi.height) in ((0, 0), (info.width, info.height))
-    is_cropped = not has_full_size or roi.x_offset or roi.y_offset
-    if is_cropped or info.binning_x > 1 or info.binning_y > 1:
-        raise InputError(f"{name} has binning or a region of interest: send full images without binning")
-    return int(info.width), int(info.height)
 
 
 def projection(rig: StereoRig, side: Side) -> FloatArray:

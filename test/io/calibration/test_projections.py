@@ -14,7 +14,7 @@ from helpers.made_worlds import START_NS
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.io.bag.messages import camera_info
-from sfr_loc_map.io.calibration.camera_info import baseline_from_projection, check_centre, projection
+from sfr_loc_map.io.calibration.projections import baseline_from_projection, check_centre, projection
 from sfr_loc_map.io.calibration.rectification import rig_of_rectified_infos
 from sfr_loc_map.suite_names import SIDES
 
