@@ -30,7 +30,7 @@ A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, a
   function is called again with the pose from all landmarks, to decide whether this pose is used.
 - Any other guard is called in `Stages.judge`.
 - A guard for a new window is called in `Localiser._begin_window` if it does not need the landmarks of the window,
-  otherwise in `Stages.check_window`.
+  otherwise in `Stages.begin_window`.
 - The memory of a guard is a field of `State`. A memory that learns from poses is passed to `State.accepted` by the
   `Candidate` and changes only there. The memory of the ground is passed by `Ground`, and may learn from a refused pair
   as well.
@@ -108,6 +108,9 @@ class Refusal(NamedTuple):
 
     action: Action  #: `KEEP`, `LOSE` or `LOSE_OR_BEGIN`.
     reason: StateReason
+    is_learnt: bool = False  #: Whether the memory of the ground learns from the refused pair (`Ground.memory_after`).
+    #: Whether the excluded cells may be the cause, so that they age if no window can begin for this reason.
+    ages_excluded: bool = False
 
 
 class Degradation(NamedTuple):
@@ -127,8 +130,9 @@ RULES: Final[dict[Finding, Refusal | Degradation]] = {
     Finding.SWAPPED: Refusal(Action.LOSE, StateReason.NO_STEREO),
     Finding.UNTEXTURED: Refusal(Action.LOSE_OR_BEGIN, StateReason.UNTEXTURED_IMAGES),
     Finding.FROZEN_AND_FEW: Refusal(Action.LOSE_OR_BEGIN, StateReason.REPEATED_IMAGES),
-    Finding.FEW_LANDMARKS: Refusal(Action.LOSE_OR_BEGIN, StateReason.FEW_LANDMARKS),
-    Finding.CONTRADICTED: Refusal(Action.KEEP, StateReason.MOVING_REGIONS),
+    Finding.FEW_LANDMARKS: Refusal(Action.LOSE_OR_BEGIN, StateReason.FEW_LANDMARKS, ages_excluded=True),
+    # Learnt: the ground is uncertain, and a search in the next pairs may find its motion.
+    Finding.CONTRADICTED: Refusal(Action.KEEP, StateReason.MOVING_REGIONS, is_learnt=True),
     Finding.SINGULAR: Refusal(Action.LOSE_OR_BEGIN, StateReason.IMPLAUSIBLE_MOTION),
     Finding.TOO_FAST: Refusal(Action.LOSE_OR_BEGIN, StateReason.IMPLAUSIBLE_MOTION),
     # No keyframe: without the blanked image no landmark can be triangulated.
@@ -176,8 +180,8 @@ The stages of a pair (`localiser`) collect the findings. If those of a stage ref
 | 6 select the ground | `ground.cases` |
 | 8 judge | `check_tracks`, `check_pose`; unless these refuse the pair, the guards that require a valid pose |
 | | (`check_sides`, `check_gap`, `check_calibration`, `check_shear`) |
-| `Localiser._begin_window` | `check_images` (in stage 1), `check_gap`, `check_divergence`; if the pair can be a |
-| | reference: `check_landmarks`, `check_order` |
+| `Localiser._begin_window` | `check_images` (in stage 1), `check_gap`, `check_divergence`, `check_landmarks`, |
+| | `check_order` |
 
 A finding of a later stage is therefore unknown if an earlier stage refuses the pair, even if it precedes in the table.
 Each stage includes the findings of the earlier stages, and the order of the table decides between them. A window that
@@ -212,6 +216,8 @@ class Verdict(NamedTuple):
     reason: StateReason | None  #: Reason of the decisive finding; None without findings.
     inflation: Inflation  #: What all findings together add to the covariance.
     can_be_reference: bool  #: Whether the pair may be a reference for later pairs.
+    is_learnt: bool  #: Whether the memory of the ground learns from the pair.
+    ages_excluded: bool  #: Whether the excluded cells age if no window can begin with the pair.
 
     @property
     def refuses(self) -> bool:
@@ -219,7 +225,9 @@ class Verdict(NamedTuple):
         return self.action in (Action.KEEP, Action.LOSE, Action.LOSE_OR_BEGIN)
 
 
-NO_FINDING: Final = Verdict(None, Action.ACCEPT, None, Inflation.NONE, can_be_reference=True)
+NO_FINDING: Final = Verdict(
+    None, Action.ACCEPT, None, Inflation.NONE, can_be_reference=True, is_learnt=True, ages_excluded=False
+)
 """Verdict on a pair without findings."""
 
 
@@ -228,8 +236,10 @@ def decide(findings: frozenset[Finding]) -> Verdict:
     if not findings:
         return NO_FINDING
     present = [finding for finding in RULES if finding in findings]
-    first = RULES[present[0]]
-    degradations = [rule for finding in present if isinstance(rule := RULES[finding], Degradation)]
+    rules = [RULES[finding] for finding in present]
+    first = rules[0]
+    refusals = [rule for rule in rules if isinstance(rule, Refusal)]
+    degradations = [rule for rule in rules if isinstance(rule, Degradation)]
     inflation = Inflation.NONE
     for rule in degradations:
         inflation |= rule.inflation
@@ -239,4 +249,6 @@ def decide(findings: frozenset[Finding]) -> Verdict:
         reason=first.reason,
         inflation=inflation,
         can_be_reference=all(rule.can_be_reference for rule in degradations),
+        is_learnt=not refusals or any(rule.is_learnt for rule in refusals),
+        ages_excluded=isinstance(first, Refusal) and first.ages_excluded,
     )

@@ -3,7 +3,7 @@
 A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._locate` runs ten stages:
 
 1. Check the images: detect a repeated pair and copies of one image, and blank stale parts (`stale_images`, `guards`).
-2. Check the map: too few landmarks refuse the pair. Without a map, the pair begins a window (`_begin_window`).
+2. Check the map: too few landmarks refuse the pair. Without a map, the pair begins a window.
 3. Predict the pose by the last motion, a standstill and wheel odometry (`motion_model`).
 4. Track: align some landmarks jointly (direct image alignment as in SVO, Forster et al. 2017). Track the patches of
    more landmarks, warped by their local planes, in both images (Lucas and Kanade 1981), and solve for the pose with
@@ -30,22 +30,21 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 
 **Where a pair is refused.** Three stages can refuse a pair, and the later stages are then skipped. A refused pair is
 *kept* (the last pose is published again with a larger covariance), is *lost* (the pose is unknown), or begins a window.
-The two functions that continue with such a pair can refuse it for further reasons:
+`_without_pose` decides between the three, and can refuse the pair for further reasons, as can the new window:
 
 | where | refused because | what becomes of the pair |
 |---|---|---|
-| stage 1 | of its images | kept or lost (`_refuse`) |
-| stage 2 | the map has too few landmarks | lost, or begins a window (`_refuse_or_begin`) |
-| stage 8 | of any finding that refuses poses | kept or lost, or begins a window (`_refuse_or_begin`) |
-| `_begin_window` | its images cannot be a reference for later pairs | lost |
-| `_begin_window` | it has too few landmarks, or its images are swapped (`Stages.check_window`) | lost |
-| `_refuse` | it would be kept, but the localiser is lost, or its pose is as uncertain as an unknown pose | lost |
+| stage 1 | of its images | kept or lost |
+| stage 2 | the map has too few landmarks | lost, or begins a window |
+| stage 8 | of any finding that refuses poses | kept or lost, or begins a window |
+| `_without_pose` | there is no map, and its images cannot be a reference for later pairs | lost |
+| `_without_pose` | it would be kept, but the localiser is lost, or its pose is as uncertain as an unknown pose | lost |
+| `_begin_window` | it has too few landmarks, or its images are swapped (`Stages.begin_window`) | lost |
 
 A pair may begin a window in two situations: if there is no map, or if `MAX_FAILED_RECOVERIES` good images were refused
 since the last pair that was accepted or began a window. An image counts if stage 2 or stage 8 refuses its pair, except
-in two cases. Swapped
-images never count (`Action.LOSE`). Images that contradict the pose (`Action.KEEP`) count only while the localiser is
-lost. A pair that stage 1 refuses does not count either.
+in two cases. Swapped images never count (`Action.LOSE`). Images that contradict the pose (`Action.KEEP`) count only
+while the localiser is lost. A pair that stage 1 refuses does not count either.
 
 **Which reason wins.** Each point evaluates all findings so far with one table. Of the findings present, the first one
 in `findings.RULES` decides, and its reason is published. The order is:
@@ -103,7 +102,7 @@ from sfr_loc_map.localisation.estimate import (
 from sfr_loc_map.localisation.findings import Action, Finding, Verdict, decide
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, Tracks
-from sfr_loc_map.localisation.ground.selection import changed_cells
+from sfr_loc_map.localisation.ground.selection import Ground, changed_cells, select_ground
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO, KeyframeJob, KeyframeResult, has_diverged
 from sfr_loc_map.localisation.relocalisation import MAX_FAILED_RECOVERIES
 from sfr_loc_map.localisation.stages import Candidate, FinalPose, StageClock, Stages
@@ -246,24 +245,27 @@ class Localiser:
         findings = guards.check_images(pair, images, has_map=landmark_map is not None)
         verdict = decide(findings)
         if verdict.refuses:
-            return self._refuse(state, verdict, pair.stamp_ns)
+            return self._without_pose(state, verdict, pair.stamp_ns)
         with clock.stage("pyramid"):
             frame = StereoFrame.of(images.pair, pair, has_frozen_image=images.is_one_frozen)
         # 2 check the map
         if landmark_map is None:
-            return self._begin_window(state, frame, findings)
+            return self._without_pose(state, verdict, pair.stamp_ns, frame=frame, of_images=findings)
         verdict = decide(findings | guards.check_landmarks(frame, landmark_map.landmarks, self._config.min_tracked))
         if verdict.refuses:
-            return self._refuse_or_begin(state, verdict, frame, findings)
+            return self._without_pose(state, verdict, pair.stamp_ns, frame=frame, of_images=findings)
         # 3 predict
         prediction = state.path.last.predict(pair.stamp_ns, odometry, state.calibration.offset, self._model)
         # 4 track, 5 relocalise; beside them, stage 6 begins with a comparison of images, which requires no pose
         change = beside(changed_cells, frame, state.ground_memory)
         tracks = stages.track(frame, landmark_map, prediction, state.recovery, clock)
         # 6 select the ground's motion
-        ground = stages.select_ground(
-            frame, tracks, prediction, state.ground_memory, state.recovery, images, change.result()
-        )
+        changed = change.result()
+        if images.is_left_frozen or images.has_stale_rows:
+            ground = Ground.unselected(tracks, state.ground_memory)
+        else:
+            tools = stages.motion_tools
+            ground = select_ground(tools, frame, tracks, prediction, state.ground_memory, state.recovery, changed)
         # 7 correct the right camera
         candidate = stages.correct_right_camera(frame, landmark_map, ground, state.calibration, state.shear_mean)
         # 8 judge
@@ -271,7 +273,9 @@ class Localiser:
         verdict = stages.judge(last, state.gap_keyframes, candidate, findings | ground.findings)
         if verdict.refuses:
             state = state.refused(candidate, verdict)
-            return self._refuse_or_begin(state, verdict, frame, findings, candidate.tracks)
+            return self._without_pose(
+                state, verdict, pair.stamp_ns, frame=frame, of_images=findings, tracks=candidate.tracks
+            )
         # 9 complete, 10 accept
         final = stages.complete(last, candidate, verdict, clock)
         return self._accept(state, candidate, verdict, final)
@@ -301,71 +305,75 @@ class Localiser:
 
     # ---- pairs without an accepted pose
 
-    def _refuse(self, state: State, verdict: Verdict, stamp_ns: int, tracks: Tracks | None = None) -> Outcome:
-        """Refuse a pair: the last pose is published again with a larger covariance, or the localiser is lost.
-
-        While the localiser is lost, a pair that would be kept is lost, too, and the earlier reason is published again.
-        A kept pose is lost once the motion since this pose is as uncertain as an unknown pose.
-        """
-        is_repeated = verdict.finding is Finding.REPEATED_PAIR
-        statistics = TrackingStatistics(repeated=1) if is_repeated else TrackingStatistics(inliers=0)
-        reason = verdict.reason
-        if verdict.action is Action.KEEP:
-            if state.status is TrackingState.LOST:
-                reason = state.reason
-            else:
-                kept, step = state.kept(reason, stamp_ns, self._model)
-                if kept.path.errors.kept_motion.max() < LOST_VARIANCE:
-                    return Outcome(kept, statistics, tracks, step)
-        return Outcome(state.lost(reason), statistics, tracks)
-
-    def _refuse_or_begin(
+    def _without_pose(
         self,
         state: State,
         verdict: Verdict,
-        frame: StereoFrame,
-        of_images: frozenset[Finding],
+        stamp_ns: int,
+        *,
+        frame: StereoFrame | None = None,
+        of_images: frozenset[Finding] = frozenset(),
         tracks: Tracks | None = None,
     ) -> Outcome:
-        """Refuse a pair, or begin a window with it if several good images were refused.
+        """Continue with a pair that has no pose in the map: the pair begins a window, is kept, or is lost.
 
-        A pair that would be kept (`KEEP`) counts only while the localiser is lost. Otherwise, a localiser whose map
-        contradicts all images would stay lost. Of the findings of the pair, only those about its images (`of_images`)
-        also hold for the new window. The others concern a pose in the map that the window replaces.
+        A pair begins a window if there is no map, or if several good images were refused. A pair that would be kept
+        (`KEEP`) counts only while the localiser is lost: without this count, a localiser whose map contradicts all
+        images would stay lost. No window begins with a pair that cannot be a reference. This includes a pair in which
+        the selection of the ground found stale parts, because new landmarks in these parts would have wrong positions.
+
+        The last pose is kept, with a larger covariance, until the motion since this pose is as uncertain as an unknown
+        pose. While the localiser is lost, a pair that would be kept is lost, too, with the earlier reason.
+
+        Args:
+            state: State before the consequences of the verdict.
+            verdict: Verdict on the pair. Without a map, the verdict on its images.
+            stamp_ns: Stamp of the pair.
+            frame: Images of the pair; None if the images themselves are refused, so that no window begins.
+            of_images: Findings about the images, which also hold for a new window.
+            tracks: Tracked landmarks, for display.
         """
-        assert state.landmark_map is not None, "without a map, a pair begins a window"
+        landmark_map = state.landmark_map
         is_lost = state.status is TrackingState.LOST
-        may_begin = verdict.action is Action.LOSE_OR_BEGIN or (verdict.action is Action.KEEP and is_lost)
-        landmark_count = len(state.landmark_map.landmarks.rows)
-        if may_begin and self._stages.relocaliser.is_good_image(frame, landmark_count):
-            state = state.recovery_failed()
-            if state.failed_recoveries >= MAX_FAILED_RECOVERIES and verdict.can_be_reference:
-                return self._begin_window(state, frame, of_images, tracks)
-        return self._refuse(state, verdict, frame.stamp_ns, tracks)
+        may_begin = landmark_map is None
+        counts = verdict.action is Action.LOSE_OR_BEGIN or (verdict.action is Action.KEEP and is_lost)
+        if frame is not None and landmark_map is not None and counts:
+            is_good_image = self._stages.relocaliser.is_good_image(frame, len(landmark_map.landmarks.rows))
+            if is_good_image:
+                state = state.recovery_failed()
+                may_begin = state.failed_recoveries >= MAX_FAILED_RECOVERIES
+        if frame is not None and may_begin and verdict.can_be_reference:
+            return self._begin_window(state, frame, of_images, tracks)
+        is_repeated = verdict.finding is Finding.REPEATED_PAIR
+        statistics = TrackingStatistics(repeated=1) if is_repeated else TrackingStatistics(inliers=0)
+        reason = verdict.reason
+        if verdict.action is Action.KEEP and is_lost:
+            reason = state.reason
+        elif verdict.action is Action.KEEP:
+            kept, step = state.kept(reason, stamp_ns, self._model)
+            if kept.path.errors.kept_motion.max() < LOST_VARIANCE:
+                return Outcome(kept, statistics, tracks, step)
+        return Outcome(state.lost(reason), statistics, tracks)
 
     def _begin_window(
-        self, state: State, frame: StereoFrame, of_images: frozenset[Finding], tracks: Tracks | None = None
+        self, state: State, frame: StereoFrame, of_images: frozenset[Finding], tracks: Tracks | None
     ) -> Outcome:
-        """Begin a window at the last known pose with a pair and the findings about its images.
+        """Begin a window at the last known pose with a pair that can be a reference.
 
-        The localiser is lost if the pair cannot be a reference for later pairs, or if it has too few landmarks. The
-        state is degraded if the pair has findings, or if the motion since the last pose is unobserved.
+        The localiser is lost if the window has too few landmarks, or if the images are swapped. The state is degraded
+        if the images have findings, or if the motion since the last pose is unobserved. Findings about the pose of the
+        pair concern the map that the window replaces, and do not hold for the window.
         """
-        stages = self._stages
         gap_keyframes = state.gap_keyframes_at_window(frame.stamp_ns, self._config.window_keyframes)
         findings = of_images | guards.check_gap(gap_keyframes)
         findings |= guards.check_divergence(has_diverged=state.has_diverged)
-        verdict = decide(findings)
-        if not verdict.can_be_reference:  # checked first: with a blanked image, no landmark is triangulated
-            return Outcome(state.lost(verdict.reason), TrackingStatistics(inliers=0), tracks)
         pose = Pose.of(state.path.last.T_world_left)
         mask = state.ground_memory.excluded.mask
-        window = stages.keyframes.begin_window(frame, pose, state.calibration, mask)
-        landmarks = window.landmark_map.landmarks
-        statistics = TrackingStatistics(features=len(landmarks.rows))
-        verdict = decide(findings | stages.check_window(frame, landmarks, pose, state.calibration, mask))
+        window, of_window = self._stages.begin_window(frame, pose, state.calibration, mask)
+        statistics = TrackingStatistics(features=len(window.landmark_map.landmarks.rows))
+        verdict = decide(findings | of_window)
         if verdict.refuses:
-            if verdict.finding is Finding.FEW_LANDMARKS:  # the excluded cells may be the cause
+            if verdict.ages_excluded:
                 state = state.window_failed()
             return Outcome(state.lost(verdict.reason), replace(statistics, inliers=0), tracks)
         state, step = state.window_begun(frame, window, verdict, gap_keyframes, self._model)

@@ -302,7 +302,7 @@ class PathState:
         return path, is_far
 
     def pose_at(self, stamp_ns: int, model: RoverModel) -> Transform | None:
-        """Return the pose of RB in DS to which an external pose with a stamp applies; None without a past pose."""
+        """Return the pose of RB in DS at a past stamp (`History.at`); None without a past pose."""
         if not self.history.poses:
             return None
         past, _ = self.history.at(stamp_ns)

@@ -1,6 +1,7 @@
 """The stages that compute and judge the pose of a pair. `Localiser` calls them in order, and skips the rest on refusal.
 
-The stages take and return values. `Stages` holds their tools and keeps no state between calls.
+The stages take and return values; the clock, which they write to, only measures them. `Stages` holds their tools and
+keeps no state between calls.
 """
 
 from __future__ import annotations
@@ -17,19 +18,15 @@ from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibratio
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.findings import Finding, Verdict, decide
-from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset, pair_yaw
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
-from sfr_loc_map.localisation.ground.cell_change import Change
-from sfr_loc_map.localisation.ground.memory import GroundMemory
 from sfr_loc_map.localisation.ground.motions import MotionTools
-from sfr_loc_map.localisation.ground.selection import Ground, select_ground
+from sfr_loc_map.localisation.ground.selection import Ground
 from sfr_loc_map.localisation.guards import ShearMean
-from sfr_loc_map.localisation.keyframes import ImageMask, KeyframeMaker, max_corners
+from sfr_loc_map.localisation.keyframes import ImageMask, KeyframeMaker, KeyframeResult, max_corners
 from sfr_loc_map.localisation.motion_model import LastPose, Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
-from sfr_loc_map.localisation.stale_images import ImageComparison
 
 
 class StageClock:
@@ -75,10 +72,7 @@ class FinalPose(NamedTuple):
 
 
 class Stages:
-    """The stages that process a pair, and their tools, which are created for one rig and one configuration.
-
-    The tools are the tracker, the relocaliser, the keyframe maker and the ground selector.
-    """
+    """The stages that process a pair, and the tools of the localiser, created for one rig and one configuration."""
 
     def __init__(self, rig: StereoRig, config: LocalisationConfig) -> None:
         """Create the tools. ConfigError if a mask cannot be read or its size is not the rig's."""
@@ -89,7 +83,7 @@ class Stages:
         self.tracker = Tracker(config.min_tracked, rig.camera)
         self.relocaliser = Relocaliser(self.tracker, config, rig.camera, self._max_corners)
         self.keyframes = KeyframeMaker(rig, config)
-        self._motion_tools = MotionTools(self.tracker, self.relocaliser, rig.camera, self._shape, config.min_tracked)
+        self.motion_tools = MotionTools(self.tracker, self.relocaliser, rig.camera, self._shape, config.min_tracked)
 
     # ---- tracking
 
@@ -112,21 +106,6 @@ class Stages:
         with clock.stage("relocate"):
             found = self.relocaliser.relocalise(frame, landmarks, recovery, prediction.offset)
         return found or tracks
-
-    def select_ground(
-        self,
-        frame: StereoFrame,
-        tracks: Tracks,
-        prediction: Prediction,
-        memory: GroundMemory,
-        recovery: RecoveryImages,
-        images: ImageComparison,
-        change: Change,
-    ) -> Ground:
-        """Select the ground's motion, unless the left image is frozen or rows of either image are stale."""
-        if images.is_left_frozen or images.has_stale_rows:
-            return Ground.unselected(tracks, memory)
-        return select_ground(self._motion_tools, frame, tracks, prediction, memory, recovery, change)
 
     def correct_right_camera(
         self,
@@ -223,22 +202,18 @@ class Stages:
 
     # ---- a new window
 
-    def check_window(
-        self,
-        frame: StereoFrame,
-        landmarks: Landmarks,
-        pose: Pose,
-        calibration: OnlineCalibration,
-        ground_mask: ImageMask | None,
-    ) -> frozenset[Finding]:
-        """Apply the guards for the landmarks of a new window.
+    def begin_window(
+        self, frame: StereoFrame, pose: Pose, calibration: OnlineCalibration, ground_mask: ImageMask | None
+    ) -> tuple[KeyframeResult, frozenset[Finding]]:
+        """Begin a window with a pair at a pose, and apply the guards for its landmarks.
 
-        If the window has few landmarks, those of the swapped images show whether the order is the cause. The last three
-        arguments are those with which the window began.
+        If the window has few landmarks, those of the swapped images show whether the order is the cause.
         """
+        window = self.keyframes.begin_window(frame, pose, calibration, ground_mask)
+        landmarks = window.landmark_map.landmarks
         min_tracked = self._config.min_tracked
         findings = guards.check_landmarks(frame, landmarks, min_tracked)
-        if len(landmarks.rows) >= max(min_tracked, guards.ORDER_TESTED_RATIO * self._max_corners):
-            return findings
-        count_if_swapped = self.keyframes.landmark_count(frame.swapped(), pose, calibration, ground_mask)
-        return findings | guards.check_order(landmarks, count_if_swapped, min_tracked)
+        if len(landmarks.rows) < max(min_tracked, guards.ORDER_TESTED_RATIO * self._max_corners):
+            count_if_swapped = self.keyframes.landmark_count(frame.swapped(), pose, calibration, ground_mask)
+            findings |= guards.check_order(landmarks, count_if_swapped, min_tracked)
+        return window, findings

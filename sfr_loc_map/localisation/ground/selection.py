@@ -87,15 +87,18 @@ class Ground(NamedTuple):
     def memory_after(self, verdict: Verdict, before: GroundMemory) -> GroundMemory:
         """Return the memory after the verdict on the pair, from the memory before the pair.
 
-        A refused pair leaves the memory as it was, unless the image contradicts its pose. The present image replaces
-        the compared image only if later pairs may be compared with it, and the image at the last pose only if the pose
-        is accepted.
+        A pair that is not learnt, which most refused pairs are, leaves the memory as it was (`findings.RULES`). The
+        present image replaces the compared image only if later pairs may be compared with it, and the image at the last
+        pose only if the pose is accepted.
         """
-        if not verdict.refuses:
-            return self.learnt if verdict.can_be_reference else replace(self.learnt, earlier=before.earlier.older())
-        if Finding.CONTRADICTED in self.findings:
-            return replace(self.learnt, earlier=before.earlier.older(), last_image=before.last_image)
-        return before
+        if not verdict.is_learnt:
+            return before
+        learnt = self.learnt
+        if verdict.refuses:
+            learnt = replace(learnt, last_image=before.last_image)
+        if verdict.refuses or not verdict.can_be_reference:
+            learnt = replace(learnt, earlier=before.earlier.older())
+        return learnt
 
 
 def changed_cells(frame: StereoFrame, memory: GroundMemory) -> Change:
