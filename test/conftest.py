@@ -146,6 +146,15 @@ def scheduler() -> Iterator[str]:
         yield cluster.scheduler_address
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_setupnodes() -> None:
+    """Let parallel test processes write bytecode; otherwise each, and each process they start, compiles the package.
+
+    `tools/mutants.py` needs the variable, because it changes sources more often than their stamps. It runs no workers.
+    """
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the files that have most slow tests or tests of ROS, so that `make test` ends with short files."""
     markers = ("slow", "ros")
