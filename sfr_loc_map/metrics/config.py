@@ -85,12 +85,12 @@ class VerdictState(StrEnum):
     NOT_JUDGED = "not judged"  #: Estimate and truth contradict each other.
 
     @property
-    def severity(self) -> int:
+    def rank(self) -> int:
         """The rank of the verdict, 0 for the worst. Verdicts are combined and listed in this order."""
-        return SEVERITY.index(self)
+        return WORST_FIRST.index(self)
 
 
-SEVERITY = (
+WORST_FIRST = (
     VerdictState.FAIL,
     VerdictState.NOT_JUDGED,
     VerdictState.INCOMPLETE,
@@ -102,7 +102,7 @@ SEVERITY = (
 
 def worst_of(states: Iterable[VerdictState]) -> VerdictState | None:
     """Return the worst verdict, None without a verdict."""
-    return min(states, key=lambda state: state.severity, default=None)
+    return min(states, key=lambda state: state.rank, default=None)
 
 
 def _check_conditions(texts: Iterable[str]) -> None:

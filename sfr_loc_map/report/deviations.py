@@ -405,7 +405,10 @@ def _frames_beyond(score: Score) -> Iterator[str]:
 
 
 def _limits_missed_at_other_frames(score: Score) -> Iterator[str]:
-    """Yield each limit that the errors at frames without a judged error would miss, which changes no verdict."""
+    """Yield each limit that the errors at frames without a judged error would miss.
+
+    `judging.incomplete.missed_at_other_frames` states when these errors also prevent a pass.
+    """
     spacing = 1 if score.association is None else score.association.spacing_frames
     for limit, others, value in limits_missed_at_other_frames(score):
         yield (

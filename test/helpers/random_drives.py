@@ -66,7 +66,9 @@ def trajectory(poses: Poses) -> Any:
 def score_of(estimate: Poses, truth: Poses, config: TrajectoryScoreConfig | None = None) -> Score:
     """A score of a trajectory, by default over 5 m and 3 s."""
     config = config or TrajectoryScoreConfig(conditions=("distance=5", "time=3"))
-    return as_score(score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config))
+    kept = [("position", condition) for condition in config.conditions]
+    scored = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config, kept_errors=kept)
+    return as_score(scored)
 
 
 def as_score(scored: TrajectoryResult) -> Score:

@@ -15,9 +15,9 @@ from sfr_loc_map.metrics.completeness.copies import spline_positions
 from sfr_loc_map.metrics.completeness.drive import single_run_stamps
 from sfr_loc_map.metrics.completeness.expected_items import (
     calls_completeness,
+    due_stamps,
     live_completeness,
     map_completeness,
-    settled,
 )
 from sfr_loc_map.metrics.completeness.gaps import TruePath, path_without_images, true_path
 from sfr_loc_map.metrics.config import AssociationConfig, CallKind, TrajectoryScoreConfig
@@ -389,9 +389,9 @@ def test_a_tenth_of_the_true_stamps_with_other_poses_is_two_truths() -> None:
 def test_results_are_due_once_they_may_not_take_longer() -> None:
     stamps = np.arange(11) * SECOND
     none = np.empty(0, np.int64)
-    assert settled(stamps, none, 3 * SECOND).tolist() == stamps[:8].tolist()
-    assert settled(stamps, stamps[:10], 3 * SECOND).tolist() == stamps[:10].tolist()
-    assert settled(stamps, none, 0).tolist() == stamps.tolist()
+    assert due_stamps(stamps, none, 3 * SECOND).tolist() == stamps[:8].tolist()
+    assert due_stamps(stamps, stamps[:10], 3 * SECOND).tolist() == stamps[:10].tolist()
+    assert due_stamps(stamps, none, 0).tolist() == stamps.tolist()
 
 
 def values_of(rows: Iterable[Figure]) -> dict[str, float | None]:

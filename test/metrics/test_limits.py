@@ -300,7 +300,7 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
     assert bounds[0] == bounds[1]
     for score in found:
         assert fault_of_verdicts(score, with_verdicts(score)) is None
-        without_errors = replace(score, errors=(), details=None)
+        without_errors = replace(score, errors=())
         assert fault_of_verdicts(score, with_verdicts(without_errors)) is not None
 
 
@@ -386,6 +386,8 @@ def test_a_bound_is_made_of_all_errors_with_plots_and_without(monkeypatch: pytes
         assert several[0].value is not None
         assert several[0] == several[1] == several[2]
     assert from_json(to_json(made[1])) == made[1]
+    plots_only = judged_by(replace(made[0], errors=()), limits)
+    assert {item.value for item in plots_only.on_limits} == {None}, "plots are rounded"
 
 
 def test_a_verdict_on_what_contradicts_is_not_judged_but_a_crash_has_failed() -> None:

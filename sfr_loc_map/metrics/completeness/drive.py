@@ -23,7 +23,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.completeness.expected_items import expected_row, has_own, settled, share_of, share_rows
+from sfr_loc_map.metrics.completeness.expected_items import due_stamps, expected_row, has_stamp, share_of, share_rows
 from sfr_loc_map.metrics.completeness.gaps import (
     GAP_PERIODS,
     DriveGaps,
@@ -160,7 +160,7 @@ class TruthCoverage(NamedTuple):
             return np.zeros(len(expected_ns), np.bool_)
         is_inside = (expected_ns - near_ns >= true_ns[0]) & (expected_ns + near_ns <= true_ns[-1])
         if self.mode is AssociationMode.MATCH and self.is_sparser_than(expected_ns):
-            is_inside &= has_own(expected_ns, true_ns, near_ns)
+            is_inside &= has_stamp(expected_ns, true_ns, near_ns)
         return np.asarray(is_inside)
 
     def is_sparser_than(self, expected_ns: IntArray) -> bool:
@@ -182,8 +182,8 @@ def expected_stamps(
     estimates that the ground truth does not cover. Results of the last `in_flight_ns` are not due yet.
     """
     if image_stamps_ns is not None:
-        return settled(np.unique(image_stamps_ns), estimates_ns, in_flight_ns)
-    due_ns = settled(estimates_ns, estimates_ns[:0], in_flight_ns)
+        return due_stamps(np.unique(image_stamps_ns), estimates_ns, in_flight_ns)
+    due_ns = due_stamps(estimates_ns, estimates_ns[:0], in_flight_ns)
     return expected_without_images(due_ns, truth)
 
 
@@ -229,8 +229,8 @@ class Coverage(NamedTuple):
 def coverage_of(expected_ns: IntArray, estimates_ns: IntArray, frames_ns: IntArray, truth: TruthCoverage) -> Coverage:
     """Return which expected stamps have an estimate and a ground truth; all stamps ascend."""
     near_ns = nearness_ns(expected_ns, truth.tolerance_ns)
-    has_estimate = has_own(expected_ns, estimates_ns, near_ns)
-    has_frame = has_own(expected_ns, frames_ns, near_ns)
+    has_estimate = has_stamp(expected_ns, estimates_ns, near_ns)
+    has_frame = has_stamp(expected_ns, frames_ns, near_ns)
     has_truth = truth.spans(expected_ns, near_ns)
     has_truth &= has_frame | ~has_estimate | ~truth.requires_frame(expected_ns, near_ns)
     return Coverage(expected_ns, has_estimate, has_truth)

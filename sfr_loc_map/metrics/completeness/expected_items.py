@@ -4,7 +4,7 @@ The source defines the expected items, never the item under test. The row `judge
 expected items (`n`, null if it is unknown) and the fraction of them that is judged (`value`).
 docs/metrics.md, "Completeness", has the table of the expected, judged, missing and extra items of each subject.
 
-During a run, images and pairs are expected as soon as their result is due (`settled`). A call for a set of pairs is
+During a run, images and pairs are expected as soon as their result is due (`due_stamps`). A call for a set of pairs is
 expected once, at any pair.
 
 Items that are expected and have a result, but no ground truth, are neither judged nor missing (`images_without_truth`,
@@ -32,7 +32,7 @@ from sfr_loc_map.stamp_pairing import nearest_stamps
 CALL_TOLERANCE_NS = 1000  #: Accepted difference between the stamps of a single call, the default of `tolerance_s`.
 
 
-def has_own(expected_ns: IntArray, stamps_ns: IntArray, near_ns: int) -> Mask:
+def has_stamp(expected_ns: IntArray, stamps_ns: IntArray, near_ns: int) -> Mask:
     """Return which expected stamps are nearest to one of the stamps, within `near_ns`; both arrays are ascending.
 
     Each stamp counts for one expected stamp, so that expected stamps that are close together need one stamp each.
@@ -61,7 +61,7 @@ def share_of(count: int, total: int) -> float | None:
     return count / total if total else None
 
 
-def settled(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> IntArray:
+def due_stamps(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> IntArray:
     """Return the ascending stamps whose results are due.
 
     Results are due up to the stamp of the last result, and for stamps that are older than `in_flight_ns`.
@@ -156,7 +156,7 @@ def calls_completeness(
 
 def judged_calls(kind: CallKind, given: IntArray, expected: IntArray) -> tuple[int, int]:
     """Return how many expected calls of a kind were measured, and how many are expected."""
-    has_call = has_own(expected, np.unique(given), nearness_ns(expected, CALL_TOLERANCE_NS))
+    has_call = has_stamp(expected, np.unique(given), nearness_ns(expected, CALL_TOLERANCE_NS))
     judged = int(np.count_nonzero(has_call))
     if kind not in (CallKind.LOCALISATION, CallKind.MAPPING):  # a call for a set of pairs
         return min(judged, 1), 1

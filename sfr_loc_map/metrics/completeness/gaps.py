@@ -17,7 +17,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.completeness.expected_items import has_own, settled
+from sfr_loc_map.metrics.completeness.expected_items import due_stamps, has_stamp
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.frames.association import nearness_ns, unique_rows
 
@@ -45,7 +45,7 @@ class TruePath(NamedTuple):
 def true_path(truth: Trajectory, estimates_ns: IntArray, in_flight_ns: int) -> TruePath:
     """Return the path of the true poses whose results are due."""
     rows = unique_rows(truth.stamps_ns)
-    stamps_ns = settled(truth.stamps_ns[rows], estimates_ns, in_flight_ns)
+    stamps_ns = due_stamps(truth.stamps_ns[rows], estimates_ns, in_flight_ns)
     steps_m = np.linalg.norm(np.diff(truth.positions[rows[: len(stamps_ns)]], axis=0), axis=1)
     return TruePath(stamps_ns, np.append(0.0, np.cumsum(steps_m)))
 
@@ -162,9 +162,9 @@ def between_images(images_ns: IntArray, true_ns: IntArray) -> Mask:
         return is_hole
     near_ns = nearness_ns(images_ns)
     has_same_period = SAME_PERIOD * np.median(np.diff(true_ns)) > np.median(np.diff(images_ns))
-    if not has_same_period or np.mean(has_own(images_ns, true_ns, near_ns)) < MOST_IMAGES:
+    if not has_same_period or np.mean(has_stamp(images_ns, true_ns, near_ns)) < MOST_IMAGES:
         return is_hole
-    alone = true_ns[~has_own(true_ns, images_ns, near_ns)]
+    alone = true_ns[~has_stamp(true_ns, images_ns, near_ns)]
     after = np.searchsorted(images_ns, alone)
     is_hole[after[(after > 0) & (after < len(images_ns))] - 1] = True
     return is_hole

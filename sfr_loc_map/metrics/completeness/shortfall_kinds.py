@@ -75,7 +75,7 @@ OF_LIMITS = (ERRORS_BEYOND, STANDING)
 class ShortfallKind(NamedTuple):
     """A kind of missing, unjudged or unexpected data of one scope."""
 
-    figure: str  #: Figure of completeness, which counts the data as a fraction of `expected`.
+    figure: str  #: Figure of completeness: the data as a fraction of `expected`; for `restarts` their number.
     scope: Scope | None  #: None for every scope, as of `UNKNOWN_ITEMS`.
     expected: str  #: What the figure is a fraction of.
     #: Largest value of the figure for which the scope is complete, if the score has limits; None for any value.

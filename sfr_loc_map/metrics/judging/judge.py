@@ -1,7 +1,7 @@
 """The verdicts of a score, as a pure function of the score.
 
 `with_verdicts` reads the figures, the rules, the findings, the errors of tolerance bounds, the association, and whether
-estimate and truth contradict each other. The verdicts follow in four steps:
+estimate and truth contradict each other. The data of the plots affect no verdict. The verdicts follow in four steps:
 
 1. `with_bounds` adds the tolerance bounds of limits with a fraction and a confidence to the table of figures.
 2. `incomplete.incompleteness` states what makes the score incomplete.
@@ -25,14 +25,13 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.completeness.shortfall_kinds import OF_LIMIT
 from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
 from sfr_loc_map.metrics.figures.catalogue import JUDGED, KINDS
-from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.figures.subjects import LimitSection
 from sfr_loc_map.metrics.judging.data_set import fault_of_data_set
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, incompleteness, text_of
 from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
-from sfr_loc_map.metrics.score.limits import BOUND, Limit, LimitedNumber, Limits, Rules, margin_of, meets
+from sfr_loc_map.metrics.score.limits import BOUND, Limit, Limits, Rules, margin_of, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import ProofRecord, Verdict, is_within_error
 
@@ -229,7 +228,7 @@ def verdict_of(
         row=figure.row_index,
         subject=limited.subject,
         condition=limit.condition,
-        part=part_of(limited, figure.row),
+        part=limited.part if figure.row is None else figure.row.part,
         figure=limited.figure,
         statistic=limited.statistic,
         limit=limit.limit,
@@ -245,11 +244,6 @@ def verdict_of(
         needs_certainty=limit.certain,
         proof=proof,
     )
-
-
-def part_of(limited: LimitedNumber, row: Figure | None) -> RowPart | None:
-    """Return the part of the limited row, or if there is no such row, the part that the limit names."""
-    return limited.part if row is None else row.part
 
 
 def _by_reading(limit: Limit, score: Score, limits: Limits) -> dict[str, VerdictState]:

@@ -66,7 +66,7 @@ def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]], tr
         proofs = [prove_sample(terms, limit, sample, truth_error) for samples in runs.values() for sample in samples]
         if not proofs:
             return prove_sample(terms, limit, Sample(np.empty(0), 0.0))
-        return min(proofs, key=lambda proof: (proof.state.severity, -(proof.bound or 0.0)))
+        return min(proofs, key=lambda proof: (proof.state.rank, -(proof.bound or 0.0)))
     sample = sample_over_drives(terms.interpretation, runs)
     if terms.good is None:
         return prove_sample(terms, limit, sample, truth_error)

@@ -157,16 +157,12 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return judged is not None and judged.keys == row.keys
 
     def all_errors(self, figure: str, condition: str | None) -> FloatArray | None:
-        """Return all errors `(n, d)` of a figure, NaN if unknown; None if the score does not contain all errors.
+        """Return all errors `(n, d)` of a figure, NaN if unknown; None if the score does not have them (`errors`).
 
-        The data of the plots are used only if they contain every sub-trajectory.
+        The data of the plots are not used, because they are rounded and may be decimated.
         """
         names = (figure, condition)
         columns = next((item.errors for item in self.errors if (item.figure, item.condition) == names), ())
-        details = None if self.details is None else self.details.trajectory
-        for rows in () if columns or details is None else details.sub_trajectories:
-            if rows.condition == condition and rows.every == 1:
-                columns = rows.error_columns(figure)
         return np.stack([np.array(values, np.float64) for values in columns], axis=1) if columns else None
 
     def has(self, subject: str) -> bool:

@@ -139,8 +139,8 @@ class JudgedMap(NamedTuple):
 
     made: MapResult
     rank: tuple[int, int, float]
-    """Severity of the verdict, number of missed limits and point error, m, the last two with a negative sign. The worst
-    map has the smallest rank. An unknown error counts as the largest error."""
+    """Rank of the verdict, number of missed limits and point error, m, the last two with a negative sign. The worst map
+    has the smallest rank. An unknown error counts as the largest error."""
     missed: frozenset[str]  #: Names of the missed limits.
 
 
@@ -185,7 +185,8 @@ class LiveMaps:
     def _judged(self, made: MapResult) -> JudgedMap:
         score = judged_by(Score(figures=made.figures, cloud=made.cloud), self._limits, partial=self._partial)
         missed = frozenset(verdict.name for verdict in score.missed)
-        severity = (score.verdict or VerdictState.PASS).severity
+        # only a complete map that no limit applies to has no verdict, and no such map is worse than another
+        state = VerdictState.PASS if score.verdict is None else score.verdict
         error_m = score.number("point_error", "mean_plus_3sigma", part=None)
-        rank = (severity, -len(missed), -math.inf if error_m is None else -error_m)
+        rank = (state.rank, -len(missed), -math.inf if error_m is None else -error_m)
         return JudgedMap(made, rank, missed)

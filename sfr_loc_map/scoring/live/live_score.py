@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.calls.call_score import concatenated
-from sfr_loc_map.metrics.completeness.expected_items import live_completeness, settled
+from sfr_loc_map.metrics.completeness.expected_items import due_stamps, live_completeness
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.figures.records import Provenance
 from sfr_loc_map.metrics.figures.results import CallsResult, MapResult
@@ -52,6 +52,11 @@ class LiveRun:
     #: Number of estimates that were published before the first that the node received, as after a restart of the node.
     missed_estimates: int = 0
     provenance: Provenance | None = None  #: Provenance of the score.
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether results may still arrive."""
+        return self.in_flight_s > 0.0
 
     @property
     def in_flight_ns(self) -> int:
@@ -103,7 +108,7 @@ def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:
     is_localisation = calls.is_localisation
     of_task = {Task.LOCALISATION: calls.stamps_ns[is_localisation], Task.MAPPING: calls.stamps_ns[~is_localisation]}
     return {
-        task: None if stamps is None else settled(stamps, of_task[task], in_flight_ns)
+        task: None if stamps is None else due_stamps(stamps, of_task[task], in_flight_ns)
         for task, stamps in expected.items()
     }
 

@@ -123,7 +123,7 @@ class MonitorScore:
         and the next map are awaited. After the run, images without poses and the pairs after the last map are missing.
         """
         self.score_maps()
-        is_under_way = live.in_flight_s > 0.0
+        is_under_way = live.is_under_way
         stats = self.rows.calls.stats(stated_tasks=tuple(Task))
         drive = self._drive(stats, is_under_way=is_under_way)
         unmapped = self.map_inputs.refused_pairs if is_under_way else self.map_inputs.unmapped_pairs

@@ -107,7 +107,7 @@ def verdict_table(summary: Summary) -> Table:
         for index, group in enumerate(summary.groups)
         for index_in_group, item in enumerate(group.verdicts)
     ]
-    rows.sort(key=lambda row: row.item.state.severity)
+    rows.sort(key=lambda row: row.item.state.rank)
     note = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: for figures that cannot be pooled."
     return table_of("verdicts", "Verdicts over all drives", VERDICTS, rows, note)
 
