@@ -1,10 +1,12 @@
 """Runs jobs on Dask: on worker processes of this machine, or on a running cluster.
 
-Dask starts the processes and restarts a process that exceeds its memory limit. This module adds the time limit of a
-job, the check that a worker has the code of the client, and the cause of a failure.
+Dask starts the processes, restarts a process that exceeds its memory limit, and repeats a job after an error. This
+module adds the time limit of a job, further tries of a job whose worker has died, the check that a worker has the code
+of the client, and the cause of a failure.
 
-A Dask plugin compares the digest of the code once, when a worker joins. A worker with the code of the client offers a
-resource that the jobs require, so that Dask assigns jobs only to such workers.
+A Dask plugin compares the digest of the code once for each run, on the present workers and on those that join later. A
+worker with the code of the client offers a resource that the jobs require, so that Dask assigns jobs only to such
+workers.
 """
 
 from __future__ import annotations
@@ -271,17 +273,19 @@ def run_jobs(jobs: Sequence[Job], workers: SuiteWorkers, cache: Path) -> Generat
             except Empty:
                 continue
             job = submitted.pop(future)
-            outcome, error = _result_of(future)
+            found = _result_of(future)
             future.release()
-            if isinstance(error, KilledWorker):
+            if isinstance(found, KilledWorker):
                 workers.ask_again()
-                deaths[job.key] += error.allowed_failures + 1
+                deaths[job.key] += found.allowed_failures + 1
                 if deaths[job.key] < TRIES:
                     waiting.appendleft(job)
                     continue
-                outcome = _cause_of_death(client, error.last_worker.address, job)
-            elif error is not None:
-                outcome = JobOutcome(cause=FailureCause.FAULT, message=one_line(f"{type(error).__name__}: {error}"))
+                outcome = _cause_of_death(client, found.last_worker.address, job)
+            elif isinstance(found, JobOutcome):
+                outcome = found
+            else:
+                outcome = JobOutcome(cause=FailureCause.FAULT, message=one_line(f"{type(found).__name__}: {found}"))
             workers.count(outcome)
             submit()  # before the caller saves the outcome, so that no worker is idle
             yield job, outcome
@@ -295,18 +299,19 @@ def run_jobs(jobs: Sequence[Job], workers: SuiteWorkers, cache: Path) -> Generat
             client.cancel(list(submitted), force=True)
 
 
-def _result_of(future: Future[JobOutcome]) -> tuple[JobOutcome, BaseException | None]:
-    """Return the outcome of a finished job, and its error; None if there is no error."""
+def _result_of(future: Future[JobOutcome]) -> JobOutcome | BaseException:
+    """Return the outcome of a finished job, or the error that ended the job."""
     from distributed.scheduler import KilledWorker
 
     if future.status == "error":
-        return JobOutcome(), future.exception()
+        error: BaseException = future.exception()
+        return error
     if future.status != "finished":
         raise ConnectionError(f"Dask has lost a job: {future.status}")
     try:
-        return future.result(), None
-    except KilledWorker as error:  # the worker was killed before its result was fetched
-        return JobOutcome(), error
+        return future.result()
+    except KilledWorker as killed:  # the worker was killed before its result was fetched
+        return killed
 
 
 def _cause_of_death(client: Client, address: str, job: Job) -> JobOutcome:
