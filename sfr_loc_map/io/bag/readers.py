@@ -17,13 +17,14 @@ from rosbags import rosbag1
 from rosbags.interfaces import Connection
 from rosbags.rosbag1.reader import Chunk, ChunkInfo, decompressors
 from rosbags.rosbag1.reader import ReaderError as Ros1Error
+from rosbags.rosbag2.metadata import ReaderMetadata
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag.encoding import OLD_TYPES, cdr_of_ros1
 from sfr_loc_map.io.bag.files import BagFiles, is_ros1_bag
-from sfr_loc_map.io.bag.mcap_file import McapFile
+from sfr_loc_map.io.bag.mcap_file import NO_MESSAGES, McapFile
 from sfr_loc_map.io.bag.unpacking import unpack_bz2, unpack_lz4, unpack_zstd, unpack_zstd_file
 from sfr_loc_map.suffixes import suffix_of
 
@@ -40,6 +41,13 @@ class Ros1Reader(rosbag1.Reader):
         self._places: set[int] = set()
         super().open()
         self.connections = [c._replace(msgtype=OLD_TYPES.get(c.msgtype, c.msgtype)) for c in self.connections]
+
+    @property
+    def metadata(self) -> ReaderMetadata:
+        """Times (ns) and number of the messages, as the other readers state them."""
+        return NO_MESSAGES._replace(
+            start_time=self.start_time, end_time=self.end_time, message_count=self.message_count
+        )
 
     def read_chunk_info(self) -> ChunkInfo:
         """Read the offset of a chunk; a chunk that is listed twice is rejected."""
@@ -124,31 +132,19 @@ def messages_of_readers(
     """
     last_ns = -1
     groups: list[list[Iterator[tuple[Connection, int, bytes]]]] = []
-    for reader in sorted(readers, key=_start_ns):
+    for reader in sorted(readers, key=lambda reader: reader.metadata.start_time):
         wanted = [each for each in reader.connections if each.topic in topics]
         if not wanted:
             continue
-        if _start_ns(reader) > last_ns:
+        if reader.metadata.start_time > last_ns:
             groups.append([])
         groups[-1].append(reader.messages(wanted))
-        last_ns = max(last_ns, _end_ns(reader))
+        last_ns = max(last_ns, reader.metadata.end_time)
     for group in groups:
         for connection, time_ns, data in heapq.merge(*group, key=lambda message: message[1]):
             yield connection, time_ns, unpack_zstd(data) if are_compressed else data
 
 
-def _start_ns(reader: BagReader) -> int:
-    """Return the time of the first message of a file."""
-    return int(reader.start_time if isinstance(reader, Ros1Reader) else reader.metadata.start_time)
-
-
-def _end_ns(reader: BagReader) -> int:
-    """Return the time after the last message of a file."""
-    return int(reader.end_time if isinstance(reader, Ros1Reader) else reader.metadata.end_time)
-
-
 def message_count(readers: Sequence[BagReader]) -> int:
     """Return the number of messages in files, with any encoding."""
-    return sum(
-        reader.message_count if isinstance(reader, Ros1Reader) else reader.metadata.message_count for reader in readers
-    )
+    return sum(reader.metadata.message_count for reader in readers)

@@ -12,7 +12,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray, Mask
 from sfr_loc_map.inputs import MAX_INVALID
 from sfr_loc_map.io.number_text import is_decimal, number_or_nan
-from sfr_loc_map.io.stamps.time_units import LONGEST_SENSOR_STEP, is_clock
+from sfr_loc_map.io.stamps.time_units import LONGEST_SENSOR_STEP, is_clock_time
 from sfr_loc_map.message_stamps import NS_PER_S
 
 _log = logging.getLogger(__name__)
@@ -92,7 +92,7 @@ def check_unit(
     if not len(steps) or step_ns >= shortest_ns:
         return
     magnitude_s = float(np.median(np.abs(stamps))) / NS_PER_S
-    factor = next((factor for factor in (1e3, 1e6, 1e9) if is_clock(magnitude_s * factor)), 0.0)
+    factor = next((factor for factor in (1e3, 1e6, 1e9) if is_clock_time(magnitude_s * factor)), 0.0)
     if factor:
         raise InputError(
             f"{name}: the stamps are {step_ns:g} ns apart, but would be times of a clock if they were {factor:g} times "

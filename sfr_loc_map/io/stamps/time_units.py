@@ -63,7 +63,7 @@ class _StampFigures(NamedTuple):
 
     def is_clock_in(self, unit: str) -> bool:
         """Return whether stamps in this unit are times of a clock, which numbers of seconds cannot be."""
-        return self.magnitude > LATEST_CLOCK_S and is_clock(self.magnitude * TIMES[unit] / NS_PER_S)
+        return self.magnitude > LATEST_CLOCK_S and is_clock_time(self.magnitude * TIMES[unit] / NS_PER_S)
 
 
 def inferred_time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
@@ -101,6 +101,6 @@ def inferred_time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
     return next((unit for unit, applies in rules if applies), "")
 
 
-def is_clock(seconds: float) -> bool:
+def is_clock_time(seconds: float) -> bool:
     """Return whether a stamp, s, is a time of a clock, and not a time since the start of a program."""
     return EARLIEST_CLOCK_S <= seconds <= LATEST_CLOCK_S

@@ -279,3 +279,20 @@ def test_images_that_a_list_does_not_name_are_reported(
     image.with_name("._999999.png").write_bytes(b"hidden")
     open_source(tmp_path / "x")
     assert "unlisted images ignored: 1, the first: " in caplog.text
+
+
+def test_missing_pairs_of_euroc_are_in_the_order_of_their_stamps(tmp_path: Path) -> None:
+    """A left image that the list of the right camera does not answer precedes a pair whose file is missing."""
+    world = make_world(count=6)
+    convert(
+        open_source(write_folder(tmp_path / "made", world, nav=False)),
+        tmp_path / "x",
+        ConvertOptions(layout=Layout.EUROC),
+    )
+    right = tmp_path / "x" / "mav0" / "cam1"
+    header, *lines = (right / "data.csv").read_text().splitlines()
+    del lines[1]
+    (right / "data.csv").write_text("\n".join([header, *lines]))
+    stamps_ns = [pair.stamp_ns for pair in world.pairs]
+    (right / "data" / f"{stamps_ns[3]}.png").unlink()
+    assert open_source(tmp_path / "x").missing_loc_ns == (stamps_ns[1], stamps_ns[3])
