@@ -171,24 +171,20 @@ class Stages:
 
         Later pairs are compared with the left image of a recovery image, which must therefore show enough landmarks.
         Only a recovery image may become a keyframe.
+
+        Only the errors of keyframes accumulate. Other poses are therefore estimated from fewer landmarks to save time.
+        Findings about the images hold for the pose of all landmarks as well, so that only the pose is checked again. If
+        that pose is refused, the judged tracks are used.
         """
         tracks = candidate.tracks
         is_recovery_image = verdict.can_be_reference and tracks.left_inlier_count >= self._config.min_tracked
         if not (is_recovery_image and self.keyframes.is_needed(tracks, candidate.landmark_map)):
             return FinalPose(tracks, is_keyframe=False, is_recovery_image=is_recovery_image)
         with clock.stage("refine"):
-            tracks = self._keyframe_tracks(last, candidate)
+            of_all = self.with_all_landmarks(candidate)
+            if not self._refusals_of_pose(last, candidate.frame, of_all):
+                tracks = of_all
         return FinalPose(tracks, is_keyframe=True, is_recovery_image=True)
-
-    def _keyframe_tracks(self, last: LastPose, candidate: Candidate) -> Tracks:
-        """Return the tracks of all landmarks for a keyframe; the judged tracks if the pose of all landmarks is refused.
-
-        Only the errors of keyframes accumulate. Other poses are therefore estimated from fewer landmarks to save time.
-        Findings about the images hold for the pose of all landmarks as well, so that only the pose is checked again.
-        """
-        complete = self.with_all_landmarks(candidate)
-        is_refused = bool(self._refusals_of_pose(last, candidate.frame, complete))
-        return candidate.tracks if is_refused else complete
 
     def with_all_landmarks(self, candidate: Candidate) -> Tracks:
         """Track the remaining landmarks, and estimate the pose from all landmarks."""
