@@ -89,7 +89,7 @@ def test_each_mismatch_is_found_among_the_others_and_its_setting_corrects_it(cas
     mistake, name = CASES[case]
     config = AssociationConfig()
     for seed, rig in enumerate((RIG, None)):
-        truth, estimate = rover(seed)
+        truth, estimate = rover(seed, 150)
         true, wrong = Trajectory(*truth), Trajectory(*mistake(*estimate))
         diagnosis = diagnose(wrong, true, config, rig)
         names = [item.mismatch for item in diagnosis.hypotheses]
