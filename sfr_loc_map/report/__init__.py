@@ -12,7 +12,7 @@ follows:
 - records: `summary` makes the banner, the header and the first items to look at, `notes` the notes of tables, and
   `deviations` the deviations from the specification. `settings` finds the settings that differ from their defaults.
 
-`page` (`Page`) and `test_report` (`SignedReport`) compose these parts in the order of their templates. Several scores
+`page` (`Page`) and `test_report` (`ReportToSign`) compose these parts in the order of their templates. Several scores
 of the same data are shown by `comparison` and `methods_page`. `diagnosis_table` and `path_plot` do not show a score.
 """
 

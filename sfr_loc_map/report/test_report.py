@@ -107,7 +107,7 @@ class ScoreSection(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SignedReport:
+class ReportToSign:
     """The content of a test report, in the order of the report."""
 
     title: str
@@ -138,7 +138,7 @@ def render_test_report(
     common = common_verdict(scores)
     sections = [_section(score, index) for index, score in enumerate(scores, 1)]
     states = [row.view.item.state.value for section in sections for row in section.results]
-    report = SignedReport(
+    report = ReportToSign(
         title=title or "Test report",
         number=number,
         issue=issue,

@@ -15,8 +15,8 @@ from msgspec.structs import replace
 from helpers import ROOT
 from helpers.browser import Browser
 from helpers.cli_result import Sfr
-from helpers.made_scores import HOSTILE, dig, half, json_of, of_drive, of_map, whole_score, with_target, without
-from sfr_loc_map.metrics.config import VerdictState
+from helpers.made_scores import HOSTILE, dig, drive, half, json_of, of_drive, of_map, whole_score, with_target, without
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig, VerdictState
 from sfr_loc_map.metrics.figures.catalogue import CLAUSES
 from sfr_loc_map.metrics.figures.records import MethodKind, MethodRecord, TruthRecord
 from sfr_loc_map.metrics.judging.judge import judged_by, with_verdicts
@@ -26,6 +26,7 @@ from sfr_loc_map.metrics.score.caveats import truth_caveats
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.stored.score_json import load_score
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.report.deviations import deviations_of, is_of_stage
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import render_page
@@ -278,7 +279,9 @@ def test_junit_says_every_state_in_its_own_word() -> None:
 def test_the_reason_of_an_open_bound_is_what_it_needs() -> None:
     entry = {"limit": 10.0, "prob": 0.95, "confidence": 0.95, "interpretation": "ensemble"}
     content = {"trajectory": [{"condition": "distance=5", "position_bound_m": entry}]}
-    score = judged_by(whole_score(), parse_limits(content, "test"))
+    config = TrajectoryScoreConfig(conditions=("distance=5",))
+    errors = score_trajectory(*drive(300), config, kept_errors=[("position", "distance=5")]).errors
+    score = judged_by(replace(whole_score(), errors=errors), parse_limits(content, "test"))
     item = score.on_limits[0]
     assert item.state == "not enough data"
     text = render_test_report([score])

@@ -53,7 +53,7 @@ NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (o
 NO_STAMP = "the {part} have no stamps, so their pairs are unknown"
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
-STATES_OF_POSES = ("lost", "degraded")  #: Figures of the states of poses, which a limit requires to be known.
+STATES_OF_POSES = ("lost", "degraded")  #: Figures of the states of poses, which only a limit requires to be known.
 UNKNOWN_STATES = RowPart("states of poses")
 """Part of the shortfalls for unknown states of poses, which affect only the limits on these states."""
 
@@ -107,15 +107,9 @@ def shortfalls_of(scope: RowPart, score: Score) -> Iterator[Shortfall]:
             continue
         if kind.figure in STATES_OF_POSES:
             yield from unknown_states(kind, score)
-        most = largest_complete(kind, score)
-        if most is None:
-            continue
-        if kind.figure == ERRORS_BEYOND:
-            yield from missed_at_other_frames(kind, scope, score, most)
-        elif kind.figure == STANDING:
-            yield from met_by_standing(kind, scope, score, most)
-        else:
-            yield from above_most(kind, scope, score, most)
+        elif (most := largest_complete(kind, score)) is not None:
+            evaluate = OF_EACH_LIMIT.get(kind.figure, above_most)
+            yield from evaluate(kind, scope, score, most)
 
 
 def largest_complete(kind: ShortfallKind, score: Score) -> float | None:
@@ -274,6 +268,10 @@ def met_by_standing(kind: ShortfallKind, scope: RowPart, score: Score, most: flo
                 limit=limit.name,
             )
             yield Shortfall(kind, scope, most, share.value, text, score.index_of(share), limit)
+
+
+OF_EACH_LIMIT = {ERRORS_BEYOND: missed_at_other_frames, STANDING: met_by_standing}
+"""The figures whose shortfall depends on the limits on errors (`shortfall_kinds.OF_LIMITS`), and their rules."""
 
 
 # ---- numbers and texts
