@@ -231,7 +231,7 @@ CLAUSES = (
         ("metrics/formulas.py", "metrics/trajectory/trajectory_errors.py"),
         "row position error over a condition",
         "The literal interpretation is `displacement`: displacements in DS without a rotation. With `pose`, the "
-        "estimated displacement is rotated by the attitude error at N before the comparison (4.1.2).",
+        "attitude error at N is removed from the estimated displacement before the comparison (4.1.2).",
         "pose by default; displacement is literal",
     ),
     Clause(
