@@ -54,7 +54,10 @@ class FileState(NamedTuple):
 
 
 def file_states(path: Path) -> tuple[FileState, ...]:
-    """Return the state of a file, or of each file that the hash of a folder contains; raise OSError if unreadable."""
+    """Return the state of a file, or of each file that `hash_path` reads in a folder.
+
+    Raises OSError if a folder cannot be listed or a file does not exist.
+    """
     states = ((str(file), file.stat()) for file in hashed_files(path))
     return tuple(
         FileState(name, found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)

@@ -73,7 +73,7 @@ class StampPairing(Generic[T]):
     """
 
     def __init__(self, tolerance_ns: int, depth: int) -> None:
-        """Start without items; stamps of a pair differ by up to the tolerance, and each side queues `depth` items."""
+        """Create empty queues of at most `depth` items a side; stamps of a pair differ by at most the tolerance."""
         self._tolerance_ns = tolerance_ns
         self._depth = depth
         self._waiting: tuple[deque[tuple[int, int, T]], ...] = (deque(), deque())  # stamp, number of returns, item

@@ -37,7 +37,7 @@ NODE_SECTIONS = {
 """Sections that contain node parameters."""
 STAMP_TOLERANCE = "stamp_tolerance_s"  #: Parameter of a node's input that the section `sync` has, too.
 ROS_PARAMETERS = "ros__parameters"  #: Name of the parameters of a node in a ROS parameter file.
-ALL_NODES = "**"  #: Name of all nodes in a ROS parameter file.
+ALL_NODES = "**"  #: Wildcard for all nodes in a ROS parameter file.
 WILDCARDS = ("*", ALL_NODES)  #: Names that include every node of the suite, without their namespaces.
 _SECTION_OF_PREFIX = {known.prefix: name for name, known in NODE_SECTIONS.items() if known.prefix}
 

@@ -154,7 +154,7 @@ def _missing(seen: Observation, name: str, topic: ObservedTopic | None) -> Issue
 def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Issue:
     """Return why no message of a topic is received, by the doctor or by a node that requests more reliability."""
     publishers = topic.publishers
-    if publishers is None:  # a recording has the types of the messages
+    if publishers is None:  # a recording has no publishers, but states the types of its messages
         publishers = tuple(Publisher("", kind) for kind in topic.types)
     strict = Reliability.RELIABLE in topic.requests.values()
     requested = Reliability.RELIABLE if strict else Reliability.BEST_EFFORT

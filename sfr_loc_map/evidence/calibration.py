@@ -61,7 +61,7 @@ class CameraOffset(NamedTuple):
     low_px: float  #: Lowest value of a run.
     high_px: float  #: Highest value of a run.
     degrees: float
-    depth_error_m: float | None  #: Depth error at RANGE_M with the calibration file; None without a wrong yaw.
+    depth_error_m: float | None  #: Depth error at RANGE_M with the calibration file; None if no yaw is wrong.
 
     @property
     def advice(self) -> Advice:

@@ -14,7 +14,7 @@ from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 
 MAX_IMAGE_PIXELS = 8192 * 8192  #: Maximum pixels of an image. Bounds the memory that a wrong header allocates.
-MAX_IMAGE_SIDE = 32_768  #: Longest side of an image, pixels: OpenCV's remap uses 16-bit coordinates.
+MAX_IMAGE_SIDE = 32_766  #: Maximum side of an image, pixels: OpenCV's remap requires sides below 32 767.
 FOCAL_RATIOS = (0.01, 100.0)
 """Smallest and largest ratio of the focal length to the longer side of the image: fields of view from 178 to 0.6 deg.
 """

@@ -140,7 +140,7 @@ class Truth(Trajectory):
 def as_truth(trajectory: Trajectory) -> Truth:
     """Return a trajectory as a truth. A trajectory that is not a `Truth` is assumed to be complete and exact.
 
-    Unknown heights are 0 in the result. The path of the truth is then horizontal, whatever the placeholders are.
+    Unknown heights are 0 in the result. The path of the truth is then horizontal.
     """
     if not isinstance(trajectory, Truth):
         return Truth(trajectory.stamps_ns, trajectory.positions, trajectory.quats_xyzw)

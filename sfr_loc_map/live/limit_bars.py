@@ -36,7 +36,7 @@ class LimitBar:
     limit: str
     margin: str
     interval: str
-    bound: float  #: The limit in the unit of its name.
+    bound: float  #: The limit, in the unit that its name states.
     share: float | None  #: Drawn fraction of the limit. This fraction, `low` and `high` are at most `MOST_DRAWN`.
     low: float | None
     high: float | None

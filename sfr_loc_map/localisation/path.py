@@ -281,7 +281,7 @@ class PathState:
         return path._reset(pose, pose.stamp_ns, model) if self.arrived_ns is None else path
 
     def pose_applied(self, stamp_ns: int, model: RoverModel) -> tuple[PathState, bool]:
-        """Return the path after a pair, with the external pose that waits applied if its stamp is reached.
+        """Return the path after a pair. The waiting external pose is applied if its stamp has been reached.
 
         The second value tells whether the map is to be discarded.
         """

@@ -101,7 +101,7 @@ class MapOfPairs:
         self._has_ended = False
 
     def end(self) -> None:
-        """End the map; its later calls raise MappingError, because the method has no results of its pairs any more."""
+        """End the map. Later calls of this map raise MappingError: the method has no results of its pairs any more."""
         self._has_ended = True
 
     def map_pair(self, pair: StereoPair, T_lm_navsb: Transform) -> tuple[PairMap, MethodCall]:

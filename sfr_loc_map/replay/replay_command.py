@@ -82,7 +82,7 @@ def _converted_or_saved(
 ) -> ReplayResult:
     """Return the result with the poses of an external localiser converted to poses of RB in DS.
 
-    Raise the error that ended the replay or that prevents the conversion, after what was received is saved. The poses
+    If an error ended the replay or prevents the conversion, save the received results and raise the error. The poses
     of an external node are then saved as published.
     """
     try:

@@ -186,7 +186,7 @@ def _statistics_of(series: Series) -> Iterator[_Line]:
 
 
 def _drawn(series: Series) -> PrintedPlot:
-    """Return a plot; the scale contains all marks and statistics, and not the limits."""
+    """Return a plot whose axes cover all marks and statistics, but not the limits."""
     factor, unit = series.factor, series.unit
     both = zip(series.x, series.sizes, strict=True)
     pairs = [(x, size * factor) for x, size in both if x is not None and size is not None]

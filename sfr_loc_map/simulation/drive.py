@@ -121,7 +121,11 @@ class Drive:
 
 
 def legs_of(config: DriveConfig) -> list[Leg]:
-    """Return the legs of a path; ConfigError if a segment is invalid or leaves the ground, or the drive is too long."""
+    """Return the legs of a path.
+
+    Raises ConfigError if a segment is invalid, if the path goes more than `FARTHEST_M` from the start along x or y, or
+    if the drive takes longer than `LONGEST_S`.
+    """
     legs: list[Leg] = []
     x, y, heading = _start(config)
     for segment in config.segments:

@@ -13,7 +13,7 @@ from sfr_loc_map.suite_names import SIDES, Side, Task
 TASK_SEEDS = {Task.LOCALISATION: 0, Task.MAPPING: 1}  #: Number of a task in random seeds.
 MAX_LIGHT = 4.0
 """Light above this multiple of white is not counted in electrons, so that the noise of a glare is finite."""
-WHITE_GREY = 255.0  #: Grey level of the full range in an image file.
+WHITE_GREY = 255.0  #: Grey level of the brightness 1 in an image file.
 
 
 def sensor_image(bright: FloatImage, seed: int, config: SensorConfig, task: Task, frame: int, side: Side) -> GreyImage:

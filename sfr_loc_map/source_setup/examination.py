@@ -119,7 +119,7 @@ def _with_possible_truth(proposal: Proposal, recorded: Bag) -> Proposal:
 def _without_truth(proposal: Proposal, given: Configuration, problem: str = "") -> Proposal:
     """Return the proposal of a source whose drive or truth cannot be read, with the problem, unless it is empty.
 
-    Raises the error of a given truth that is invalid or corrupt.
+    Raises the error of reading the truth if the configuration names a truth that is invalid or corrupt.
     """
     truth = given.section("truth")
     if truth.get("source") or (truth.get("frame") and is_bag(proposal.source)):

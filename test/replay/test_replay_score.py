@@ -204,7 +204,7 @@ def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_pat
 
 def with_nav_pairs(source: Source, pairs: Sequence[PosedStereoPair]) -> Source:
     """Return a source whose mapping pairs can be read only partially, although all are listed."""
-    nav = SimpleNamespace(rig=source.nav.rig, stamps_ns=source.nav.stamps_ns, pairs=lambda: iter(pairs))
+    nav = SimpleNamespace(rig=source.nav.rig, stamps_ns=source.nav.stamps_ns, missing_ns=(), pairs=lambda: iter(pairs))
     return replace(source, loc=None, nav=cast("NavSequence", nav))
 
 

@@ -29,7 +29,7 @@ class OpenedFile:
 
     file: Path
     other: Path | None  #: The second file, found by its name; None if there is none.
-    content: Any  #: YAML, JSON or XML; a mapping has plain names (`plain_name`).
+    content: Any  #: Parsed YAML, JSON or XML; keys of a mapping are plain names (`plain_name`).
     shown_names: list[str]  #: The names in the content as written, in alphabetical order.
     size: tuple[int, int] | None  #: Width and height of the images, if known.
 

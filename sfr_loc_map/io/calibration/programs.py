@@ -104,7 +104,7 @@ def _two_files(opened: OpenedFile, one: str, other: str) -> list[Path]:
 
 
 def _lens(d: Sequence[float], is_fisheye: bool) -> str:
-    """Return the distortion model of coefficients, one of `rectification.COEFFICIENTS`."""
+    """Return the name of the distortion model of coefficients, a key of `rectification.COEFFICIENTS`."""
     return "equidistant" if is_fisheye else "plumb_bob" if len(d) <= 5 else "rational_polynomial"
 
 

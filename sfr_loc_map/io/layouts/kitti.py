@@ -147,7 +147,10 @@ class KittiWriter(TableWriter):
         self.append("times.txt", seconds_text(pair.stamp_ns))
 
     def _finish(self) -> None:
-        """Write the pose at each image: the true pose of its stamp, or interpolated between poses at most 1 s apart."""
+        """Write the true pose of the left camera at each image, relative to the first image.
+
+        Poses are interpolated between true poses that are at most 1 s apart.
+        """
         rig = self._rig
         if rig is None or not self._truth:
             return

@@ -22,8 +22,8 @@ MIN_STAMPS = 3  #: Smallest number of stamps for the detection of stray stamps.
 STRAY_S = 86_400.0  #: A stray stamp is more than a day, s, and twice the drive's duration from the median stamp.
 FRACTION_DIGITS = (6, 9)  #: Numbers of digits of microseconds and nanoseconds in a second.
 SURELY_UNPADDED = 50
-"""Number of fractions that are unpadded if none of them begins with 0. Of 50 padded fractions, at least one begins with
-0 with a probability of 99.5 %."""
+"""Minimum number of fractions that are taken for unpadded if none of them begins with 0. Of 50 padded fractions, at
+least one begins with 0 with a probability of 99.5 %."""
 
 
 def check_fractions_are_padded(texts: Sequence[str], name: str) -> None:

@@ -29,7 +29,10 @@ class PoseStamps(NamedTuple):
 
 
 def stamps_of_lines(path: Path, rows: TableRows) -> PoseStamps:
-    """Return the stamps of poses without stamps and frame numbers: one time, in a file beside `path`, for each row."""
+    """Return the stamps of poses without stamps and frame numbers.
+
+    They are the times in a file beside `path`, one for each row, or 1 s apart if there is no such file.
+    """
     return _stamps_of_numbers(path, rows.row_numbers, "line", rows.row_count)
 
 

@@ -151,8 +151,8 @@ class LensResidual(NamedTuple):
 class YawEstimate(NamedTuple):
     """Kalman filter of a constant yaw of the right camera, px at the principal point, and its correction.
 
-    The estimate is corrected if it is significant. The correction approaches the estimate in small steps, because each
-    step moves the pose.
+    The right camera is corrected by the estimate if the estimate is significant. The correction approaches the
+    estimate in small steps, because each step moves the pose.
     """
 
     mean_px: float = 0.0

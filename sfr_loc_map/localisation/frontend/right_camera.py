@@ -105,7 +105,7 @@ def pair_yaw(
     equations = _step_equations(linearised, weight, camera.normalised(left_uv), camera.normalised(right_uv))
     if not np.isfinite(equations.information).all():
         return None
-    # A shear about another row is the same shear and a shift, so that only distances from the middle row matter.
+    # A shear about another row is the same shear plus a shift. Distances are therefore from the middle row.
     middle_row = 0.5 * (shape[0] - 1)
     farthest = float(np.abs((right_uv[:, 1] - middle_row) / camera.fy).max())
     shear_chi2 = _shear_chi2(equations, lens_px / farthest)

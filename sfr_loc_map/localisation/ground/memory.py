@@ -282,7 +282,7 @@ class GroundMemory:
         return Consistency.PARTIAL
 
     def typical_after(self, unexplained: float) -> float | None:
-        """Return the typical fraction of unexplained landmarks after a pair with one motion.
+        """Return the typical fraction of unexplained landmarks, updated by a pair that one motion explains.
 
         The fraction changes only while the ground is not uncertain. Once there is a typical fraction, an unusual pair
         is not learnt (`Case.UNUSUAL`).

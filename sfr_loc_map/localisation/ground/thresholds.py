@@ -80,7 +80,7 @@ MIXTURE_LANDMARKS: Final = 64
 """Number of landmarks in which a second exposure is searched for. Chosen by hand: the standard error of the weight
 decreases with the square root of this number, and the time increases with it."""
 MIXTURE_PATCHES: Final = 32
-"""Number of patches that suffice to find a second exposure if a pose requires more landmarks (`min_tracked`). Chosen by
+"""Minimum number of patches for the detection of a second exposure, or `min_tracked` if that is smaller. Chosen by
 hand: half of the patches that are compared (`MIXTURE_LANDMARKS`). If larger, ghosts in images with little contrast are
 missed. If smaller, the standard error of the weight is estimated from too few patches."""
 MIN_MIXTURE_WEIGHT: Final = 0.1

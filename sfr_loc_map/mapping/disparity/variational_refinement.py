@@ -107,7 +107,7 @@ class Linearisation(NamedTuple):
     residual: FloatImage  #: `(2 h, 2 w)`, grey levels; NaN outside the right image.
     offset: FloatImage  #: `(h, w)`, brightness offset of the residuals, grey levels.
     variance: FloatImage  #: `(h, w)`, variance of the residuals, grey levels squared.
-    information: FloatImage  #: `(h, w)`, information on a change of the field, with inflated variance, 1 / px^2.
+    information: FloatImage  #: `(h, w)`, information on a change of the field by the inflated variance, 1 / px^2.
     information_vector: FloatImage  #: `(h, w)`, information times the least squares change, 1 / px.
 
 

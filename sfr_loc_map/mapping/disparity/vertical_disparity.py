@@ -169,7 +169,10 @@ def _block_sums(values: FloatArray) -> FloatArray:
 
 
 def _solved(design: FloatArray, weight: FloatArray, r: FloatArray, sigma: float) -> VerticalFit | None:
-    """Return the weighted least-squares fit of residuals `(N,)` by minus a design `(N, K)`; None without slopes."""
+    """Return the coefficients c that minimise the weighted sum of squares of r + D c, with their standard deviations.
+
+    r are residuals `(N,)`, and D is a design `(N, K)`. None if the weighted design is zero.
+    """
     weighted = design * weight[:, None]
     normal = weighted.T @ design
     if not normal.any():

@@ -97,7 +97,10 @@ class Judgement(NamedTuple):
 
 
 def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
-    """Return the points of all views in LM, moved along their rays to the weighted mean of the views that agree."""
+    """Return the points of all views in LM without duplicates and conflicts.
+
+    Each point is moved along its ray to the weighted mean of the views that agree.
+    """
     parts = [_compare_points(index, views, rig) for index in range(len(views))]
     points = ViewPoints.concatenated([part.kept for part in parts])
     statistics = {

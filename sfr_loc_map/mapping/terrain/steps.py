@@ -163,8 +163,9 @@ def _step_from_plane(
 def _step_beyond_slope(raw: OuterHeights, row: int, column: int, plane_disc: IntArray, rise_per_cell: float) -> float:
     """Return the step of a cell without a plane; NaN without heights.
 
-    The slope of the ground is unknown. Any slope that is not a hazard explains at most the height difference
-    `rise_per_cell`, metres, times the distance, in cells, between the cell and one of the cells `plane_disc` `(K, 2)`.
+    The slope of the ground is unknown. A slope that is not a hazard explains a height difference of at most
+    `rise_per_cell`, metres per cell, times the distance, in cells, to another cell. The other cells are at the offsets
+    `plane_disc` `(K, 2)`.
     The height difference within the cell is not reduced. The step is the largest rest of a difference, so that an
     isolated obstacle is a hazard even if its sides are not observed.
     """

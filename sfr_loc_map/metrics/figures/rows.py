@@ -69,7 +69,7 @@ class Figure(RowNumbers, frozen=True):
 
     @property
     def expected(self) -> float | None:
-        """The mean of normalised errors (NEES) that a consistent covariance has; None for other figures."""
+        """Expected mean NEES of a consistent covariance; None for other figures."""
         return None if self.mean is None else self.value
 
     @property

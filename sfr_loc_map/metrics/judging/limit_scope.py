@@ -40,7 +40,7 @@ def limits_about(limits: Limits | None, tasks: Collection[Task]) -> Limits | Non
 
 
 def required_scope(limit: Limit) -> RowPart | None:
-    """Return what must be complete for a pass, as the part of a row `judged`; None for limits on completeness."""
+    """Return the scope that must be complete for a pass, the part of its row of `judged`; None for completeness."""
     scope = SCOPE_OF[limit.limited.subject]
     if scope is None:
         return None
@@ -48,13 +48,13 @@ def required_scope(limit: Limit) -> RowPart | None:
 
 
 def scopes_of_tasks(score: Score) -> list[RowPart]:
-    """Return what must be complete in a score without limits, as the parts of rows `judged`."""
+    """Return the scopes that must be complete in a score without limits, each as the part of its row of `judged`."""
     scopes = [SUBJECT_OF[task].scope for task in tasks_of(score)]
     return [RowPart(scope) for scope in scopes if scope is not None]
 
 
 def required_scopes(limits: Limits, score: Score) -> list[RowPart]:
-    """Return what must be complete in a score with limits, as the parts of rows `judged`."""
+    """Return the scopes that must be complete in a score with limits, each as the part of its row of `judged`."""
     found = scopes_of_tasks(score)
     found += [RowPart(Scope.LIVE)] if score.figure(JUDGED, part=Scope.LIVE) else []
     for limit in limits.limits:

@@ -16,7 +16,7 @@ from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics import formulas, other_formulas
 from sfr_loc_map.metrics.map.pair_truth import PairTruth, check_points
 
-PIXEL_SAMPLES = 2000  #: Number of points per pair whose projection is compared with their pixel.
+PIXEL_SAMPLES = 2000  #: Minimum number of points of a pair, if it has so many, that are compared with their pixel.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,7 +24,10 @@ class ProofRecord(Terms, frozen=True, kw_only=True):
     #: Method of the proof: `order` (order statistics), `tested normal`, `assumed normal` or `sequential`.
     method: str
     independent: float  #: Number of independent errors: sub-trajectories of the deciding drive, or drives.
-    more: int | None = None  #: Without a decision: additional errors required; null if no number like these suffices.
+    more: int | None = None
+    """Additional independent errors required for a decision; null after a decision, or if no number of further errors
+    like the observed ones suffices.
+    """
 
 
 class LimitCounts(NamedTuple):

@@ -75,7 +75,7 @@ class PairedDifference(Record, frozen=True, kw_only=True, omit_defaults=False):
 
 
 class SideBySide(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """One figure of complete runs, without values for sub-trajectories that could be paired.
+    """One statistic of a figure of complete runs. The values of the runs are not paired by sub-trajectory.
 
     `values` are the values of the runs, None if unknown.
     """

@@ -140,7 +140,7 @@ class TopicTruthInput(TruthInput):
         self._reader = TruthReader(ODOMETRY)
 
     def subscribe(self, add_subscription: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
-        """Receive true poses, at first with the type of the previous activation, initially nav_msgs/Odometry.
+        """Subscribe with the type of the previous activation, or nav_msgs/Odometry in the first activation.
 
         `follow_type` changes to the published type.
         """

@@ -181,7 +181,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def load_kernels(self, *parts: str) -> None:
         """Load compiled code before the first call; report the progress of a compilation in log and health."""
-        from sfr_loc_map.kernels import load_kernels  # with numba, which the monitor does not need
+        from sfr_loc_map.kernels import load_kernels  # imports numba, which the monitor does not need
 
         def say(line: str) -> None:
             self.get_logger().info(line)

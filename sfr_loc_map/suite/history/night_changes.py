@@ -1,8 +1,9 @@
 """Changes of one figure from night to night, slow changes over many nights, and returns to the level before a change.
 
-The nights since the last change are one level. The last nights are compared with the nights just before them, which
-reveals steps. A slow change is hidden from this comparison, because it moves these nights, too, and increases their
-scatter. The last nights are therefore also compared with the first nights of the level.
+The nights since the last change form one level, at which the figure is assumed to be constant. The last nights are
+compared with the nights just before them, which reveals steps. A slow change is hidden from this comparison, because it
+moves these nights, too, and increases their scatter. The last nights are therefore also compared with the first nights
+of the level.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.suite.history.night_comparison import MIN_REFERENCE, Scale, Shift, compare_nights, known_mean
 
-WINDOWS = (1, 4)  #: Lengths of the mean, nights: 1 detects large changes immediately, 4 detects small changes later.
+WINDOWS = (1, 4)
+"""Numbers of last nights over which the mean is taken: 1 detects large changes immediately, 4 small changes later."""
 REFERENCE = 30  #: Maximum number of reference nights.
 FIRST_NIGHTS = 10  #: Number of nights at the beginning of a level that are the reference for slow changes.
 SLOW_SHARE = 0.1

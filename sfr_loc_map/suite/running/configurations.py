@@ -47,7 +47,7 @@ class Configuration:
 def read_configurations(value: object, path: Path) -> dict[str, Configuration]:
     """Return the configurations in a suite's file by their names.
 
-    `path` is the file of the suite, to whose folder the files of methods and the masks are relative.
+    The paths of masks and of files of methods are relative to the folder of the suite's file `path`.
     """
     if value is None:
         return {"default": Configuration()}

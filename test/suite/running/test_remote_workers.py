@@ -62,7 +62,7 @@ def test_other_code_gets_no_task_and_the_results_are_those_of_one_worker(
         begun = time.monotonic()
         run = start(*SFR, "suite", "run", str(suite), "--out", str(out), "--scheduler", address)
         wait_until(lambda: "no worker at the scheduler" in said.read_text(), "the message about no worker")
-        assert time.monotonic() - begun < 15, "5 s after the start of Python and the plan, on a busy host"
+        assert time.monotonic() - begun < 40, "5 s after the start of Python and the plan, on a busy host"
         worker("other-code", PYTHONPATH=str(tmp_path / "code"))
         wait_until(lambda: "none of 1 workers is usable" in said.read_text(), "the message about other code")
         killed = worker("killed")

@@ -36,8 +36,8 @@ _COMMENTS: dict[tuple[str, ...], re.Pattern[str]] = {
 def check_order_of_quaternions(head: TableHead, columns: PoseColumns) -> None:
     """Raise InputError if a comment or the motion contradicts the order of quaternions in columns.
 
-    Nothing is checked unless the quaternions are four consecutive columns with the scalar first or last. The numbers in
-    the titles of the suite (`att_q_DsToRb_1`) state their order.
+    Nothing is checked unless the quaternions are four consecutive columns with the scalar first or last. The column
+    titles of the suite's own csv (`att_q_DsToRb_1`) number the components, so that their order is not checked either.
     """
     stated = columns.stated
     if not {*POSITION, *QUATERNION} <= stated.index_of.keys() or stated.is_conjugated:
@@ -61,7 +61,7 @@ def _columns_text(columns: PoseColumns, first: int, order: tuple[str, ...]) -> s
 def _check_comments(
     head: TableHead, stated: StatedColumns, order: tuple[str, ...], options: Mapping[tuple[str, ...], str]
 ) -> None:
-    """Raise InputError if the last comment that states an order of quaternions states another order."""
+    """Raise InputError if the last comment that states an order of quaternions contradicts the given order."""
     comments = [
         (number, other)
         for number, line in enumerate(head.before, 1)

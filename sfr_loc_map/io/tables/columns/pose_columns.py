@@ -67,7 +67,10 @@ class StatedColumns:
         return key in self.index_of
 
     def has_order_of(self, known: TrajectoryFormat) -> bool:
-        """Return whether separator and first columns are those of a format without matrices, whatever the units."""
+        """Return whether separator, first columns and quaternion convention are those of a format without matrices.
+
+        Units are not compared.
+        """
         order, separators = _ORDERS[known]
         if self.is_conjugated != (known is TrajectoryFormat.CSV) or self.separator not in separators:
             return False
