@@ -85,12 +85,20 @@ def test_the_order_of_drives_draws_no_other_errors() -> None:
 
 
 def test_a_sequential_test_takes_drives_by_their_names_whatever_their_order() -> None:
-    """The first drive decides: that of the first name, which is good."""
-    terms = Terms(prob=0.5, confidence=0.5, interpretation=Population.ENSEMBLE, power=0.5, good=0.0)
-    drives = {"b": [Sample(np.full(5, 9.0), 5.0)], "a": [Sample(np.full(5, 0.1), 5.0)]}
-    for order in (("a", "b"), ("b", "a")):
-        proof = prove(terms, 1.0, {name: drives[name] for name in order})
-        assert (proof.state, proof.n, proof.bound) == (VerdictState.PASS, 1, 0.1)
+    """The first two names decide, which are good; one bad drive after them does not change the decision."""
+    terms = Terms(prob=0.5, confidence=0.5, interpretation=Population.ENSEMBLE, power=0.5, good=0.1)
+    errors = {"a": 0.1, "b": 0.1, "c": 9.0}
+    for order in (("a", "b", "c"), ("c", "b", "a")):
+        proof = prove(terms, 1.0, {name: [Sample(np.full(5, errors[name]), 5.0)] for name in order})
+        assert (proof.state, proof.n, proof.bound) == (VerdictState.PASS, 2, 0.1)
+
+
+def test_good_drives_at_the_beginning_do_not_hide_a_failure_over_all_drives() -> None:
+    terms = Terms(prob=0.5, confidence=0.5, interpretation=Population.ENSEMBLE, power=0.5, good=0.1)
+    drives = {name: [Sample(np.full(5, error), 5.0)] for name, error in zip("abcd", (0.1, 0.1, 9.0, 9.0), strict=True)}
+    assert prove(terms, 1.0, {name: drives[name] for name in "ab"}).state is VerdictState.PASS
+    proof = prove(terms, 1.0, drives)
+    assert (proof.state, proof.n, proof.bound) == (VerdictState.FAIL, 4, 9.0)
 
 
 def test_a_failure_never_helps_drives_that_are_within_the_error_of_the_truth() -> None:

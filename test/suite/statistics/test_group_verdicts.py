@@ -63,6 +63,15 @@ def group_of(limit: str, bound: object, results: list[DriveScore]) -> GroupVerdi
     return found
 
 
+def test_a_result_without_the_limited_task_makes_the_verdicts_of_its_group_incomplete() -> None:
+    """A drive must not meet a limit by the absence of its estimate."""
+    results = [DriveScore(str(number), scored(number)) for number in range(30)]
+    bound = {"prob": 0.9, "confidence": 0.95, "limit": 10.0, "interpretation": "ensemble"}
+    for limit, value in (("position_mean_plus_3sigma_m", 10.0), ("position_max_m", 10.0), ("position_bound_m", bound)):
+        assert group_of(limit, value, results).state == "pass"
+        assert group_of(limit, value, [*results, DriveScore("absent", Score())]).state == "incomplete"
+
+
 @pytest.mark.parametrize("statistic", ["rmse", "p50", "p95", "p99", "max"])
 def test_a_limit_on_a_statistic_that_drives_do_not_pool_is_that_of_the_worst_drive(statistic: str) -> None:
     results = [DriveScore(str(number), scored(number, 200)) for number in range(4)]
