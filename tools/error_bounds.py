@@ -47,8 +47,8 @@ TILE = 64
 
 def refined(pair: StereoPair, rig: StereoRig) -> RefinedDisparity:
     """Return the mapper's disparities of a pair, defined everywhere."""
-    _, refined, _ = refine_pair(pair, rig.camera, search_range_of(rig, MappingConfig()).count)
-    return refined
+    _, field, _ = refine_pair(pair, rig.camera, search_range_of(rig, MappingConfig()).count)
+    return field
 
 
 def noise_of(disparity: RefinedDisparity) -> float:

@@ -20,7 +20,8 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 10. Accept: update the path and its accumulated errors, and compute the motion since the last pose with its covariance
     (`path`, `uncertainty`).
 
-`stages` contains stages 4 to 9, and the check of a new window. Before and after the stages, `Localiser.process`
+`stages` contains stages 4, 5 and 7 to 9, and the start of a window; `ground.selection` contains stage 6. Before and
+after the stages, `Localiser.process`
 
 - adopts the keyframe of the previous call, which was made in the background (`_adopt_keyframe`);
 - applies an external pose once its stamp is reached (`State.pose_applied`);

@@ -117,7 +117,8 @@ class Stages:
     ) -> Candidate:
         """Estimate the yaw of the right camera, and correct the right observations for a drift of the right camera.
 
-        Tracks that are not trusted remain unchanged, because stage 8 refuses them.
+        Return the candidate, in whose map the landmarks that do not move with the ground are no longer tracked. Tracks
+        that are not trusted remain unchanged, because stage 8 refuses them.
         """
         tracks = ground.tracks
         landmark_map = landmark_map.deactivated(ground.not_ground)
@@ -135,8 +136,12 @@ class Stages:
             observations[:, 2:] -= RightOffset(yaw_px=drift_px).at(observations[:, 2:], self._camera)
             observed = tracks.observed._replace(uv=observations)
             tracks = self.tracker.solve(tracks.landmarks, observed, tracks.pose)
-        shear_mean = shear_mean.with_pair(yaw.shear_chi2)
-        return Candidate(frame, landmark_map, ground, tracks, calibration, shear_mean, yaw.shear_chi2)
+        return uncorrected._replace(
+            tracks=tracks,
+            calibration=calibration,
+            shear_mean=shear_mean.with_pair(yaw.shear_chi2),
+            shear_chi2=yaw.shear_chi2,
+        )
 
     # ---- verdict and final pose
 

@@ -33,9 +33,10 @@ class PairMap:
 class MappedPair(PairMap):
     """The map of one stereo pair by `Mapper.process`, which `Mapper.fuse` accepts.
 
-    `fuse` only uses the stamp, the rig, the view and the calibration. The arrays of the map are read-only. The columns
-    of the cloud and the disparities share the memory of `view`, whose arrays are writable, because the kernels are
-    compiled for writable arrays.
+    `fuse` only uses the stamp, the rig, the view and the calibration: it ignores a replaced cloud, sigma, pose or
+    disparity. To change a pose, call `process` again. The arrays outside `view` are read-only. The columns of the cloud
+    and the disparities share the memory of `view`, whose arrays are writable, because the kernels are compiled for
+    writable arrays.
     """
 
     #: `(H, W)` uint8, the `PixelStatus` of each pixel: measured, filled, or the reason why it has no disparity.

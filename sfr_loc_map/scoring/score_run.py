@@ -24,9 +24,9 @@ from sfr_loc_map.scoring.results import (
 )
 
 
-def score_files(inputs: ScoreInputs, config: ScoreConfig, limits: Limits | None = None) -> Score:
+def score_files(inputs: ScoreInputs, config: ScoreConfig) -> Score:
     """Return the score of files. The errors are those of `load_run` and `score_run`."""
-    return score_run(load_run(inputs), config, limits)
+    return score_run(load_run(inputs), config)
 
 
 def score_run(
@@ -38,9 +38,10 @@ def score_run(
 ) -> Score:
     """Return the score of a run; with `aligned`, also APE and RPE.
 
-    All errors are kept for `kept_errors`, and for the figures whose tolerance bound is limited. MetricsError if the
-    figures cannot be computed, as `score_trajectory`, `score_map`, `score_target` and `aligned_errors` state.
-    InputError if a file was changed while it was scored.
+    `config` has the conditions of `limits` (`judgement.with_conditions`). All errors are kept for `kept_errors`, and
+    for the figures whose tolerance bound is limited. MetricsError if the figures cannot be computed, as
+    `score_trajectory`, `score_map`, `score_target` and `aligned_errors` state. InputError if a file was changed while
+    it was scored.
     """
     finding = _convention_finding(run, config)
     bounded = frozenset[tuple[str, str]]() if limits is None else limits.bounded_figures

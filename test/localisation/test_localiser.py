@@ -29,8 +29,10 @@ from sfr_loc_map.localisation.config import TRACKED_LANDMARKS, LocalisationConfi
 from sfr_loc_map.localisation.estimate import MAX_GIVEN_M, PoseEstimate, StartPose, StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
+from sfr_loc_map.localisation.ground.excluded_cells import Exclusion
 from sfr_loc_map.localisation.ground.memory import GroundMemory
 from sfr_loc_map.localisation.ground.selection import Ground
+from sfr_loc_map.localisation.ground.thresholds import DYNAMIC_LIFE
 from sfr_loc_map.localisation.guards import ShearMean
 from sfr_loc_map.localisation.keyframes import KeyframeMaker, KeyframeResult
 from sfr_loc_map.localisation.localiser import Localiser
@@ -505,6 +507,19 @@ def test_pairs_with_one_useless_image_have_a_reason_and_become_no_keyframes(side
             assert errors(estimate, truth)[0] < max(0.01, 3.0 * sigma(estimate))
 
 
+def test_excluded_cells_do_not_prevent_a_new_window_for_ever() -> None:
+    by = localiser()
+    run(DRIVE[:3], by)
+    memory = by._state.ground_memory
+    all_cells = np.ones(memory.excluded.life.shape, np.bool_)
+    exclusion = Exclusion(np.zeros(1, np.intp), ~all_cells, all_cells)
+    excluded = memory.excluded.after_pair(exclusion, ~all_cells, (HEIGHT, WIDTH))
+    by._state = replace(by._state, landmark_map=None, ground_memory=replace(memory, excluded=excluded))
+    states = [estimate.state for estimate in run(DRIVE[3 : 4 + DYNAMIC_LIFE], by)]
+    assert states[0] is TrackingState.LOST
+    assert states[-1] is not TrackingState.LOST
+
+
 @pytest.mark.parametrize("side", [0, 30, 45])
 def test_a_first_pair_with_little_texture_is_not_reported_as_swapped(side: int) -> None:
     """Only a square has texture, in the order of the cameras."""
@@ -526,7 +541,8 @@ def test_nothing_is_learnt_from_the_pose_of_a_refused_pair(fault: str) -> None:
         "black": black(10),
         "repeated": replace(DRIVE[9], stamp_ns=pair.stamp_ns),
     }[fault]
-    _, *found = run([*DRIVE[:10], refused, *DRIVE[11:13]])[-3:]
+    of_refused, *found = run([*DRIVE[:10], refused, *DRIVE[11:13]])[-3:]
+    assert of_refused.state is not TrackingState.TRACKING
     wanted = run([*DRIVE[:10], *DRIVE[11:13]])[-2:]
     for index, (estimate, without) in enumerate(zip(found, wanted, strict=True), 11):
         assert estimate.state is TrackingState.TRACKING

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from helpers.random_drives import drive, score_of, trajectory
+from helpers.random_drives import as_score, drive, score_of, trajectory
 from helpers.score_rows import complete
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.trajectory import Truth
@@ -14,7 +14,6 @@ from sfr_loc_map.metrics.calls.call_score import Calls, score_target
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS, UNKNOWN_ITEMS, ShortfallKind
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.figures.details import Details
 from sfr_loc_map.metrics.figures.records import AnswerCounts, Association, ExternalScore, FindingKind, FindingRecord
 from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.rows import figure_row
@@ -287,14 +286,7 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
     for most in (100_000, 100):
         monkeypatch.setattr("sfr_loc_map.metrics.trajectory.plot_columns.DETAIL_ROWS", most)
         scored = score_trajectory(Estimates.of(estimate), truth, config, kept_errors=limits.bounded_figures)
-        score = Score(
-            figures=scored.figures,
-            association=scored.association,
-            truth=scored.truth,
-            errors=scored.errors,
-            details=Details(trajectory=scored.details),
-        )
-        found.append(judged_by(score, limits))
+        found.append(judged_by(as_score(scored), limits))
     bounds = [score.on_limits[0].value for score in found]
     assert bounds[0] is not None
     assert bounds[0] == bounds[1]
@@ -371,13 +363,7 @@ def test_a_bound_is_made_of_all_errors_with_plots_and_without(monkeypatch: pytes
         scored = score_trajectory(
             Estimates.of(estimate), truth, config, details=details, kept_errors=limits.bounded_figures
         )
-        score = Score(
-            figures=scored.figures,
-            association=scored.association,
-            errors=scored.errors,
-            details=Details(trajectory=scored.details),
-        )
-        made.append(judged_by(score, limits))
+        made.append(judged_by(as_score(scored), limits))
     thinned = made[1].details
     assert thinned is not None
     assert thinned.trajectory is not None

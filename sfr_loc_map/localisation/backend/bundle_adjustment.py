@@ -18,6 +18,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
+from sfr_loc_map.geometry.transform import symmetric
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.projection import (
     Intrinsics,
@@ -500,4 +501,4 @@ def marginalise_oldest(problem: BundleProblem, prior: Prior) -> Prior:
     gain = np.linalg.solve(information[:6, :6], coupling).T
     remaining = information[6:, 6:] - gain @ coupling
     keyframes = Poses(*(array[1:].copy() for array in problem.keyframes))
-    return Prior(0.5 * (remaining + remaining.T), vector[6:] - gain @ vector[:6], keyframes)
+    return Prior(symmetric(remaining), vector[6:] - gain @ vector[:6], keyframes)

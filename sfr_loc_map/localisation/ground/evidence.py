@@ -60,7 +60,8 @@ class Evidence(NamedTuple):
     may_be_transfer: bool  #: Whether the pair may be partially transferred: not too many earlier pairs were.
     follows_transfer: bool  #: Whether the previous pair was partially transferred.
     after_one_motion: Identification  #: The identification after the pair if the main motion is the only motion.
-    # searches; without a search, as if nothing was found. The properties that decide on a search use only the above
+    # results of the searches: by default nothing was found or searched for. Whether a search is made depends only on
+    # the fields above
     off_body: Motion | None = None  #: Motion of the landmarks off the own body; None if no body was found.
     is_double_exposure: bool = False  #: Whether the left image of this or of the last pair shows two exposures.
     two: TwoMotions | None = None  #: The main motion and a second motion; None if no second motion was found.
@@ -129,8 +130,7 @@ def evidence_of_main(main: Motion, memory: GroundMemory) -> Evidence:
     """Return the evidence of the main motion alone, with the memory before the pair."""
     agreement = main.agreement
     identification = memory.identification
-    phase = identification.phase
-    is_identified = phase is Phase.IDENTIFIED
+    is_identified = memory.is_identified
     max_contradicting = MAX_CONTRADICTING if is_identified else MAX_CONTRADICTING_FIRST
     consistency = memory.consistency_of(agreement, main.tracks.inliers)
     return Evidence(
@@ -139,7 +139,7 @@ def evidence_of_main(main: Motion, memory: GroundMemory) -> Evidence:
         is_unusual=not memory.is_usual(agreement.unexplained_fraction),
         is_half_unexplained=agreement.unexplained_fraction >= NEARLY_HALF,
         is_identified=is_identified,
-        has_typical=is_identified or (phase is Phase.LEARNING and memory.typical is not None),
+        has_typical=is_identified or (identification.phase is Phase.LEARNING and memory.typical is not None),
         may_be_transfer=memory.faults.may_be_transfer,
         follows_transfer=memory.faults.transfers > 0,
         after_one_motion=identification.after(consistency, agreement.cells(agreement.unexplained)),

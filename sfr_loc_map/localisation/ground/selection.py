@@ -128,7 +128,13 @@ def select_ground(
     tracks = selection.motion.tracks
     is_identified = evidence.is_identified
     findings = cases.findings_of(rule, learnt.faults, is_identified=is_identified, is_trusted=tracks.is_trusted)
-    return Ground(tracks, findings, selection.exclusion.rows, selection.other_distance, learnt)
+    return Ground(
+        tracks=tracks,
+        findings=findings,
+        not_ground=selection.exclusion.rows,
+        other_distance=selection.other_distance,
+        learnt=learnt,
+    )
 
 
 def learnt_from(

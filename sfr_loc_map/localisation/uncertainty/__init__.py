@@ -65,14 +65,14 @@ previous pose was kept. An added error of a pose has opposite signs in the steps
 steps contains the covariance of this error, which is conservative (`PublishedPose.shared_with_next_step`). The parts of
 the previous pose are zero if its pair began a window, because the step is measured from the image of that pair.
 
-**What findings and events add** (`error_sources.inflation_of`):
+**What findings and events add** (`error_sources`):
 
 | finding or event | adds | to the term | until |
 |---|---|---|---|
 | finding with `Inflation.UNOBSERVED` | unobserved, since the last known pose | `this_pair` | next accepted pair |
 | finding with `Inflation.AMBIGUITY` | `ambiguity`; the sigmas of several pairs add up | `correlated` | external pose |
 | kept pair | unobserved, since the last known pose or a later external pose | `kept_motion` | next accepted pair |
-| sheared rows, without a finding, too | factor max(`shear_chi2`, 1) (`pose_noise`) | `noise` of the step | next pair |
+| sheared rows, even without a finding | factor max(`shear_chi2`, 1) (`pose_noise`) | `noise` of the step | next pair |
 | a window begins | unobserved, as for a kept pair; `blur` of the image | `keyframes` | external pose |
 | external pose for a past pair | `this_pair` of this pair | `external` | external pose |
 | external pose between pairs that are not consecutive | unobserved, to the nearer pair | `external` | external pose |

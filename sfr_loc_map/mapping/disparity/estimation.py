@@ -1,4 +1,4 @@
-"""The disparity map of a stereo pair: `estimate_disparity` calls all stages on one page.
+"""The disparity map of a stereo pair: `estimate_disparity`, which calls `refine_pair` for the stages up to sigma.
 
 =====================================  ================================================================================
 stage                                  method
@@ -12,9 +12,11 @@ refinement                             one field of disparities on cells of 2 x 
 sigma                                  posterior of the field, smoothing bias, and the error beside creases
 validity                               tests of each pixel (`PixelStatus`); beside disparity jumps, a small network
                                        compares matching costs with adaptive support weights (Yoon and Kweon 2006)
+match check                            a pair with too few measured textured pixels is refused
 rotation of the right camera           yaw, pitch and roll from the vertical disparity at measured pixels
 holes                                  invalid pixels take the disparity of a surface beside them if both images
                                        support it
+roll and range                         the effect of the roll is removed; pixels beyond the maximum depth become invalid
 =====================================  ================================================================================
 """
 
@@ -64,8 +66,8 @@ class DisparityMap:
 def estimate_disparity(pair: StereoPair, rig: StereoRig, search: SearchRange) -> DisparityMap:
     """Return the disparity map of a pair.
 
-    From the tests of the pixels on, `status` is the only record of which pixels are valid. To reject pixels after holes
-    are filled, call `with_reason` with their mask, as for BEYOND_RANGE.
+    After holes are filled, `status` alone records which pixels are valid. To reject pixels there, call `with_reason`
+    with their mask, as for BEYOND_RANGE.
 
     Raises MappingError if the images do not match, before holes are filled.
     """
@@ -80,13 +82,13 @@ def estimate_disparity(pair: StereoPair, rig: StereoRig, search: SearchRange) ->
 
     rotation = measure_right_rotation(scene, correction.vertical, rig)
 
-    scene, is_filled = fill_holes(scene, saturation.square_saturated, refined.noise_grey)
-    status = np.where(is_filled, np.uint8(PixelStatus.FILLED), status)
-    px = scene.disparity - roll_error_px(rotation, rig)
+    filled = fill_holes(scene, saturation.square_saturated, refined.noise_grey)
+    status = np.where(filled.valid & ~scene.valid, np.uint8(PixelStatus.FILLED), status)
+    px = filled.disparity - roll_error_px(rotation, rig)
     status = with_reason(status, px < search.min_disparity_px, PixelStatus.BEYOND_RANGE)
     return DisparityMap(
         px=np.where(is_valid(status), px, F(np.nan)),
-        sigma_px=scene.sigma,
+        sigma_px=filled.sigma,
         status=status,
         left=scene.left,
         noise_grey=refined.noise_grey,
@@ -105,7 +107,8 @@ def refine_pair(
     The search is over `disparity_count` integer disparities from 0. The valid pixels of the scene are those that the
     semi-global matching has matched.
 
-    The stages up to sigma are a separate function, because `tools/train_jump_network.py` calls them, too.
+    The stages up to sigma are a separate function, because `tools/train_jump_network.py` and
+    `tools/error_bounds.py` call them, too.
     """
     left = pair.left.astype(F, order="C")  # the kernels are compiled for this order
     right = pair.right.astype(F, order="C")

@@ -112,8 +112,8 @@ class HypothesisCosts(NamedTuple):
     effective_pixels: FloatArray32  #: As in `PlaneCost`.
 
 
-def fill_holes(scene: DisparityScene, saturated: Mask, noise_grey: float) -> tuple[DisparityScene, Mask]:
-    """Return the scene with the disparities and sigmas of filled holes, and the mask of the filled pixels `(H, W)`.
+def fill_holes(scene: DisparityScene, saturated: Mask, noise_grey: float) -> DisparityScene:
+    """Return the scene with the disparities and sigmas of filled holes.
 
     The valid pixels of the returned scene are the measured and the filled pixels. Pixels of completely saturated
     neighbourhoods are not filled.
@@ -124,7 +124,7 @@ def fill_holes(scene: DisparityScene, saturated: Mask, noise_grey: float) -> tup
     """
     cost_limit = _cost_limit(scene)
     if cost_limit is None:
-        return scene, np.zeros_like(scene.valid)
+        return scene
     min_margin = F(MARGIN_SIGMAS * noise_grey)
     after = scene
     newly_valid = scene.valid
@@ -139,12 +139,11 @@ def fill_holes(scene: DisparityScene, saturated: Mask, noise_grey: float) -> tup
     # Depths are compared after all passes. A rejected pixel may therefore have provided a hypothesis in a later pass.
     valid_px = np.where(after.valid, after.disparity, F(0.0))
     is_filled = after.valid & ~scene.valid & (depth_ratio(valid_px, NEARBY_PX) < MAX_DEPTH_RATIO)
-    filled = scene._replace(
+    return scene._replace(
         disparity=np.where(is_filled, after.disparity, scene.disparity),
         sigma=np.where(is_filled, np.maximum(scene.sigma, MIN_FILLED_SIGMA_PX), scene.sigma),
         valid=scene.valid | is_filled,
     )
-    return filled, is_filled
 
 
 def _cost_limit(scene: DisparityScene) -> np.float32 | None:

@@ -11,7 +11,8 @@ To add a test of the pixels of one pair:
 - Add a value at the end of `PixelStatus`. The values are part of the results (`MappedPair.pixel_status`) and must not
   be renumbered.
 - Add a function that returns the mask of the pixels that fail, and its call `with_reason(...)` in `judge_pixels`. The
-  position of the call determines the reason of a pixel that fails several tests.
+  position of the call determines the reason of a pixel that fails several tests. If this position is not that of the
+  value, name the test among the exceptions above.
 - A call in `status_before_wrong_surface` changes the pixels with which the network of WRONG_SURFACE was trained. Train
   the network again (`tools/train_jump_network.py`).
 - If the pixels must not be filled, exclude them in `hole_filling.fill_holes` in the same way as saturated pixels.

@@ -165,9 +165,8 @@ def _step_beyond_slope(raw: OuterHeights, row: int, column: int, plane_disc: Int
 
     The slope of the ground is unknown. A slope that is not a hazard explains a height difference of at most
     `rise_per_cell`, metres per cell, times the distance, in cells, to another cell. The other cells are at the offsets
-    `plane_disc` `(K, 2)`.
-    The height difference within the cell is not reduced. The step is the largest rest of a difference, so that an
-    isolated obstacle is a hazard even if its sides are not observed.
+    `plane_disc` `(K, 2)`. The height difference within the cell is not reduced. The step is the largest rest of a
+    difference, so that an isolated obstacle is a hazard even if its sides are not observed.
     """
     rows, columns = raw.low.shape
     low = raw.low[row, column]

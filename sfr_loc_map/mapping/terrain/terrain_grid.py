@@ -107,7 +107,15 @@ def terrain_grid(
     slope_rad = np.arctan(np.hypot(planes.slope_x, planes.slope_y)).astype(F)
     roughness_m = planes.residual_m.astype(F)
     max_rise = float(np.tan(np.radians(config.max_slope_deg)))
-    step_m = steps_of_cells(cloud.xyz, cell_of_point, model, planes, discs.step_disc, discs.plane_disc, max_rise)
+    step_m = steps_of_cells(
+        cloud.xyz,
+        cell_of_point,
+        model,
+        planes,
+        step_disc=discs.step_disc,
+        plane_disc=discs.plane_disc,
+        max_rise=max_rise,
+    )
     hazard = _hazards(slope_rad, roughness_m, step_m, discs.footprint, config)
     return TerrainGrid(model, slope_rad, roughness_m, step_m, hazard)
 

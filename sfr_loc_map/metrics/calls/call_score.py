@@ -1,4 +1,4 @@
-"""Figures of time and memory of the calls of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2].
+"""Time, memory and completeness of the calls of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2].
 
 `metrics.calls.call_meter` measures the calls.
 """
@@ -147,8 +147,8 @@ def score_calls(
     """Return times, memory and completeness of calls. The kind of a call follows from its state.
 
     `expected_ns` has the stamps of the pairs that should have a call. `clock_of` and `place_of` state the clock and the
-    place of the calls of each kind. Calls that an external node states have no completeness, because its answers are
-    counted instead (`answers_completeness`).
+    place of the calls of each kind. Calls that an external node states have no completeness: for a node in a replay,
+    its answers are counted instead (`answers_completeness`).
     """
     # a peak of 0 is unknown, because systems without the measurement report 0; above the idle process 0 is possible
     peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)

@@ -245,12 +245,12 @@ def coverage_rows(coverage: Coverage) -> Iterator[Figure]:
 
 def pose_rows(placed: PlacedFrames, unique_estimates: int) -> Iterator[Figure]:
     """Yield the rows of frames and estimates; `unique_estimates` is the number of distinct stamps of the estimates."""
-    poses = placed.association
+    association = placed.association
     states = placed.states
-    yield from share_rows("lost", states.lost, poses.matched)
-    yield from share_rows("degraded", states.degraded, poses.matched)
-    yield from share_rows("unmatched", unique_estimates - poses.matched, unique_estimates)
-    yield from share_rows("doubled", poses.estimate_duplicates, poses.estimate_poses)
+    yield from share_rows("lost", states.lost, association.matched)
+    yield from share_rows("degraded", states.degraded, association.matched)
+    yield from share_rows("unmatched", unique_estimates - association.matched, unique_estimates)
+    yield from share_rows("doubled", association.estimate_duplicates, association.estimate_poses)
 
 
 def rows_without_poses(images: int) -> Iterator[Figure]:

@@ -33,6 +33,12 @@ def tasks_of(score: Score) -> list[Task]:
     ]
 
 
+def has_task(score: Score, task: Task) -> bool:
+    """Return whether a score is about a task, or has calls of it, whose results are then missing."""
+    calls = [row.part.call for row in score.rows(JUDGED) if row.part is not None and row.part.call is not None]
+    return task in tasks_of(score) or any(call.task is task for call in calls)
+
+
 def limits_about(limits: Limits | None, tasks: Collection[Task]) -> Limits | None:
     """Return the limits about the given tasks; None if there is no such limit."""
     chosen = () if limits is None else tuple(limit for limit in limits.limits if task_of(limit) in tasks)

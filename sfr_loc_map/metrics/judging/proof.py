@@ -87,20 +87,17 @@ def prove_sequentially(terms: Terms, limit: float, sample: Sample, truth_error: 
     """Return the decision of the sequential test over the drives in order; the bound is their largest error.
 
     The error of the truth must not change the decision. Drives whose error is within `truth_error` of the limit
-    therefore count as met in one test and as failed in another, and both tests must have the same decision. A test that
-    passes at an early drive fails if all drives together fail: the bound of the test holds at any time, and drives that
-    miss the limit must not be hidden behind others.
+    therefore count as met in one test and as failed in another, and both tests must have the same decision.
     """
     test = sequential_test(terms)
     has_failed = (sample.sizes > limit).tolist()
-    state, drives = test.decision(has_failed)
+    state, drives = test.decision_over_all(has_failed)
     if truth_error > 0.0:
-        ends = [test.decision((sample.sizes > limit + shift).tolist()) for shift in (-truth_error, truth_error)]
+        ends = [
+            test.decision_over_all((sample.sizes > limit + shift).tolist()) for shift in (-truth_error, truth_error)
+        ]
         drives = max(after for _, after in ends)
         state = ends[0][0] if ends[0][0] is ends[1][0] else VerdictState.NOT_ENOUGH_DATA
-    if state is VerdictState.PASS and test.state(sum(has_failed), len(has_failed)) is VerdictState.FAIL:
-        state = VerdictState.FAIL
-        drives = len(has_failed)
     undecided = state is VerdictState.NOT_ENOUGH_DATA
     more = test.more_without_failure(sum(has_failed), len(has_failed)) if undecided else None
     largest = float(sample.sizes[:drives].max()) if drives else None

@@ -9,7 +9,7 @@ ratio test (1945) is evaluated after each drive. The bounds `1 / risk` of the te
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import VerdictState
@@ -49,6 +49,17 @@ class SequentialTest(NamedTuple):
             if state is not VerdictState.NOT_ENOUGH_DATA:
                 return state, drives
         return VerdictState.NOT_ENOUGH_DATA, drives
+
+    def decision_over_all(self, has_failed: Sequence[bool]) -> tuple[VerdictState, int]:
+        """Return the decision over drives in order, and the number of drives that it is based on.
+
+        A test that passes at an early drive fails if all drives together fail: the risks of the test hold at any time,
+        and drives that miss the limit must not be hidden behind others.
+        """
+        state, drives = self.decision(has_failed)
+        if state is VerdictState.PASS and self.state(sum(has_failed), len(has_failed)) is VerdictState.FAIL:
+            return VerdictState.FAIL, len(has_failed)
+        return state, drives
 
     def more_without_failure(self, failures: int, drives: int) -> int | None:
         """Return the number of additional drives without a failure that lead to a pass; None if no number suffices."""

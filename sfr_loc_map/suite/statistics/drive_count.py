@@ -102,7 +102,7 @@ def drive_counts(results: Sequence[ScoredJob], limits: Limits | None) -> Iterato
                 failures=int(has_failed.sum()),
                 at_the_rate_seen=count_needed(sample, limit.limit, terms.prob, terms.confidence),
                 if_normal=None if known is None else normal_count(known, limit.limit, terms.prob, terms.confidence),
-                state=sequential_test(terms).decision(has_failed.tolist())[0],
+                state=sequential_test(terms).decision_over_all(has_failed.tolist())[0],
             )
 
 

@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.judging.judge import (
     proof_verdict,
     verdict_on,
 )
-from sfr_loc_map.metrics.judging.limit_scope import task_of, tasks_of
+from sfr_loc_map.metrics.judging.limit_scope import has_task, task_of, tasks_of
 from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import prove, sample_of
 from sfr_loc_map.metrics.judging.several_scores import items_under_test
@@ -98,9 +98,10 @@ def verdict_over_drives(
 ) -> GroupVerdict:
     """Return the verdict over drives on a limit: by the pooled value, or by the worst drive if none can be pooled.
 
-    A drive without a value of the figure, or without results of the limited task, makes the verdict incomplete.
+    A drive without a value of the figure makes the verdict incomplete. A result that is not of the limited task does
+    not count, unless it has calls of this task.
     """
-    of_task = [result for result in results if task_of(limit) in tasks_of(result.score)]
+    of_task = [result for result in results if has_task(result.score, task_of(limit))]
     scores = [result.score for result in of_task]
     figures = [value_of(limit, score) for score in scores]
     values = [figure.value for figure in figures if figure.value is not None]
@@ -119,7 +120,7 @@ def verdict_over_drives(
             truth_error=max((figure.truth_error for figure in figures), default=0.0),
         )
     verdict = replace(verdict_on(limit, judged, limits), n=count)
-    if len(of_task) < len(results) or not all(_count_of(limit, score) for score in scores):
+    if not all(_count_of(limit, score) for score in scores):
         verdict = of_incomplete(verdict)
     of_drives = zip((result.drive_key for result in of_task), figures, strict=True)
     missing = {key for key, figure in of_drives if figure.value is not None and not meets(limit, figure.value)}
@@ -138,12 +139,14 @@ def independent_of_drives(limit: Limit, results: Sequence[DriveScore]) -> float:
 def samples_by_drive(limit: Limit, results: Sequence[DriveScore]) -> tuple[dict[str, list[Sample]], set[str]]:
     """Return, for each drive, the errors to which a limit applies. Also return the drives for which errors are missing.
 
-    Errors are missing if a result lacks the limited task, if it has no sub-trajectory, if one of its errors is unknown,
-    or if it contains only a part of its errors.
+    Errors are missing if a result has no sub-trajectory, if one of its errors is unknown, or if it contains only a part
+    of its errors. A result that is not of the limited task does not count, unless it has calls of this task.
     """
     samples: dict[str, list[Sample]] = {}
     without_errors: set[str] = set()
     for result in results:
+        if not has_task(result.score, task_of(limit)):
+            continue
         sample = sample_of(result.score, limit.limited.figure, limit.condition)
         if sample is None or not len(sample.errors):
             without_errors.add(result.drive_key)

@@ -11,6 +11,7 @@ import pytest
 
 from helpers.made_scene import LOC_RIG
 from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import MotionBounds
@@ -253,7 +254,10 @@ def test_the_ground_must_be_identified_again_after_a_lost_pair() -> None:
 
 
 def test_an_adjustment_does_not_change_the_motion_since_the_image_that_pairs_are_compared_with() -> None:
-    before, after, compared = (Transform(np.eye(3), np.array([x, 0.0, 0.0])) for x in (1.0, 3.0, 0.5))
+    before, adjusted, compared = (
+        Transform(matrix_from_rotvec(np.array([0.0, 0.1 * x, 0.2])), np.array([x, 0.0, 1.0])) for x in (1.0, 3.0, 0.5)
+    )
     memory = replace(IDENTIFIED, earlier=EarlierImage(IMAGE, Pose.of(compared)))
-    moved = memory.adjusted(after @ before.inverse()).earlier.pose
-    np.testing.assert_allclose(after.translation - moved.position, before.translation - compared.translation)
+    moved = Transform(*memory.adjusted(adjusted @ before.inverse()).earlier.pose)
+    since = (before.inverse() @ compared).matrix
+    np.testing.assert_allclose((adjusted.inverse() @ moved).matrix, since, atol=1e-12)

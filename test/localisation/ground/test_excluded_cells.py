@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.ground.cell_change import cell_counts
 from sfr_loc_map.localisation.ground.excluded_cells import ExcludedCells, Exclusion
-from sfr_loc_map.localisation.ground.memory import GroundMemory
 from sfr_loc_map.localisation.ground.thresholds import DYNAMIC_LIFE, FIXED_LIFE
 
 SHAPE = (128, 160)
@@ -67,11 +64,3 @@ def test_the_pair_that_excludes_a_cell_is_the_first_of_its_life(is_fixed: bool, 
         assert masked < life
         excluded = after(excluded)
     assert masked == life - 1
-
-
-def test_excluded_cells_do_not_prevent_a_new_window_for_ever() -> None:
-    excluded = after(ExcludedCells.none(SHAPE), dynamic=~NOTHING, has_excluded=True)
-    memory = replace(GroundMemory.none(SHAPE), excluded=excluded)
-    for _ in range(DYNAMIC_LIFE):
-        memory = memory.window_failed(SHAPE)
-    assert memory.excluded.mask is None

@@ -101,6 +101,18 @@ def test_good_drives_at_the_beginning_do_not_hide_a_failure_over_all_drives() ->
     assert (proof.state, proof.n, proof.bound) == (VerdictState.FAIL, 4, 9.0)
 
 
+def test_drives_within_the_error_of_the_truth_decide_neither_pass_nor_fail_over_all_drives() -> None:
+    """They fail together with the error of the truth added, and pass with it subtracted."""
+    terms = Terms(prob=0.5, confidence=0.5, interpretation=Population.ENSEMBLE, power=0.5, good=0.1)
+    drives = {
+        name: [Sample(np.full(5, error), 5.0)] for name, error in zip("abcd", (0.1, 0.1, 1.05, 1.05), strict=True)
+    }
+    assert prove(terms, 1.0, drives).state is VerdictState.FAIL
+    assert prove(terms, 1.0, drives, truth_error=0.1).state is VerdictState.NOT_ENOUGH_DATA
+    drives |= {name: [Sample(np.full(5, 0.95), 5.0)] for name in "cd"}
+    assert prove(terms, 1.0, drives, truth_error=0.1).state is VerdictState.NOT_ENOUGH_DATA
+
+
 def test_a_failure_never_helps_drives_that_are_within_the_error_of_the_truth() -> None:
     terms = Terms(prob=0.9, confidence=0.9, interpretation=Population.ENSEMBLE, good=0.02)
     near = {f"{number:03}": [Sample(np.array([0.0999]), 1.0)] for number in range(80)}

@@ -63,13 +63,17 @@ def group_of(limit: str, bound: object, results: list[DriveScore]) -> GroupVerdi
     return found
 
 
-def test_a_result_without_the_limited_task_makes_the_verdicts_of_its_group_incomplete() -> None:
-    """A drive must not meet a limit by the absence of its estimate."""
+def test_a_result_with_calls_but_without_the_estimate_makes_the_verdicts_of_its_group_incomplete() -> None:
+    """A drive must not meet a limit by the absence of its estimate. A cloud without calls of the drive is no drive."""
     results = [DriveScore(str(number), scored(number)) for number in range(30)]
+    calls, cloud = (
+        Score(figures=(figure_row("judged", None, part, n=60, value=1.0),)) for part in ("calls localisation", "map")
+    )
     bound = {"prob": 0.9, "confidence": 0.95, "limit": 10.0, "interpretation": "ensemble"}
     for limit, value in (("position_mean_plus_3sigma_m", 10.0), ("position_max_m", 10.0), ("position_bound_m", bound)):
         assert group_of(limit, value, results).state == "pass"
-        assert group_of(limit, value, [*results, DriveScore("absent", Score())]).state == "incomplete"
+        assert group_of(limit, value, [*results, DriveScore("absent", calls)]).state == "incomplete"
+        assert group_of(limit, value, [*results, DriveScore("cloud", cloud)]).state == "pass"
 
 
 @pytest.mark.parametrize("statistic", ["rmse", "p50", "p95", "p99", "max"])
