@@ -78,7 +78,7 @@ class LiveData:
 
 
 def score_so_far(received: LiveData, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:
-    """Return the score of a run in progress."""
+    """Return the score of a run in progress. `config` has the conditions of `limits` (`judgement.with_conditions`)."""
     run = received.run
     trajectory = result_without_poses(run.expected.unposed_images)
     if run.drive is not None:

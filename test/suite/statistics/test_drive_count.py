@@ -10,6 +10,7 @@ from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.judging.proof import sample_of
 from sfr_loc_map.suite.pages.tables import drive_count_table
 from sfr_loc_map.suite.statistics.drive_count import drive_counts
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob
@@ -38,6 +39,24 @@ def test_drives_that_are_missing_follow_from_those_seen() -> None:
     assert "no number" in to_markdown([drive_count_table([bad])], "plan")
     with pytest.raises(ConfigError, match="limits with 'prob'"):
         list(drive_counts(drives, None))
+
+
+def test_good_drives_at_the_beginning_do_not_hide_a_failure_over_all_drives() -> None:
+    """The test passes after two good drives. Two bad drives after them fail it together with the good ones."""
+    scored = []
+    for number in range(4):
+        truth, estimate = drive(number, count=60)
+        scored.append(score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",))))
+    largest = [float(sample_of(score, "position", "distance=5").sizes.max()) for score in scored]
+    by_error = [score for _, score in sorted(zip(largest, scored, strict=True), key=lambda item: item[0])]
+    drives = [
+        ScoredJob(replace(JOB, source=recording(str(number), sha256=str(number))), score)
+        for number, score in enumerate(by_error)
+    ]
+    terms = {"prob": 0.5, "confidence": 0.5, "power": 0.5, "good": 0.1, "interpretation": "ensemble"}
+    limits = limits_with(limit=0.5 * sum(sorted(largest)[1:3]), **terms)
+    assert next(drive_counts(drives[:2], limits)).state == "pass"
+    assert next(drive_counts(drives, limits)).state == "fail"
 
 
 def test_the_command_plans_without_a_suite(sfr: Sfr) -> None:
