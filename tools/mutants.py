@@ -281,7 +281,7 @@ MUTATIONS = (
     Mutation("metrics/judging/limits_file.py", "{**of_all, **entry}", "{**entry, **of_all}"),
     Mutation("metrics/judging/limits_file.py", "minimum_independent=float(independent), ", ""),
     Mutation("metrics/judging/limits_file.py", ", data_set_sha256=hashes", ""),
-    Mutation("metrics/judging/data_set.py", "    for role in present:", "    for role in present[:1]:"),
+    Mutation("metrics/judging/limited.py", "    for role in present:", "    for role in present[:1]:"),
     Mutation("metrics/judging/judge.py", "if (fault := fault_of_data_set(ruled)) is not None:", "if False:"),
     Mutation("metrics/score/limits.py", "name: limited.of_target() for", "name: limited for"),
     # completeness of a drive, a map, calls, a live run
@@ -336,7 +336,7 @@ MUTATIONS = (
     Mutation(INCOMPLETE, "(rules.partial and kind.partial)", "rules.partial"),
     Mutation(INCOMPLETE, "not row.n or row.value is not None", "not row.n or row.value != 0.0"),
     Mutation(
-        "metrics/judging/limit_scope.py",
+        "metrics/judging/limited.py",
         "not in tasks_of(score):\n        return False",
         "not in tasks_of(score) or True:\n        return False",
     ),
@@ -487,7 +487,7 @@ MUTATIONS = (
     Mutation("scoring/call_checks.py", "if len(here) > 1:", "if len(here) > 2:"),
     Mutation("metrics/score/limits.py", "independent >= self.minimum", "independent > self.minimum"),
     Mutation("metrics/score/verdict.py", "<= truth_error", "<= 0.1 * truth_error"),
-    Mutation("metrics/judging/limited_value.py", "TOTAL: math.sqrt(1.0 + 3.0**2)", "TOTAL: 3.0"),
+    Mutation("metrics/judging/limited.py", "TOTAL: math.sqrt(1.0 + 3.0**2)", "TOTAL: 3.0"),
     Mutation(
         "metrics/stored/file_check.py",
         "expected = mean_plus_3sigma(row.mean, row.sigma)",
@@ -495,7 +495,7 @@ MUTATIONS = (
     ),
     Mutation("metrics/stored/file_check.py", "if stored != expected and not _is_near(stored, expected):", "if False:"),
     Mutation(
-        "metrics/judging/limited_value.py",
+        "metrics/judging/limited.py",
         "math.inf if row.value is None else row.value\n",
         "0.0 if row.value is None else -row.value\n",
     ),

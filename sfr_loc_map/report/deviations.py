@@ -25,7 +25,7 @@ from sfr_loc_map.metrics.figures.records import REPLAY_RATE, MethodKind
 from sfr_loc_map.metrics.figures.row_part import COUNT, MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, calls_part, range_of
 from sfr_loc_map.metrics.figures.subjects import Scope, Subject
 from sfr_loc_map.metrics.judging.incomplete import limits_missed_at_other_frames, statistic_of
-from sfr_loc_map.metrics.judging.limit_scope import tasks_of
+from sfr_loc_map.metrics.judging.limited import tasks_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
 from sfr_loc_map.metrics.score.caveats import caveats_of
 from sfr_loc_map.metrics.score.limits import COVERAGE_MIN, INDEPENDENT_FOR_VERDICT

@@ -21,9 +21,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth
 from sfr_loc_map.hashes import hash_arrays, hash_path
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.figures.records import InputFile, Provenance
-from sfr_loc_map.metrics.judging.data_set import fault_of_inputs
+from sfr_loc_map.metrics.judging.limited import fault_of_inputs
 from sfr_loc_map.metrics.judging.limits_file import load_limits
-from sfr_loc_map.metrics.score.limits import Limits, Rules
+from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.package_commit import package_commit
 from sfr_loc_map.scoring.input_files import ReadFile, read_files
@@ -93,7 +93,7 @@ def limits_not_seen(score: Score, origin: str) -> str | None:
     if not path.is_file() or hash_path(path) != file.sha256:
         return f"the limits file '{file.path}' of {origin} is missing or was changed: its limits were not compared"
     limits = load_limits(path)
-    if Rules.of(limits, partial=rules.partial) != rules:
+    if struct_replace(limits, partial=rules.partial) != rules:
         raise InputError(
             f"{origin} contradicts itself: its limits differ from those in its limits file '{file.path}'; score "
             "the estimate again"

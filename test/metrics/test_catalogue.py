@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.figures.catalogue import (
 from sfr_loc_map.metrics.figures.row_part import RowPart
 from sfr_loc_map.metrics.figures.rows import NUMBERS
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
-from sfr_loc_map.metrics.judging.limited_value import EXPANSION
+from sfr_loc_map.metrics.judging.limited import EXPANSION
 from sfr_loc_map.suite.search.specification import CHOICES
 
 CLAUSES = {

@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.judging.incomplete import Shortfall, statistic_of
 from sfr_loc_map.metrics.judging.judge import judged_by, overall_verdict, with_verdicts
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
-from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limits, Rules
+from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.file_check import fault_of_verdicts
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, to_dict, to_json
@@ -123,7 +123,7 @@ def test_each_name_of_a_limit_finds_its_number() -> None:
             verdict = score.verdicts[-1]
             assert verdict.value == 0.25, name
             assert (verdict.figure, verdict.statistic) == (limited.figure, statistic)
-            assert score.rules == Rules(limits=limits.limits)
+            assert score.rules == Limits(limits=limits.limits)
 
 
 def test_the_verdict_over_all() -> None:

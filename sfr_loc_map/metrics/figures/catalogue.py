@@ -4,7 +4,7 @@ To add a figure, add its line here, and the text of a new clause in `CLAUSES`. T
 also names the function that computes the errors (`compute_errors`). The rows of any other figure are made where its
 values are computed. To show one more statistic of a figure, add its name to the line. To add a quantile, add its field
 to `metrics.formulas.Statistics`; its name states the percentage (`p99_5`). Any other statistic is computed in
-`metrics.formulas.statistics`, and `EXPANSION` of `metrics.judging.limited_value` states how the error of the truth
+`metrics.formulas.statistics`, and `EXPANSION` of `metrics.judging.limited` states how the error of the truth
 affects it. Reports, comparisons, suites, searches, histories, limits, the topics of the monitor and the check of stored
 scores then include the figure or statistic. Scores that were stored without a new statistic remain readable.
 

@@ -1,11 +1,17 @@
-"""Verdicts from a score and a limits file. This text names the modules in the order of their use.
+"""Verdicts: a pure function of a score's table of figures and of its limits.
 
-`limits_file` reads the limits (`metrics.score.limits`), and `data_set` checks that the score was made with the data
-that they name. `limited_value` finds the number of a limit in the score, and `limit_scope` states which part of the run
-the limit requires. `proof` proves limits with a fraction and a confidence, by tolerance bounds (`metrics.statistics`)
-or a `sequential` test. `incomplete` finds expected data that cannot be judged. `judge` makes the verdicts of one score,
-and `several_scores` the common verdict. `reasons` states why a verdict is undecided. `limits_template` writes a
-template of a limits file.
+    limits file ─► limits_file ─► Limits
+                                    │
+    table of figures, Limits ─┬─► limited      the number of each limit, and its scope that must be complete
+                              ├─► proof        tolerance bounds and sequential tests of limits with a fraction
+                              ├─► incomplete   shortfalls: what is missing or wrong in each scope (SHORTFALLS)
+                              │
+                              └─► judge        numbers, proofs and shortfalls ─► verdict on each limit ─► verdict
 
-In `metrics` only `stored` imports this package, because the check of a stored score derives the verdicts again.
+`judge.with_verdicts` calls the three modules above it and is the complete derivation. `completeness.shortfall_kinds`
+is the table of everything that can be missing or wrong.
+
+`several_scores` combines the verdicts of several scores. `reasons` states why a verdict is undecided.
+`limits_template` writes a template of a limits file. In `metrics` only `stored` imports this package, because the check
+of a stored score derives its verdicts again.
 """

@@ -36,7 +36,7 @@ from sfr_loc_map.metrics.figures.row_part import (
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.figures.subjects import LimitSection, Scope, Subject
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.judging.limit_scope import required_scope, required_scopes, scopes_of_tasks
+from sfr_loc_map.metrics.judging.limited import required_scope, required_scopes, scopes_of_tasks
 from sfr_loc_map.metrics.score.limits import Limit, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict

@@ -27,11 +27,10 @@ from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
 from sfr_loc_map.metrics.figures.catalogue import JUDGED, KINDS
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.figures.subjects import LimitSection
-from sfr_loc_map.metrics.judging.data_set import fault_of_data_set
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, incompleteness, text_of
-from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
+from sfr_loc_map.metrics.judging.limited import LimitedValue, fault_of_data_set, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
-from sfr_loc_map.metrics.score.limits import BOUND, Limit, Limits, Rules, margin_of, meets
+from sfr_loc_map.metrics.score.limits import BOUND, Limit, Limits, margin_of, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import ProofRecord, Verdict, is_within_error
 
@@ -47,9 +46,13 @@ class ProvedBound(NamedTuple):
 def judged_by(score: Score, limits: Limits | None, *, partial: bool = False) -> Score:
     """Return a score with its rules, the verdict on each limit, and the verdict over all limits.
 
-    InputError if the limits name another data set.
+    `partial` accepts missing data. The score has no rules without limits and without `partial`. InputError if the
+    limits name another data set.
     """
-    ruled = struct_replace(score, rules=Rules.of(limits, partial=partial))
+    rules = None
+    if limits is not None or partial:
+        rules = struct_replace(limits or Limits(), partial=partial)
+    ruled = struct_replace(score, rules=rules)
     if (fault := fault_of_data_set(ruled)) is not None:
         raise InputError(fault)
     return with_verdicts(ruled)

@@ -11,8 +11,7 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.figures.records import InputFile, MethodRecord, Provenance
 from sfr_loc_map.metrics.judging.judge import judged_by
-from sfr_loc_map.metrics.judging.limit_scope import task_of, tasks_of
-from sfr_loc_map.metrics.judging.limited_value import value_of
+from sfr_loc_map.metrics.judging.limited import task_of, tasks_of, value_of
 from sfr_loc_map.metrics.score.limits import Limit
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict

@@ -1,4 +1,4 @@
-"""The limits of requirements: the numbers that can be limited, and the rules that a score stores with its verdicts.
+"""The limits of requirements: the numbers that can be limited, and the limits that a score stores with its verdicts.
 
 The name of a limit states figure, statistic and unit. Limits are upper bounds, except `coverage_min` and the required
 fraction `judged`. `metrics.judging.limits_file` reads a limits file, and `metrics.judging.judge` makes the verdicts.
@@ -11,7 +11,7 @@ fraction `judged`. `metrics.judging.limits_file` reads a limits file, and `metri
 
 The template of a limits file (`metrics.judging.limits_template`), the check of stored scores, and the reports then
 include the limit. A new section of the limits file also requires a member of `LimitSection`, its meaning in the
-template, and the scope that must be complete for a pass (`metrics.judging.limit_scope.required_scope`).
+template, and the scope that must be complete for a pass (`metrics.judging.limited.required_scope`).
 """
 
 from __future__ import annotations
@@ -259,13 +259,15 @@ class Limit(Record, frozen=True, kw_only=True):
 
 
 class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """All limits of a file, and the numbers of values that a verdict requires."""
+    """The rules of judgement: the limits of a file, and what a verdict requires besides."""
 
     limits: tuple[Limit, ...] = ()  #: Limits in the order of the file.
     minimum_count: int = COUNT_FOR_VERDICT  #: Minimum number of values for a verdict.
     #: Minimum number of independent sub-trajectories for a verdict.
     minimum_independent: float = INDEPENDENT_FOR_VERDICT
     data_set_sha256: tuple[str, ...] = ()  #: Hashes of the inputs that the limits accept; empty for any data set.
+    #: Whether missing data are accepted (`--partial`); wrong data and shortfalls by limit are not.
+    partial: bool = False
 
     def has_enough_values(self, count: int | None) -> bool:
         """Return whether a number of values suffices for a verdict. None, for a figure that is one number, suffices."""
@@ -288,25 +290,6 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
         """
         pairs = ((item.limited.figure, item.condition) for item in self.limits if item.terms is not None)
         return frozenset((figure, condition) for figure, condition in pairs if condition is not None)
-
-
-class Rules(Limits, frozen=True, kw_only=True, omit_defaults=False):
-    """The rules by which the verdicts follow from the table of figures."""
-
-    partial: bool = False  #: Whether missing data are accepted; wrong data and shortfalls by limit are not.
-
-    @classmethod
-    def of(cls, limits: Limits | None, *, partial: bool) -> Rules | None:
-        """Return the rules of limits and of partial judging; None without limits and without partial judging."""
-        if limits is None:
-            return cls(partial=True) if partial else None
-        return cls(
-            limits=limits.limits,
-            minimum_count=limits.minimum_count,
-            minimum_independent=limits.minimum_independent,
-            data_set_sha256=limits.data_set_sha256,
-            partial=partial,
-        )
 
 
 def is_lower_bound(limit_name: str) -> bool:

@@ -40,7 +40,7 @@ from sfr_loc_map.metrics.figures.records import (
 from sfr_loc_map.metrics.figures.row_part import ANY, POOLED
 from sfr_loc_map.metrics.figures.rows import Figure, find_rows
 from sfr_loc_map.metrics.figures.subjects import Subject
-from sfr_loc_map.metrics.score.limits import Rules
+from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.verdict import Verdict
 
 SCHEMA = "sfr-score/2"
@@ -78,7 +78,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     contradiction: str | None = None  #: Convention mismatch of estimate and truth, because of which nothing is judged.
     incomplete: str | None = None  #: Expected data that cannot be judged; null if there are none.
     #: Rules by which the verdicts follow from the figures; null without limits and partial judging.
-    rules: Rules | None = None
+    rules: Limits | None = None
     errors: tuple[ErrorRows, ...] = ()  #: All errors of the figures whose tolerance bound is limited.
     details: Details | None = None  #: Data of the plots.
     content_sha256: str | None = None  #: Hash of all other values of a file; null for a score in memory.
@@ -180,9 +180,9 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return None if self.association is None else str(self.association.reading)
 
     @property
-    def active_rules(self) -> Rules:
+    def active_rules(self) -> Limits:
         """The rules of the score. If the score has no rules: the default rules, which have no limits."""
-        return Rules() if self.rules is None else self.rules
+        return Limits() if self.rules is None else self.rules
 
     @property
     def fatal_findings(self) -> tuple[FindingRecord, ...]:

@@ -20,8 +20,8 @@ from sfr_loc_map.metrics.figures.details import Details
 from sfr_loc_map.metrics.figures.rows import Figure, number_text
 from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.formulas import QUANTILES, mean_plus_3sigma
-from sfr_loc_map.metrics.judging.data_set import fault_of_data_set
 from sfr_loc_map.metrics.judging.judge import with_verdicts
+from sfr_loc_map.metrics.judging.limited import fault_of_data_set
 from sfr_loc_map.metrics.score.limits import BOUND
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict

@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.figures.results import MapResult
 from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.figures.subjects import LimitSection
 from sfr_loc_map.metrics.judging.judge import judged_by
-from sfr_loc_map.metrics.judging.limit_scope import task_of
+from sfr_loc_map.metrics.judging.limited import task_of
 from sfr_loc_map.metrics.map.pair_truth import PairTruth
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score

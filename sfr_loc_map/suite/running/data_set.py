@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.metrics.figures.records import InputFile
-from sfr_loc_map.metrics.judging.data_set import fault_of_inputs
+from sfr_loc_map.metrics.judging.limited import fault_of_inputs
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.load import load_run

@@ -14,8 +14,7 @@ from msgspec.structs import replace
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judging.proof import sample_over_drives
-from sfr_loc_map.metrics.judging.sequential import SequentialTest, sequential_test
+from sfr_loc_map.metrics.judging.proof import SequentialTest, sample_over_drives, sequential_test
 from sfr_loc_map.metrics.score.limits import BOUND, Limits, Population, Terms
 from sfr_loc_map.metrics.statistics.tolerance import count_needed, moments, normal_count, zero_failure_count
 from sfr_loc_map.report.verdict_view import limited_name
@@ -106,7 +105,7 @@ def drive_counts(results: Sequence[ScoredJob], limits: Limits | None) -> Iterato
             )
 
 
-# ---- the number of drives of a test with given error rates (`judging.sequential`)
+# ---- the number of drives of a test with given error rates (`judging.proof`)
 
 
 class FixedPlan(NamedTuple):

@@ -21,8 +21,7 @@ from sfr_loc_map.metrics.judging.judge import (
     proof_verdict,
     verdict_on,
 )
-from sfr_loc_map.metrics.judging.limit_scope import has_task, task_of, tasks_of
-from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
+from sfr_loc_map.metrics.judging.limited import LimitedValue, has_task, task_of, tasks_of, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import prove, sample_of
 from sfr_loc_map.metrics.judging.several_scores import items_under_test
 from sfr_loc_map.metrics.score.limits import Limit, Limits, Population, Terms, meets

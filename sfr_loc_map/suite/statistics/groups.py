@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.figures.rows import Figure
-from sfr_loc_map.metrics.judging.limit_scope import tasks_of
+from sfr_loc_map.metrics.judging.limited import tasks_of
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.suite.running.job import NO_CONFIGURATION, GroupKey, Job

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sfr_loc_map.metrics.judging.judge import judged_by
-from sfr_loc_map.metrics.judging.limit_scope import limits_about, tasks_of
+from sfr_loc_map.metrics.judging.limited import limits_about, tasks_of
 from sfr_loc_map.metrics.judging.several_scores import undeclared_items
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score

@@ -13,7 +13,7 @@ from sfr_loc_map.metrics.completeness.expected_items import suite_completeness
 from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.score.limits import Limits, Rules
+from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.running.job import GroupKey, Job
@@ -104,7 +104,7 @@ class Summary:
         Its rules have the minimum counts of the suite's limits but not the limits, so that `on_limits` is empty.
         """
         limits = self.limits or Limits()
-        rules = Rules(minimum_count=limits.minimum_count, minimum_independent=limits.minimum_independent)
+        rules = Limits(minimum_count=limits.minimum_count, minimum_independent=limits.minimum_independent)
         return Score(figures=group.figures, verdicts=group.verdicts, rules=rules)
 
     @property

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.metrics.formulas import QUANTILES, statistics
-from sfr_loc_map.metrics.judging.limited_value import EXPANSION
+from sfr_loc_map.metrics.judging.limited import EXPANSION
 
 COUNT = 20_000  #: Sub-trajectories, so many that the n - 1 of sigma is negligible.
 BOUNDED = ("mean", "sigma", "rmse", "mean_plus_3sigma")

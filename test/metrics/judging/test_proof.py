@@ -5,8 +5,7 @@ import pytest
 from scipy import stats
 
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judging.proof import prove
-from sfr_loc_map.metrics.judging.sequential import SequentialTest
+from sfr_loc_map.metrics.judging.proof import SequentialTest, prove
 from sfr_loc_map.metrics.score.limits import Population, Terms
 from sfr_loc_map.metrics.statistics.tolerance import Sample, zero_failure_count
 from sfr_loc_map.suite.statistics.drive_count import course_of, fixed_plan
