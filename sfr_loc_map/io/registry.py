@@ -128,12 +128,13 @@ def format_of(path: Path) -> SourceFormat:
 
 def _check_image_formats(path: Path) -> None:
     """Raise InputError if a path has folders of left and right images, all of them in other formats."""
-    for sides in folders_of_sides(path) if path.is_dir() else ():
-        found = sorted({suffix_of(file) for side in sides for file in side.iterdir()} - {""})
-        left, right = (side.name.lower() for side in sides)
+    sides = folders_of_sides(path) if path.is_dir() else []
+    if sides:
+        left, right = sides[0]
+        found = sorted({suffix_of(file) for side in (left, right) for file in side.iterdir()} - {""})
         raise InputError(
-            f"'{path}' has {left}/ and {right}/ without images that end in {alternatives(IMAGE_ENDINGS)}: found "
-            f"{', '.join(found) or 'no file'}; convert the images"
+            f"'{path}' has {left.name.lower()}/ and {right.name.lower()}/ without images that end in "
+            f"{alternatives(IMAGE_ENDINGS)}: found {', '.join(found) or 'no file'}; convert the images"
         )
 
 

@@ -13,13 +13,15 @@ DATA_SET_NAMES = {
     *("rig.json", "pairs.csv", "groundtruth.csv", "simulation.yaml", "metadata.yaml"),
     *("left", "right", "truth", "masks", "loc", "nav"),
 }
-"""Names in the folders that the suite writes: data sets and bags."""
-SOURCE_NAMES = DATA_SET_NAMES | {"mav0", "calib.txt", "times.txt", "poses.txt", *(f"image_{n}" for n in range(4))}
-"""Names in the folders of all sources."""
-NAMES_IN_PATHS = SOURCE_NAMES - {"loc", "nav"}
-"""Names in the paths of the files of a source: such a path contains one of these, or begins with a folder of a camera
-(`SIDES_OF`)."""
+"""Files and folders in a data set folder, and `metadata.yaml` of a bag."""
+NAMES_IN_PATHS = DATA_SET_NAMES - {"loc", "nav"} | {
+    *("mav0", "calib.txt", "times.txt", "poses.txt"),
+    *(f"image_{number}" for number in range(4)),
+}
+"""Files and folders that identify a path as that of a file of a source. `loc` and `nav` alone do not, because these
+names are also common outside of data sets."""
 CAMERA_FOLDERS = {name for sides in SIDES_OF for name in sides}
+"""Folders of images, in lower case. A path that begins with one of these is that of a file of a source."""
 
 
 def has_only_data_set(folder: Path) -> bool:

@@ -8,6 +8,7 @@ data set folder contains folders of left and right images. `detected_format` sta
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 
@@ -61,7 +62,7 @@ def is_bag(path: Path) -> bool:
 
 def image_folders(path: Path) -> tuple[Path, Path] | None:
     """Return the folders of the left and the right images in a folder; None without such folders."""
-    return next((sides for sides in folders_of_sides(path) if all(map(images_in, sides))), None)
+    return next((sides for sides in folders_of_sides(path) if all(any(images_in(side)) for side in sides)), None)
 
 
 def folders_of_sides(path: Path) -> list[tuple[Path, Path]]:
@@ -70,8 +71,9 @@ def folders_of_sides(path: Path) -> list[tuple[Path, Path]]:
     return [(folders[left], folders[right]) for left, right in SIDES_OF if left in folders and right in folders]
 
 
-def images_in(folder: Path) -> list[Path]:
-    """Return the images in a folder or in its folder `data`, without hidden files (`._NAME.png` of macOS)."""
+def images_in(folder: Path) -> Iterator[Path]:
+    """Yield the images in a folder or in its folder `data`, without hidden files (`._NAME.png` of macOS)."""
     inner = folder / "data"
-    files = (inner if inner.is_dir() else folder).iterdir()
-    return sorted(file for file in files if suffix_of(file) in IMAGE_ENDINGS and not file.name.startswith("."))
+    for file in (inner if inner.is_dir() else folder).iterdir():
+        if suffix_of(file) in IMAGE_ENDINGS and not file.name.startswith("."):
+            yield file

@@ -97,7 +97,7 @@ def _opened_drive(source: Path, config: SourceConfig) -> LocSequence | None:
 def _with_truth(proposal: Proposal, truth: Truth, stamps_ns: Sequence[int]) -> Proposal:
     """Return a proposal with the components of a ground truth, and a condition for the pairs with these stamps.
 
-    A truth of less than two poses proposes nothing.
+    Nothing is added for a truth of fewer than two poses.
     """
     if len(truth) < 2:
         return proposal

@@ -2,6 +2,6 @@
 
 `files`, `encoding`, `unpacking` and `mcap_file` are the parts of `readers`, which open one file or folder. `bag` reads
 the topics of a bag as a stream by their `topic_names`, and `poses` its poses and frames. `frames` collects frames from
-messages of a bag or of a graph. `messages` makes messages, `writer` writes them, and
-`recorder` records messages as they arrive.
+messages of a bag or of a graph. `messages` makes messages, `writer` writes them, and `recorder` records messages as
+they arrive.
 """

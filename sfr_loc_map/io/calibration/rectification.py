@@ -53,8 +53,9 @@ class RectifiableCamera:
     @classmethod
     def of_rectified(cls, size: tuple[int, int], p: FloatArray) -> RectifiableCamera:
         """Return a camera of images that are already rectified, from its P `(12,)`."""
-        k, r, p_row = (tuple(np.ravel(matrix).tolist()) for matrix in (np.reshape(p, (3, 4))[:, :3], np.eye(3), p))
-        return cls(size, "plumb_bob", (0.0,) * 5, k, r, p_row)
+        k = np.reshape(p, (3, 4))[:, :3].reshape(-1)
+        r = np.eye(3).reshape(-1)
+        return cls(size, "plumb_bob", (0.0,) * 5, tuple(k.tolist()), tuple(r.tolist()), tuple(np.ravel(p).tolist()))
 
     @classmethod
     def of_rectified_info(cls, name: str, info: Any) -> RectifiableCamera:  # noqa: ANN401 - a CameraInfo of any library

@@ -65,9 +65,8 @@ class CloudFields:
     @classmethod
     def of(cls, cloud: PointCloud) -> CloudFields:
         """Return the fields of a cloud."""
-        axes = {name: cloud.xyz[:, axis] for axis, name in enumerate("xyz")}
-        others = {name: getattr(cloud, name) for name in COLUMNS[1:]}
-        return cls(axes | others, cloud.fused, cloud.pair_stamps_ns)
+        columns = cls.of_points(cloud.xyz).columns | {name: getattr(cloud, name) for name in COLUMNS[1:]}
+        return cls(columns, cloud.fused, cloud.pair_stamps_ns)
 
     @classmethod
     def of_points(cls, xyz: FloatArray) -> CloudFields:

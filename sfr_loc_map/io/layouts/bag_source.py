@@ -236,8 +236,8 @@ def _own_extrinsics(loc: BagLocSequence, config: SourceConfig) -> Transform | No
     """
     if config.calibration.file:
         return None
-    with suppress(SfrError):
-        cameras, base_frame = loc.cameras, config.frames.base
-        found = loc.mount or read_extrinsics(loc.topics.bag, cameras.frame, cameras.rig.baseline_m, base_frame)
-        return None if found is None else found.T_rb_sb
-    return None
+    mount = loc.mount
+    if config.extrinsics.transform() is not None:
+        with suppress(SfrError):
+            mount = read_extrinsics(loc.topics.bag, loc.cameras.frame, loc.cameras.rig.baseline_m, config.frames.base)
+    return None if mount is None else mount.T_rb_sb

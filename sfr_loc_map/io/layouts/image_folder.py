@@ -63,7 +63,7 @@ def _by_stamp(folder: Path) -> tuple[dict[int, Path], str]:
 
     The unit is inferred from the magnitude of the numbers.
     """
-    files = images_in(folder)
+    files = sorted(images_in(folder))
     wrong = [file.name for file in files if not (file.stem.isascii() and file.stem.replace(".", "", 1).isdecimal())]
     stems = sorted((file.stem for file in files), key=lambda stem: (len(stem.partition(".")[0]), stem))
     check_fractions_are_padded(stems, f"images of '{folder}'")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import read_table
 from sfr_loc_map.io.number_text import number_or_nan
-from sfr_loc_map.io.stamps.stamp_text import StampParser, parse_seconds, parse_stamp_ns, parse_utc, seconds_text
+from sfr_loc_map.io.stamps.stamp_text import StampParser, parse_seconds, parse_utc, seconds_text
 from sfr_loc_map.io.tables.cells.text_table import RowForm, parse_table
 
 finite = st.floats(-1e308, 1e308)  # which no form rounds to infinity
@@ -67,14 +67,14 @@ def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers_in_blocks_o
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        *((f"{word},1", f": stamp '{word}' is not") for word in (r"2.5", "2_0", "\u0662", "4611686018427387904")),
+        *((f"{word},1", f": stamp '{word}' is not") for word in ("2x5", "2_0", "\u0662", "4611686018427387904")),
         *(("5", " has 1 column: 2"), ("5,1,2", " has 3 columns: 2")),
         *((f"5,{word}", f": '{word}' is not a finite number") for word in ("", "nan", "1e999", "1_0", "0x10")),
     ],
 )
 def test_the_line_that_is_wrong_is_named(line: str, words: str) -> None:
     with pytest.raises(InputError, match=f"^x line 3{words}"):
-        parse_table([f"#\n1,2\n{line}\n".encode()], "x", RowForm("t, x", (0, 1), StampParser(parse_stamp_ns), ","))
+        parse_table([f"#\n1,2\n{line}\n".encode()], "x", RowForm("t, x", (0, 1), StampParser.of("ns"), ","))
 
 
 @pytest.mark.parametrize(
