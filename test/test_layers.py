@@ -111,8 +111,6 @@ IO_FLOORS = (
     {"convert", "message_stream", "registry"},
 )
 """Folders of `io`, and the modules beside them, from the bottom."""
-TABLES_FLOORS = ({"cells"}, {"columns"}, {"checks"}, {""})
-"""Folders of `io/tables` from the bottom; the name of the modules beside them is empty."""
 LOCALISATION_FLOORS = (
     {"config", "motion_size", "small_linalg"},
     {"estimate"},
@@ -209,13 +207,7 @@ def test_ros_is_imported_by_its_folders_alone_and_no_import_is_relative() -> Non
 
 @pytest.mark.parametrize(
     ("layer", "floors"),
-    [
-        ("io", IO_FLOORS),
-        ("io/tables", TABLES_FLOORS),
-        ("localisation", LOCALISATION_FLOORS),
-        ("metrics", METRICS_FLOORS),
-        ("nodes", NODE_FLOORS),
-    ],
+    [("io", IO_FLOORS), ("localisation", LOCALISATION_FLOORS), ("metrics", METRICS_FLOORS), ("nodes", NODE_FLOORS)],
 )
 def test_folders_of_a_layer_import_lower_folders_alone(layer: str, floors: Sequence[set[str]]) -> None:
     floor = {folder: number for number, folders in enumerate(floors) for folder in folders}

@@ -51,7 +51,7 @@ class ScoreInputs:
     limits: Path | None = None  #: File of the limits.
     #: Configuration of the source of the truth; None: the configuration beside the source.
     config: SourceConfig | None = None
-    columns: str = ""  #: Columns of the estimate, if its file does not name them (`io.tables.columns.user_columns`).
+    columns: str = ""  #: Columns of the estimate, if its file does not name them (`io.tables.user_columns`).
     #: Whether the source of the truth has the images of the run; false if faults were injected into these images.
     has_images_of_run: bool = True
 

@@ -10,7 +10,7 @@ import pytest
 from helpers.made_scene import LOC_RIG
 from helpers.scored_drives import COUNT, PERIOD_NS, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.columns.pose_columns import TrajectoryFormat
+from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.frames.association import Estimates

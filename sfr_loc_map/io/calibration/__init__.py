@@ -7,4 +7,7 @@ images are not rectified, the `StereoRectifier`.
 
     messages    CameraInfo ─► RectifiableCamera ─► rig, rectifier                        rectification.rig_of_..._infos
     file        programs ─► CameraPair ─► StereoCalibration (rig, rectifier)             calibration_file
+
+`calibration_file` selects the program by the content of the file (`opened_file`), and `programs` has a module for each
+program. `rig_file` reads and writes the rig.json of the suite.
 """

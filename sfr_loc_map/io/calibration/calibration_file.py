@@ -1,29 +1,31 @@
-"""The calibration of a stereo pair from files of other programs, detected from the content.
+"""The calibration of a stereo pair from files of other programs or of the suite, detected from the content.
 
-    Kalibr       camchain.yaml with cam0 and cam1 (pinhole; radtan, equidistant) and T_cn_cnm1, T_cam_imu or T_imu_cam
-    EuRoC        cam0/sensor.yaml and cam1/sensor.yaml
-    ORB-SLAM     settings with LEFT.K, RIGHT.K, ..., with Camera1, Camera2 and Stereo.T_c1_c2, or with Camera.bf
-    OpenCV       FileStorage (YAML, XML, JSON) with M1 D1 M2 D2 R T or R1 R2 P1 P2, in one file or two
-    ROS          left.yaml and right.yaml of camera_calibration
-    COLMAP       cameras.txt and rig_config.json
-    rig.json     of the suite
-
-If a calibration has two files, the second is found by its name (`opened_file.PARTNERS`). A folder with one calibration
-is accepted.
+Each program has a reader in `programs`. If a calibration has two files, the second is found by its name
+(`opened_file.PARTNERS`). A folder with one calibration is accepted.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.inputs import check_exists, refusing
-from sfr_loc_map.io.calibration.opened_file import open_calibration, partner_of
-from sfr_loc_map.io.calibration.programs import READERS
-from sfr_loc_map.io.calibration.projections import with_baseline
+from sfr_loc_map.io.calibration.opened_file import OpenedFile, is_colmap_list, open_calibration, partner_of, plain_name
+from sfr_loc_map.io.calibration.programs.colmap import read_colmap
+from sfr_loc_map.io.calibration.programs.euroc import read_euroc
+from sfr_loc_map.io.calibration.programs.kalibr import read_kalibr
+from sfr_loc_map.io.calibration.programs.opencv import read_opencv
+from sfr_loc_map.io.calibration.programs.orb_slam import read_orb_slam
+from sfr_loc_map.io.calibration.programs.ros import read_ros
+from sfr_loc_map.io.calibration.projections import projection, with_baseline
+from sfr_loc_map.io.calibration.rectification import RectifiableCamera
+from sfr_loc_map.io.calibration.rig_file import read_rig
 from sfr_loc_map.io.calibration.stereo_calibration import CameraPair, StereoCalibration, calibrated
 from sfr_loc_map.suffixes import suffix_of
+from sfr_loc_map.suite_names import SIDES
 
 ENDINGS = (".yaml", ".yml", ".xml", ".json", ".txt")
 
@@ -76,3 +78,48 @@ def _only_file(folder: Path) -> Path:
         names = ", ".join(str(file.relative_to(folder.absolute())) for file in found[:8]) or "no calibration file"
         raise InputError(f"calibration '{folder}': the folder has {names}; give the path of one calibration file")
     return found[0]
+
+
+# ---- programs
+
+
+class ProgramReader(NamedTuple):
+    """The reader of the files of a program, and how they are recognised."""
+
+    shown: str  #: Program, with names in its files or of its files, for messages.
+    read: Callable[[OpenedFile], CameraPair]
+    recognises: Callable[[OpenedFile], bool]  #: Whether a file belongs to this program.
+
+
+def _has(*alternatives: str) -> Callable[[OpenedFile], bool]:
+    """Return a test whether the content has all names of one alternative, such as `T_BS intrinsics`."""
+    sets = [{plain_name(name) for name in names.split()} for names in alternatives]
+
+    def is_named(opened: OpenedFile) -> bool:
+        return isinstance(opened.content, dict) and any(names <= opened.content.keys() for names in sets)
+
+    return is_named
+
+
+def _is_colmap(opened: OpenedFile) -> bool:
+    """Return whether a calibration has two files with the names of COLMAP."""
+    return opened.other is not None and is_colmap_list(opened.files[0])
+
+
+def _read_rig_json(opened: OpenedFile) -> CameraPair:
+    """Read the rig.json of a data set."""
+    rig = read_rig(opened.file)
+    left, right = (RectifiableCamera.of_rectified((rig.width, rig.height), projection(rig, side)) for side in SIDES)
+    return CameraPair(left, right, f"rig '{opened.file.name}'", rig.T_rb_sb)
+
+
+READERS = (
+    ProgramReader("Kalibr (cam0, cam1)", read_kalibr, _has("cam0")),
+    ProgramReader("EuRoC", read_euroc, _has("T_BS intrinsics")),
+    ProgramReader("ORB-SLAM", read_orb_slam, _has("LEFT.K", "Camera.fx", "Camera1.fx")),
+    ProgramReader("OpenCV (M1, D1, M2, D2, R, T)", read_opencv, _has("M1", "K1", "cameraMatrix1", "R1", "T")),
+    ProgramReader("ROS (camera_matrix, projection_matrix)", read_ros, _has("projection_matrix", "k r p")),
+    ProgramReader("COLMAP (cameras.txt and rig_config.json)", read_colmap, _is_colmap),
+    ProgramReader("a rig.json", _read_rig_json, _has("baseline_m")),
+)
+"""The readers of calibrations. The first reader that recognises a file reads it."""

@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, read_bytes, refusing
 from sfr_loc_map.io.calibration.projections import baseline_from_projection, check_baseline, check_centre
-from sfr_loc_map.io.tables.cells.text_table import BOM
+from sfr_loc_map.io.tables.text_table import BOM
 
 
 class _PoseOfRig(msgspec.Struct, forbid_unknown_fields=True):

@@ -26,7 +26,7 @@ from sfr_loc_map.io.clouds.fields import CloudFields, Columns
 from sfr_loc_map.io.clouds.npz import read_npz, write_npz
 from sfr_loc_map.io.clouds.pcd import read_pcd, write_pcd
 from sfr_loc_map.io.clouds.ply import read_ply, write_ply
-from sfr_loc_map.io.tables.columns.length_units import unit_in_comment
+from sfr_loc_map.io.tables.length_units import unit_in_comment
 from sfr_loc_map.message_text import alternatives, counted
 from sfr_loc_map.suffixes import check_suffix, suffix_of
 

@@ -21,7 +21,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.calibration.opened_file import parse_opencv_yaml
-from sfr_loc_map.io.calibration.programs import SensorPose, euroc_pair
+from sfr_loc_map.io.calibration.programs.euroc import SensorPose, euroc_pair
 from sfr_loc_map.io.calibration.rectification import StereoRectifier
 from sfr_loc_map.io.calibration.stereo_calibration import calibrated, pose_of_rig
 from sfr_loc_map.io.image_codec import encode_png
@@ -33,8 +33,8 @@ from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.io.stamps.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_stamp_order, check_truth_order, check_unit
 from sfr_loc_map.io.stamps.stamp_text import parse_stamp_ns
-from sfr_loc_map.io.tables.cells.text_table import read_lines
-from sfr_loc_map.io.tables.columns.pose_columns import TrajectoryFormat
+from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
+from sfr_loc_map.io.tables.text_table import read_lines
 from sfr_loc_map.io.tables.trajectory_file import TRUTH_OPTION, read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.io.truth.recorded import RecordedTruth

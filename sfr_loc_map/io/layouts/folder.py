@@ -33,7 +33,7 @@ from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.io.stamps.stamp_checks import SHORTEST_IMAGE_STEP_NS, check_truth_order, check_unit
 from sfr_loc_map.io.stamps.stamp_text import parse_stamp_ns
-from sfr_loc_map.io.tables.columns.pose_columns import CSV_HEADER
+from sfr_loc_map.io.tables.pose_columns import CSV_HEADER
 from sfr_loc_map.io.tables.trajectory_file import is_suite_table, read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.io.truth.recorded import RecordedTruth

@@ -33,8 +33,8 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.io.stamps.stamp_text import seconds_text
-from sfr_loc_map.io.tables.cells.text_table import RowForm, parse_table, read_lines
 from sfr_loc_map.io.tables.numbered_stamps import read_times
+from sfr_loc_map.io.tables.text_table import RowForm, parse_table, read_lines
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import IMAGE_ENDINGS, SIDES

@@ -30,13 +30,6 @@ class UnitOrigin(Enum):
     INFERRED = "inferred"  #: From the stamps.
 
 
-class TimeUnit(NamedTuple):
-    """The unit of the stamps in a table."""
-
-    unit: str  #: A key of `TIMES`, or `UTC_UNIT`.
-    origin: UnitOrigin
-
-
 class _StampFigures(NamedTuple):
     """Figures of the stamps in a table from which their unit is inferred, in the unit of the table."""
 

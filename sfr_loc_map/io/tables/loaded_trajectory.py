@@ -11,8 +11,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.stamps.time_units import UnitOrigin
-from sfr_loc_map.io.tables.columns.pose_columns import PoseColumns, TrajectoryFormat
 from sfr_loc_map.io.tables.numbered_stamps import times_beside
+from sfr_loc_map.io.tables.pose_columns import STAMP, PoseColumns, TrajectoryFormat
 from sfr_loc_map.message_text import counted
 
 ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.COLUMNS, TrajectoryFormat.MATRIX)
@@ -50,12 +50,12 @@ class LoadedTrajectory:
     def text(self) -> str:
         """The detected format and content, in one line."""
         kind = "pose" if self.trajectory.has_attitude else "position"
-        parts = [] if self.columns is None else [FORMAT_NAMES.get(self.columns.format, self.columns.stated.name)]
+        parts = [] if self.columns is None else [FORMAT_NAMES.get(self.columns.format, self.columns.name)]
         parts += [counted(len(self.trajectory), kind)]
         parts += [f"stamps: {self.stamps}"] if self.stamps else []
         parts += [] if self.columns is None else self._units(self.columns)
         parts += ["covariances read"] if self.covariance is not None else []
-        ignored = [] if self.columns is None else [name for name in self.columns.stated.ignored if name]
+        ignored = [] if self.columns is None else [name for name in self.columns.ignored if name]
         more = f" and {len(ignored) - MOST_NAMED} more" if len(ignored) > MOST_NAMED else ""
         parts += [f"columns not read: {', '.join(ignored[:MOST_NAMED])}{more}"] if ignored else []
         parts += [self.skipped] if self.skipped else []
@@ -66,9 +66,8 @@ class LoadedTrajectory:
         """Return the texts about units other than metres, and about an inferred unit of the stamps."""
         lengths = " and ".join(columns.length_units)
         texts = [f"unit of the positions: {lengths}"] if lengths else []
-        time = columns.time
-        if time is not None and time.origin is UnitOrigin.INFERRED:
-            texts.append(f"unit of the stamps, inferred from their magnitude: {time.unit}")
+        if columns.unit_origin is UnitOrigin.INFERRED:
+            texts.append(f"unit of the stamps, inferred from their magnitude: {columns.units[STAMP]}")
         return texts
 
     @property
@@ -76,7 +75,7 @@ class LoadedTrajectory:
         """Whether commands report the detection: always, except for the default forms of the suite's csv and of TUM."""
         if self.columns is None:
             return False
-        is_unusual = bool(self._units(self.columns) or self.columns.stated.ignored)
+        is_unusual = bool(self._units(self.columns) or self.columns.ignored)
         return self.format in ANNOUNCED or bool(self.skipped) or is_unusual
 
     @property

@@ -11,7 +11,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.inputs import parent_of, read_table
 from sfr_loc_map.io.stamps.stamp_text import STAMP_LIMIT, StampParser
-from sfr_loc_map.io.tables.cells.text_table import RowForm, TableRows, parse_table
+from sfr_loc_map.io.tables.text_table import RowForm, TableRows, parse_table
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import counted
 

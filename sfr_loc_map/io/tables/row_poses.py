@@ -12,8 +12,8 @@ from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_poses, p
 from sfr_loc_map.geometry.rotation import quat_from_matrix
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.io.stamps.stamp_text import seconds_text
-from sfr_loc_map.io.tables.cells.text_table import TableRows
-from sfr_loc_map.io.tables.columns.pose_columns import COVARIANCES, MATRIX, QUATERNION, PoseColumns, TrajectoryFormat
+from sfr_loc_map.io.tables.pose_columns import COVARIANCES, MATRIX, QUATERNION, PoseColumns, TrajectoryFormat
+from sfr_loc_map.io.tables.text_table import TableRows
 from sfr_loc_map.message_stamps import NS_PER_S
 
 MAX_NEGATIVE = 1e-6  #: Largest negative eigenvalue of a covariance by rounding, as a fraction of its largest variance.
@@ -26,7 +26,7 @@ Values = Mapping[str, FloatArray]
 
 def values_by_key(rows: TableRows, columns: PoseColumns) -> Values:
     """Return the numbers in the rows of a table by their columns."""
-    return dict(zip(columns.stated.value_keys, rows.values.T, strict=True))
+    return dict(zip(columns.value_keys, rows.values.T, strict=True))
 
 
 # ---- positions and quaternions
@@ -37,12 +37,12 @@ def poses_of(values: Values, columns: PoseColumns) -> tuple[FloatArray, FloatArr
 
     A quaternion is NaN if its matrix is not a rotation.
     """
-    if columns.stated.is_matrix:
+    if columns.is_matrix:
         matrices = np.stack([values[key] for key in MATRIX], axis=1).reshape(-1, 3, 4)
         return _poses_of_matrices(matrices, is_optical=columns.format is TrajectoryFormat.KITTI)
-    positions = np.stack([values[key] for key in columns.stated.position_keys], axis=1) * np.array(columns.scales)
+    positions = np.stack([values[key] for key in columns.position_keys], axis=1) * np.array(columns.scales)
     quats = np.stack([values.get(key, np.zeros(len(positions))) for key in QUATERNION], axis=1)
-    quats *= CONJUGATED if columns.stated.is_conjugated else 1.0
+    quats *= CONJUGATED if columns.is_conjugated else 1.0
     return positions, quats
 
 

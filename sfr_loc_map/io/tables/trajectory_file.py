@@ -24,13 +24,10 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_table, split_lines
 from sfr_loc_map.io.stamps.stamp_checks import check_unit
 from sfr_loc_map.io.stamps.time_units import UnitOrigin
-from sfr_loc_map.io.tables.cells.text_table import BOM, TableRows, parse_table
-from sfr_loc_map.io.tables.checks.run_checks import check_one_run_of_one_body
 from sfr_loc_map.io.tables.column_detection import detect_columns
-from sfr_loc_map.io.tables.columns.pose_columns import CSV_HEADER, FRAME, NANOSECONDS, PoseColumns
-from sfr_loc_map.io.tables.columns.table_head import HEAD_LINES, header_cells, separator_in
 from sfr_loc_map.io.tables.loaded_trajectory import LoadedTrajectory
 from sfr_loc_map.io.tables.numbered_stamps import PoseStamps, stamps_of_frames, stamps_of_lines
+from sfr_loc_map.io.tables.pose_columns import CSV_HEADER, FRAME, NANOSECONDS, PoseColumns
 from sfr_loc_map.io.tables.row_poses import (
     Values,
     checked_poses,
@@ -40,6 +37,9 @@ from sfr_loc_map.io.tables.row_poses import (
     valid_covariances,
     values_by_key,
 )
+from sfr_loc_map.io.tables.run_checks import check_one_run_of_one_body
+from sfr_loc_map.io.tables.table_head import HEAD_LINES, header_cells, separator_in
+from sfr_loc_map.io.tables.text_table import BOM, TableRows, parse_table
 
 COLUMNS_OPTION = "--columns 'COLUMNS'"
 """Option by which a user names the columns of a file, for messages; COLUMNS stands for the columns."""
@@ -74,11 +74,10 @@ def _loaded(path: Path, rows: TableRows, columns: PoseColumns) -> LoadedTrajecto
         reason = f" ({valid.skipped})" if valid.skipped else ""
         raise InputError(f"{rows.name} has no pose{reason}: at least one line with a pose is required")
     trajectory = Trajectory(stamps.stamps_ns[is_valid], positions[is_valid], quats[is_valid])
-    is_stated = columns.time is not None and columns.time.origin is UnitOrigin.STATED
-    check_unit(trajectory.stamps_ns, rows.name, is_stated=is_stated)
+    check_unit(trajectory.stamps_ns, rows.name, is_stated=columns.unit_origin is UnitOrigin.STATED)
     check_one_run_of_one_body(rows.name, valid.lines, trajectory.stamps_ns, trajectory.positions)
     covariance, invalid = None, 0
-    if columns.stated.has_covariance:
+    if columns.has_covariance:
         covariance, invalid = valid_covariances(covariances_of(values)[is_valid])
     notes = [valid.skipped] if valid.skipped else []
     notes += [f"covariances ignored because they are not positive semi-definite: {invalid}"] if invalid else []
@@ -97,7 +96,7 @@ def _loaded(path: Path, rows: TableRows, columns: PoseColumns) -> LoadedTrajecto
 
 def _stamps_of(path: Path, rows: TableRows, values: Values, columns: PoseColumns) -> PoseStamps:
     """Return the stamps of all rows of a table: its own, or those of its frame numbers or lines."""
-    if columns.stated.stamp_key is None:
+    if columns.stamp_key is None:
         return stamps_of_frames(path, rows, values[FRAME]) if FRAME in values else stamps_of_lines(path, rows)
     if NANOSECONDS in values:
         return PoseStamps(joined_stamps(rows, values[NANOSECONDS] * columns.fraction_ns))

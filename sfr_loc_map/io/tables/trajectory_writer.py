@@ -13,8 +13,8 @@ from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.stamps.stamp_text import seconds_text
-from sfr_loc_map.io.tables.columns.pose_columns import CSV_HEADER, KITTI_COLUMNS, TrajectoryFormat
 from sfr_loc_map.io.tables.numbered_stamps import times_beside
+from sfr_loc_map.io.tables.pose_columns import CSV_HEADER, KITTI_COLUMNS, TrajectoryFormat
 from sfr_loc_map.suffixes import check_suffix, suffix_of
 
 TUM_HEADER = "# t x y z qx qy qz qw"

@@ -22,7 +22,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.source_format import is_bag
-from sfr_loc_map.io.tables.columns.pose_columns import TrajectoryFormat
+from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
 from sfr_loc_map.io.tables.trajectory_file import CONFIGURED_OPTION, TRUTH_OPTION, read_trajectory_file
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.conversion import truth_of_rb

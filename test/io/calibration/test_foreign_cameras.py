@@ -24,7 +24,7 @@ from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos, rig_of_re
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.columns.pose_columns import TrajectoryFormat
+from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.suite_names import SIDES

@@ -19,8 +19,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_quat, matrix_from_rotvec, quat_from_matrix, quat_normalised
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.stamps.time_units import TimeUnit, UnitOrigin
-from sfr_loc_map.io.tables.columns.pose_columns import CSV_HEADER
+from sfr_loc_map.io.stamps.time_units import UnitOrigin
+from sfr_loc_map.io.tables.pose_columns import CSV_HEADER
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory, trajectory_text
 from sfr_loc_map.io.truth.config import TruthConfig
@@ -48,7 +48,7 @@ def with_nan(poses: Trajectory) -> str:
 
 
 def read_as(name: str) -> object:
-    from sfr_loc_map.io.tables.columns.pose_columns import TrajectoryFormat
+    from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
 
     return TrajectoryFormat(name)
 
@@ -541,7 +541,7 @@ def test_an_inferred_unit_of_stamps_is_reported(tmp_path: Path) -> None:
     (tmp_path / "theirs.csv").write_text("time,x,y,z\n" + "".join(f"{k / 10:.1f},1,2,3\n" for k in range(20)))
     found = read_trajectory_file(tmp_path / "theirs.csv")
     assert found.columns is not None
-    assert found.columns.time == TimeUnit("s", UnitOrigin.INFERRED)
+    assert (found.columns.units["t"], found.columns.unit_origin) == ("s", UnitOrigin.INFERRED)
     assert found.is_announced
 
 

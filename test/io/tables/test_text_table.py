@@ -13,7 +13,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import read_table
 from sfr_loc_map.io.number_text import number_or_nan
 from sfr_loc_map.io.stamps.stamp_text import StampParser, parse_seconds, parse_utc, seconds_text
-from sfr_loc_map.io.tables.cells.text_table import RowForm, parse_table
+from sfr_loc_map.io.tables.text_table import RowForm, parse_table
 
 finite = st.floats(-1e308, 1e308)  # which no form rounds to infinity
 forms = st.sampled_from(("{!r}", "{:.9f}", "{:.17e}", "{:.3g}", "{:.0f}"))

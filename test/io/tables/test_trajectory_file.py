@@ -13,7 +13,7 @@ from helpers.made_worlds import assert_same_trajectory
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.tables.columns.pose_columns import CSV_HEADER, TrajectoryFormat
+from sfr_loc_map.io.tables.pose_columns import CSV_HEADER, TrajectoryFormat
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import EUROC_HEADER, save_trajectory
 

@@ -7,16 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.tables.columns.length_units import LENGTH_WORDS, length_symbol
-from sfr_loc_map.io.tables.columns.pose_columns import (
-    COVARIANCE_KEYS,
-    DOWN,
-    NANOSECONDS,
-    POSITION,
-    QUATERNION,
-    SECONDS,
-    STAMP,
-)
+from sfr_loc_map.io.tables.length_units import LENGTH_WORDS, length_symbol
+from sfr_loc_map.io.tables.pose_columns import COVARIANCE_KEYS, DOWN, NANOSECONDS, POSITION, QUATERNION, SECONDS, STAMP
 
 NAMES: dict[str, tuple[str, ...]] = {  # the names of positions and quaternions follow below
     STAMP: ("headerstamp", "timestamp", "stamp", "time", "t", "utime", "unixtime", "timestamps"),

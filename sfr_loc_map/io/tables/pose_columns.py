@@ -1,4 +1,4 @@
-"""The columns of stamps, positions and attitudes in a text table: as stated, and complete with their units."""
+"""The columns of stamps, positions and attitudes in a text table, and the format that they have."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from sfr_loc_map.io.stamps.stamp_text import TIMES, StampParser
-from sfr_loc_map.io.stamps.time_units import TimeUnit
-from sfr_loc_map.io.tables.cells.text_table import RowForm
-from sfr_loc_map.io.tables.columns.length_units import METRES
+from sfr_loc_map.io.stamps.time_units import UnitOrigin
+from sfr_loc_map.io.tables.length_units import METRES
+from sfr_loc_map.io.tables.text_table import RowForm
 
 STAMP, SECONDS, NANOSECONDS, FRAME = "t", "sec", "nsec", "frame"
 POSITION = ("x", "y", "z")
@@ -51,17 +51,22 @@ _ORDERS = {
 
 
 @dataclass(frozen=True, slots=True)
-class StatedColumns:
-    """The columns that the user, a header or a layout states. Columns and units may be missing or contradictory."""
+class PoseColumns:
+    """The columns of a table that are read as poses, as the user, a header or a layout states them.
+
+    `column_detection` refuses columns that are incomplete or have unsupported units, and adds the unit of the stamps.
+    """
 
     name: str  #: Name of the columns in messages.
     separator: str | None  #: Separator of the cells; None: spaces.
-    index_of: Mapping[str, int]  #: Column of each key, from 0.
-    units: Mapping[str, str]  #: Unit of each key whose unit is stated.
+    skip: int  #: Number of lines before the first row.
     width: int  #: Number of columns.
+    index_of: Mapping[str, int]  #: Column of each key, from 0.
+    units: Mapping[str, str]  #: Unit of each key that has one.
     are_named: bool  #: Whether a header or the user names the columns; otherwise they are those of a layout.
     ignored: tuple[str, ...] = ()  #: Names of columns that are not read.
     is_conjugated: bool = False  #: Whether the quaternions are `att_q_DsToRb`, the conjugates of those in ROS messages.
+    unit_origin: UnitOrigin | None = None  #: Origin of the unit of the column `t`; None without this column.
 
     def __contains__(self, key: str) -> bool:
         return key in self.index_of
@@ -106,42 +111,26 @@ class StatedColumns:
         covariances = COVARIANCE_KEYS if self.has_covariance else ()
         return (*frame, *pose, *fraction, *covariances)
 
-
-@dataclass(frozen=True, slots=True)
-class PoseColumns:
-    """The columns of a table that are read as poses. All required columns are present, and all units are supported."""
-
-    stated: StatedColumns
-    time: TimeUnit | None  #: Unit of the column `t`; None without this column.
-    skip: int  #: Number of lines before the first row.
-
     @property
     def format(self) -> TrajectoryFormat:
         """The format with these columns, with or without a header; COLUMNS if the format has no name of its own."""
-        stated = self.stated
-        if stated.is_matrix:
-            is_kitti = stated.stamp_key is None and FRAME not in stated
+        if self.is_matrix:
+            is_kitti = self.stamp_key is None and FRAME not in self
             return TrajectoryFormat.KITTI if is_kitti else TrajectoryFormat.MATRIX
-        known = next((known for known in _ORDERS if stated.has_order_of(known)), TrajectoryFormat.COLUMNS)
+        known = next((known for known in _ORDERS if self.has_order_of(known)), TrajectoryFormat.COLUMNS)
         is_other_unit = known is TrajectoryFormat.EUROC and self.units[STAMP] != "ns"
         return TrajectoryFormat.COLUMNS if is_other_unit else known
 
     @property
-    def units(self) -> Mapping[str, str]:
-        """The unit of each key that has one, including that of the stamps."""
-        return self.stated.units if self.time is None else {**self.stated.units, STAMP: self.time.unit}
-
-    @property
     def row_form(self) -> RowForm:
         """The cells that are read from each row: the stamp, if there is one, and the numbers of `value_keys`."""
-        stated = self.stated
-        keys = stated.value_keys if stated.stamp_key is None else (stated.stamp_key, *stated.value_keys)
-        columns = [stated.index_of[key] for key in keys]
+        keys = self.value_keys if self.stamp_key is None else (self.stamp_key, *self.value_keys)
+        columns = [self.index_of[key] for key in keys]
         return RowForm(
-            stated.name,
+            self.name,
             columns,
-            None if stated.stamp_key is None else StampParser.of(self.units.get(stated.stamp_key, "s")),
-            stated.separator,
+            None if self.stamp_key is None else StampParser.of(self.units.get(self.stamp_key, "s")),
+            self.separator,
             self._allows_more(columns),
             self._small_unit,
         )
@@ -152,9 +141,9 @@ class PoseColumns:
         Named columns may be followed by others, and so may those of a layout of which some columns are not read. Rows
         of the csv of the suite have exactly the columns of its header.
         """
-        if self.format is TrajectoryFormat.CSV and not self.stated.ignored:
+        if self.format is TrajectoryFormat.CSV and not self.ignored:
             return False
-        return self.stated.are_named or columns != list(range(self.stated.width))
+        return self.are_named or columns != list(range(self.width))
 
     @property
     def fraction_ns(self) -> int:
@@ -164,13 +153,13 @@ class PoseColumns:
     @property
     def scales(self) -> list[float]:
         """Factors that convert the columns of the position to metres."""
-        keys = self.stated.position_keys
+        keys = self.position_keys
         return [METRES[self.units.get(key, "")] * (-1.0 if key == DOWN else 1.0) for key in keys]
 
     @property
     def length_units(self) -> tuple[str, ...]:
         """The units of the columns of the position, without repetition, if one of them is not the metre."""
-        units = tuple(dict.fromkeys(self.units.get(key) or "m" for key in self.stated.position_keys))
+        units = tuple(dict.fromkeys(self.units.get(key) or "m" for key in self.position_keys))
         return () if units == ("m",) else units
 
     @property

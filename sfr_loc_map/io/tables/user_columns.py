@@ -11,10 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.tables.columns.column_units import are_units, unit_of_column, units_below, units_in
-from sfr_loc_map.io.tables.columns.pose_columns import FRAME, MATRIX, StatedColumns
-from sfr_loc_map.io.tables.columns.table_head import TableHead
-from sfr_loc_map.io.tables.columns.titles import NAMES, are_conjugates, split_unit
+from sfr_loc_map.io.tables.pose_columns import FRAME, MATRIX, PoseColumns
+from sfr_loc_map.io.tables.table_head import TableHead, are_units, unit_of_column, units_below, units_in
+from sfr_loc_map.io.tables.titles import NAMES, are_conjugates, split_unit
 
 SKIPPED = "_"  #: Name of a column that is not read.
 KEYS = {*NAMES, FRAME, *MATRIX}  #: Keys that the user can name.
@@ -29,7 +28,7 @@ class _Item(NamedTuple):
     unit: str  #: Empty if none is given.
 
 
-def columns_of_user(head: TableHead, columns: str) -> StatedColumns:
+def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
     """Return the columns that the user names as `NAME=HEADER[UNIT]`, or as `NAME[UNIT]` in the order of columns.
 
     A unit that the user does not give is that in the header, or in a line of units below the header. InputError if two
@@ -48,12 +47,13 @@ def columns_of_user(head: TableHead, columns: str) -> StatedColumns:
         for _, key, _, unit in items
     }
     names = [*header, *(f"#{number + 1}" for number in range(len(header), head.width))]
-    return StatedColumns(
+    return PoseColumns(
         "columns as given",
         head.separator,
+        len(head.before),
+        head.width,
         index_of,
         {key: unit for key, unit in units.items() if unit},
-        head.width,
         are_named=True,
         ignored=tuple(name for index, name in enumerate(names) if index not in index_of.values()),
         is_conjugated=are_conjugates(header, index_of, head.name),

@@ -14,8 +14,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.plausibility import plausible_attitudes, plausible_rotations
 from sfr_loc_map.inputs import MAX_INVALID
-from sfr_loc_map.io.tables.columns.header_columns import unknown_header, without_names
-from sfr_loc_map.io.tables.columns.pose_columns import (
+from sfr_loc_map.io.tables.header_columns import unknown_header, without_names
+from sfr_loc_map.io.tables.pose_columns import (
     FRAME,
     LAST_ROW,
     MATRIX,
@@ -25,10 +25,10 @@ from sfr_loc_map.io.tables.columns.pose_columns import (
     SCALAR_FIRST,
     SECONDS,
     STAMP,
-    StatedColumns,
+    PoseColumns,
 )
-from sfr_loc_map.io.tables.columns.table_head import TableHead
-from sfr_loc_map.io.tables.columns.user_columns import columns_text
+from sfr_loc_map.io.tables.table_head import TableHead
+from sfr_loc_map.io.tables.user_columns import columns_text
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import alternatives
 
@@ -74,7 +74,7 @@ FIT = 1.0 - MAX_INVALID  #: Minimum fraction of rows that must fit a layout; the
 HALF_FIT = 0.5  #: Minimum fraction if no layout reaches `FIT`, so that error messages can name the invalid rows.
 
 
-def columns_of_layout(head: TableHead) -> StatedColumns:
+def columns_of_layout(head: TableHead) -> PoseColumns:
     """Return the columns of the only layout that the rows fit; InputError if no layout or several layouts fit."""
     header = unknown_header(head)
     if header is not None:
@@ -85,12 +85,13 @@ def columns_of_layout(head: TableHead) -> StatedColumns:
     width = widths[len(widths) // 2]
     table = head.numbers(width)
     layout = _only_layout(head, table)
-    return StatedColumns(
+    return PoseColumns(
         layout.name,
         head.separator,
+        len(head.before),
+        width + has_empty_end,
         layout.index_of,
         {STAMP: layout.unit} if layout.unit else {},
-        width + has_empty_end,
         are_named=False,
         ignored=tuple(f"#{number + 1}" for number in range(len(layout.keys), width)),
     )

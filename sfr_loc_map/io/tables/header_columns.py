@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.tables.cells.text_table import COMMENTS
-from sfr_loc_map.io.tables.columns.column_units import unit_of_column, units_below
-from sfr_loc_map.io.tables.columns.pose_columns import DOWN, NANOSECONDS, QUATERNION, SECONDS, STAMP, StatedColumns
-from sfr_loc_map.io.tables.columns.table_head import TableHead, header_cells, separator_in
-from sfr_loc_map.io.tables.columns.titles import are_conjugates, known_titles, named_columns, named_positions
+from sfr_loc_map.io.tables.pose_columns import DOWN, NANOSECONDS, QUATERNION, SECONDS, STAMP, PoseColumns
+from sfr_loc_map.io.tables.table_head import TableHead, header_cells, separator_in, unit_of_column, units_below
+from sfr_loc_map.io.tables.text_table import COMMENTS
+from sfr_loc_map.io.tables.titles import are_conjugates, known_titles, named_columns, named_positions
 
 
-def columns_of_header(head: TableHead) -> StatedColumns | None:
+def columns_of_header(head: TableHead) -> PoseColumns | None:
     """Return the columns named by the header, or None without a header; InputError if a name occurs twice.
 
     The header is the last line before the rows that names a stamp, x, y, and z or down. A line of units may follow.
@@ -72,7 +71,7 @@ def _check_names_are_complete(titles: Sequence[str], named: Mapping[str, int], h
         raise InputError(f"{head.name} line {number + 1}: the header {problem}: {head.named_by_number()}")
 
 
-def _of_header(titles: Sequence[str], named: Mapping[str, int], below: Sequence[str], head: TableHead) -> StatedColumns:
+def _of_header(titles: Sequence[str], named: Mapping[str, int], below: Sequence[str], head: TableHead) -> PoseColumns:
     """Return the columns of a header; `below` contains the units in the line below the header, or is empty."""
     index_of = dict(named)
     units = {
@@ -85,12 +84,13 @@ def _of_header(titles: Sequence[str], named: Mapping[str, int], below: Sequence[
         index_of.pop(STAMP, None)
     if DOWN in index_of:  # attitudes in NED describe a body with other axes
         index_of = {key: index for key, index in index_of.items() if key not in QUATERNION}
-    return StatedColumns(
+    return PoseColumns(
         "columns by their names",
         head.separator,
+        len(head.before),
+        max(head.width, len(titles)),
         index_of,
         {key: unit for key, unit in units.items() if key in index_of and unit},
-        max(head.width, len(titles)),
         are_named=True,
         ignored=tuple(title for index, title in enumerate(titles) if index not in index_of.values()),
         is_conjugated=are_conjugates(titles, index_of, head.name),
