@@ -69,7 +69,7 @@ class CloudFields:
         return cls(columns, cloud.fused, cloud.pair_stamps_ns)
 
     @classmethod
-    def of_points(cls, xyz: FloatArray) -> CloudFields:
+    def of_points(cls, xyz: NDArray[Any]) -> CloudFields:
         """Return the fields of points `(N, 3)` without pixels."""
         return cls({name: xyz[:, axis] for axis, name in enumerate("xyz")})
 
