@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.hashes import FileState
 from sfr_loc_map.methods.child.loop import Answer
-from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, NotStartedAgainError, Request
+from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, Request
 from sfr_loc_map.methods.method_process import MethodProcess, ProcessSettings
 from sfr_loc_map.methods.own_code import code_sha256, code_state
 from sfr_loc_map.methods.registry import Method
@@ -70,8 +70,6 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
     def _running_process(self, T_ds_rb: Transform) -> MethodProcess:
         """Return the process, which is started at a pose if there is none."""
         if self._process is None:
-            if not self._starts_left:
-                raise NotStartedAgainError
             self._starts_left -= 1
             self._process = MethodProcess(self._settings, T_ds_rb)
         return self._process
@@ -88,12 +86,12 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         for requested in request.pairs:
             if fault := self.rig.fault_of_size(requested.pair.left):  # the right image has the size of the left image
                 raise MethodError(f"image of stamp {requested.pair.stamp_ns} {fault}")
+        if self._process is None and not self._starts_left:  # the earlier failures are the findings
+            return MethodCall(reason="not started again"), None
         try:
             process = self._running_process(T_ds_rb)
             self._calls += 1
             call, returned = process.call(request, self._calls)
-        except NotStartedAgainError as error:  # a call that was not made has no finding
-            return MethodCall(reason=str(error)), None
         except MethodFailureError as error:  # the process did not start, or is of no further use
             self._end_process()
             text = str(error)

@@ -85,10 +85,3 @@ class MethodFailureError(MethodError):
     def __init__(self, kind: FindingKind, text: str) -> None:
         super().__init__(text)
         self.kind = kind
-
-
-class NotStartedAgainError(MethodFailureError):
-    """A call was not made, because the method was started too often; the earlier failures are the findings."""
-
-    def __init__(self) -> None:
-        super().__init__(FindingKind.CRASHED, "not started again")

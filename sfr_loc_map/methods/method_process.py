@@ -97,13 +97,13 @@ class MethodProcess:
             memory = self._supervised.memory
             check = memory.usage
             try:
-                # the process is restricted, and has loaded neither the adapter nor the method
+                # after this answer, the process is restricted and has loaded neither the adapter nor the method
                 started = self._supervised.exchange(rules, Started, timeout_s, check)
                 pid = started["process"]
-                # the adapter is loaded, but no code of the method
+                # after this answer, the process has loaded the adapter but no code of the method
                 self._supervised.exchange(None, Ready, timeout_s, check)
                 base_bytes = memory.resident_bytes(pid)
-                # the method is loaded and warmed up
+                # after this answer, the method is loaded and warmed up
                 setup = settings.setup(self._folder.images, T_ds_rb)
                 hello = self._supervised.exchange(setup, Hello, timeout_s, check)
                 self.idle_bytes = memory.resident_bytes(pid)

@@ -76,9 +76,10 @@ class ScratchFolder(AbstractContextManager["ScratchFolder"]):
                 self._array_file(suffix).unlink()
 
     def arrays(self, limits: Mapping[str, int]) -> tuple[dict[str, bytes], str]:
-        """Return the content of the arrays' files by suffix; of a file of more than its limit, bytes, nothing is read.
+        """Return the contents of the files with the arrays, by suffix, and the reason why a file cannot be read.
 
-        The text is the reason why a file cannot be read, empty if all files that exist were read.
+        `limits` are the largest sizes by suffix, bytes. A larger file is not read, and a missing file is omitted. The
+        reason is empty if all existing files were read.
         """
         contents: dict[str, bytes] = {}
         unreadable = ""
