@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ import pytest
 
 from helpers import ROOT
 from helpers.made_suites import JOB, made_suite, recording
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import InputError, InterruptedRunError
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 from sfr_loc_map.suite import Store, load_specification, make_plan, run, run_suite
 from sfr_loc_map.suite.running.digests import files_of_source
@@ -72,6 +74,22 @@ def test_a_job_whose_source_changes_during_the_run_fails(
     assert store.state(job) is (JobState.DONE if change == "none" else JobState.FAILED)
     if change != "none":
         assert "was changed while the suite was running" in store.failure(job).message
+
+
+def test_an_interrupted_run_reports_its_finished_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    specification = load_specification(made_suite(tmp_path / "made", 2))
+
+    def run_jobs(jobs: Sequence[Job], at_work: object, cache: Path) -> Iterator[tuple[Job, JobOutcome]]:
+        yield jobs[0], JobOutcome(result=to_json(run_job(jobs[0], tmp_path, cache)))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run, "suite_workers", lambda *settings: nullcontext())
+    monkeypatch.setattr(run, "run_jobs", run_jobs)
+    monkeypatch.setattr(run, "hold", lambda: None)
+    with pytest.raises(InterruptedRunError, match=r"^interrupted: 1 of 2 jobs are done and reported"):
+        run_suite(specification, Store(tmp_path / "out"))
+    counts = json.loads((tmp_path / "out/suite.json").read_text())["counts"]
+    assert counts == {"jobs": 2, "done": 1, "failed": 0, "waiting": 1}
 
 
 def test_a_score_of_other_files_is_refused(tmp_path: Path) -> None:

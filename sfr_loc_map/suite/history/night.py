@@ -104,7 +104,10 @@ def _suite_file(content: object) -> SuiteFile:
 def _figures(
     job: JobOfNight, by_name: Mapping[tuple[ComparedKind, str], ComparedFigure]
 ) -> dict[ComparedFigure, float]:
-    """Return the figures of a result; ValueError for an unknown figure, and for a negative or NaN value."""
+    """Return the figures of a result.
+
+    ValueError for an unknown figure, and for a value that is negative, NaN or above `MAX_NUMBER`.
+    """
     found = {}
     for kind, name, value in job.figures:
         if not 0.0 <= value <= MAX_NUMBER:

@@ -65,6 +65,18 @@ class PlanOwner(Struct, frozen=True, kw_only=True):
     files: tuple[PlanFile, ...] = ()  #: The file of the suite, and the file of its limits; empty for a search.
     search: str = ""  #: File of the search; empty for a suite.
 
+    @property
+    def is_search(self) -> bool:
+        """Whether the folder belongs to a search."""
+        return bool(self.search)
+
+    @property
+    def file(self) -> str:
+        """File of the suite or of the search; empty if the plan names none."""
+        if self.search:
+            return self.search
+        return self.files[0].path if self.files else ""
+
 
 class Plan(PlanOwner, frozen=True, kw_only=True, rename={"stated_limits": "limits"}):
     """The jobs of a suite or of a search: content of `plan.json`."""

@@ -5,8 +5,11 @@
     an estimate with its truth        StatedFile                   Estimate
     a scenario with its seeds         Simulation                   Simulation
 
-`source_entries.py` reads the entries, and `source_inspection.py` reads the data. To add a kind, add its class here, and
-a case in `sources_of_entry`, `inspected` and `has_changed` there.
+`source_entries.py` reads the entries, and `source_inspection.py` reads the data. To add a kind of source:
+
+- add its class here, and the class to `StatedSource` and `PlannedSource`
+- add a case to `sources_of_entry` (source_entries.py), and to `inspected` and `has_changed` (source_inspection.py)
+- add a case to `local_path` (source_cache.py), where the jobs find their data
 
 A source has these identities:
 

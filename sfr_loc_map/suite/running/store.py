@@ -112,7 +112,9 @@ class Store:
             content = _read(self.plan_file)
             plan = _record(Plan, content, self.plan_file)
             if content.get(HASH) != hash_of_values(content):
-                raise InputError(f"'{self.plan_file}' was edited, as its {HASH} shows: run the suite again")
+                raise InputError(
+                    f"'{self.plan_file}' was edited or is of another version, as its {HASH} shows: run the suite again"
+                )
             self._plan = plan
         return self._plan
 
@@ -125,14 +127,14 @@ class Store:
         if not self.plan_file.exists():
             return
         owner = _record(PlanOwner, _read(self.plan_file), self.plan_file)
-        of_folder = Path(owner.search or owner.files[0].path) if owner.search or owner.files else None
-        if of_folder is None:
+        if not owner.file:
             return
-        has_same_kind = bool(owner.search) == is_search
-        if has_same_kind and (not of_folder.exists() or of_folder.resolve() == file.resolve()):
+        owning_file = Path(owner.file)
+        is_same_file = not owning_file.exists() or owning_file.resolve() == file.resolve()
+        if owner.is_search == is_search and is_same_file:
             return
-        kind = "search" if owner.search else "suite"
-        raise OutputError(f"'{self.folder}' is the folder of the {kind} '{of_folder}': choose another folder")
+        kind = "search" if owner.is_search else "suite"
+        raise OutputError(f"'{self.folder}' is the folder of the {kind} '{owning_file}': choose another folder")
 
     def check_files(self) -> None:
         """Raise InputError if the suite's file or the limits file has changed since the plan was made.

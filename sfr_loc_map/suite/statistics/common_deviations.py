@@ -29,11 +29,11 @@ def common_deviations(results: Sequence[ScoredJob]) -> tuple[CommonDeviation, ..
     """
     found: dict[str, CommonDeviation] = {}
     for result in results:
-        sentences = {without_numbers(text): text for text in deviations_of(result.score)}
+        sentences = {_without_numbers(text): text for text in deviations_of(result.score)}
         for kind, text in sentences.items():
             item = CommonDeviation(text=text, results=1, of=result.job.label)
             if (known := found.get(kind)) is not None:
-                largest = max(known, item, key=lambda each: largest_number(each.text))
+                largest = max(known, item, key=lambda each: _largest_number(each.text))
                 item = msgspec.structs.replace(largest, results=known.results + 1)
             found[kind] = item
     return (*_unnamed_items(results), *_several_items(results), *found.values())
@@ -54,11 +54,11 @@ def _several_items(results: Sequence[ScoredJob]) -> Iterator[CommonDeviation]:
         yield CommonDeviation(text=text, results=len(results), of="all results")
 
 
-def without_numbers(text: str) -> str:
+def _without_numbers(text: str) -> str:
     """Return a text with 0 in place of each number, by which deviations of several results are compared."""
     return NUMBER.sub("0", text)
 
 
-def largest_number(text: str) -> float:
+def _largest_number(text: str) -> float:
     """Return the largest number in a text, 0 without one."""
     return max((float(match[0]) for match in NUMBER.finditer(text)), default=0.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-import msgspec
 from msgspec import Struct
 
 from sfr_loc_map import __version__
@@ -152,8 +151,9 @@ def summarise(store: Store, reader: ResultReader | None = None) -> Summary:
     """
     plan = store.plan
     jobs = plan.jobs
-    limits = parse_limits(plan.stated_limits, f"'{store.plan_file}': limits") if plan.stated_limits else None
-    reader = reader or ResultReader(store, limits)
+    if reader is None:
+        limits = parse_limits(plan.stated_limits, f"'{store.plan_file}': limits") if plan.stated_limits else None
+        reader = ResultReader(store, limits)
     in_state: dict[JobState, list[Job]] = {state: [] for state in JobState}
     for job in jobs:
         in_state[store.state(job)].append(job)
@@ -162,20 +162,20 @@ def summarise(store: Store, reader: ResultReader | None = None) -> Summary:
     return Summary(
         jobs=len(jobs),
         waiting=len(in_state[JobState.WAITING]),
-        groups=tuple(groups_of(results, limits, unfinished)),
+        groups=tuple(groups_of(results, reader.limits, unfinished)),
         results=tuple(results),
         failures=tuple(store.failure(job) for job in in_state[JobState.FAILED]),
         refusals=(*plan.refusals, *store.left_over()),
         code=jobs[0].code if jobs else "",
         workers=store.workers(),
-        run=msgspec.to_builtins(plan.run),
+        run=to_plain(plan.run),
         budgets=tuple(budgets_of(results, jobs)),
         waiting_jobs=tuple(job.label for job in in_state[JobState.WAITING]),
         planned_groups=planned_groups_of(jobs),
         copies=tuple(copies_in(jobs)),
         replaced_truths=replaced_truths_in(results),
         deviations=common_deviations(results),
-        limits=limits,
+        limits=reader.limits,
     )
 
 
