@@ -137,6 +137,8 @@ METRICS_FLOORS = (
     {"stored"},
 )
 """Folders of `metrics`, and the modules beside them, from the bottom."""
+SUITE_FLOORS = ({"jobs"}, {"planning"}, {"store", "workers"}, {"statistics"}, {"history", "search"}, {"pages"}, {"run"})
+"""Folders of `suite`, and the modules beside them, from the bottom."""
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
 FILES = sorted(PACKAGE.rglob("*.py"))
 
@@ -207,7 +209,13 @@ def test_ros_is_imported_by_its_folders_alone_and_no_import_is_relative() -> Non
 
 @pytest.mark.parametrize(
     ("layer", "floors"),
-    [("io", IO_FLOORS), ("localisation", LOCALISATION_FLOORS), ("metrics", METRICS_FLOORS), ("nodes", NODE_FLOORS)],
+    [
+        ("io", IO_FLOORS),
+        ("localisation", LOCALISATION_FLOORS),
+        ("metrics", METRICS_FLOORS),
+        ("nodes", NODE_FLOORS),
+        ("suite", SUITE_FLOORS),
+    ],
 )
 def test_folders_of_a_layer_import_lower_folders_alone(layer: str, floors: Sequence[set[str]]) -> None:
     floor = {folder: number for number, folders in enumerate(floors) for folder in folders}

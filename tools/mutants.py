@@ -88,7 +88,7 @@ class Mutation(NamedTuple):
     instead: str
 
 
-ANSWERS, STORE = "replay/answer_book.py", "suite/running/store.py"
+ANSWERS, STORE = "replay/answer_book.py", "suite/store.py"
 JUDGE = "metrics/judging/judge.py"
 OTHER_FRAMES = "metrics/trajectory/other_frames.py"
 COVERAGE = "metrics/map/coverage.py"
@@ -98,7 +98,7 @@ SHORTFALLS = "metrics/completeness/shortfall_kinds.py"
 EXPECTED_ITEMS, DRIVE = "metrics/completeness/expected_items.py", "metrics/completeness/drive.py"
 GAPS = "metrics/completeness/gaps.py"
 CALL_CHECKS, CALL_POSES = "scoring/call_checks.py", "calls/call_poses.py"
-DRIVES, JOB = "suite/running/drive_copies.py", "suite/running/job.py"
+DRIVES, JOB = "suite/planning/drive_copies.py", "suite/jobs/job.py"
 EXPOSURE, HOLES = "mapping/disparity/right_image_correction.py", "mapping/disparity/hole_filling.py"
 FUSION, STEPS = "mapping/multiview/fusion.py", "mapping/terrain/steps.py"
 MUTATIONS = (
@@ -343,9 +343,7 @@ MUTATIONS = (
     Mutation(SHORTFALLS, '"estimates",\n        0.0', '"estimates",\n        0.1'),
     # calls belong to the estimate that they produced
     Mutation("scoring/inputs.py", "stats = [beside] if beside.is_file() else []", "stats = []"),
-    Mutation(
-        "suite/running/digests.py", "(estimate, truth, *ScoreInputs.of(estimate, truth).stats)", "(estimate, truth)"
-    ),
+    Mutation("suite/jobs/digests.py", "(estimate, truth, *ScoreInputs.of(estimate, truth).stats)", "(estimate, truth)"),
     # shared memory of other methods
     Mutation("methods/isolation.py", '"urandom", "tty", "dri"', '"urandom", "tty", "shm", "dri"'),
     # answers of an external node: before the question, after the timeout, after a hidden restart

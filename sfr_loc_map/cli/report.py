@@ -308,9 +308,9 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
     from sfr_loc_map.report.page import render_overview
     from sfr_loc_map.report.summary import Banner
     from sfr_loc_map.suite.pages.tables import comparison_tables
-    from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.statistics.comparison import compare_suites
     from sfr_loc_map.suite.statistics.summary import summarise
+    from sfr_loc_map.suite.store import Store
 
     if len(folders) != 2:
         what = "sfr suite report makes the page of one" if len(folders) == 1 else "sfr suite history takes several"

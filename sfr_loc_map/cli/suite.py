@@ -28,12 +28,12 @@ from sfr_loc_map.message_text import one_line
 from sfr_loc_map.suffixes import HTML_SUFFIXES
 
 if TYPE_CHECKING:
+    from sfr_loc_map.suite.jobs.job import Job
+    from sfr_loc_map.suite.jobs.job_outcome import JobOutcome
+    from sfr_loc_map.suite.planning.specification import SuiteSpecification
     from sfr_loc_map.suite.run import Progress
-    from sfr_loc_map.suite.running.job import Job
-    from sfr_loc_map.suite.running.job_outcome import JobOutcome
-    from sfr_loc_map.suite.running.specification import SuiteSpecification
-    from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.statistics.summary import Summary
+    from sfr_loc_map.suite.store import Store
 
 group = command_group("Suites of many sources, configurations and faults. An interrupted suite is resumable.")
 
@@ -74,9 +74,9 @@ def run(
     lenient: LenientOption = False,
 ) -> None:
     """Run the unfinished jobs of a suite on Dask (extra suite). The same command continues an interrupted suite."""
+    from sfr_loc_map.suite.planning.specification import load_specification
     from sfr_loc_map.suite.run import run_suite
-    from sfr_loc_map.suite.running.specification import load_specification
-    from sfr_loc_map.suite.running.store import Store
+    from sfr_loc_map.suite.store import Store
 
     propose("sfr", "suite", "report", out, why="rebuilds the page from the results")
     claim_outputs(json_path, junit, inputs=(suite,), overwrite=overwrite)
@@ -171,9 +171,9 @@ def search(
     from sfr_loc_map.metrics.stored.score_json import to_plain
     from sfr_loc_map.suite.pages.search_page import search_tables
     from sfr_loc_map.suite.run import run_search
-    from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.search.search import CASE
     from sfr_loc_map.suite.search.specification import load_search
+    from sfr_loc_map.suite.store import Store
 
     propose("sfr", "suite", "run", out / CASE, "--out", out / "case", why="repeats the worst case")
     claim_outputs(json_path, inputs=(search,), overwrite=overwrite)
@@ -308,7 +308,7 @@ def history(
 
 def _open_store(folder: Path) -> Store:
     """Return the folder of a suite; InputError if its plan was edited, or if the suite's file has changed since."""
-    from sfr_loc_map.suite.running.store import Store
+    from sfr_loc_map.suite.store import Store
 
     if not (folder / "plan.json").is_file():
         raise InputError(f"'{folder}' is not a suite: plan.json is missing; give a folder made by sfr suite run")

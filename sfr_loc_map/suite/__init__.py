@@ -1,39 +1,28 @@
-"""Jobs on Dask: suites of sources, configurations and faults, their statistics, and searches for the worst case.
+"""Suites: many jobs on Dask, the statistics of their results, and the search for the worst case.
 
-`run.py` calls these steps in their order:
+    SUITE.yaml ──> plan ──> jobs ──> workers ──> store ──> summary ──> pages
 
-    SUITE.yaml
-      running/specification.py    parse, check and discover: SuiteSpecification (configurations.py, variants.py)
-        running/source_entries.py finds the sources of each entry of `sources`, with unique names
-      running/plan.py             combines sources, faults and configurations: Plan, a list of Job
-        running/source_inspection.py  reads and hashes the data of a source (digests.py, source_cache.py)
-        running/drive_copies.py   finds the sources that are copies or parts of one drive
-      running/data_set.py         compares the sources with the hashes in the limits
-      running/store.py            DIR/plan.json; a job with neither result nor failure in DIR is waiting
-      running/cluster.py          gives the waiting jobs to Dask workers, with limits of time and memory
-        running/job_run.py        on a worker: opens or renders the source, executes and scores the job: Score
-      running/store.py            DIR/results/KEY.json or DIR/failures/KEY.json (job_outcome.py)
-      statistics/summary.py       makes the Summary of the results, read and judged by scored_job.py, with
-        statistics/groups.py      pooled errors (pooling.py) and verdicts (group_verdicts.py) of each group
-        statistics/budget.py      error budgets
-        statistics/common_deviations.py  deviations of the results
-      statistics/verdict_texts.py what prevents a pass, as texts of the command
-      pages/page.py               suite.json, report.html, pages/, results.parquet (tables.py, export.py)
+    planning/     reads SUITE.yaml, finds and hashes the sources, and lists all jobs: Plan
+    jobs/         one Job: its source, its configuration, its identities, and its work, which returns a Score
+    workers/      gives jobs to Dask workers, with limits of time and memory: JobOutcome
+    store.py      the folder of the suite: plan, results, failures. A job without result and failure is waiting
+    statistics/   reads the results and judges them, alone and over all drives: Summary
+    pages/        suite.json, report.html and other files, from the Summary
 
-`search/` chooses points of a scenario, runs their jobs in the same way and reads their results from the folder. The
-page of a search, `search.json` and the evidence of a test report are made from one record (`search/record.py`).
-`statistics/comparison.py` compares two summaries, and `history/` compares the `suite.json` of many nights. Both pair
-the jobs by `PairKey` (job.py). `store.py` states which process writes which file.
+`run.py` calls these parts in this order. The docstring of each folder lists its modules.
+
+`search/` chooses points of a scenario, runs their jobs in the same way, and reads their results from the folder.
+`history/` compares the `suite.json` of many nights.
 
 Terms, each with one meaning in this package:
 
     source      the data that a job reads: a recording, a simulation, or an estimate with its truth. An entry of the
-                suite's file states one or more sources (running/sources.py). A source of error is another term
+                suite's file states one or more sources (jobs/sources.py). A source of error is another term
     drive       the path that a source shows. Sources that are copies, and the repeats of a job, have one drive, which
                 counts once in statistics
     task        what a job does with its source, an entry of `tasks`: localise, map, replay or score (`JobTask`).
                 `Task` of the other packages is localisation or mapping
-    job         one source with one fault, one configuration and one repeat, for one task; running/job.py lists its
+    job         one source with one fault, one configuration and one repeat, for one task; jobs/job.py lists its
                 identities
     result      the score of a job, in one file
     group       the results with the same task, configuration and faults; their errors are pooled

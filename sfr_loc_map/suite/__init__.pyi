@@ -1,11 +1,11 @@
+from .planning.plan import make_plan as make_plan
+from .planning.specification import SuiteSpecification as SuiteSpecification
+from .planning.specification import load_specification as load_specification
 from .run import run_search as run_search
 from .run import run_suite as run_suite
-from .running.cluster import connected as connected
-from .running.cluster import run_jobs as run_jobs
-from .running.plan import make_plan as make_plan
-from .running.specification import SuiteSpecification as SuiteSpecification
-from .running.specification import load_specification as load_specification
-from .running.store import Store as Store
 from .search.specification import load_search as load_search
 from .statistics.summary import Summary as Summary
 from .statistics.summary import summarise as summarise
+from .store import Store as Store
+from .workers.cluster import connected as connected
+from .workers.cluster import run_jobs as run_jobs

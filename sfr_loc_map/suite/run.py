@@ -14,17 +14,17 @@ from sfr_loc_map.errors import InterruptedRunError, SfrError
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.metrics.stored.score_json import json_line
 from sfr_loc_map.signals import hold
-from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
-from sfr_loc_map.suite.running.data_set import check_data_sets
-from sfr_loc_map.suite.running.job import Job
-from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome, JobState
-from sfr_loc_map.suite.running.plan import Plan, make_plan
-from sfr_loc_map.suite.running.source_inspection import has_changed
-from sfr_loc_map.suite.running.specification import SuiteSettings, SuiteSpecification
-from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.jobs.job import Job
+from sfr_loc_map.suite.jobs.job_outcome import FailureCause, JobOutcome, JobState
+from sfr_loc_map.suite.planning.data_set import check_data_sets
+from sfr_loc_map.suite.planning.plan import Plan, make_plan
+from sfr_loc_map.suite.planning.source_inspection import has_changed
+from sfr_loc_map.suite.planning.specification import SuiteSettings, SuiteSpecification
 from sfr_loc_map.suite.statistics.groups import is_suite_decided
 from sfr_loc_map.suite.statistics.scored_job import ResultReader
 from sfr_loc_map.suite.statistics.summary import Summary, summarise
+from sfr_loc_map.suite.store import Store
+from sfr_loc_map.suite.workers.cluster import SuiteWorkers, connected, run_jobs
 
 if TYPE_CHECKING:
     from sfr_loc_map.suite.search.record import SearchRecord

@@ -21,11 +21,11 @@ from distributed import WorkerPlugin
 
 from helpers.made_suites import JOB, recording
 from sfr_loc_map.hashes import hash_path
-from sfr_loc_map.suite.running import job_run
-from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
-from sfr_loc_map.suite.running.digests import code_fingerprint
-from sfr_loc_map.suite.running.job import Job
-from sfr_loc_map.suite.running.specification import SuiteSettings
+from sfr_loc_map.suite.jobs import job_run
+from sfr_loc_map.suite.jobs.digests import code_fingerprint
+from sfr_loc_map.suite.jobs.job import Job
+from sfr_loc_map.suite.planning.specification import SuiteSettings
+from sfr_loc_map.suite.workers.cluster import SuiteWorkers, connected, run_jobs
 
 WORKERS = 2
 

@@ -14,11 +14,11 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.suite.running.job import Job, JobTask
-from sfr_loc_map.suite.running.plan import Plan, PlanFile, SuiteRun
-from sfr_loc_map.suite.running.sources import Recording
-from sfr_loc_map.suite.running.specification import Refusal
-from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.jobs.job import Job, JobTask
+from sfr_loc_map.suite.jobs.sources import Recording
+from sfr_loc_map.suite.planning.plan import Plan, PlanFile, SuiteRun
+from sfr_loc_map.suite.planning.specification import Refusal
+from sfr_loc_map.suite.store import Store
 
 SFR = (sys.executable, "-m", "sfr_loc_map")
 MEASURED = ("timing", "memory")

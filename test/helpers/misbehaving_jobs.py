@@ -11,8 +11,8 @@ from distributed import WorkerPlugin
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.suite.running import job_run
-from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.jobs import job_run
+from sfr_loc_map.suite.jobs.job import Job
 
 
 def misbehave(job: Job, scratch: Path, cache: Path) -> Score:

@@ -16,8 +16,8 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.suite.running.job import Job, JobTask
-from sfr_loc_map.suite.running.job_run import run_job
+from sfr_loc_map.suite.jobs.job import Job, JobTask
+from sfr_loc_map.suite.jobs.job_run import run_job
 from sfr_loc_map.suite_names import Task
 
 READER = """

@@ -25,7 +25,7 @@ from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.figures.records import MethodKind, MethodRecord
-from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.store import Store
 from sfr_loc_map.suite_names import Task
 
 DRIVES = 3

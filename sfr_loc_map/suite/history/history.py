@@ -35,7 +35,7 @@ from sfr_loc_map.suite.history.night_comparison import (
     is_last_night_tested,
     known_mean,
 )
-from sfr_loc_map.suite.running.job import PairKey, have_one_configuration
+from sfr_loc_map.suite.jobs.job import PairKey, have_one_configuration
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
 
 FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and jobs.

@@ -13,8 +13,8 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.metrics.stored.score_json import from_plain
-from sfr_loc_map.suite.running.job import PairKey
-from sfr_loc_map.suite.running.specification import Refusal
+from sfr_loc_map.suite.jobs.job import PairKey
+from sfr_loc_map.suite.planning.specification import Refusal
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
 from sfr_loc_map.suite.statistics.summary import SCHEMA
 

@@ -15,9 +15,9 @@ from sfr_loc_map.report.summary import Banner
 from sfr_loc_map.suite.history.history import History
 from sfr_loc_map.suite.pages.export import write_parquet
 from sfr_loc_map.suite.pages.tables import FIRST_TABLES, PAGES, history_table, linked, suite_tables
-from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.budget import Budget
 from sfr_loc_map.suite.statistics.summary import Summary
+from sfr_loc_map.suite.store import Store
 
 GROUPS = "groups, by their number in the table"
 

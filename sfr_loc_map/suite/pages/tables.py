@@ -18,8 +18,8 @@ from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_cell
 from sfr_loc_map.suite.history.history import Change, History
 from sfr_loc_map.suite.history.night_comparison import MIN_REFERENCE
-from sfr_loc_map.suite.running.job import SHORT_KEY
-from sfr_loc_map.suite.running.job_outcome import WorkerRecord
+from sfr_loc_map.suite.jobs.job import SHORT_KEY
+from sfr_loc_map.suite.jobs.job_outcome import WorkerRecord
 from sfr_loc_map.suite.statistics.budget import Budget, BudgetRow, row_with_fraction
 from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation
 from sfr_loc_map.suite.statistics.comparison import CountComparison, FigureComparison, SuiteComparison, SuiteState

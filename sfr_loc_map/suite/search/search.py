@@ -16,10 +16,9 @@ from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.figures.subjects import LimitSection
 from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, LimitedNumber, fault_of_bound
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.suite.running.job import Job
-from sfr_loc_map.suite.running.job_outcome import FailureCause, JobState
-from sfr_loc_map.suite.running.plan import Plan
-from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.jobs.job import Job
+from sfr_loc_map.suite.jobs.job_outcome import FailureCause, JobState
+from sfr_loc_map.suite.planning.plan import Plan
 from sfr_loc_map.suite.search.record import LeftOutRecord, PointRecord, SearchRecord, badness_of, ratio_text
 from sfr_loc_map.suite.search.specification import WITHOUT_EFFECT, Point, SearchSettings, SearchSpecification
 from sfr_loc_map.suite.search.worst_case import (
@@ -32,6 +31,7 @@ from sfr_loc_map.suite.search.worst_case import (
     slices_of,
     tried_points,
 )
+from sfr_loc_map.suite.store import Store
 
 _log = logging.getLogger(__name__)
 

@@ -22,10 +22,10 @@ from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score.limits import OF_MAP
 from sfr_loc_map.metrics.score.score import JUDGED_ROW, Score
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.suite.running.digests import code_fingerprint
-from sfr_loc_map.suite.running.job import Job, JobTask
-from sfr_loc_map.suite.running.source_entries import changed_scenario, scenario_settings, simulation_of
-from sfr_loc_map.suite.running.specification import SuiteSettings, check_keys
+from sfr_loc_map.suite.jobs.digests import code_fingerprint
+from sfr_loc_map.suite.jobs.job import Job, JobTask
+from sfr_loc_map.suite.planning.source_entries import changed_scenario, scenario_settings, simulation_of
+from sfr_loc_map.suite.planning.specification import SuiteSettings, check_keys
 from sfr_loc_map.suite.search.record import Parameter
 
 Point = tuple[float, ...]

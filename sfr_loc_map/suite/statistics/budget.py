@@ -1,7 +1,7 @@
 """Error budget of a scenario: the contribution of each error source to the position error.
 
-Each drive is simulated and localised in all variants of `suite/running/variants.py`. Independent errors add in the mean
-square. The fractions of a source s are therefore
+Each drive is simulated and localised in all variants (`suite/planning/variants.py`). Independent errors add in the
+mean square. The fractions of a source s are therefore
 
     alone       = (m(only s) - m(none)) / m(all)        first-order fraction
     removed     = (m(all) - m(all but s)) / m(all)      fraction that vanishes without s
@@ -24,8 +24,8 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.figures.catalogue import KINDS
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.suite.running.job import Job
-from sfr_loc_map.suite.running.variants import ALL, NONE, error_sources_of, variant_name
+from sfr_loc_map.suite.jobs.job import Job
+from sfr_loc_map.suite.planning.variants import ALL, NONE, error_sources_of, variant_name
 from sfr_loc_map.suite.statistics.pooling import rows_by_axis
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob

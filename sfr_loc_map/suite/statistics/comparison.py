@@ -26,7 +26,7 @@ from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.statistics.intervals import Interval, holm
 from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.suite.running.job import PairKey, have_one_configuration
+from sfr_loc_map.suite.jobs.job import PairKey, have_one_configuration
 from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind, figures_of
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width

@@ -14,7 +14,7 @@ from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.judging.limited import tasks_of
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
 from sfr_loc_map.metrics.score.limits import Limits
-from sfr_loc_map.suite.running.job import NO_CONFIGURATION, GroupKey, Job
+from sfr_loc_map.suite.jobs.job import NO_CONFIGURATION, GroupKey, Job
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
 from sfr_loc_map.suite.statistics.pooling import pool
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob, undeclared_items_in

@@ -11,11 +11,11 @@ from sfr_loc_map.metrics.judging.several_scores import undeclared_items
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.suite.running.job import NO_CONFIGURATION, Job
-from sfr_loc_map.suite.running.job_outcome import JobState
-from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.jobs.job import NO_CONFIGURATION, Job
+from sfr_loc_map.suite.jobs.job_outcome import JobState
 from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.pooling import DriveScore
+from sfr_loc_map.suite.store import Store
 
 
 @dataclass(frozen=True, slots=True)

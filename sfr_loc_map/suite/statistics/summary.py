@@ -15,16 +15,16 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.suite.running.job import GroupKey, Job
-from sfr_loc_map.suite.running.job_outcome import JobFailure, JobState, WorkerRecord
-from sfr_loc_map.suite.running.specification import Refusal
-from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.jobs.job import GroupKey, Job
+from sfr_loc_map.suite.jobs.job_outcome import JobFailure, JobState, WorkerRecord
+from sfr_loc_map.suite.planning.specification import Refusal
 from sfr_loc_map.suite.statistics.budget import Budget, budgets_of
 from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation, common_deviations
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, figures_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
 from sfr_loc_map.suite.statistics.groups import Group, are_decided, groups_of, planned_groups_of
 from sfr_loc_map.suite.statistics.scored_job import ResultReader, ScoredJob
+from sfr_loc_map.suite.store import Store
 
 SCHEMA = "sfr-suite/1"
 

@@ -18,8 +18,8 @@ from sfr_loc_map.suite.history.history import FALSE_ALARM_RATE, Change, History,
 from sfr_loc_map.suite.history.night import Night
 from sfr_loc_map.suite.history.night_changes import changes_of
 from sfr_loc_map.suite.history.night_comparison import SCALES, compare_nights
+from sfr_loc_map.suite.jobs.job import PairKey
 from sfr_loc_map.suite.pages.page import render_history
-from sfr_loc_map.suite.running.job import PairKey
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
 from sfr_loc_map.suite.statistics.summary import SCHEMA
 

@@ -14,9 +14,9 @@ from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.suite.jobs.job_outcome import FailureCause, JobFailure
 from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit, write_parquet
-from sfr_loc_map.suite.running.job_outcome import FailureCause, JobFailure
-from sfr_loc_map.suite.running.specification import Refusal
+from sfr_loc_map.suite.planning.specification import Refusal
 from sfr_loc_map.suite.statistics.groups import groups_of
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 from sfr_loc_map.suite.statistics.summary import Summary

@@ -15,15 +15,15 @@ from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.suite import run_search
+from sfr_loc_map.suite.jobs.job import Job
+from sfr_loc_map.suite.jobs.job_outcome import FailureCause, JobOutcome
 from sfr_loc_map.suite.pages.search_page import render_search
-from sfr_loc_map.suite.running.job import Job
-from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome
-from sfr_loc_map.suite.running.plan import make_plan
-from sfr_loc_map.suite.running.specification import load_specification
-from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.planning.plan import make_plan
+from sfr_loc_map.suite.planning.specification import load_specification
 from sfr_loc_map.suite.search.search import case_file, find_worst_case
 from sfr_loc_map.suite.search.specification import SearchSpecification, load_search
 from sfr_loc_map.suite.search.worst_case import BISECTIONS, TriedPoint
+from sfr_loc_map.suite.store import Store
 
 pytest.importorskip("optuna")
 ASSOCIATION = Association(matched=100, estimate_poses=100, truth_poses=100)

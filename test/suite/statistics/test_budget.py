@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.suite.running.variants import ErrorSource, variants_of
+from sfr_loc_map.suite.planning.variants import ErrorSource, variants_of
 from sfr_loc_map.suite.statistics.budget import Budget, DriveErrors, budget_of
 
 PIECES = 10  #: Sub-trajectories of a drive.

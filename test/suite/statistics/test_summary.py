@@ -18,14 +18,14 @@ from sfr_loc_map.metrics.figures.records import InputFile, MethodKind, MethodRec
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
+from sfr_loc_map.suite.jobs.job import Job, JobTask
+from sfr_loc_map.suite.jobs.job_outcome import JobOutcome
 from sfr_loc_map.suite.pages.tables import suite_tables
-from sfr_loc_map.suite.running.job import Job, JobTask
-from sfr_loc_map.suite.running.job_outcome import JobOutcome
-from sfr_loc_map.suite.running.specification import Refusal
-from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.planning.specification import Refusal
 from sfr_loc_map.suite.statistics.groups import is_suite_decided
 from sfr_loc_map.suite.statistics.scored_job import ResultReader
 from sfr_loc_map.suite.statistics.summary import summarise
+from sfr_loc_map.suite.store import Store
 
 
 def save_score(store: Store, job: Job, score: Score) -> None:

@@ -10,8 +10,8 @@ from helpers.cli_result import Sfr
 from helpers.made_suites import made_suite
 from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.suite import Store, Summary, load_specification, make_plan, summarise
-from sfr_loc_map.suite.running.job_outcome import JobOutcome
-from sfr_loc_map.suite.running.job_run import run_job
+from sfr_loc_map.suite.jobs.job_outcome import JobOutcome
+from sfr_loc_map.suite.jobs.job_run import run_job
 from sfr_loc_map.suite.statistics.verdict_texts import verdict_texts_of
 
 LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 1.0}]}

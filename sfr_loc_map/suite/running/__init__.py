@@ -1,1 +1,0 @@
-"""Plans the jobs of a suite and runs them on Dask. Each result is a file named by a hash of its inputs."""
