@@ -91,7 +91,7 @@ def _init_from(
     from sfr_loc_map.io.source_settings import NAME
     from sfr_loc_map.source_setup.examination import propose_config
     from sfr_loc_map.source_setup.initial_files import initial_limits, is_kept
-    from sfr_loc_map.source_setup.proposal import Findings, Value
+    from sfr_loc_map.source_setup.proposal import Value
 
     path, limits = folder / NAME, folder / LIMITS
     names_limits = "limits" in given.sections
@@ -105,7 +105,7 @@ def _init_from(
         write_text(initial_limits(found), limits)
     if not names_limits:
         reason = KEPT if has_limits else PLACEHOLDERS
-        found = found.adding(Findings((Value(Key("limits"), limits.name, reason),)))
+        found = found.adding(Value(Key("limits"), limits.name, reason))
         say(f"limits: {limits} ({reason})")
     write_text(found.text(), path)
     say(f"configuration: {path}")

@@ -1,4 +1,4 @@
-"""What the messages of a bag propose: topics, origin and offset of stamps, and the baseline."""
+"""What the messages of a bag add to a proposal: topics, origin and offset of stamps, and the baseline."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_frame_tree
 from sfr_loc_map.io.layouts.bag_cameras import image_name
-from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
-from sfr_loc_map.source_setup.proposal import Findings, Value
+from sfr_loc_map.source_setup.proposal import Proposal, Value
 from sfr_loc_map.source_setup.seen_topics import seen_topics
 from sfr_loc_map.source_setup.topic_guess import guess_topics
 from sfr_loc_map.stamp_pairing import MAX_TOLERANCE_S, below_half_period, nearest_stamps
@@ -25,8 +24,9 @@ FEWEST_STAMPS = 3  #: Minimum number of left, and of right, stamps from which an
 STEADY = 0.1  #: Largest variation of a constant offset of the right stamps, as a fraction of the period.
 
 
-def propose_topics(bag: Bag, given: SourceConfig) -> Findings:
-    """Propose the topics of images, calibration and truth that the bag has under other names."""
+def with_topics(proposal: Proposal, bag: Bag) -> Proposal:
+    """Add the topics of images, calibration and truth that the bag has under other names."""
+    given = proposal.config
     guess = guess_topics(seen_topics(bag))
     values: list[Value] = []
     for plain, topic in guess.topics.items():
@@ -39,43 +39,44 @@ def propose_topics(bag: Bag, given: SourceConfig) -> Findings:
         )
     if guess.truth and not bag.matches(TRUE_POSES) and not given.truth.source and not given.truth.frame:
         values.append(Value(Key("truth", "source"), guess.truth, guess.truth_reason))
-    return Findings(tuple(values), remarks=tuple(guess.remarks))
+    return proposal.adding(*values, remarks=guess.remarks)
 
 
-def propose_origin_of_stamps(bag: Bag) -> Findings:
-    """Propose the times of recording if the header stamps of all images are 0."""
+def with_origin_of_stamps(proposal: Proposal, bag: Bag) -> Proposal:
+    """Add the times of recording as stamps if the header stamps of all images are 0."""
     topics = [topic for task in Task for topic in _image_topics(bag, task.rig)]
     count = 0
     for _, stamp_ns, _ in bag.stream(topics):
         if stamp_ns:
-            return Findings()
+            return proposal
         count += 1
     if count < 2:
-        return Findings()
-    return Findings((Value(Key("sync", "stamps"), "record", "all stamps of the headers are 0; sure"),))
+        return proposal
+    return proposal.adding(Value(Key("sync", "stamps"), "record", "all stamps of the headers are 0; sure"))
 
 
-def propose_calibration(bag: Bag, given: CalibrationConfig) -> Findings:
-    """Propose the baseline from /tf_static if camera_info has none; report a calibration that is missing.
+def with_calibration(proposal: Proposal, bag: Bag) -> Proposal:
+    """Add the baseline from /tf_static if camera_info has none, or report that the calibration is missing.
 
     Two frames at one position have no baseline.
     """
+    given = proposal.config.calibration
     infos = [bag.find(f"loc/{side}/camera_info", CAMERA_INFO) for side in SIDES]
     messages = bag.first([topic for topic in infos if topic is not None])
     if image_name(bag, "loc") is None or given.file:
-        return Findings()
+        return proposal
     if len(messages) < len(SIDES):
         text = "no camera_info: give --calibration FILE (Kalibr, OpenCV, ROS, COLMAP or rig.json)"
-        return Findings(missing=(text,))
+        return proposal.adding(missing=[text])
     left, right = (messages[f"loc/{side}/camera_info"] for side in SIDES)
     if right.p[3] != 0 or left.p[3] != 0 or given.baseline_m:
-        return Findings()
+        return proposal
     joined = read_frame_tree(bag).find(left.header.frame_id.strip("/"), right.header.frame_id.strip("/"))
     if joined is None or not joined.translation.any():
-        return Findings(missing=("P[3] of the right camera_info is 0: give --set calibration.baseline_m=METRES",))
+        return proposal.adding(missing=["P[3] of the right camera_info is 0: give --set calibration.baseline_m=METRES"])
     baseline = float(round(np.linalg.norm(joined.translation), 9))
     reason = "P[3] is 0; from /tf_static, left to right frame; sure"
-    return Findings((Value(Key("calibration", "baseline_m"), baseline, reason),))
+    return proposal.adding(Value(Key("calibration", "baseline_m"), baseline, reason))
 
 
 def _image_topics(bag: Bag, rig: str) -> list[Topic]:
@@ -87,18 +88,19 @@ def _image_topics(bag: Bag, rig: str) -> list[Topic]:
     return [topic for topic in topics if topic is not None]
 
 
-def propose_sync(bag: Bag, given: SyncConfig) -> Findings:
-    """Propose an offset or a tolerance of stamps if the stamps of the drive's left and right images differ."""
+def with_sync(proposal: Proposal, bag: Bag) -> Proposal:
+    """Add an offset or a tolerance of stamps if the stamps of the drive's left and right images differ."""
+    given = proposal.config.sync
     topics = _image_topics(bag, "loc")
     stamps: dict[str, list[int]] = {topic.name: [] for topic in topics}
     for topic, stamp_ns, _ in bag.stream(topics):
         stamps[topic.name].append(stamp_ns)
     if len(stamps) < len(SIDES) or min(map(len, stamps.values())) < FEWEST_STAMPS:
-        return Findings()
+        return proposal
     left_ns, right_ns = (np.array(side, np.int64) for side in stamps.values())
     right_ns = right_ns + round(given.right_offset_s * NS_PER_S)
     found = _offset_or_tolerance(left_ns, right_ns, given.stamp_tolerance_ns)
-    return Findings(tuple(Value(Key("sync", name), value, reason) for name, value, reason in found))
+    return proposal.adding(*(Value(Key("sync", name), value, reason) for name, value, reason in found))
 
 
 def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: int) -> Iterator[tuple[str, float, str]]:

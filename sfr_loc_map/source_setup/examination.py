@@ -1,4 +1,4 @@
-"""Examination of a source: the steps that propose its configuration, each with the findings of the earlier steps."""
+"""Examination of a source in steps, each of which adds to the proposal of its configuration."""
 
 from __future__ import annotations
 
@@ -18,20 +18,15 @@ from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_format import SourceFormat, is_bag
 from sfr_loc_map.io.source_settings import FILE_SETTINGS, copied
 from sfr_loc_map.io.truth.of_bag import could_be_truth
-from sfr_loc_map.source_setup.bag_findings import (
-    propose_calibration,
-    propose_origin_of_stamps,
-    propose_sync,
-    propose_topics,
-)
-from sfr_loc_map.source_setup.drive_findings import propose_condition, propose_extrinsics, propose_lever_arm
-from sfr_loc_map.source_setup.proposal import Findings, Proposal, TruthComponents
+from sfr_loc_map.source_setup.bag_findings import with_calibration, with_origin_of_stamps, with_sync, with_topics
+from sfr_loc_map.source_setup.drive_findings import with_condition, with_extrinsics, with_lever_arm
+from sfr_loc_map.source_setup.proposal import Proposal, TruthComponents
 
 
 def propose_config(source: Path, given: Configuration, before: Configuration = NOTHING_GIVEN) -> Proposal:
     """Examine a source and propose its configuration; the given values are kept.
 
-    Each step reads the source as the findings of the earlier steps configure it. The reason for a given value is "as
+    Each step reads the source as the earlier steps configure it. The reason for a given value is "as
     before" if `before` has the same value. Files in or below the folder of `given` are named relative to this folder.
     InputError if the source, the given calibration or the given truth is invalid or corrupt.
     """
@@ -47,7 +42,7 @@ def propose_config(source: Path, given: Configuration, before: Configuration = N
         return _without_truth(proposal, given, "" if proposal.missing else str(error))
     if loc is None:
         return _without_truth(proposal, given)
-    proposal = proposal.adding(propose_extrinsics(loc, proposal.config))
+    proposal = with_extrinsics(proposal, loc)
     try:
         truth = loc.ground_truth
     except SfrError as error:
@@ -58,7 +53,7 @@ def propose_config(source: Path, given: Configuration, before: Configuration = N
 
 
 def _given_values(source: Path, given: Configuration, before: Configuration) -> Proposal:
-    """Return the proposal with the given values alone."""
+    """Return the proposal that has only the given values."""
     sections = copied(given.sections)
     sections.setdefault("topics", {})
     keys = map(Key.parse, flatten(before.sections))
@@ -74,12 +69,12 @@ def _given_values(source: Path, given: Configuration, before: Configuration) -> 
 
 def _with_topics_and_stamps(proposal: Proposal, recorded: Bag) -> Proposal:
     """Return a proposal with the topics, stamps and calibration that a bag requires to be opened."""
-    proposal = proposal.adding(propose_topics(recorded, proposal.config))
-    renamed = recorded.renamed(proposal.config.topics)
-    proposal = proposal.adding(propose_origin_of_stamps(renamed))
-    bag = renamed.stamped_by(proposal.config.sync.stamps)
-    proposal = proposal.adding(propose_calibration(bag, proposal.config.calibration))
-    return proposal.adding(propose_sync(bag, proposal.config.sync))
+    proposal = with_topics(proposal, recorded)
+    bag = recorded.renamed(proposal.config.topics)
+    proposal = with_origin_of_stamps(proposal, bag)
+    bag = bag.stamped_by(proposal.config.sync.stamps)
+    proposal = with_calibration(proposal, bag)
+    return with_sync(proposal, bag)
 
 
 def _opened_drive(source: Path, config: SourceConfig) -> LocSequence | None:
@@ -102,18 +97,18 @@ def _with_truth(proposal: Proposal, truth: Truth, stamps_ns: Sequence[int]) -> P
     if len(truth) < 2:
         return proposal
     components = TruthComponents(truth.has_attitude, truth.has_height, truth.has_tilt)
-    proposal = proposal.adding(Findings(truth=components))
+    proposal = proposal.adding(truth=components)
     if "lever_arm_m" not in proposal.configuration.section("truth"):
-        proposal = proposal.adding(propose_lever_arm(truth, proposal.config))
+        proposal = with_lever_arm(proposal, truth)
     if "conditions" not in proposal.sections:
-        proposal = proposal.adding(propose_condition(stamps_ns, truth))
+        proposal = with_condition(proposal, stamps_ns, truth)
     return proposal
 
 
 def _with_possible_truth(proposal: Proposal, recorded: Bag) -> Proposal:
     """Return a proposal with a remark that the truth of a bag is unknown, and with the topics that may be the truth."""
     text = f"no truth: a score requires --set truth.source=TOPIC or FILE{could_be_truth(recorded)}"
-    return proposal.adding(Findings(remarks=(text,)))
+    return proposal.adding(remarks=[text])
 
 
 def _without_truth(proposal: Proposal, given: Configuration, problem: str = "") -> Proposal:
@@ -124,4 +119,4 @@ def _without_truth(proposal: Proposal, given: Configuration, problem: str = "") 
     truth = given.section("truth")
     if truth.get("source") or (truth.get("frame") and is_bag(proposal.source)):
         read_truth(proposal.source, proposal.config)
-    return proposal.adding(Findings(missing=(problem,))) if problem else proposal
+    return proposal.adding(missing=[problem]) if problem else proposal

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
@@ -32,18 +32,8 @@ class TruthComponents(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Findings:
-    """What one step of the examination infers."""
-
-    values: tuple[Value, ...] = ()
-    missing: tuple[str, ...] = ()  #: Values that only the owner can add.
-    remarks: tuple[str, ...] = ()
-    truth: TruthComponents | None = None  #: Components of the ground truth; None if they are unknown.
-
-
-@dataclass(frozen=True, slots=True)
 class Proposal:
-    """Sections of an `sfr.yaml` with the reason for each value, the values that only the owner can add, and remarks."""
+    """An `sfr.yaml` with the reason for each value, the values that only the owner can add, and remarks."""
 
     source: Path
     configuration: Configuration  #: The sections with all values, and the path of the `sfr.yaml`, if it is known.
@@ -52,15 +42,21 @@ class Proposal:
     remarks: tuple[str, ...] = ()
     truth: TruthComponents | None = None  #: Components of the ground truth; None without ground truth.
 
-    def adding(self, findings: Findings) -> Proposal:
-        """Return the proposal with the findings of a step; values that it already contains are kept.
+    def adding(
+        self,
+        *values: Value,
+        missing: Iterable[str] = (),
+        remarks: Iterable[str] = (),
+        truth: TruthComponents | None = None,
+    ) -> Proposal:
+        """Return the proposal with further values and texts; a value that the proposal already has is kept.
 
         A value outside of the range of its parameter is reported as missing.
         """
         sections = copied(self.sections)
         reasons = dict(self.reasons)
         refused: list[str] = []
-        for key, value, reason in findings.values:
+        for key, value, reason in values:
             if key.value_in(sections) is not None:
                 continue
             if problem := _problem_of(key, value):
@@ -72,9 +68,9 @@ class Proposal:
             self,
             configuration=replace(self.configuration, sections=sections),
             reasons=reasons,
-            missing=(*self.missing, *findings.missing, *refused),
-            remarks=(*self.remarks, *findings.remarks),
-            truth=findings.truth or self.truth,
+            missing=(*self.missing, *missing, *refused),
+            remarks=(*self.remarks, *remarks),
+            truth=truth or self.truth,
         )
 
     @property

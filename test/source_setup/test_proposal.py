@@ -19,7 +19,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.source_config import SyncConfig
 from sfr_loc_map.source_setup.examination import propose_config
-from sfr_loc_map.source_setup.proposal import Findings, Proposal, Value
+from sfr_loc_map.source_setup.proposal import Proposal, Value
 
 
 def test_a_recording_without_images_has_a_proposal(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_values_that_their_parameters_cannot_have_are_reported() -> None:
         Value(Key("extrinsics", "translation_m"), [0.0, 0.0, 1.0], "from /tf_static"),
         Value(Key("conditions"), ["distance=5"], "length"),
     )
-    found = Proposal(Path("x"), Configuration()).adding(Findings(values))
+    found = Proposal(Path("x"), Configuration()).adding(*values)
     assert found.sections == {"extrinsics": {"translation_m": [0.0, 0.0, 1.0]}, "conditions": ["distance=5"]}
     assert [text.split(":")[0] for text in found.missing] == ["calibration", "sync"]
 
@@ -150,7 +150,7 @@ def test_a_wrong_given_truth_is_refused(tmp_path: Path, make: Callable[[Path], P
 def test_findings_keep_what_is_given() -> None:
     proposal = Proposal(Path("x"), Configuration(None, {"sync": {"stamps": "header"}}))
     values = (Value(Key("sync", "stamps"), "record", "zero"), Value(Key("limits"), "l.yaml", "new"))
-    found = proposal.adding(Findings(values)).adding(Findings((Value(Key("limits"), "m.yaml", "newer"),)))
+    found = proposal.adding(*values).adding(Value(Key("limits"), "m.yaml", "newer"))
     assert found.sections == {"sync": {"stamps": "header"}, "limits": "l.yaml"}
     assert found.reasons == {Key("limits"): "new"}
     assert proposal.sections == {"sync": {"stamps": "header"}}
