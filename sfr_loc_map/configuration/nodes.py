@@ -44,13 +44,13 @@ _SECTION_OF_PREFIX = {known.prefix: name for name, known in NODE_SECTIONS.items(
 
 def node_parameters(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return the parameters of each node from the values of `NODE_SECTIONS` by dotted name."""
-    found: dict[str, dict[str, Any]] = {node: {} for node in SUITE_NODES}
+    parameters: dict[str, dict[str, Any]] = {node: {} for node in SUITE_NODES}
     for section, values in sections.items():
         prefix, nodes = NODE_SECTIONS[section]
         for node in nodes:
             for name, value in values.items():
-                found[node][f"{prefix}.{name}" if prefix else name] = value
-    return found
+                parameters[node][f"{prefix}.{name}" if prefix else name] = value
+    return parameters
 
 
 def has_nodes(flat: Mapping[str, Any]) -> bool:
@@ -133,13 +133,13 @@ def _by_suite_node(nodes: Mapping[str, dict[str, Any]], path: Path) -> dict[str,
     ConfigError for a misspelt prefix or node, for several nodes with one name, for a parameter that two wildcards give,
     and for a name with a wildcard beside other characters.
     """
-    found: dict[str, dict[str, Any]] = {}
+    parameters: dict[str, dict[str, Any]] = {}
     node_of_name: dict[str, str] = {}
     for node, values in nodes.items():
         name = node.replace(".", "/").rpartition("/")[2]
         _check_spelling(node, name, values, path)
         if name in WILDCARDS:
-            _add_to_all(found.setdefault(ALL_NODES, {}), values, node, path)
+            _add_to_all(parameters.setdefault(ALL_NODES, {}), values, node, path)
         elif "*" in name:
             raise ConfigError(
                 f"{path}: '{node}' is not a name of nodes: '*' and '**' stand only for complete parts of a name"
@@ -149,15 +149,15 @@ def _by_suite_node(nodes: Mapping[str, dict[str, Any]], path: Path) -> dict[str,
         other = node_of_name.setdefault(name, node)
         if other != node:
             raise ConfigError(f"{path}: '{other}' and '{node}' are nodes of one name: give a file for each of them")
-        found[name] = values
-    return found
+        parameters[name] = values
+    return parameters
 
 
-def _add_to_all(found: dict[str, Any], values: Mapping[str, Any], node: str, path: Path) -> None:
+def _add_to_all(of_all: dict[str, Any], values: Mapping[str, Any], node: str, path: Path) -> None:
     """Add the parameters of a wildcard to those of all nodes; ConfigError if another wildcard has one of them."""
-    if twice := found.keys() & values.keys():
+    if twice := of_all.keys() & values.keys():
         raise ConfigError(f"{path}: '{min(twice)}' is given by '{node}' and by another name of all nodes: give it once")
-    found |= values
+    of_all |= values
 
 
 def _check_spelling(node: str, name: str, values: Mapping[str, Any], path: Path) -> None:

@@ -90,12 +90,12 @@ def flatten(
     for name, value in items.items():
         is_nested = isinstance(value, Mapping) or is_dataclass(value)
         if is_nested and (value or not keeps_empty):
-            found = flatten(value, f"{prefix}{name}.", keeps_empty=keeps_empty)
+            entries = flatten(value, f"{prefix}{name}.", keeps_empty=keeps_empty)
         else:
-            found = {f"{prefix}{name}": value}
-        if twice := flat.keys() & found.keys():
+            entries = {f"{prefix}{name}": value}
+        if twice := flat.keys() & entries.keys():
             raise ConfigError(f"'{min(twice)}' is given twice: give it once")
-        flat |= found
+        flat |= entries
     return flat
 
 

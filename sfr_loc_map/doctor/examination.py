@@ -50,8 +50,8 @@ def examine(seen: Observation) -> list[Issue]:
     checks = [_source]
     if seen.topics or not seen.broken:
         checks += [_names, _waiting, _rigs, _extrinsics, _order, _poses, _truth, _nodes, _host_clock]
-    found = [issue for check in checks for issue in check(seen)]
-    return sorted(found, key=lambda issue: not issue.is_blocking)
+    issues = [issue for check in checks for issue in check(seen)]
+    return sorted(issues, key=lambda issue: not issue.is_blocking)
 
 
 def _rigs(seen: Observation) -> Issues:
@@ -133,10 +133,10 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Issues:
     if topic is None or not topic.is_published:
         yield _missing(seen, name, topic)
         return
-    found = _silence(seen, name, topic)
+    issue = _silence(seen, name, topic)
     is_silent = not topic.messages and not seen.is_idle(name.partition("/")[0])
-    if is_silent or found.cause in (Cause.WRONG_TYPE, Cause.QOS):
-        yield found
+    if is_silent or issue.cause in (Cause.WRONG_TYPE, Cause.QOS):
+        yield issue
 
 
 def _missing(seen: Observation, name: str, topic: ObservedTopic | None) -> Issue:
@@ -158,10 +158,10 @@ def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Issue:
         publishers = tuple(Publisher("", kind) for kind in topic.types)
     strict = Reliability.RELIABLE in topic.requests.values()
     requested = Reliability.RELIABLE if strict else Reliability.BEST_EFFORT
-    found = silence_of(topic.source_name, allowed_types(name), publishers, requested)
-    if found.cause is Cause.SILENT and not seen.is_live:
+    issue = silence_of(topic.source_name, allowed_types(name), publishers, requested)
+    if issue.cause is Cause.SILENT and not seen.is_live:
         return Issue(Cause.SILENT, topic.source_name, "the bag has no message on this topic", "record it again")
-    return found
+    return issue
 
 
 def _is_refused(seen: Observation, name: str, topic: ObservedTopic) -> bool:

@@ -21,19 +21,21 @@ def with_fix(source: Path, given: Configuration, issues: list[Issue], words: lis
     remain.
     """
     try:
-        found = propose_config(source, given)
+        proposal = propose_config(source, given)
         remaining = {
-            (issue.cause, issue.where) for issue in examine(observe(source, found.config)) if issue.is_blocking
+            (issue.cause, issue.where) for issue in examine(observe(source, proposal.config)) if issue.is_blocking
         }
     except SfrError:
         return issues
     command = shlex.join(words)
     fix = command
-    added = {name: values for name, values in found.sections.items() if values != given.sections.get(name) and values}
+    added = {
+        name: values for name, values in proposal.sections.items() if values != given.sections.get(name) and values
+    }
     if added.keys() - {"conditions"} == {"topics"}:  # remapping is sufficient
         remaps = [word for name, topic in added["topics"].items() for word in ("--remap", f"{topic}:={name}")]
         fix += f"; for a single command: {shlex.join(remaps)}"
-    missing = "".join(f"; still missing: {text}" for text in found.missing)
+    missing = "".join(f"; still missing: {text}" for text in proposal.missing)
     is_removed = [issue.is_blocking and (issue.cause, issue.where) not in remaining for issue in issues]
     return [
         replace(issue, fix=fix + missing, command=command) if removed else issue

@@ -60,8 +60,8 @@ def topics_of(source: Source) -> dict[str, str]:
     if recorded is None:
         return topics
     bag = Bag(*recorded)
-    found = [bag.find(name, *((IMAGE, COMPRESSED) if kind == IMAGE else ())) for name, kind in topics.items()]
-    return {topic.name: topic.msgtype for topic in found if topic is not None}
+    recorded_topics = [bag.find(name, *((IMAGE, COMPRESSED) if kind == IMAGE else ())) for name, kind in topics.items()]
+    return {topic.name: topic.msgtype for topic in recorded_topics if topic is not None}
 
 
 def pair_of_message(source: Source) -> dict[tuple[str, int], tuple[str, int]]:
@@ -70,7 +70,7 @@ def pair_of_message(source: Source) -> dict[tuple[str, int], tuple[str, int]]:
     The messages are the images and mapping poses, paired as in the source. Topics of compressed images are named
     without `/compressed`.
     """
-    found = {}
+    pair_of = {}
     for rig, sequence in (("loc", source.loc), ("nav", source.nav)):
         if sequence is None:
             continue
@@ -84,8 +84,8 @@ def pair_of_message(source: Source) -> dict[tuple[str, int], tuple[str, int]]:
         for pair_ns, messages in pairs.items():
             for topic, stamp_ns in messages.items():
                 if topic != TRUE_POINTS:
-                    found[topic.removesuffix(COMPRESSED_END), stamp_ns] = (rig, pair_ns)
-    return found
+                    pair_of[topic.removesuffix(COMPRESSED_END), stamp_ns] = (rig, pair_ns)
+    return pair_of
 
 
 class PairTracker:

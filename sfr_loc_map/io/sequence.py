@@ -122,14 +122,14 @@ class Source:
 
         Extrinsics are not used without a drive.
         """
-        found = self.config.changed_reading
+        settings = self.config.changed_reading
         given = self.config.extrinsics.transform()
         if given is None:
-            return found
+            return settings
         own = given if self.loc is None else self.own_extrinsics
         if own is None or not np.allclose(own.matrix, given.matrix, rtol=0.0, atol=EXTRINSICS_ROUNDING):
-            return found
-        return {name: value for name, value in found.items() if not name.startswith("extrinsics.")}
+            return settings
+        return {name: value for name, value in settings.items() if not name.startswith("extrinsics.")}
 
     def truth_paths(self) -> tuple[Path, ...]:
         """Return every path that may hold the truth. A method under test has no access to these paths.
@@ -145,8 +145,8 @@ class Source:
     @property
     def truth(self) -> Truth | None:
         """True poses of RB in DS; None without truth."""
-        found = None if self.loc is None else self.loc.ground_truth
-        return found if found is not None and len(found) else None
+        truth_of_drive = None if self.loc is None else self.loc.ground_truth
+        return truth_of_drive if truth_of_drive is not None and len(truth_of_drive) else None
 
     def pairs(self) -> Iterator[StereoPair | PosedStereoPair]:
         """Yield the pairs of the drive as grey images. Without a drive, yield the mapping pairs with their poses."""

@@ -99,8 +99,8 @@ def with_sync(proposal: Proposal, bag: Bag) -> Proposal:
         return proposal
     left_ns, right_ns = (np.array(side, np.int64) for side in stamps.values())
     right_ns = right_ns + round(given.right_offset_s * NS_PER_S)
-    found = _offset_or_tolerance(left_ns, right_ns, given.stamp_tolerance_ns)
-    return proposal.adding(*(Value(Key("sync", name), value, reason) for name, value, reason in found))
+    settings = _offset_or_tolerance(left_ns, right_ns, given.stamp_tolerance_ns)
+    return proposal.adding(*(Value(Key("sync", name), value, reason) for name, value, reason in settings))
 
 
 def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: int) -> Iterator[tuple[str, float, str]]:

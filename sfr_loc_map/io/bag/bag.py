@@ -110,32 +110,32 @@ class Bag:
 
         The type `COMPRESSED` also permits `name/compressed`.
         """
-        found = self.matches(name)
-        if not found and COMPRESSED in msgtypes:
-            found = self.matches(f"{name}{COMPRESSED_END}")
-        if not found:
+        matching = self.matches(name)
+        if not matching and COMPRESSED in msgtypes:
+            matching = self.matches(f"{name}{COMPRESSED_END}")
+        if not matching:
             return None
-        if len(found) > 1:
-            several = ", ".join(found)
+        if len(matching) > 1:
+            several = ", ".join(matching)
             raise InputError(f"bag '{self.path}' has several topics '{name}': {several}; choose one with --remap")
-        if types := self._types_of_mixed.get(found[0]):
+        if types := self._types_of_mixed.get(matching[0]):
             raise InputError(
-                f"topic '{found[0]}' of bag '{self.path}' has messages of several types, {' and '.join(types)}: record "
-                "one type on each topic"
+                f"topic '{matching[0]}' of bag '{self.path}' has messages of several types, {' and '.join(types)}: "
+                "record one type on each topic"
             )
-        msgtype = self.topics[found[0]]
+        msgtype = self.topics[matching[0]]
         if msgtypes and msgtype not in msgtypes:
             raise InputError(
-                f"topic '{found[0]}' of bag '{self.path}' is {msgtype}: {alternatives(msgtypes)} is required "
+                f"topic '{matching[0]}' of bag '{self.path}' is {msgtype}: {alternatives(msgtypes)} is required "
                 f"for '{name}'"
             )
         relative = name.strip("/")
-        return Topic(f"{relative}{COMPRESSED_END}" if msgtype == COMPRESSED else relative, found[0], msgtype)
+        return Topic(f"{relative}{COMPRESSED_END}" if msgtype == COMPRESSED else relative, matching[0], msgtype)
 
     def raw_messages(self, names: Collection[str]) -> Iterator[tuple[str, str, int, bytes]]:
         """Yield relative name, type, stamp and bytes of the messages on topics `names`; images may be compressed."""
-        found = [self.find(name, *((IMAGE, COMPRESSED) if name.endswith(RECTIFIED) else ())) for name in names]
-        for topic, stamp_ns, raw in self.stream([topic for topic in found if topic is not None]):
+        topics = [self.find(name, *((IMAGE, COMPRESSED) if name.endswith(RECTIFIED) else ())) for name in names]
+        for topic, stamp_ns, raw in self.stream([topic for topic in topics if topic is not None]):
             yield topic.name, topic.msgtype, stamp_ns, raw
 
     def stream(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, bytes]]:
@@ -178,14 +178,14 @@ class Bag:
 
     def first(self, topics: Collection[Topic]) -> dict[str, Any]:
         """Return the first message of each topic by the topic's name; topics without a message are omitted."""
-        found: dict[str, Any] = {}
+        messages: dict[str, Any] = {}
         with_messages = [topic for topic in topics if self.counts[topic.bag_name]]
         for topic, _, raw in self.stream(with_messages):
-            if topic.name not in found:
-                found[topic.name] = self.deserialise(topic, raw)
-                if len(found) == len(with_messages):
+            if topic.name not in messages:
+                messages[topic.name] = self.deserialise(topic, raw)
+                if len(messages) == len(with_messages):
                     break
-        return found
+        return messages
 
     def _check_count(self, count: int, expected: int) -> None:
         """Raise InputError if fewer messages than expected were found."""

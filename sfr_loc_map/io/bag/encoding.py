@@ -27,14 +27,14 @@ def cdr_of_ros1(data: bytes, msgtype: str) -> bytes:
 
 def readable(connections: Sequence[Connection]) -> list[Connection]:
     """Return the connections with messages of ROS 2 or ROS 1; raise InputError if all have other encodings."""
-    found = [_of_ros2(each) for each in connections if _encoding(each) in (CDR, ROS1, "")]
-    if connections and not found:
+    of_ros = [_of_ros2(each) for each in connections if _encoding(each) in (CDR, ROS1, "")]
+    if connections and not of_ros:
         written = ", ".join(sorted({_encoding(each) for each in connections}))
         raise InputError(
             f"its messages are encoded as {written}: messages of ROS 2 (cdr) or ROS 1 (ros1) are required; record or "
             "convert it as a ROS bag"
         )
-    return found
+    return of_ros
 
 
 def _encoding(connection: Connection) -> str:

@@ -30,8 +30,8 @@ def is_storage_file(path: Path) -> bool:
 
 def storage_files(folder: Path) -> list[Path]:
     """Return the storage files in a folder in the order of their numbers."""
-    found = (file for file in folder.iterdir() if suffix_of(file) in STORAGE_SUFFIXES and not file.is_dir())
-    return sorted(found, key=_by_number)
+    files = (file for file in folder.iterdir() if suffix_of(file) in STORAGE_SUFFIXES and not file.is_dir())
+    return sorted(files, key=_by_number)
 
 
 def is_ros1_bag(path: Path) -> bool:
@@ -77,17 +77,17 @@ class _Metadata(msgspec.Struct, frozen=True):
 def bag_files(path: Path) -> BagFiles:
     """Return the files of a bag: those that metadata.yaml names, otherwise all storage files of the folder."""
     check_exists(path, "give the folder of a bag, or its .mcap, .db3 or .bag file")
-    found = BagFiles((path,))
+    files = BagFiles((path,))
     if path.is_dir():
         stored = storage_files(path)
         metadata = path / "metadata.yaml"
-        found = _files_of_metadata(metadata, stored) if metadata.exists() else BagFiles(tuple(stored))
-    if not found.paths:
+        files = _files_of_metadata(metadata, stored) if metadata.exists() else BagFiles(tuple(stored))
+    if not files.paths:
         raise InputError(f"folder '{path}' is not a bag: it contains neither metadata.yaml nor a .mcap or .db3 file")
-    for file in found.paths:
+    for file in files.paths:
         with refusing(f"bag '{file}' cannot be read", "give a .mcap, .db3 or .bag file"):
             check_regular(file)
-    return found
+    return files
 
 
 def _files_of_metadata(metadata: Path, stored: Sequence[Path]) -> BagFiles:

@@ -174,8 +174,8 @@ class McapFile:
             return _scanned(file, start, size, is_cut_off=True)
         end = size - len(MCAP_MAGIC) - FOOTER_SIZE
         summary_start = _summary_start(file, start, end)
-        found = _summary(file, summary_start, end) if summary_start else None
-        return found or _scanned(file, start, summary_start or end, is_cut_off=False)
+        by_summary = _summary(file, summary_start, end) if summary_start else None
+        return by_summary or _scanned(file, start, summary_start or end, is_cut_off=False)
 
 
 class _Contents:
@@ -441,11 +441,11 @@ def _check_overlaps(chunks: Collection[Chunk]) -> None:
 def _qos(metadata: bytes) -> list[Any]:
     """Return the offered QoS profiles of a channel; empty if its metadata have none."""
     fields = _Fields(metadata)
-    found: dict[str, str] = {}
+    entries: dict[str, str] = {}
     while fields.is_left:
         name = fields.text()
-        found[name] = fields.text()
-    return list(_parsed_qos(found.get("offered_qos_profiles", "")))
+        entries[name] = fields.text()
+    return list(_parsed_qos(entries.get("offered_qos_profiles", "")))
 
 
 @lru_cache(maxsize=256)

@@ -88,8 +88,8 @@ def read_frames(bag: Bag, child: str = "", parent: str = "") -> dict[str, Frame]
 
 def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: str = "") -> RigInBody | None:
     """Return the pose of the rig from /tf_static, or else from a recorded localisation node; None without either."""
-    if (found := rig_in_body(read_frame_tree(bag), camera_frame, baseline_m, base_frame)) is not None:
-        return replace(found, read_from=f"/tf_static, {found.read_from}")
+    if (mount := rig_in_body(read_frame_tree(bag), camera_frame, baseline_m, base_frame)) is not None:
+        return replace(mount, read_from=f"/tf_static, {mount.read_from}")
     configuration = configuration_topic(Task.LOCALISATION)
     found_in = [name for name in bag.matches(configuration) if bag.topics[name] == STRING]
     if len(found_in) != 1:  # no such topic, or topics of several rovers

@@ -73,11 +73,13 @@ def _only_file(folder: Path) -> Path:
     """Return the only calibration file in a folder, or the first file if the calibration has two."""
     files = [*folder.absolute().glob("*.*"), *folder.absolute().glob("*/*.*")]
     files = sorted(file for file in files if suffix_of(file) in ENDINGS)
-    found = [file for file in files if (other := partner_of(file)) and file < other] or files
-    if len(found) != 1:
-        names = ", ".join(str(file.relative_to(folder.absolute())) for file in found[:8]) or "no calibration file"
+    calibrations = [file for file in files if (other := partner_of(file)) and file < other] or files
+    if len(calibrations) != 1:
+        names = (
+            ", ".join(str(file.relative_to(folder.absolute())) for file in calibrations[:8]) or "no calibration file"
+        )
         raise InputError(f"calibration '{folder}': the folder has {names}; give the path of one calibration file")
-    return found[0]
+    return calibrations[0]
 
 
 # ---- programs

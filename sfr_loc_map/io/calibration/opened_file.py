@@ -121,12 +121,12 @@ def _elements_in(parent: ET.Element) -> dict[str, ET.Element]:
 
     Only `_` may occur several times, because OpenCV gives this name to each item of a list.
     """
-    found: dict[str, ET.Element] = {}
+    elements: dict[str, ET.Element] = {}
     for element in parent:
-        if element.tag in found and element.tag != "_":
+        if element.tag in elements and element.tag != "_":
             raise ValueError(f"it has '{element.tag[:40]}' twice: give it once")
-        found[element.tag] = element
-    return found
+        elements[element.tag] = element
+    return elements
 
 
 def named_values(file: Path) -> dict[str, Any]:
@@ -148,12 +148,12 @@ def numbers_of(content: Mapping[str, Any], *names: str) -> tuple[float, ...]:
 
     Raises ValueError if the matrix is missing or invalid, or if matrices of several names differ.
     """
-    found = {name: _numbers_in(content[plain_name(name)], name) for name in names if plain_name(name) in content}
-    if not found:
+    matrices = {name: _numbers_in(content[plain_name(name)], name) for name in names if plain_name(name) in content}
+    if not matrices:
         raise ValueError(f"it has no {alternatives(names)}")
-    if len(set(found.values())) > 1:
-        raise ValueError(f"{' and '.join(found)} differ: give one of them")
-    return next(iter(found.values()))
+    if len(set(matrices.values())) > 1:
+        raise ValueError(f"{' and '.join(matrices)} differ: give one of them")
+    return next(iter(matrices.values()))
 
 
 def _numbers_in(item: Any, name: str) -> tuple[float, ...]:  # noqa: ANN401 - any YAML

@@ -135,11 +135,11 @@ def rig_from_projections(
 
 def check_projection(p: FloatArray, where: str, advice: str = "correct the calibration") -> None:
     """Raise InputError unless P `(12,)` is that of a rectified camera. P of an uncalibrated camera is zero."""
-    found = ""
+    problem = ""
     p_matrix = p.reshape(3, 4)
     if not np.isfinite(p_matrix).all() or p_matrix[0, 0] <= 0:
-        found = "projection p is empty"
+        problem = "projection p is empty"
     elif np.abs(p_matrix[[0, 1, 2, 2, 2, 1, 2], [1, 0, 0, 1, 3, 3, 2]] - [0, 0, 0, 0, 0, 0, 1]).max() > TOLERANCE:
-        found = "projection p is not that of a rectified left or right camera"
-    if found:
-        raise InputError(f"{where} is non-rectified ({found}): {advice}")
+        problem = "projection p is not that of a rectified left or right camera"
+    if problem:
+        raise InputError(f"{where} is non-rectified ({problem}): {advice}")

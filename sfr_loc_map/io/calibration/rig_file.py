@@ -32,16 +32,16 @@ class _RigFile(msgspec.Struct, forbid_unknown_fields=True):
 def read_rig(file: Path) -> StereoRig:
     """Read a rig.json; raise InputError if the rig is invalid."""
     with refusing(f"cannot read '{file}'", "give a rig.json with width, height, k and baseline_m"):
-        found = msgspec.json.decode(read_bytes(file, MAX_TEXT_BYTES).removeprefix(BOM), type=_RigFile)
+        content = msgspec.json.decode(read_bytes(file, MAX_TEXT_BYTES).removeprefix(BOM), type=_RigFile)
     with refusing(f"'{file}'"):
-        fx, skew, cx, low, fy, cy, *last = found.k
+        fx, skew, cx, low, fy, cy, *last = content.k
         if (skew, low, *last) != (0, 0, 0, 0, 1):
-            raise GeometryError(f"k is {list(found.k)}: [fx, 0, cx, 0, fy, cy, 0, 0, 1] is required")
-        pose = found.T_rb_locsb
+            raise GeometryError(f"k is {list(content.k)}: [fx, 0, cx, 0, fy, cy, 0, 0, 1] is required")
+        pose = content.T_rb_locsb
         T_rb_sb = None if pose is None else Transform.from_quat(pose.translation_m, pose.quat_xyzw)
         # computed as from camera_info messages, so that a rig from a file and from topics is bit-identical
-        baseline_m = baseline_from_projection(fx, -(fx * found.baseline_m)) if fx else found.baseline_m
-        rig = StereoRig(found.width, found.height, fx, fy, cx, cy, baseline_m, T_rb_sb)
+        baseline_m = baseline_from_projection(fx, -(fx * content.baseline_m)) if fx else content.baseline_m
+        rig = StereoRig(content.width, content.height, fx, fy, cx, cy, baseline_m, T_rb_sb)
     check_centre(cx, cy, (rig.width, rig.height), f"'{file}'")
     check_baseline(baseline_m, f"'{file}'")
     return rig

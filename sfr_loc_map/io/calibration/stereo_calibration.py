@@ -184,12 +184,14 @@ def _bouguet(
     with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
         try:
             if left.model in FISHEYE:
-                found = cv2.fisheye.stereoRectify(*pair, flags=cv2.CALIB_ZERO_DISPARITY, balance=0)[:4]
+                matrices = cv2.fisheye.stereoRectify(*pair, flags=cv2.CALIB_ZERO_DISPARITY, balance=0)[:4]
             else:
-                found = cv2.stereoRectify(*pair, flags=cv2.CALIB_ZERO_DISPARITY, alpha=0)[:4]
+                matrices = cv2.stereoRectify(*pair, flags=cv2.CALIB_ZERO_DISPARITY, alpha=0)[:4]
         except cv2.error as error:
             raise ValueError(str(error)) from error
-    rotations, projections = ([np.asarray(matrix, np.float64) for matrix in part] for part in (found[:2], found[2:]))
+    rotations, projections = (
+        [np.asarray(matrix, np.float64) for matrix in part] for part in (matrices[:2], matrices[2:])
+    )
     if _coverage_problem(cameras, rotations, projections):
         projections = [*_kept_projections(cameras, rotations, float(projections[1][0, 3] / projections[1][0, 0]))]
         if problem := _coverage_problem(cameras, rotations, projections):

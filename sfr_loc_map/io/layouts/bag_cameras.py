@@ -143,13 +143,13 @@ def _by_file(topics: CameraTopics, calibration: CalibrationConfig) -> BagCameras
     if topics.layout:
         image, _ = topics.left_and_right([image])
     height, width = image.shape
-    found = read_calibration(Path(calibration.file), (width, height), calibration.baseline_m)
+    stereo = read_calibration(Path(calibration.file), (width, height), calibration.baseline_m)
     if not topics.layout:
         left_name, right_name = (each.bag_name for each in topics.images)
         sides = " and ".join(f"{task.rig}/{side}" for side in SIDES)
         with naming(bag.path):
-            found.pair.check_images(left_name, right_name, f"Exchange the topics of {sides} in 'topics' of sfr.yaml")
-    return BagCameras(found.rig, found.rectifier, str(message.header.frame_id), found.pair.text)
+            stereo.pair.check_images(left_name, right_name, f"Exchange the topics of {sides} in 'topics' of sfr.yaml")
+    return BagCameras(stereo.rig, stereo.rectifier, str(message.header.frame_id), stereo.pair.text)
 
 
 def _by_camera_info(topics: CameraTopics, baseline_m: float) -> BagCameras:

@@ -70,20 +70,20 @@ def index_of_drive(topics: CameraTopics, sync: SyncConfig) -> BagIndex:
 def index_of_mapping(topics: MappingTopics, cameras: BagCameras, sync: SyncConfig, frames: FramesConfig) -> BagIndex:
     """Read the index of mapping pairs; a warning reports pairs without a pose."""
     bag, points, poses = topics.cameras.bag, topics.points, topics.poses
-    found = _read(topics.cameras, points, poses)
-    pairs = _image_pairs(topics.cameras, found.stamps_ns, replace(sync, right_offset_s=0.0))
+    messages = _read(topics.cameras, points, poses)
+    pairs = _image_pairs(topics.cameras, messages.stamps_ns, replace(sync, right_offset_s=0.0))
     if points is not None:
-        matched = match_stamps(list(pairs), found.stamps_ns[points.name], sync.stamp_tolerance_ns)
+        matched = match_stamps(list(pairs), messages.stamps_ns[points.name], sync.stamp_tolerance_ns)
         for stamp_ns, points_ns in matched.items():
             pairs[stamp_ns][points.name] = points_ns
     if poses is None:
         T_rb_navsb = head_poses(bag, cameras.frame, cameras.rig.baseline_m, tuple(pairs), frames)
         return BagIndex(pairs, (), dict(zip(pairs, T_rb_navsb, strict=True)))  # LM is RB (docs/formats.md)
-    pose_of_pair = _matching_poses(bag, list(pairs), found.poses, sync)
+    pose_of_pair = _matching_poses(bag, list(pairs), messages.poses, sync)
     return BagIndex(
         {stamp_ns: pairs[stamp_ns] | {poses.name: pose_ns} for stamp_ns, pose_ns in pose_of_pair.items()},
         tuple(stamp_ns for stamp_ns in pairs if stamp_ns not in pose_of_pair),
-        {stamp_ns: found.poses[pose_ns] for stamp_ns, pose_ns in pose_of_pair.items()},
+        {stamp_ns: messages.poses[pose_ns] for stamp_ns, pose_ns in pose_of_pair.items()},
     )
 
 
@@ -149,15 +149,15 @@ def _image_pairs(cameras: CameraTopics, stamps_ns: Mapping[str, Sequence[int]], 
 
 def _matching_poses(bag: Bag, pairs_ns: Sequence[int], poses_ns: Collection[int], sync: SyncConfig) -> dict[int, int]:
     """Return the stamp of the pose of each pair that has one; InputError if no pair has a pose."""
-    found = match_stamps(pairs_ns, sorted(poses_ns), sync.stamp_tolerance_ns)
-    without = [stamp_ns for stamp_ns in pairs_ns if stamp_ns not in found]
+    pose_of_pair = match_stamps(pairs_ns, sorted(poses_ns), sync.stamp_tolerance_ns)
+    without = [stamp_ns for stamp_ns in pairs_ns if stamp_ns not in pose_of_pair]
     if not without:
-        return found
+        return pose_of_pair
     text = (
         f"bag '{bag.path}': no message on '{NAV_POSE}' for {len(without)} of {len(pairs_ns)} mapping pairs, the first "
         f"with stamp {without[0]}"
     )
-    if not found:
+    if not pose_of_pair:
         raise InputError(f"{text}: record a pose with the stamp of each pair")
     _log.warning(f"{text}: these pairs are skipped")
-    return found
+    return pose_of_pair

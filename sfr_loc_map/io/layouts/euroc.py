@@ -25,8 +25,7 @@ from sfr_loc_map.io.calibration.programs.euroc import SensorPose, euroc_pair
 from sfr_loc_map.io.calibration.rectification import StereoRectifier
 from sfr_loc_map.io.calibration.stereo_calibration import calibrated, pose_of_rig
 from sfr_loc_map.io.image_codec import encode_png
-from sfr_loc_map.io.layouts.image_files import ImageFileSequence, ImagePair, complete_pairs
-from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
+from sfr_loc_map.io.layouts.image_files import ImageFileSequence, complete_pairs, paired_files
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
@@ -53,11 +52,9 @@ def open_euroc(path: Path, config: SourceConfig) -> Source:
     folder = path / "mav0" if (path / "mav0").is_dir() else path
     rig, rectifier = _rig_of(folder)
     left, right = (_load_list(folder / name / "data.csv") for name in CAMERAS)
-    stamps = stereo_pairs(list(left), list(right), config.sync, f"'{folder}'")
-    pairs = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in stamps.items()]
+    pairs, single_ns = paired_files(left, right, config.sync, f"'{folder}'")
     complete, missing_ns = complete_pairs(pairs, f"'{folder}'")
-    missing_ns = tuple(sorted((*missing_ns, *without_partner(list(left), stamps))))
-    loc = ImageFileSequence(rig, complete, missing_ns, rectifier=rectifier)
+    loc = ImageFileSequence(rig, complete, sorted((*missing_ns, *single_ns)), rectifier=rectifier)
     loc = loc.configured(path, config, _load_truth(folder))
     return Source(path, SourceFormat.EUROC, loc, None, config=config, own_extrinsics=rig.T_rb_sb)
 

@@ -118,8 +118,8 @@ def _read_pairs_folder(folder: Path) -> _PairsFolder:
     if not pairs:
         raise InputError(f"'{table}' lists no pair: at least one is required")
     check_unit([pair.stamp_ns for pair in pairs], f"'{table}'", shortest_ns=SHORTEST_IMAGE_STEP_NS)
-    found, missing_ns = complete_pairs(pairs, f"'{table}'")
-    return _PairsFolder(folder, rig, len(header) > len(LOC_COLUMNS), found, missing_ns)
+    complete, missing_ns = complete_pairs(pairs, f"'{table}'")
+    return _PairsFolder(folder, rig, len(header) > len(LOC_COLUMNS), complete, missing_ns)
 
 
 def _parse_pair(table: Path, number: int, row: Mapping[str, str]) -> ImagePair:

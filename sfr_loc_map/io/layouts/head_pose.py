@@ -34,8 +34,8 @@ def head_poses(
     """
     stamps = np.array(stamps_ns, np.int64)
     with refusing(f"bag '{bag.path}'", "record it again"):
-        found = _by_tf(bag, camera_frame, baseline_m, stamps, frames.base.strip("/"))
-        return _by_joints(bag, camera_frame, stamps, frames) if found is None else found
+        poses = _by_tf(bag, camera_frame, baseline_m, stamps, frames.base.strip("/"))
+        return _by_joints(bag, camera_frame, stamps, frames) if poses is None else poses
 
 
 def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, base: str) -> list[Transform] | None:
@@ -101,15 +101,16 @@ def _joint_angles(bag: Bag) -> dict[str, list[tuple[int, float]]]:
 
 def _joint_name(names: Collection[str], kind: str, wanted: str, where: str, camera_frame: str) -> str:
     """Return the name of the pan or tilt joint; InputError if no joint or several joints match."""
-    found = [name for name in names if (name == wanted if wanted else kind in name.lower())]
-    found = [name for name in found if kind in re.split("[^a-z]+", name.lower())] or found  # 'panel' contains 'pan'
-    if len(found) != 1:
+    matching = [name for name in names if (name == wanted if wanted else kind in name.lower())]
+    as_word = [name for name in matching if kind in re.split("[^a-z]+", name.lower())]
+    matching = as_word or matching  # 'panel' contains 'pan'
+    if len(matching) != 1:
         raise InputError(
-            f"{where} has no transforms from the rover to '{camera_frame}', and {len(found)} joints match "
+            f"{where} has no transforms from the rover to '{camera_frame}', and {len(matching)} joints match "
             f"'{wanted or kind}' among {', '.join(sorted(names)) or '(none)'}: one joint is required; record /tf, "
             f"nav/pose or sensor_msgs/JointState, or set frames.base, frames.pan_joint, frames.tilt_joint"
         )
-    return found[0]
+    return matching[0]
 
 
 def _angles_at(stamps_ns: IntArray, recorded: Sequence[tuple[int, float]], where: str) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +14,8 @@ from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.calibration.rectification import StereoRectifier
 from sfr_loc_map.io.image_codec import SampleDepth, read_samples
-from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
+from sfr_loc_map.io.source_config import SourceConfig, SyncConfig
 from sfr_loc_map.io.stamps.stamp_checks import check_stamp_order
 from sfr_loc_map.io.truth.read import truth_of_data_set
 from sfr_loc_map.io.truth.recorded import RecordedTruth
@@ -34,6 +35,19 @@ class ImagePair:
     right: Path
     T_lm_navsb: Transform | None = None
     truth: Path | None = None
+
+
+def paired_files(
+    left: Mapping[int, Path], right: Mapping[int, Path], sync: SyncConfig, where: str
+) -> tuple[list[ImagePair], tuple[int, ...]]:
+    """Return the pairs of left and right images by their stamps, ns, and the stamps of left images without a partner.
+
+    InputError if there is no pair; warnings report images without a partner.
+    """
+    left_ns = sorted(left)
+    right_of = stereo_pairs(left_ns, sorted(right), sync, where)
+    pairs = [ImagePair(stamp_ns, left[stamp_ns], right[right_ns]) for stamp_ns, right_ns in right_of.items()]
+    return pairs, without_partner(left_ns, right_of)
 
 
 def complete_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], tuple[int, ...]]:

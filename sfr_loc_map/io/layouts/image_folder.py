@@ -13,8 +13,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.image_codec import read_grey
-from sfr_loc_map.io.layouts.image_files import ImageFileSequence, ImagePair
-from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs, without_partner
+from sfr_loc_map.io.layouts.image_files import ImageFileSequence, paired_files
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_format import SourceFormat, image_folders, images_in
@@ -39,22 +38,21 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
     (left, unit), (right, _) = (_by_stamp(folder) for folder in folders)
     if unit != "ns":
         _log.warning(f"'{path}': the names of the images are read as stamps in {UNIT_WORDS[TIMES[unit]]}")
-    pairs = stereo_pairs(sorted(left), sorted(right), config.sync, f"'{path}'")
-    entries = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in pairs.items()]
-    height, width = read_grey(entries[0].left).shape
-    found = read_calibration(Path(config.calibration.file), (width, height))
+    pairs, single_ns = paired_files(left, right, config.sync, f"'{path}'")
+    height, width = read_grey(pairs[0].left).shape
+    calibration = read_calibration(Path(config.calibration.file), (width, height))
     left_name, right_name = (folder.name for folder in folders)
-    found.pair.check_images(left_name, right_name, f"Rename the folders in '{path}' to right/ and left/")
-    missing_ns = without_partner(sorted(left), pairs)
-    loc = ImageFileSequence(found.rig, entries, missing_ns, rectifier=found.rectifier).configured(path, config, None)
+    calibration.pair.check_images(left_name, right_name, f"Rename the folders in '{path}' to right/ and left/")
+    loc = ImageFileSequence(calibration.rig, pairs, single_ns, rectifier=calibration.rectifier)
+    loc = loc.configured(path, config, None)
     return Source(
         path,
         SourceFormat.IMAGES,
         loc,
         None,
         config=config,
-        own_extrinsics=found.rig.T_rb_sb,
-        calibration=found.pair.text,
+        own_extrinsics=calibration.rig.T_rb_sb,
+        calibration=calibration.pair.text,
     )
 
 

@@ -79,8 +79,8 @@ class CellGrid:
         order = sorted(set(columns))
         text = self.text if len(order) == self.width else self._text_of(order)
         text = text.replace(b"-0,", b"-0.0,")  # JSON has no negative zero among its integers
-        found = np.array(_numbers.decode(b"[" + text[:-1] + b"]"), np.float64).reshape(len(self.ends), -1)
-        return found if tuple(order) == columns else found[:, [order.index(column) for column in columns]]
+        table = np.array(_numbers.decode(b"[" + text[:-1] + b"]"), np.float64).reshape(len(self.ends), -1)
+        return table if tuple(order) == columns else table[:, [order.index(column) for column in columns]]
 
     def _text_of(self, columns: list[int]) -> bytes:
         """Return the cells of columns in ascending order, each followed by a comma."""

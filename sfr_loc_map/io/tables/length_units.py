@@ -43,7 +43,7 @@ def unit_in_comment(text: str) -> str:
     A unit is in brackets, or follows `in`, `unit`, a colon or an equals sign; names with a prefix, such as millimetres,
     are found anywhere. Examples: `positions in feet`, `length_unit=mm`, `all lengths [mm]`, `Translation: mm`.
     """
-    found = _MENTION.search(text)
-    if found is None:
+    mention = _MENTION.search(text)
+    if mention is None:
         return ""
-    return length_symbol(next(group for group in found.groups() if group))
+    return length_symbol(next(group for group in mention.groups() if group))

@@ -107,11 +107,11 @@ def _values(files: Sequence[Path]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for file in files:
         with refusing(f"calibration '{file}'"):
-            found = named_values(file)
-        for name in sorted(values.keys() & found.keys()):
-            if _is_read(name) and not are_equal(values[name], found[name]):
+            of_file = named_values(file)
+        for name in sorted(values.keys() & of_file.keys()):
+            if _is_read(name) and not are_equal(values[name], of_file[name]):
                 raise ValueError(f"{name} differs between '{files[0]}' and '{file}': rename or remove one of the files")
-        values |= found
+        values |= of_file
     return values
 
 
