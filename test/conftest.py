@@ -17,7 +17,7 @@ from sfr_loc_map.signals import END_SIGNALS
 
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # before any message class is imported
 
-# What an example costs by the clock, on a busy host, says nothing of the code. Campaigns try more examples.
+# The time of an example depends on the load of the host, so no example has a deadline.
 hypothesis.settings.register_profile(
     "busy_host", deadline=None, max_examples=30, suppress_health_check=[hypothesis.HealthCheck.too_slow]
 )

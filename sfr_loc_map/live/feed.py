@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from threading import Event, Thread
 from typing import Any
@@ -292,16 +292,8 @@ class RosFeed(Peer):
         self._truth.follow([str(info.topic_type) for info in published])
         names = self.ros_node.get_node_names_and_namespaces()
         nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)
-        self._state.put(updates.GraphNodes(nodes, time.time(), self._lost_by_name()))
+        self._state.put(updates.GraphNodes(nodes, time.time(), lost_by_topic(self.count_losses())))
         self._publish_connected_nodes()
-
-    def _lost_by_name(self) -> dict[str, int]:
-        """Return the number of lost messages by the name of the topic in the state: that of the camera for images."""
-        found = Counter[str]()
-        for topic, count in self.count_losses().items():
-            camera = topic.rpartition("/image_")[0]
-            found[camera or topic] += count
-        return found
 
     def _publish_connected_nodes(self) -> None:
         """Publish which nodes of the suite are connected, if the set has grown.
@@ -318,3 +310,15 @@ class RosFeed(Peer):
         if found:
             self._connected_nodes |= found
             self._connected_publisher.publish(String(data=" ".join(sorted(self._connected_nodes))))
+
+
+def lost_by_topic(losses: Mapping[str, int]) -> dict[str, int]:
+    """Return the number of lost messages of each topic of the state, which has one topic for all images of a camera.
+
+    `losses` has the numbers by the names of the subscribed topics, such as `loc/left/image_rect/compressed`.
+    """
+    found = Counter[str]()
+    for topic, count in losses.items():
+        camera, _, _ = topic.rpartition("/image_")
+        found[camera or topic] += count
+    return found

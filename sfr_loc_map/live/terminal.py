@@ -102,9 +102,10 @@ def one_line_of(state: LiveState, now_s: float) -> str:
         live, score = live_values(state, now_s), score_values(state)
     shown = live["headline"]
     parts = [clock_time(now_s), f"{_word(shown)}: {shown['text'].rstrip('.')}"]
-    for headings, rows in _figures(score):
+    for columns, rows in _figures(score):
+        headings = [column["heading"] for column in columns if not column["words"]]
         for title, unit, *numbers in rows:
-            known = [f"{heading} {text}" for heading, text in zip(headings[2:], numbers, strict=True) if text != ABSENT]
+            known = [f"{heading} {text}" for heading, text in zip(headings, numbers, strict=True) if text != ABSENT]
             parts.append(f"{title}, {unit} {' '.join(known)}")
     parts += _now(live)
     for node in live["nodes"]:
@@ -138,10 +139,10 @@ def _parts(
             limits.add_row(verdict, bar["name"], bar["value"], bar["limit"], bar["margin"])
         yield limits
     yield from map(Text, _notes(live, score))
-    for headings, rows in _figures(score):
+    for columns, rows in _figures(score):
         grid = Grid(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
-        for place, heading in enumerate(headings):
-            grid.add_column(Text(heading), justify="left" if place < 2 else "right", overflow="fold")
+        for column in columns:
+            grid.add_column(Text(column["heading"]), justify="left" if column["words"] else "right", overflow="fold")
         for row in rows:
             grid.add_row(*map(Text, row))
         yield grid
@@ -151,12 +152,11 @@ def _word(shown: dict[str, str]) -> str:
     return ", ".join(filter(None, (f"{shown['icon']} {shown['word']}", shown["age"])))
 
 
-def _figures(score: dict[str, Any]) -> Iterator[tuple[list[str], list[list[str]]]]:
-    """Yield headings and rows of the table of headline figures: name and unit, then numbers."""
+def _figures(score: dict[str, Any]) -> Iterator[tuple[list[dict[str, Any]], list[list[str]]]]:
+    """Yield the columns and the rows of the table of headline figures: name and unit, then numbers."""
     for table in score["tables"]:
         if table["name"] == "headline":
-            headings = [column["heading"] for column in table["columns"]]
-            yield headings, [[cell.get("text", "") for cell in row] for row in table["rows"]]
+            yield table["columns"], [[cell.get("text", "") for cell in row] for row in table["rows"]]
 
 
 def _node_words(node: dict[str, Any], live: dict[str, Any]) -> list[Text | str]:

@@ -43,7 +43,8 @@ class AnswerBook(Generic[Content]):
         self._sent_s: dict[int, float] = {}  # by stamp: time of the last image of a pair
         self._latency_s: dict[int, float] = {}  # by stamp: latency of the first answer
         self._early: list[tuple[int, Answer[Content]]] = []  # stamps of no pair yet and answers, the oldest first
-        self._dropped_ns: list[int] = []  # stamps of dropped early answers
+        self._dropped = 0  # number of dropped early answers
+        self._first_dropped_ns: int | None = None
         self._unanswered_in_a_row = 0
         self._faults = FindingCounts()  # answers with a fault
         self._crash: FindingRecord | None = None
@@ -86,7 +87,9 @@ class AnswerBook(Generic[Content]):
             self._count_other_frames(stamp_ns, answer)
         if len(self._early) > MAX_EARLY:
             oldest_ns, _ = self._early.pop(0)
-            self._dropped_ns.append(oldest_ns)
+            self._dropped += 1
+            if self._first_dropped_ns is None:
+                self._first_dropped_ns = oldest_ns
         return None
 
     def note_restart(self, how: str) -> None:
@@ -125,7 +128,7 @@ class AnswerBook(Generic[Content]):
             early=self._faults.count(FindingKind.EARLY),
             late=self._faults.count(FindingKind.LATE),
             doubled=self._faults.count(FindingKind.DOUBLED),
-            other_stamp=len(self._unassigned_ns),
+            other_stamp=self._unassigned,
             other_frame=self._faults.count(FindingKind.OTHER_FRAME),
             not_usable=sum(self._faults.count(kind) for kind in UNUSABLE),
         )
@@ -135,10 +138,11 @@ class AnswerBook(Generic[Content]):
         """One finding for each kind of fault."""
         found = [] if self._crash is None else [self._crash]
         found += self._faults.records
-        if stamps_ns := self._unassigned_ns:
+        if count := self._unassigned:
+            first_ns = self._early[0][0] if self._first_dropped_ns is None else self._first_dropped_ns
             kind = FindingKind.WRONG_STAMP
             text = "no pair has this stamp"
-            found.append(FindingRecord(kind=kind, count=len(stamps_ns), first_stamp_ns=stamps_ns[0], text=text))
+            found.append(FindingRecord(kind=kind, count=count, first_stamp_ns=first_ns, text=text))
         if missing_ns := self._missing_ns:
             text = f"no answer within {self._timeout_s:g} s"
             if self._is_given_up:
@@ -168,9 +172,9 @@ class AnswerBook(Generic[Content]):
         return FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=last_ns, text=how)
 
     @property
-    def _unassigned_ns(self) -> list[int]:
-        """Stamps of the answers to no pair, the oldest answer first."""
-        return [*self._dropped_ns, *(stamp_ns for stamp_ns, _ in self._early)]
+    def _unassigned(self) -> int:
+        """Number of the answers to no pair."""
+        return self._dropped + len(self._early)
 
     def _has_required_frames(self, answer: Answer[Content]) -> bool:
         """Return whether an answer has the required frames, or whether these are unknown."""

@@ -87,7 +87,8 @@ class ResultCollector:
         except InputError as error:
             if task is not self.received.external_task:
                 raise
-            self.received.refused_calls.append(str(error))  # an external node need not report its calls
+            self.received.refused_calls += 1  # an external node need not report its calls
+            self.received.first_refusal = self.received.first_refusal or str(error)
             return
         self.received.of(task).add_call(call)
 

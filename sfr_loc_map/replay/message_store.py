@@ -224,7 +224,8 @@ class Received:
     drive: ReceivedDrive = field(default_factory=ReceivedDrive)
     maps: ReceivedMaps = field(default_factory=ReceivedMaps)
     external_task: Task | None = None  #: Task of the external node; None without one.
-    refused_calls: list[str] = field(default_factory=list)  #: Why calls of an external node are invalid.
+    refused_calls: int = 0  #: Number of invalid calls of an external node.
+    first_refusal: str = ""  #: Why the first of these calls is invalid.
 
     @classmethod
     def without_messages(cls, external_task: Task | None) -> Received:
@@ -263,6 +264,7 @@ class Received:
             nav_pairs=PairCounts(len(maps.sent_ns), len(maps.mapped_ns)),
             clouds=len(maps.clouds),
             refused_calls=self.refused_calls,
+            first_refusal=self.first_refusal,
             rate=rate,
             settings=settings,
         )

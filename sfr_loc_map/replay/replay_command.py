@@ -116,7 +116,7 @@ def _remarks(result: ReplayResult) -> Iterator[str]:
         answers = node.score.answers
         yield f"external node {node.method.name}: {answers.answered} of {answers.pairs} pairs answered"
         if refused := result.refused_calls:
-            yield f"external node {node.method.name}: {len(refused)} of its calls ignored, the first: {refused[0]}"
+            yield f"external node {node.method.name}: {refused} of its calls ignored, the first: {result.first_refusal}"
 
 
 def _check_diagnosis(source: Source, options: ReplayOptions) -> None:

@@ -69,7 +69,8 @@ class ReplayResult:
     loc_pairs: PairCounts = field(default_factory=PairCounts)  #: Pairs of the localisation cameras.
     nav_pairs: PairCounts = field(default_factory=PairCounts)  #: Pairs of the navigation cameras.
     clouds: int = 0  #: Number of received clouds, complete or not.
-    refused_calls: Sequence[str] = ()  #: Why calls of an external node are invalid; such calls are ignored.
+    refused_calls: int = 0  #: Number of invalid calls of an external node, which are ignored.
+    first_refusal: str = ""  #: Why the first of these calls is invalid.
     was_interrupted: bool = False  #: Whether a signal ended the replay early.
     error: SfrError | None = None  #: Error that ended the replay early; the result has what was received until then.
     rate: float | None = None  #: Multiple of the recorded speed at which the source was played; None in lock step.

@@ -8,9 +8,11 @@ from collections.abc import Iterator
 def mutations(content: object) -> Iterator[object]:
     """Yield JSON values in which one value is replaced, or removed from its object.
 
-    A value is replaced by null, by the empty value of its own type, and by a filled value of another type.
+    A value is replaced by null unless it is null, by the empty value of its own type unless it is empty, and by a
+    filled value of another type.
     """
-    yield None
+    if content is not None:
+        yield None
     if content:
         yield type(content)()
     yield {"path": {}} if isinstance(content, list) else [{}]

@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.live.feed import RosFeed
+from sfr_loc_map.live.feed import RosFeed, lost_by_topic
 from sfr_loc_map.live.page_process import connected_nodes_topic
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
@@ -27,7 +27,7 @@ from sfr_loc_map.ros.image_messages import image_msg
 from sfr_loc_map.ros.messages import header_msg, message_type
 from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.ros.statuses import status_msg
-from sfr_loc_map.topics import DIAGNOSTICS, IMAGES
+from sfr_loc_map.topics import DIAGNOSTICS, ESTIMATE, IMAGES
 
 PIXELS = np.arange(64 * 48, dtype=np.uint16).reshape(48, 64).astype(np.uint8)
 
@@ -137,3 +137,8 @@ def test_an_exception_of_a_map_is_logged_unless_the_message_is_invalid(
         feed._map_worker.enqueue(fail)
         feed._map_worker.wait_idle()
     assert ("live: KeyError('a defect')" in capfd.readouterr().err) == isinstance(error, KeyError)
+
+
+def test_the_losses_of_all_transports_of_a_camera_are_added() -> None:
+    losses = {"loc/left/image_rect": 1, "loc/left/image_rect/compressed": 2, "loc/right/image_raw": 4, ESTIMATE: 8}
+    assert lost_by_topic(losses) == {"loc/left": 3, "loc/right": 4, ESTIMATE: 8}

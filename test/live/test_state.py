@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.live_run import NODES, call, fill, frame, health, scored
@@ -170,7 +170,6 @@ updates = st.one_of(
 )
 
 
-@settings(max_examples=30)
 @given(st.lists(updates, max_size=6))
 def test_whatever_comes_the_state_can_be_told(found: list[Update]) -> None:
     state = LiveState()

@@ -98,6 +98,8 @@ def test_an_early_answer_that_was_dropped_is_not_an_answer(book: AnswerBook[int]
     for stamp_ns in range(MAX_EARLY + 2):
         assert book.note_answer(stamp_ns, "ds -> rb", None, stamp_ns) is None
     assert book.counts.other_stamp == MAX_EARLY + 2
+    (finding,) = [item for item in book.findings if item.kind is FindingKind.WRONG_STAMP]
+    assert (finding.count, finding.first_stamp_ns) == (MAX_EARLY + 2, 0)
     assert [book.note_sent(stamp_ns, 10.0) for stamp_ns in (1, 2)] == [None, 2]
     assert (book.counts.answered, book.counts.missing, book.counts.other_stamp) == (1, 1, MAX_EARLY + 1)
 
