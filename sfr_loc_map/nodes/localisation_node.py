@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
@@ -113,11 +112,6 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     task = Task.LOCALISATION
     live_parameters = ("localisation.",)
     config_type = LocalisationNodeConfig
-
-    def __init__(self, name: str = "", **options: Any) -> None:  # noqa: ANN401
-        """Create the node; `options` are passed to `rclpy.node.Node`."""
-        super().__init__(name, **options)
-        self.begin()
 
     def check_config(self, config: LocalisationNodeConfig) -> None:
         """Check frames, extrinsics and masks; if the rig is known, also create a localiser to check all parameters."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid
@@ -75,11 +75,6 @@ class MappingNode(PairNode[MappingNodeConfig]):
     task = Task.MAPPING
     live_parameters = ("mapping.",)
     config_type = MappingNodeConfig
-
-    def __init__(self, name: str = "", **options: Any) -> None:  # noqa: ANN401
-        """Create the node; `options` are passed to `rclpy.node.Node`."""
-        super().__init__(name, **options)
-        self.begin()
 
     def check_config(self, config: MappingNodeConfig) -> None:
         """Check the frames, and create a mapper to check the parameters; `ANY_RIG` replaces a rig that is unknown."""

@@ -144,13 +144,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     config_type = MonitorNodeConfig
     foreign_parameters = tuple(f"input.{item.name}" for item in fields(StereoInputConfig))
 
-    def __init__(self, name: str = "", **options: Any) -> None:  # noqa: ANN401
-        """Create the node; `options` are passed to `rclpy.node.Node`."""
-        super().__init__(name, **options)
-        self._received_ns: tuple[int, int] | None = None  # earliest and latest stamp of the data of the present score
-        self._discards = 0  # number of discarded intervals in the life of the node
-        self._discarded: tuple[DiscardedInterval, ...] = ()  # the latest of them
-        self.begin()
+    _received_ns: tuple[int, int] | None = None  # earliest and latest stamp of the data of the present score
+    _discards = 0  # number of discarded intervals in the life of the node
+    _discarded: tuple[DiscardedInterval, ...] = ()  # the latest of them
 
     def check_config(self, config: MonitorNodeConfig) -> None:
         """Check the frames of the ground truth."""

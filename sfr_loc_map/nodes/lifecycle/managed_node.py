@@ -85,9 +85,9 @@ class ManagedNode(LifecycleNode, Generic[C]):
     _worker: Worker | None = None
 
     def __init__(self, name: str = "", **options: Any) -> None:  # noqa: ANN401
-        """Declare the parameters as set by files and command line; `options` are passed to `rclpy.node.Node`.
+        """Declare the parameters as set by files and command line, create the state, and check the configuration.
 
-        The constructor of a node ends with `begin`.
+        `options` are passed to `rclpy.node.Node`.
         """
         self.state: str = NodeState.UNCONFIGURED  # state, or transition in progress
         super().__init__(name or f"{self.task}_node", automatically_declare_parameters_from_overrides=True, **options)
@@ -110,9 +110,6 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._health_timer = self.create_timer(self.config.health.period_s, publish_health, clock=steady)
         self._service_group = MutuallyExclusiveCallbackGroup()
         self._answer_invalid_transitions()
-
-    def begin(self) -> None:
-        """Create the state of the node, and check its configuration."""
         self.reset_state()
         self.check_config(self.config)
 
@@ -130,7 +127,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def reset_state(self) -> None:
         """Create the state of the node, without input and results.
 
-        Called at the end of the constructor (`begin`), at each configuration before `setup`, and at each clean-up.
+        Called by the constructor, at each configuration before `setup`, and at each clean-up.
         """
 
     def clock_jumped_back(self) -> None:
