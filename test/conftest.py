@@ -42,11 +42,16 @@ ROS_TESTS = (
 )
 """Folders and files of tests whose modules import ROS."""
 WITHOUT_ROS = (
-    *("nodes/input/test_odometry_buffer.py", "nodes/input/test_pose_matching.py", "nodes/input/test_thinned_path.py"),
-    *("nodes/launch/test_launch_parts.py", "nodes/test_localisation_session.py"),
+    "nodes/launch/test_launch_parts.py",
+    "nodes/localisation/test_localisation_session.py",
+    "nodes/localisation/test_odometry_buffer.py",
+    "nodes/localisation/test_thinned_path.py",
+    "nodes/stereo/test_pose_matching.py",
     "replay/test_answer_book.py",
-    *("replay/test_message_store.py", "replay/test_replay_score.py"),
-    *("ros/test_environment.py", "ros/test_transport.py"),
+    "replay/test_message_store.py",
+    "replay/test_replay_score.py",
+    "ros/test_environment.py",
+    "ros/test_transport.py",
 )
 """Files in these folders that import nothing of ROS."""
 assert all((TESTS / name).exists() for name in (*ROS_TESTS, *WITHOUT_ROS))

@@ -94,7 +94,7 @@ LAYERS = {
 All other modules beside the folders are below them and import none of these.
 """
 ROS_FOLDERS = {"ros", "nodes", "graph", "live", "replay"}
-NODE_FLOORS = ({"lifecycle"}, {"input"}, {""}, {"launch"})
+NODE_FLOORS = ({"lifecycle"}, {"stereo"}, {"localisation", "monitor"}, {""}, {"launch"})
 """Folders of `nodes` from the bottom; the name of the modules beside them is empty."""
 IO_FLOORS = (
     {"number_text"},

@@ -115,7 +115,7 @@ CLAUSES = (
         "3.2.4",
         "LOCSB",
         "The stereo bench frame of the localisation cameras.",
-        ("geometry/stereo.py", "nodes/input/extrinsics.py"),
+        ("geometry/stereo.py", "nodes/localisation/extrinsics.py"),
         "parameter `T_rb_locsb`, in the provenance",
         "The document does not give the pose of this frame in RB. The pose is part of the data set.",
         "as 3.2.3; pose from the data set",

@@ -1,20 +1,23 @@
 """The three ROS 2 nodes, and the processes in which they run.
 
-The path of a stereo pair through a node, in two threads:
+Each node consists of these five parts. Messages are received in the executor's thread and processed in order in the
+worker's thread.
 
-    executor's thread   `input.stereo_input` (images to pairs, by stamps and runs)
-                        -> `pair_node` -> `localisation_node`, or `mapping_node` (waits for the pose of the pair)
-    worker's thread     -> the localiser or the mapper -> results, and the call record
+    executor's thread                                          worker's thread
 
-`monitor_node` passes results and ground truth to its worker in the same way, scores them (`scoring.live`), and
-publishes the score (`score_publisher`) or saves it (`score_file`).
+    images ──► stereo (pairs) ──► pair_node ──┬─► queue ──► localisation_node (localisation) ──► odometry, call
+                                              └─► queue ──► mapping_node ──────────────────────► cloud, call
+    results, ground truth ──► monitor_node (monitor) ──► queue ──► the score ──────────────────► report
+    └─────────────── lifecycle: states, parameters, publishers, the worker and its queue, health ──────────────┘
 
-- `lifecycle`: what the three nodes have in common (`managed_node`): states, parameters, endpoints, health
-- `input`: reception of pairs, poses, extrinsics and true poses; what a node waits for (`missing_input`)
-- `launch`: the nodes as processes; `start` is the first module of such a process
-- `localisation_session`: the localiser of the node, with its start pose; `pose_file`: the pose at which a new process
-  resumes
-- `parameter_files`: writes the files in `config/`
+- `stereo`: images are combined into pairs by their stamps and runs (`stereo_input`); poses for pairs (`pose_matching`);
+  what a node waits for (`missing_input`)
+- `pair_node`: what the localisation node and the mapping node have in common
+- `localisation_node`, `mapping_node`, `monitor_node`: the nodes; `localisation` and `monitor` are their parts
+- `lifecycle`: what the three nodes have in common (`managed_node`)
+- `launch`: the nodes as processes. `start` is the first module of such a process, and `lifecycle.runner` runs its node.
+
+`parameter_files` writes the files in `config/` from the parameters of the nodes.
 """
 
 import lazy_loader

@@ -31,14 +31,14 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.nodes.input.extrinsics import Extrinsics
-from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
-from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
-from sfr_loc_map.nodes.input.thinned_path import ThinnedPath
 from sfr_loc_map.nodes.lifecycle.runner import run
-from sfr_loc_map.nodes.localisation_session import LocalisationSession
+from sfr_loc_map.nodes.localisation.extrinsics import Extrinsics
+from sfr_loc_map.nodes.localisation.localisation_session import LocalisationSession
+from sfr_loc_map.nodes.localisation.odometry_buffer import OdometryBuffer
+from sfr_loc_map.nodes.localisation.pose_file import PoseFile
+from sfr_loc_map.nodes.localisation.thinned_path import ThinnedPath
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, decoded
-from sfr_loc_map.nodes.pose_file import PoseFile
+from sfr_loc_map.nodes.stereo.stereo_input import ReceivedPair
 from sfr_loc_map.ros.image_messages import image_msg
 from sfr_loc_map.ros.messages import header_msg, tf_message_type
 from sfr_loc_map.ros.point_messages import TRACK_FIELDS, float_points_msg

@@ -29,11 +29,11 @@ from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.nodes.input.missing_input import Input
-from sfr_loc_map.nodes.input.pose_matching import PoseMatching
-from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, decoded
+from sfr_loc_map.nodes.stereo.missing_input import Input
+from sfr_loc_map.nodes.stereo.pose_matching import PoseMatching
+from sfr_loc_map.nodes.stereo.stereo_input import ReceivedPair
 from sfr_loc_map.ros.grid_messages import elevation_msg, hazard_msg
 from sfr_loc_map.ros.image_messages import disparity_msg
 from sfr_loc_map.ros.messages import header_msg

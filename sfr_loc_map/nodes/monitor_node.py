@@ -39,14 +39,14 @@ from sfr_loc_map.metrics.figures.records import Provenance
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
-from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
-from sfr_loc_map.nodes.input.stereo_input import StereoInputConfig
-from sfr_loc_map.nodes.input.truth_input import FrameTruthInput, TopicTruthInput, TruthInput
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.runner import run
-from sfr_loc_map.nodes.score_file import ScoreFile
-from sfr_loc_map.nodes.score_publisher import ScorePacing, ScorePublisher
+from sfr_loc_map.nodes.monitor.score_file import ScoreFile
+from sfr_loc_map.nodes.monitor.score_publisher import ScorePacing, ScorePublisher
+from sfr_loc_map.nodes.monitor.truth_input import FrameTruthInput, TopicTruthInput, TruthInput
+from sfr_loc_map.nodes.stereo.camera_info_pair import CameraInfoPair
+from sfr_loc_map.nodes.stereo.stereo_input import StereoInputConfig
 from sfr_loc_map.ros.point_messages import cloud_from_msg
 from sfr_loc_map.ros.pose_messages import covariance_of, odometry_row, transform_from_pose
 from sfr_loc_map.ros.qos import LATCHED, RELIABILITIES, profile

@@ -18,10 +18,10 @@ from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.calls.call_meter import CallMeter
-from sfr_loc_map.nodes.input.missing_input import Input, missing_input
-from sfr_loc_map.nodes.input.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
+from sfr_loc_map.nodes.stereo.missing_input import Input, missing_input
+from sfr_loc_map.nodes.stereo.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
 from sfr_loc_map.ros.transport import latencies
 from sfr_loc_map.run_order import AGREEING
 from sfr_loc_map.suite_names import Task

@@ -25,7 +25,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Image
 
 from helpers.node_scenes import DRIVERS, OPTICAL
-from sfr_loc_map.nodes.input.extrinsics import TF_STATIC
+from sfr_loc_map.nodes.localisation.extrinsics import TF_STATIC
 from sfr_loc_map.ros.environment import start_ros
 from sfr_loc_map.ros.messages import header_msg, tf_message_type
 

@@ -23,7 +23,7 @@ from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.stored.score_json import to_json
-from sfr_loc_map.nodes.score_publisher import RESTS, score_statuses
+from sfr_loc_map.nodes.monitor.score_publisher import RESTS, score_statuses
 from sfr_loc_map.scoring.live.live_score import LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 

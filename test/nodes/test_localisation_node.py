@@ -35,7 +35,7 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
+from sfr_loc_map.nodes.localisation.odometry_buffer import OdometryBuffer
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.ros.messages import header_msg
 from sfr_loc_map.ros.point_messages import tracks_from_msg

@@ -32,7 +32,7 @@ from sfr_loc_map.metrics.stored.comparison import compare_scores
 from sfr_loc_map.metrics.stored.file_check import checked_score
 from sfr_loc_map.metrics.stored.score_json import from_dict
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
-from sfr_loc_map.nodes.score_publisher import figure_topics, score_statuses
+from sfr_loc_map.nodes.monitor.score_publisher import figure_topics, score_statuses
 from sfr_loc_map.report.comparison import comparison_tables
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.methods_page import methods_tables

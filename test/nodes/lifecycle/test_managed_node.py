@@ -21,9 +21,9 @@ from helpers.manager import Capture, LocalNode, Manager, localised
 from helpers.node_scenes import MOUNT, RELIABLE, calls, params, send_infos, send_pair
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.localisation_node import LocalisationNode, LocalisationNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNode
+from sfr_loc_map.nodes.stereo.stereo_input import ReceivedPair
 from sfr_loc_map.ros.messages import header_msg
 from sfr_loc_map.ros.pose_messages import covariance_of
 from sfr_loc_map.ros.statuses import values_of

@@ -39,7 +39,7 @@ from sfr_loc_map.metrics.map.pair_truth import truths_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
-from sfr_loc_map.nodes.score_file import ScoreFile
+from sfr_loc_map.nodes.monitor.score_file import ScoreFile
 from sfr_loc_map.replay.message_store import ExternalDrive, ReceivedDrive
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.scoring.live.live_maps import LiveMaps

@@ -3,7 +3,7 @@
 import pytest
 from sensor_msgs.msg import CameraInfo
 
-from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
+from sfr_loc_map.nodes.stereo.camera_info_pair import CameraInfoPair
 from sfr_loc_map.ros.messages import header_msg
 from sfr_loc_map.suite_names import Side
 

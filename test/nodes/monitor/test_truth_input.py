@@ -15,7 +15,7 @@ from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.truth.config import TruthConfig
-from sfr_loc_map.nodes.input.truth_input import FramePoses
+from sfr_loc_map.nodes.monitor.truth_input import FramePoses
 from sfr_loc_map.run_order import RunOrder
 
 T = TYPESTORE.types

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
+from sfr_loc_map.nodes.localisation.odometry_buffer import OdometryBuffer
 
 MS = 1_000_000
 BEGIN_NS = 1_000_000_000_000

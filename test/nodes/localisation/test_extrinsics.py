@@ -10,7 +10,7 @@ from helpers.node_scenes import DRIVERS, OPTICAL
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
-from sfr_loc_map.nodes.input.extrinsics import Extrinsics
+from sfr_loc_map.nodes.localisation.extrinsics import Extrinsics
 from sfr_loc_map.ros.static_transforms import add_static_transforms
 
 

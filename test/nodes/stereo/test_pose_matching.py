@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.nodes.input.pose_matching import MAX_POSES, MAX_WAITING, PoseMatching
+from sfr_loc_map.nodes.stereo.pose_matching import MAX_POSES, MAX_WAITING, PoseMatching
 
 
 class Matching(PoseMatching[int]):

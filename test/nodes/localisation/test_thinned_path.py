@@ -7,7 +7,7 @@ import pytest
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.nodes.input.thinned_path import ThinnedPath
+from sfr_loc_map.nodes.localisation.thinned_path import ThinnedPath
 
 
 def along(x: float, turn: float = 0.0) -> Transform:

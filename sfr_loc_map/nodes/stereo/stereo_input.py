@@ -17,11 +17,11 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.image_codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
-from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
-from sfr_loc_map.nodes.input.image_losses import ImageLosses
-from sfr_loc_map.nodes.input.missing_input import Input
 from sfr_loc_map.nodes.lifecycle.diagnostics import StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
+from sfr_loc_map.nodes.stereo.camera_info_pair import CameraInfoPair
+from sfr_loc_map.nodes.stereo.image_losses import ImageLosses
+from sfr_loc_map.nodes.stereo.missing_input import Input
 from sfr_loc_map.parallel import both
 from sfr_loc_map.ros.image_messages import check_image
 from sfr_loc_map.ros.qos import RELIABILITIES, profile

@@ -21,7 +21,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.nodes.pose_file import PoseFile
+from sfr_loc_map.nodes.localisation.pose_file import PoseFile
 
 LocaliserFactory = Callable[[StereoRig, LocalisationConfig, StartPose], Localiser]
 

@@ -20,8 +20,8 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
-from sfr_loc_map.nodes.localisation_session import LocalisationSession, completed_pose
-from sfr_loc_map.nodes.pose_file import PoseFile
+from sfr_loc_map.nodes.localisation.localisation_session import LocalisationSession, completed_pose
+from sfr_loc_map.nodes.localisation.pose_file import PoseFile
 
 RIG = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.12)
 OTHER_RIG = replace(RIG, fx=151.0, fy=151.0)
