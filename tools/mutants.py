@@ -88,7 +88,7 @@ class Mutation(NamedTuple):
     instead: str
 
 
-ANSWERS, STORE = "replay/answer_book.py", "suite/store.py"
+ANSWERS, STORE = "replay/external/answer_book.py", "suite/store.py"
 JUDGE = "metrics/judging/judge.py"
 OTHER_FRAMES = "metrics/trajectory/other_frames.py"
 COVERAGE = "metrics/map/coverage.py"

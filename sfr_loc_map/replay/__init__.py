@@ -1,25 +1,20 @@
 """Replay a source through the running nodes.
 
-    source, options ──► session.replay ──► ReplayResult ──► external_poses ──► files ──► replay_score
-                                                                                                │
-                                                                                                ▼ Score
-    in session.replay:
-    arguments_by_node ──► processes of the nodes ──► messages ──► collector, external ──► message_store ──► ReplayResult
-                            ▲                                                                 ▲
-    player ── messages ─────┴── completed pairs ──────────────────────────────────────────────┴──► waiting
+    command line ──► options ──► session ──────────────────► results ──────► score and files
+                                 │ processes of the nodes    ▲
+                                 │ player ──► nodes ─────────┤ collector
+                                 │ waiting ◄─────────────────┤
+                                 │        └─► external node ─┘ external
 
-`replay_command` is the work of `sfr replay`: replay, convert the poses of an external localiser, write the files,
-score.
-`session` starts the processes of the nodes, and connects all nodes of the replay (`connected_replay`). The `Connected`
-replay then plays the source (`play_and_collect`):
-
-- `player` publishes the messages of the source when they are due. `replay_peer` is the ROS node of the replay.
-- `collector` receives the results of the suite's nodes and all calls, and `external` the poses or clouds of a node
-  under test. Both add them to `message_store`, which has a store for each task and also contains the published pairs.
-  Its `result` is the `ReplayResult`.
-- `waiting` waits for the results of each published pair in lock step, and for the missing results at the end. The
-  node of each task is an `AwaitedNode`: a node of the suite, or the external node.
-
-`options` has what is replayed and how. Of an external node, `answer_converters` reads the messages, `answer_book`
-counts the answers, `process_watch` measures the process, and `publisher_check` detects another publisher.
+- **Options.** `options` has what is replayed and how.
+- **Session.** `session` starts the processes of the nodes (`arguments_by_node`), waits until all nodes communicate
+  (`connected_replay`), and plays the source (`play_and_collect`): `player` publishes each message when it is due, and
+  `waiting` waits for the results of each pair in lock step, and for missing results at the end. Both use the ROS node
+  of the replay (`replay_peer`).
+- **Results.** `collector` receives the results of the suite's nodes and all calls. `message_store` contains them, with
+  the published pairs, and returns the `ReplayResult` (`result`).
+- **External node.** `external` is a node under test in place of one of the suite's nodes. Its results are added to the
+  same store.
+- **Score and files.** `replay_command` is the work of `sfr replay`: replay, write the files (`files`), and score the
+  result (`replay_score`).
 """

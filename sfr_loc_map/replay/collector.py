@@ -33,8 +33,9 @@ CLOUD_DEPTH = 10  #: Queue depth of clouds, of which a map has one.
 class ResultCollector:
     """Subscribes to the results of the nodes and to the errors that they report.
 
-    The poses or clouds of an external node are received by `external.ExternalNode`. This class receives all others, and
-    all calls. `peer` is the ROS node of the replay, and `received` contains what was published and received.
+    The poses or clouds of an external node are received by `external.external_node`. This class receives all other
+    results, and all calls. `peer` is the ROS node of the replay, and `received` contains what was published and
+    received.
     """
 
     def __init__(self, peer: ReplayPeer, received: Received) -> None:

@@ -27,7 +27,7 @@ StampedPose = tuple[int, tuple[float, ...], tuple[float, ...]]
 class ReceivedDrive:
     """The published pairs of a drive, and the poses and calls that its localiser has published.
 
-    A later call of our localiser replaces an earlier one of the same stamp.
+    The first call of a stamp counts, as the first answer of an external node does.
     """
 
     sent_ns: set[int] = field(default_factory=set)  #: Stamps of the published pairs.
@@ -41,8 +41,8 @@ class ReceivedDrive:
         self.covariances[pose[0]] = covariance
 
     def add_call(self, call: CallRecord) -> None:
-        """Add a call."""
-        self.calls[call.stamp_ns] = call
+        """Add a call unless there is one of its stamp."""
+        self.calls.setdefault(call.stamp_ns, call)
 
     def has_pair(self, stamp_ns: int) -> bool:
         """Return whether the pose and the call of a pair were received."""
@@ -78,15 +78,6 @@ class ReceivedDrive:
         return [_with_covariance(call, self.covariances.get(stamp_ns)) for stamp_ns, call in calls.items()]
 
 
-@dataclass(slots=True)
-class ExternalDrive(ReceivedDrive):
-    """A drive whose localiser is an external node. The first call of a stamp counts, as its first answer does."""
-
-    def add_call(self, call: CallRecord) -> None:
-        """Add a call unless there is one of its stamp."""
-        self.calls.setdefault(call.stamp_ns, call)
-
-
 class ReceivedCloud(NamedTuple):
     """A cloud of a mapper."""
 
@@ -99,7 +90,7 @@ class ReceivedCloud(NamedTuple):
 class ReceivedMaps:
     """The published pairs of maps, and the clouds and calls that their mapper has published.
 
-    A later call of our mapper replaces an earlier one of the same state and stamp.
+    The first call of a state and stamp counts, as the first answer of an external node does.
     """
 
     sent_ns: set[int] = field(default_factory=set)  #: Stamps of the published pairs.
@@ -111,8 +102,8 @@ class ReceivedMaps:
         self.clouds.append(cloud)
 
     def add_call(self, call: CallRecord) -> None:
-        """Add a call."""
-        self.calls[call.state, call.stamp_ns] = call
+        """Add a call unless there is one of its state and stamp."""
+        self.calls.setdefault((call.state, call.stamp_ns), call)
 
     def has_pair(self, stamp_ns: int) -> bool:
         """Return whether the call of a pair was received."""
@@ -156,11 +147,7 @@ class ReceivedMaps:
 
 @dataclass(slots=True)
 class ExternalMaps(ReceivedMaps):
-    """Maps whose mapper is an external node. The first call of a state and stamp counts, as its first answer does."""
-
-    def add_call(self, call: CallRecord) -> None:
-        """Add a call unless there is one of its state and stamp."""
-        self.calls.setdefault((call.state, call.stamp_ns), call)
+    """Maps whose mapper is an external node."""
 
     @property
     def mapped_ns(self) -> list[int]:
@@ -230,9 +217,8 @@ class Received:
     @classmethod
     def without_messages(cls, external_task: Task | None) -> Received:
         """Return the start of a replay in which an external node has a task; None without one."""
-        drive = ExternalDrive() if external_task is Task.LOCALISATION else ReceivedDrive()
         maps = ExternalMaps() if external_task is Task.MAPPING else ReceivedMaps()
-        return cls(drive, maps, external_task)
+        return cls(maps=maps, external_task=external_task)
 
     def add_pair(self, task: Task, stamp_ns: int) -> None:
         """Add a pair that was published."""

@@ -10,7 +10,7 @@ from sfr_loc_map.errors import ConfigError, NodeError, SfrError, naming
 from sfr_loc_map.io.message_stream import pairs_between
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.replay.external_poses import with_converted_poses
+from sfr_loc_map.replay.external.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.replay_score import files_of_source, score_replay

@@ -25,7 +25,7 @@ class ExternalResult:
     findings: tuple[FindingRecord, ...]  #: Errors in its answers.
     log: str = ""  #: Output of its process; empty if the replay did not start the process.
     convention: ConventionRecord | None = None  #: Conversion of its results; None if nothing was converted.
-    as_published: Trajectory | None = None  #: Its poses before the conversion by `replay.external_poses`.
+    as_published: Trajectory | None = None  #: Its poses before the conversion by `replay.external.external_poses`.
 
     @property
     def task(self) -> Task:

@@ -17,10 +17,10 @@ from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.page_process import shown_on
-from sfr_loc_map.replay.answer_converters import answer_converter
 from sfr_loc_map.replay.arguments_by_node import arguments_by_node, pairs_per_map
 from sfr_loc_map.replay.collector import ResultCollector
-from sfr_loc_map.replay.external import ExternalNode, connected_node
+from sfr_loc_map.replay.external.answer_converters import answer_converter
+from sfr_loc_map.replay.external.external_node import ExternalNode, connected_node
 from sfr_loc_map.replay.message_store import Received
 from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.player import Player, connected_player

@@ -1,7 +1,7 @@
 """The waits of a replay for results: after each pair in lock step, and at the end of the source.
 
 A replay awaits the results of each task from one node: a node of the suite (`OurNode`, `OurMapper`), or the external
-node under test (`external.ExternalNode`).
+node under test (`external.external_node`).
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from sfr_loc_map.metrics.config import CallKind, ScoreConfig
 from sfr_loc_map.metrics.figures.records import FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.metrics.frames.covariance import UPPER
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.replay.message_store import ExternalDrive
+from sfr_loc_map.replay.message_store import ReceivedDrive
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.scoring.results import host_result
@@ -254,7 +254,7 @@ def test_a_call_is_refused_exactly_if_its_file_could_not_be_read(
 @pytest.mark.parametrize("variance", [1e30, math.inf, -1.0, math.nan, 0.0])
 def test_a_published_covariance_that_no_file_may_have_is_bounded_or_unknown(tmp_path: Path, variance: float) -> None:
     """A pose that is lost by its covariance remains lost; a negative variance is unknown."""
-    drive = ExternalDrive()
+    drive = ReceivedDrive()
     drive.add_pose((1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.full((6, 6), variance))
     save_stats(tmp_path / "s.csv", drive.records)
     read = load_call_stats(tmp_path / "s.csv")

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from sfr_loc_map.metrics.figures.records import CallFinding, FindingKind
-from sfr_loc_map.replay.answer_book import EARLY_S, MAX_EARLY, MAX_IN_A_ROW, AnswerBook
+from sfr_loc_map.replay.external.answer_book import EARLY_S, MAX_EARLY, MAX_IN_A_ROW, AnswerBook
 
 TIMEOUT_S = 1.0
 PAIR_NS = 1_000

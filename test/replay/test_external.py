@@ -20,8 +20,8 @@ from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.methods.method_call import MethodFailureError
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, converted
 from sfr_loc_map.metrics.figures.records import FindingKind, FindingRecord
-from sfr_loc_map.replay.answer_converters import CloudConverter, PoseConverter
-from sfr_loc_map.replay.external import ExternalNode
+from sfr_loc_map.replay.external.answer_converters import CloudConverter, PoseConverter
+from sfr_loc_map.replay.external.external_node import ExternalNode
 from sfr_loc_map.replay.message_store import ExternalMaps, ReceivedDrive
 from sfr_loc_map.replay.options import ExternalOptions
 from sfr_loc_map.ros.messages import header_msg

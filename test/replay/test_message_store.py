@@ -5,14 +5,7 @@ import pytest
 
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.replay.message_store import (
-    ExternalDrive,
-    ExternalMaps,
-    Received,
-    ReceivedCloud,
-    ReceivedDrive,
-    ReceivedMaps,
-)
+from sfr_loc_map.replay.message_store import ExternalMaps, Received, ReceivedCloud, ReceivedDrive, ReceivedMaps
 from sfr_loc_map.suite_names import Task
 
 
@@ -73,12 +66,11 @@ def test_a_cloud_is_of_the_pairs_that_its_call_names() -> None:
     assert found.map_count == 1
 
 
-@pytest.mark.parametrize("is_external", [False, True])
-def test_a_node_under_test_cannot_state_later_that_a_pose_was_not_lost(is_external: bool) -> None:
-    found = ExternalDrive() if is_external else ReceivedDrive()
+def test_a_node_cannot_state_later_that_a_pose_was_not_lost() -> None:
+    found = ReceivedDrive()
     for state in ("lost", "tracking"):
         found.add_call(CallRecord(10, 0.1, state))
-    assert [call.state for call in found.records] == ["lost" if is_external else "tracking"]
+    assert [call.state for call in found.records] == ["lost"]
 
 
 @pytest.mark.parametrize(
@@ -92,9 +84,8 @@ def test_pairs_without_a_pose_are_missing_however_often_others_are_answered(pose
     assert found.result(None).loc_pairs.missing == missing
 
 
-@pytest.mark.parametrize("is_external", [False, True])
-def test_a_pose_without_a_call_has_a_call_of_unknown_time_and_state(is_external: bool) -> None:
-    found = ExternalDrive() if is_external else ReceivedDrive()
+def test_a_pose_without_a_call_has_a_call_of_unknown_time_and_state() -> None:
+    found = ReceivedDrive()
     for stamp_ns in (10, 20):
         found.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), stamp_ns * np.eye(6))
     found.add_call(CallRecord(20, 0.1, "tracking"))

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
-from sfr_loc_map.replay.process_watch import ProcessWatch, processes_watched
+from sfr_loc_map.replay.external.process_watch import ProcessWatch, processes_watched
 
 OTHER_VENDOR = (1, 16)  #: Cyclone DDS, whose ids do not contain the process id.
 
@@ -70,7 +70,8 @@ def test_a_replay_is_not_the_process_that_its_command_line_names(option: tuple[s
 
 def test_the_shell_that_starts_a_replay_is_not_the_process_that_the_replay_watches() -> None:
     text = f"node_of_{os.getpid()}"
-    watch = "import sys; from sfr_loc_map.replay.process_watch import processes_watched as w; print(w(sys.argv[2], []))"
+    module = "sfr_loc_map.replay.external.process_watch"
+    watch = f"import sys; from {module} import processes_watched as w; print(w(sys.argv[2], []))"
     words = ["bash", "-c", f"{sys.executable} -c '{watch}' other {text}; true"]
     sleep = [sys.executable, "-c", "import time; time.sleep(60)", text]
     with subprocess.Popen(sleep) as node:

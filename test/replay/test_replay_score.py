@@ -43,7 +43,7 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.limits import OF_MAP
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_dict
-from sfr_loc_map.replay.external_poses import with_converted_poses
+from sfr_loc_map.replay.external.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.replay_score import score_replay
 from sfr_loc_map.replay.result import ExternalResult, ReplayedMap, ReplayResult

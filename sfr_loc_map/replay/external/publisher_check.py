@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from sfr_loc_map.replay.process_watch import ProcessWatch
+from sfr_loc_map.replay.external.process_watch import ProcessWatch
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 
 CHECK_PERIOD_S = 0.2  #: Period of the checks whether the publishers have changed.

@@ -1,7 +1,4 @@
-"""An external node under test in place of one of the suite's nodes.
-
-`answer_converters` reads its messages. If its process ends during the replay, this is a finding.
-"""
+"""The external node of a replay: found by its subscription, awaited like our nodes, and judged by its answers."""
 
 from __future__ import annotations
 
@@ -18,11 +15,11 @@ from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.methods.method_call import MethodFailureError
 from sfr_loc_map.metrics.figures.records import CallFinding, ConventionRecord, ExternalScore, MethodKind, MethodRecord
-from sfr_loc_map.replay.answer_book import AnswerBook
-from sfr_loc_map.replay.answer_converters import DEPTH, AnswerConverter
+from sfr_loc_map.replay.external.answer_book import AnswerBook
+from sfr_loc_map.replay.external.answer_converters import DEPTH, AnswerConverter
+from sfr_loc_map.replay.external.process_watch import ProcessWatch, processes_watched
+from sfr_loc_map.replay.external.publisher_check import PublisherCheck
 from sfr_loc_map.replay.options import ExternalOptions
-from sfr_loc_map.replay.process_watch import ProcessWatch, processes_watched
-from sfr_loc_map.replay.publisher_check import PublisherCheck
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.result import ExternalResult
 from sfr_loc_map.replay.waiting import QUIET_S, AwaitedNode
