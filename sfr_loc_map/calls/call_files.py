@@ -30,7 +30,7 @@ import numpy as np
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.calls.call_findings import findings_of
 from sfr_loc_map.calls.call_record import UNKNOWN_TIME_S, CallRecord, bounded, check_uncertainty
-from sfr_loc_map.calls.call_stats import CallStats, are_of_tasks, known_or_none, memory_method_of, processes_of, task_of
+from sfr_loc_map.calls.call_stats import CallStats, task_of
 from sfr_loc_map.calls.run_identity import POSE_SIZE, RunIdentity, hash_of_cloud, poses_by_stamp
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
@@ -203,32 +203,30 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     stamps_ns = table.stamps_ns() if has_stamps else np.arange(len(table.rows), dtype=np.int64)
     states = table.states()
     seconds = table.numbers("processing_time_s")
-    peak_bytes = table.numbers("peak_rss_bytes")
-    stated_tasks = frozenset(task for task, method in methods.items() if method.kind is MethodKind.EXTERNAL)
-    is_stated = are_of_tasks(states, stated_tasks)
-    measured_by = next((text for text in table.texts(MEMORY_METHOD) if text and text != STATED_BY_NODE), None)
     calls = Calls(
         stamps_ns=stamps_ns,
         seconds=np.where(seconds == UNKNOWN_TIME_S, np.nan, seconds),
         states=states,
-        peak_bytes=peak_bytes,
+        peak_bytes=table.numbers("peak_rss_bytes"),
         above_idle_bytes=table.numbers("above_idle_bytes"),
         stage_s={stage: table.numbers(name) for name in table.columns if (stage := stage_of(name))},
         heap_bytes=table.numbers("heap_peak_bytes"),
         stack_bytes=table.numbers("stack_peak_bytes"),
-        memory_method=memory_method_of(peak_bytes, measured_by, is_stated),
+        memory_method=next((text for text in table.texts(MEMORY_METHOD) if text and text != STATED_BY_NODE), None),
     )
-    usage = {name: table.numbers(name) for name in USAGE_NAMES}
-    return CallStats(
+    stats = CallStats.of_columns(
         calls,
-        covariance=known_or_none(table.covariance()),
-        steps=known_or_none(table.steps()),
+        usage={name: table.numbers(name) for name in USAGE_NAMES},
+        covariance=table.covariance(),
+        steps=table.steps(),
+        stated_tasks=[task for task, method in methods.items() if method.kind is MethodKind.EXTERNAL],
+    )
+    return replace(
+        stats,
         methods=methods,
         findings=(*findings, *findings_of(zip(stamps_ns.tolist(), table.texts(FINDING), strict=True))),
-        processes=processes_of(usage, calls, is_stated),
         identity=table.identity(),
         has_stamps=has_stamps,
-        stated_tasks=stated_tasks,
     )
 
 

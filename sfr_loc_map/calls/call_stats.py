@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,31 @@ class CallStats:
     #: Tasks whose nodes state the time and memory of their calls in messages. For other tasks, both were measured.
     stated_tasks: frozenset[Task] = frozenset()
 
+    @classmethod
+    def of_columns(
+        cls,
+        calls: Calls,
+        *,
+        usage: Mapping[str, FloatArray] | None,
+        covariance: FloatArray | None,
+        steps: FloatArray | None,
+        stated_tasks: Collection[Task],
+    ) -> CallStats:
+        """Return the calls with covariance, steps, and the usage of the method's processes; NaN: unknown.
+
+        `calls.memory_method` is the method of memory measurement for tasks other than `stated_tasks`. `usage` has a
+        column `(N,)` for each of USAGE_NAMES, and is None if the usage is unknown.
+        """
+        is_stated = np.array([task_of(state) in stated_tasks for state in calls.states], np.bool_)
+        calls = replace(calls, memory_method=_memory_method(calls, is_stated))
+        return cls(
+            calls,
+            covariance=_known_or_none(covariance),
+            steps=_known_or_none(steps),
+            processes=None if usage is None else _processes(usage, calls, is_stated),
+            stated_tasks=frozenset(stated_tasks),
+        )
+
     @property
     def method(self) -> MethodRecord | None:
         """The method of the calls, or that under test if the tasks have different methods; None if unknown."""
@@ -47,7 +72,7 @@ class CallStats:
 
     def has_task(self, task: Task) -> bool:
         """Return whether there is a call of a task."""
-        return bool(are_of_tasks(self.calls.states, (task,)).any())
+        return any(task_of(state) is task for state in self.calls.states)
 
     def localised_rows(self, stamps_ns: IntArray) -> NDArray[np.intp]:
         """Return the row of the call of a localiser for each stamp, -1 where there is no call.
@@ -64,30 +89,9 @@ class CallStats:
         return rows[np.where(is_called, last, 0)]
 
 
-def are_of_tasks(states: Sequence[str], tasks: Collection[Task]) -> Mask:
-    """Return which calls `(N,)`, given by their states, belong to one of the tasks."""
-    return np.array([task_of(state) in tasks for state in states], np.bool_)
-
-
 def task_of(state: str) -> Task:
     """Return the task of a call from its state."""
     return Task.MAPPING if state in STATE_KINDS else Task.LOCALISATION
-
-
-def memory_method_of(peak_bytes: FloatArray, measured_by: str | None, is_stated: Mask) -> str | None:
-    """Return how memory was measured: as a node states in its calls, and in other calls by `measured_by`.
-
-    `is_stated` `(N,)` are the calls whose memory a node states. None if memory is unknown in all calls.
-    """
-    if not is_stated.any():
-        return measured_by
-    has_memory = np.isfinite(peak_bytes)
-    methods = []
-    if measured_by is not None and (has_memory & ~is_stated).any():
-        methods.append(measured_by)
-    if (has_memory & is_stated).any():
-        methods.append(STATED_BY_NODE)
-    return "; ".join(methods) or None
 
 
 def judged_method(methods: Iterable[MethodRecord]) -> MethodRecord | None:
@@ -96,13 +100,38 @@ def judged_method(methods: Iterable[MethodRecord]) -> MethodRecord | None:
     return ordered[0] if ordered else None
 
 
-def known_or_none(values: FloatArray | None) -> FloatArray | None:
+def united(parts: Sequence[CallStats]) -> CallStats:
+    """Return the calls of one or more files of one run, with covariances and steps but without the other fields."""
+    counts = [len(part.calls.stamps_ns) for part in parts]
+    covariance = stacked([part.covariance for part in parts], counts)
+    steps = stacked([part.steps for part in parts], counts)
+    return CallStats(concatenated([part.calls for part in parts]), covariance, steps)
+
+
+def _memory_method(calls: Calls, is_stated: Mask) -> str | None:
+    """Return how the memory of calls was measured; None if unknown.
+
+    `is_stated` `(N,)` are the calls whose memory a node states. `calls.memory_method` applies to the other calls.
+    """
+    measured_by = calls.memory_method
+    if not is_stated.any():
+        return measured_by
+    has_memory = np.isfinite(calls.peak_bytes)
+    methods = []
+    if measured_by is not None and (has_memory & ~is_stated).any():
+        methods.append(measured_by)
+    if (has_memory & is_stated).any():
+        methods.append(STATED_BY_NODE)
+    return "; ".join(methods) or None
+
+
+def _known_or_none(values: FloatArray | None) -> FloatArray | None:
     """Return an array, or None if all its values are unknown (NaN)."""
     return values if values is not None and not np.isnan(values).all() else None
 
 
-def processes_of(usage: Mapping[str, FloatArray], calls: Calls, is_stated: Mask) -> ProcessUsage | None:
-    """Return the usage of the processes of a method in all calls, from the columns of USAGE_NAMES; None if unknown.
+def _processes(usage: Mapping[str, FloatArray], calls: Calls, is_stated: Mask) -> ProcessUsage | None:
+    """Return the usage of the processes of a method in all calls; None if unknown.
 
     `is_stated` `(N,)` are the calls whose usage a node states; the usage of other calls was measured. Processor time is
     outside a call if it was used between two calls, or if it exceeds the time that the reported threads could use
@@ -122,11 +151,3 @@ def processes_of(usage: Mapping[str, FloatArray], calls: Calls, is_stated: Mask)
         threads=int(threads.max()),
         method=STATED_BY_NODE if is_stated[known].all() else USAGE_METHOD,
     )
-
-
-def united(parts: Sequence[CallStats]) -> CallStats:
-    """Return the calls of one or more files of one run, with covariances and steps but without the other fields."""
-    counts = [len(part.calls.stamps_ns) for part in parts]
-    covariance = stacked([part.covariance for part in parts], counts)
-    steps = stacked([part.steps for part in parts], counts)
-    return CallStats(concatenated([part.calls for part in parts]), covariance, steps)

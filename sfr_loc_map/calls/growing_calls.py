@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.calls.call_findings import FindingCounts
 from sfr_loc_map.calls.call_record import CallRecord
-from sfr_loc_map.calls.call_stats import CallStats, are_of_tasks, known_or_none, memory_method_of, processes_of
+from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.calls.run_identity import POSE_SIZE, RunIdentity, poses_by_stamp
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -77,30 +77,24 @@ class GrowingCalls:
         rows = self._calls.all()
         if not len(rows):
             return None
-        states = rows["state"].tolist()
-        is_stated = are_of_tasks(states, stated_tasks)
-        measured_by = METHOD if np.isfinite(rows["peak"]).any() else None
         calls = Calls(
             stamps_ns=rows["stamp_ns"],
             seconds=rows["seconds"],
-            states=states,
+            states=rows["state"].tolist(),
             peak_bytes=rows["peak"],
             above_idle_bytes=rows["above_idle"],
             stage_s={name: self._times_of_stage(number) for name, number in self._stage_numbers.items()},
-            memory_method=memory_method_of(rows["peak"], measured_by, is_stated),
+            memory_method=METHOD if np.isfinite(rows["peak"]).any() else None,
         )
         usage = self._column(self._usages, len(USAGE_NAMES))
-        processes = None
-        if usage is not None:
-            processes = processes_of(dict(zip(USAGE_NAMES, usage.T, strict=True)), calls, is_stated)
-        return CallStats(
+        stats = CallStats.of_columns(
             calls,
-            covariance=known_or_none(self._column(self._covariances, COVARIANCE_SIZE)),
-            steps=known_or_none(self._column(self._steps, STEP_SIZE)),
-            findings=self._findings.records,
-            processes=processes,
-            stated_tasks=frozenset(stated_tasks),
+            usage=None if usage is None else dict(zip(USAGE_NAMES, usage.T, strict=True)),
+            covariance=self._column(self._covariances, COVARIANCE_SIZE),
+            steps=self._column(self._steps, STEP_SIZE),
+            stated_tasks=stated_tasks,
         )
+        return replace(stats, findings=self._findings.records)
 
     def _add_stages(self, row: int, record: CallRecord) -> None:
         """Add the times of the stages of a call."""

@@ -272,14 +272,12 @@ def _replay_and_present(source: Source, options: ReplayOptions, files: ReplayFil
         outcome = replay_and_score(
             source, options, files, command=command_line(), progress=lambda rig: bar.advance(bars[rig]), say=show_line
         )
-    if options.page is not None:
-        options.page.scored(to_json(outcome.score))
     try:
         present(outcome.score, None if files is None else str(files.report), None if files is None else files.page)
     finally:
         _report_files(outcome, files)
-        if options.page is not None and files is not None:
-            options.page.reported(files.page)
+        if options.page is not None:
+            options.page.scored(to_json(outcome.score), None if files is None else files.page)
     return outcome
 
 

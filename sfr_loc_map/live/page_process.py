@@ -11,7 +11,6 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import NodeError, SfrError, split_advice
 from sfr_loc_map.live.run_end import EndFile, RunEnd
 from sfr_loc_map.message_text import one_line
@@ -29,7 +28,7 @@ class PageProcess(AbstractContextManager["PageProcess"]):
     |---|---|---|
     | `aborted` | `shown_on`, around the nodes of a run | an error of the suite ends the run |
     | `played` | `replay.session` | the source was played, before the nodes end |
-    | `scored`, `reported` | `cli.replay` | the complete run is scored, and its report is written |
+    | `scored` | `cli.replay` | the complete run is scored, and its report is written |
     | `stay` | `cli.live_option` | after a replay, also after an error once `has_run_ended` |
     """
 
@@ -58,16 +57,12 @@ class PageProcess(AbstractContextManager["PageProcess"]):
         """Report that the source was played and the nodes will end: their silence is then not shown as stale data."""
         self._write(self._end)
 
-    def scored(self, text: str) -> None:
-        """Report the score of the complete run, as JSON, which the page shows in place of the score of the monitor."""
-        path = Path(self._folder.name) / "score.json"
-        with suppress(OSError):  # the run must not depend on its page
-            write_text(text, path)
-        self._write(replace(self._end, score=str(path)))
+    def scored(self, score: str, report: Path | None) -> None:
+        """Report the score of the complete run as JSON, and the path of its HTML report, None without one.
 
-    def reported(self, path: Path) -> None:
-        """Report the path of the HTML report."""
-        self._write(replace(self._end, report=str(path)))
+        The page shows this score in place of the score of the monitor.
+        """
+        self._write(replace(self._end, score=score, report="" if report is None else str(report)))
 
     def aborted(self, cause: str) -> None:
         """Report that the run was aborted."""

@@ -14,24 +14,15 @@ from sfr_loc_map.atomic import write_text
 class RunEnd(msgspec.Struct, frozen=True):
     """The end of a run."""
 
-    score: str = ""  #: Path of the JSON score of the complete run, which replaces the score of the monitor.
+    score: str = ""  #: JSON score of the complete run, which replaces the score of the monitor.
     aborted: str = ""  #: Cause of an abort.
     report: str = ""  #: Path of the HTML report.
 
     def report_page(self) -> bytes:
         """Return the HTML report; empty without a readable report."""
-        return _content(self.report)
-
-    def score_text(self) -> str:
-        """Return the JSON score; empty without a readable score."""
-        return _content(self.score).decode()
-
-
-def _content(path: str) -> bytes:
-    """Return the content of a file; empty without a path or a readable file."""
-    with suppress(OSError):
-        return Path(path).read_bytes() if path else b""
-    return b""
+        with suppress(OSError):
+            return Path(self.report).read_bytes() if self.report else b""
+        return b""
 
 
 @dataclass(slots=True)

@@ -97,7 +97,7 @@ class LiveState:
 
         Later silence is then not reported as stale data.
         """
-        page, score_text = run_end.report_page(), run_end.score_text()
+        page = run_end.report_page()
         with self.lock:
             shown = self.shown_end
             if not shown.is_over:
@@ -108,8 +108,8 @@ class LiveState:
                 shown.aborted_by = run_end.aborted
                 shown.aborted_s = now_s
                 self.timeline.mark(now_s, EventKind.ABORTED, f"aborted: {run_end.aborted}")
-            if score_text and not shown.has_score:
-                self.score = ShownScore(from_json(score_text, "the score of the run"), now_s)
+            if run_end.score and not shown.has_score:
+                self.score = ShownScore(from_json(run_end.score, "the score of the run"), now_s)
                 shown.has_score = True
 
     def _take_in(self, update: updates.Update) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -69,16 +68,15 @@ def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> N
             state.put(report)  # a last one that comes late
 
 
-def test_the_score_of_the_complete_run_replaces_that_of_the_monitor(tmp_path: Path) -> None:
+def test_the_score_of_the_complete_run_replaces_that_of_the_monitor() -> None:
     """The monitor does not know the images of the source, and the end of a run is reported several times."""
-    path, of_monitor = tmp_path / "score.json", PublishedScore(to_json(whole_score(100, 48, 2)), 1.0)
+    of_monitor = PublishedScore(to_json(whole_score(100, 48, 2)), 1.0)
     final = judged_by(half(judged_by(whole_score(100, 48, 2), None)), None)
-    path.write_text(to_json(final))
     state = LiveState()
     state.put(of_monitor)
     state.end(RunEnd(), 1.0)
-    state.end(RunEnd(score=str(path)), 2.0)
-    state.end(RunEnd(score=str(path), report="report.html"), 3.0)
+    state.end(RunEnd(score=to_json(final)), 2.0)
+    state.end(RunEnd(score=to_json(final), report="report.html"), 3.0)
     state.put(of_monitor)  # a last one that comes late
     shown = state_json(state, 4.0)
     assert shown.pop("live")["overall"]["state"] == "incomplete"
