@@ -90,7 +90,10 @@ def _given(context: Context, names: Iterable[str]) -> Iterator[tuple[str, Any]]:
 def checked_namespace(text: str) -> str:
     """Return a ROS namespace, the value of an option; raise ConfigError if it is invalid."""
     if not _NAMESPACE.fullmatch(text):
-        raise ConfigError(f"--namespace '{text}' is invalid: give names of letters, digits and _ joined by /")
+        raise ConfigError(
+            f"'--namespace {text}' is not a ROS namespace: give names of letters, digits and _, separated by /, "
+            "such as rover1 or site/rover1"
+        )
     return text
 
 
@@ -102,13 +105,19 @@ RosRemapOption = Annotated[
 ]
 NamespaceOption = Annotated[str, Option(metavar="NS", callback=checked_namespace, help="Namespace of the rover.")]
 ConfigOption = Annotated[
-    Path | None, Option("--config", metavar="F.yaml", help="Configuration; default: the sfr.yaml in or beside SRC.")
+    Path | None,
+    Option("--config", metavar="F.yaml", help="Configuration of SRC; default: the sfr.yaml in or beside SRC."),
 ]
 GraphConfigOption = Annotated[
-    Path | None, Option("--config", metavar="F.yaml", help="Configuration of a recording, written by sfr init.")
+    Path | None,
+    Option("--config", metavar="F.yaml", help="An sfr.yaml: its topic names are used in place of the defaults."),
 ]
 RemapOption = Annotated[
-    list[str] | None, Option(metavar="FOUND:=EXPECTED", help="Found and expected name of a topic; repeatable.")
+    list[str] | None,
+    Option(
+        metavar="FOUND:=EXPECTED",
+        help="Name of a topic in the data, and the name that sfr expects (docs/interfaces.md); repeatable.",
+    ),
 ]
 CalibrationOption = Annotated[
     Path | None, Option(metavar="F", help="Calibration file of Kalibr, OpenCV, ROS or COLMAP, or a rig.json.")
@@ -117,7 +126,10 @@ SectionsOption = Annotated[
     list[str] | None,
     Option("--set", metavar="SECTION.KEY=VALUE", help="Set a value of sfr.yaml, for example truth.sigma_m=0.02."),
 ]
-StartOption = Annotated[Literal["identity", "truth"], Option(help="First pose: the identity or the true pose.")]
+StartOption = Annotated[
+    Literal["identity", "truth"],
+    Option(help="Pose at which the localiser starts: the identity, or the true pose of the first pair."),
+]
 ColumnsOption = Annotated[
     list[str] | None,
     Option(
@@ -136,9 +148,11 @@ def parse_remaps(remaps: Sequence[str] | None) -> dict[str, str]:
     for item in remaps or ():
         found, _, expected = item.partition(":=")
         if not found or not expected or ":=" in expected:
-            raise ConfigError(f"'--remap {item}': FOUND:=EXPECTED is required")
+            raise ConfigError(
+                f"'--remap {item}': FOUND:=EXPECTED is required, such as /cam0/image:=loc/left/image_rect"
+            )
         if found in parsed and parsed[found] != expected:
-            raise ConfigError(f"'--remap {item}': '{found}' is remapped as '{parsed[found]}' already: omit one")
+            raise ConfigError(f"'--remap {item}': '{found}' is already remapped to '{parsed[found]}': omit one")
         parsed[found] = expected
     return parsed
 
@@ -159,9 +173,11 @@ def parse_settings(settings: Sequence[str] | None, form: str = SETTING_FORM) -> 
         try:
             value = parse_yaml(text)
         except (yaml.YAMLError, ValueError) as error:
-            raise ConfigError(f"'--set {item}': the value is not valid YAML") from error
+            raise ConfigError(
+                f"'--set {item}': the value is not valid YAML; give a number, a word, or a list such as [1, 2]"
+            ) from error
         if key in values and values[key] != value:
-            raise ConfigError(f"'--set {item}': '{key}' is set to {values[key]!r:.40} already: omit one")
+            raise ConfigError(f"'--set {item}': '{key}' is already set to {values[key]!r:.40}: omit one")
         values[key] = value
     return values
 
@@ -258,14 +274,17 @@ def method_under_test(
 
     if name == OURS:
         of_others = ("call_timeout", "memory_limit")
-        refuse_given(context, of_others, "applies to a method under test, not to ours: give --method, or omit it")
+        reason = "applies to a method under test, not to the built-in method: give --method, too, or omit it"
+        refuse_given(context, of_others, reason)
         return None
     values = {"call_timeout_s": call_timeout_s, "memory_mb": memory_mb}
     called = {"call_timeout_s": "--call-timeout", "memory_mb": "--memory-limit"}
     limits = build(MethodLimits, values, origin="", called=called)
-    refuse_given(context, OF_OUR_METHOD[task], f"applies to our method: omit it with --method {name}")
+    refuse_given(context, OF_OUR_METHOD[task], f"applies only to the built-in method: omit it with --method {name}")
     if name == MethodKind.EXTERNAL:
-        raise ConfigError("'--method external': a node is scored by sfr replay SRC --external TASK")
+        raise ConfigError(
+            f"'--method external' is a ROS node, which this command does not run: use sfr replay SRC --external {task}"
+        )
     return UnderTest(find_method(name, task, config_text(config)), limits, hidden=source.truth_paths())
 
 
@@ -284,23 +303,34 @@ ConditionOption = Annotated[
         metavar="distance=M|time=S|frames=N",
         rich_help_panel=TRAJECTORIES,
         show_default=", ".join(SCORE.trajectory.conditions),
-        help="End of a sub-trajectory; also displacement=M, turn=DEG; a comma joins conditions by AND; repeatable.",
+        help="Length at which a sub-trajectory ends; also displacement=M, turn=DEG. Conditions joined by a comma "
+        "must all be met; repeatable.",
     ),
 ]
-LenientOption = Annotated[bool, Option("--lenient", help="Exit 0 instead of 3 if something could not be judged.")]
+LenientOption = Annotated[bool, Option("--lenient", help="Exit with 0 instead of 3 if something could not be judged.")]
 SpacingOption = Annotated[
     int,
     Option(
-        min=1, metavar="FRAMES", rich_help_panel=TRAJECTORIES, help="Frames between the starts of sub-trajectories."
+        min=1,
+        metavar="FRAMES",
+        rich_help_panel=TRAJECTORIES,
+        help="Frames from one start of a sub-trajectory to the next.",
     ),
 ]
 RebaseOption = Annotated[
     Rebase,
-    Option(rich_help_panel=TRAJECTORIES, help="How errors from before the start of a sub-trajectory are removed."),
+    Option(
+        rich_help_panel=TRAJECTORIES,
+        help="How the error at the start of a sub-trajectory is removed (docs/metrics.md).",
+    ),
 ]
 PartialOption = Annotated[
     bool,
-    Option("--partial", rich_help_panel=TRAJECTORIES, help="Judge an estimate that covers only a part of the drive."),
+    Option(
+        "--partial",
+        rich_help_panel=TRAJECTORIES,
+        help="Judge the available part if the estimate does not cover the complete drive.",
+    ),
 ]
 ConventionOption = Annotated[
     list[str] | None,
@@ -316,7 +346,7 @@ ApplyDiagnosisOption = Annotated[
     Option(
         "--apply-diagnosis",
         rich_help_panel=CONVENTION,
-        help="Correct the convention mismatch that explains the errors, and report it.",
+        help="If one convention mismatch explains the errors, correct it before scoring, and report it.",
     ),
 ]
 Align = Literal["none", "origin", "se3", "sim3"]
@@ -329,7 +359,7 @@ JsonOption = Annotated[
 ]
 HtmlOption = Annotated[Path | None, Option(metavar="F.html", help="Write a page with figures.")]
 OverwriteOption = Annotated[
-    bool, Option("--overwrite/--no-overwrite", help="Replace existing outputs; by default they are not replaced.")
+    bool, Option("--overwrite/--no-overwrite", help="Replace existing outputs; by default, the command refuses to.")
 ]
 
 

@@ -86,7 +86,7 @@ def replay(
             min=0.0,
             metavar="R",
             rich_help_panel=PLAYED,
-            help="0: wait for the result of each pair; otherwise the multiple of the recorded speed.",
+            help="0 (lock step): wait for the result of each pair. Otherwise: multiple of the recorded speed.",
         ),
     ] = 0.0,
     start_offset: Annotated[
@@ -99,14 +99,20 @@ def replay(
         ),
     ] = None,
     start_paused: Annotated[
-        bool, Option("--start-paused", rich_help_panel=PLAYED, help="Wait for the service ~/resume.")
+        bool,
+        Option(
+            "--start-paused",
+            rich_help_panel=PLAYED,
+            help="Wait for the service /sfr_player/resume before the first pair.",
+        ),
     ] = False,
     external: Annotated[
-        Literal["localisation", "mapping"] | None, Option(rich_help_panel=METHOD, help="Task of the node under test.")
+        Literal["localisation", "mapping"] | None,
+        Option(rich_help_panel=METHOD, help="Replace our node of this task by a node of yours."),
     ] = None,
     method: Annotated[
         Literal["sfr", "external"],
-        Option(rich_help_panel=METHOD, help="external: the same as --external with the only task of SRC."),
+        Option(rich_help_panel=METHOD, help="external: the same as --external, if SRC has pairs of one task."),
     ] = "sfr",
     command: Annotated[
         str,
@@ -121,7 +127,8 @@ def replay(
         Option(
             metavar="PID|NAME",
             rich_help_panel=UNDER_TEST,
-            help="External process whose CPU and memory are measured, in addition to the process of CMD.",
+            help="Process whose CPU and memory are measured, in addition to that of CMD: its id or a part of its "
+            "command line.",
         ),
     ] = "",
     answers: Annotated[
@@ -137,7 +144,7 @@ def replay(
         Option(
             metavar="PARENT,CHILD",
             rich_help_panel=UNDER_TEST,
-            help="Required frame ids; answers with other frame ids are not used (default: as in the first answer).",
+            help="Required frame ids of the answers; others are not used (default: the frame ids of the first answer).",
         ),
     ] = "",
     answer_timeout: Annotated[
@@ -231,9 +238,9 @@ def _refuse_options_of_external_node(context: Context, external: str | None, met
         return
     if external is None:
         of_external = of_panels(context, UNDER_TEST, CONVENTION)
-        refuse_given(context, of_external, "applies only to external nodes: give --external TASK, too")
+        refuse_given(context, of_external, "applies only to an external node: give --external TASK, too")
     else:
-        refuse_given(context, ("method",), "contradicts --external: omit one of both options")
+        refuse_given(context, ("method",), "contradicts --external: omit one of the two options")
 
 
 @contextmanager

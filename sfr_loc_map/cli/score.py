@@ -78,7 +78,7 @@ def score(
     context: Context,
     estimate: Annotated[Path, Argument(metavar="EST", help="Trajectory (csv, TUM, KITTI, EuRoC, bag) or cloud.")],
     truth: Annotated[
-        Path, Argument(metavar="TRUTH", help="Trajectory, bag or data set; for a cloud a source with truth.")
+        Path, Argument(metavar="TRUTH", help="Ground truth: trajectory, bag or data set; for a cloud, a data set.")
     ],
     html: HtmlOption = None,
     json_path: JsonOption = None,
@@ -89,14 +89,15 @@ def score(
         list[Path] | None,
         Option(
             metavar="S.csv",
-            help="Calls (time, state, covariance, ...); repeatable; default: EST.stats.csv if it exists.",
+            help="Calls of the run (--stats of sfr localise or map): time, state, covariance, ...; repeatable; "
+            "default: EST.stats.csv if it exists.",
         ),
     ] = None,
     align: Annotated[
         Align | None,
         Option(
             rich_help_panel=TRAJECTORIES,
-            help="Also report APE (ATE) and RPE after alignment; other figures use no alignment.",
+            help="Also report APE (ATE) and RPE after this alignment; the other figures use no alignment.",
         ),
     ] = None,
     partial: PartialOption = False,
@@ -109,7 +110,7 @@ def score(
         Option(
             "--diagnose",
             rich_help_panel=CONVENTION,
-            help="Search for a convention mismatch that explains the disagreement; exit 1 if one is found.",
+            help="Do not score: search for a convention mismatch between EST and TRUTH; exit with 1 if one is found.",
         ),
     ] = False,
     spacing: SpacingOption = SCORE.trajectory.spacing,
@@ -118,17 +119,19 @@ def score(
         Literal["truth", "images"],
         Option(
             rich_help_panel=ASSOCIATION,
-            help="Frames: true poses (truth), or estimates with interpolated truth (images).",
+            help="Frames of the score: the true poses (truth), or the estimates with interpolated truth (images).",
         ),
     ] = "truth",
     associate: Annotated[
-        Association, Option(rich_help_panel=ASSOCIATION, help="Association of estimates with true poses.")
+        Association,
+        Option(
+            rich_help_panel=ASSOCIATION,
+            help="Pair poses by nearest stamps (match), or interpolate the truth at each estimate (interpolate).",
+        ),
     ] = DEFAULT_ASSOCIATION,
     max_gap: Annotated[
         float,
-        Option(
-            metavar="S", rich_help_panel=ASSOCIATION, help="Longest gap of the truth that is bridged by interpolation."
-        ),
+        Option(metavar="S", rich_help_panel=ASSOCIATION, help="Longest gap of the truth in which it is interpolated."),
     ] = SCORE.trajectory.association.max_gap_s,
     scored_range: Annotated[
         tuple[float, float],
@@ -136,7 +139,7 @@ def score(
             "--range",
             metavar="FROM_M TO_M",
             rich_help_panel=CLOUDS,
-            help="Range interval of the true points that count for coverage.",
+            help="Range of the true points that count for coverage.",
         ),
     ] = (SCORE.map.scored_from_m, SCORE.map.scored_to_m),
     fused: Annotated[
@@ -144,7 +147,7 @@ def score(
         Option(
             "--fused/--not-fused",
             rich_help_panel=CLOUDS,
-            help="Whether the cloud is fused, if the file does not declare this.",
+            help="Whether the cloud is fused, if its file does not state this.",
         ),
     ] = None,
     max_difference: Annotated[
@@ -277,12 +280,14 @@ def _check_options(context: Context, given: ScoreInputs, *, diagnose: bool) -> N
 def _measured_on(inputs: ScoreInputs, target: str | None, timing: Path | None, run: str | None) -> ScoreInputs:
     """Return the inputs with the calls on the target; raise ConfigError if one of the options is missing."""
     if (target is None) != (timing is None):
-        raise ConfigError("'--target' and '--target-timing' belong together: give the name and the file")
+        raise ConfigError(
+            "'--target' (the name) and '--target-timing' (the calls measured on it) belong together: give both"
+        )
     if timing is not None:
         inputs = replace(inputs, target=timing, target_about=None, target_name=target or "")
     if run is not None and inputs.target is None:
         raise ConfigError(
-            "'--target-run' states the run to which the times of --target-timing belong: give --target and "
+            "'--target-run' names the run in which the calls of --target-timing were measured: give --target and "
             "--target-timing, too"
         )
     return replace(inputs, target_run=run)

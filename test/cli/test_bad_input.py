@@ -152,7 +152,7 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("localise", "{source}", "-o", "{out}/t.csv", "--start", "here"), "Invalid value for '--start'.*'here'"),
         (("localise", "{source}", "-o", "{out}/t.csv", "--remap", "a=b"), "'--remap a=b': FOUND:=EXPECTED is required"),
         (("localise", "{source}", "-o", "{out}/t.csv", "--remap", "a:=b:=c"), "FOUND:=EXPECTED is required"),
-        (("live", "--namespace", "//", "--port", "0"), "--namespace '//' is invalid"),
+        (("live", "--namespace", "//", "--port", "0"), "'--namespace //' is not a ROS namespace"),
         (("map", "{source}", "-o", "{out}/c.ply", "--fusion"), "No such option.*--fusion.*: see 'sfr map --help'"),
         (("fly",), "No such command 'fly': see 'sfr --help'"),
         (("score", "{tum}", "{tum}", "--condition", "distance=far"), "distance=far"),
@@ -193,7 +193,7 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("info", "{source}", "--remap", "a:=b"), "applies only to topics of a bag"),
         (
             ("localise", "{source}", "-o", "{out}/t.csv", "--method", "opencv", "--video", "{out}/v.avi"),
-            "'--video' applies to our method: omit it",
+            "'--video' applies only to the built-in method: omit it",
         ),
         (("map", "{source}", "-o", "{out}/c.ply", "--memory-limit", "900"), "'--memory-limit' applies to a method"),
         (("map", "{source}", "-o", "{out}/c.ply", "--method", "sgbm", "--refine-poses"), "'--refine-poses' applies to"),
