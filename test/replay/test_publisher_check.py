@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import pytest
 
-from sfr_loc_map.replay import publisher_check
+from sfr_loc_map.replay.external import publisher_check
 from sfr_loc_map.replay.external.publisher_check import CHECK_PERIOD_S, PublisherCheck
 
 MEASURED, OTHER = (1,) * 12, (3,) * 12
