@@ -160,9 +160,9 @@ def map(
     """Map up to three stereo pairs, like `sfr map` with options of the same names.
 
     - `fuse`: fuse the pairs into one surface, or keep the points of every pair.
-    - `refine_poses`: correct the poses of later pairs by registration of the overlaps. None selects the parameter of
-      this name in `config`, over which a given value has priority.
-    - `config`: the parameters of the mapper, as that of `sfr.localise` those of the localiser.
+    - `refine_poses`: correct the poses of later pairs by registration of the overlaps. None uses the parameter of this
+      name in `config`; a given value replaces this parameter.
+    - `config`: the parameters of the mapper, in the forms that `sfr.localise` accepts for the localiser.
     - `method`: as for `sfr.localise`.
 
     The errors are those of `sfr.open`, and InputError for a source without mapping pairs and for images that cannot be
@@ -212,8 +212,8 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
     """Score an estimated trajectory or cloud against the ground truth, with the same figures as `sfr score`.
 
     - `estimate`, `truth`: objects or files. The truth of a cloud is a source with mapping pairs.
-    - `conditions`: ends of sub-trajectories: `distance=5`, `time=60`, `frames=100`, or `distance=5,time=10` if both
-      must hold. None selects the `conditions` of the configuration of the source, by default `distance=5`.
+    - `conditions`: lengths of the sub-trajectories: `distance=5`, `time=60`, `frames=100`, or `distance=5,time=10` if
+      both must be reached. None selects the `conditions` of the configuration of the source, by default `distance=5`.
     - `limits`: a YAML file or its content. None selects the `limits` of the configuration of the source. Without
       limits the verdict is None, or `incomplete` for an estimate that covers only a part of the drive or the map.
     - `stats`: files from `sfr localise --stats`, by default the one beside the file of the estimate. Results of
@@ -222,11 +222,12 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
     Of trajectories:
 
     - `spacing`: frames between the starts of sub-trajectories.
-    - `rebase`: removal of the error from before a start: `pose`, `displacement` or `position`.
-    - `partial`: judge an estimate that covers only a part of the drive.
-    - `frames`: true poses (`truth`), or estimates with interpolated truth (`images`).
-    - `associate`: association of estimates with true poses: `auto`, `match` or `interpolate`.
-    - `max_gap`: longest gap of the truth that is bridged by interpolation, s.
+    - `rebase`: how the error at the start of a sub-trajectory is removed: `pose`, `displacement` or `position`.
+    - `partial`: judge the available part of an estimate that does not cover the complete drive.
+    - `frames`: frames of the score: the true poses (`truth`), or the estimates with interpolated truth (`images`).
+    - `associate`: pair poses by the nearest stamps (`match`), interpolate the truth at each estimate (`interpolate`),
+      or select one of the two by the rates (`auto`).
+    - `max_gap`: longest gap of the truth in which it is interpolated, s.
     - `convention`: convention of the poses: `["frame=left_optical", "world=first_pose"]`.
     - `apply_diagnosis`: correct the convention mismatch that explains the errors.
     - `align`: also compute APE and RPE after the alignment `none`, `origin`, `se3` or `sim3`.
@@ -236,7 +237,7 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
 
     Of clouds:
 
-    - `scored_range`: range interval of the true points that count for coverage, m.
+    - `scored_range`: range of the true points that count for coverage, m.
     - `fused`: whether the cloud is fused, for a file without this information.
 
     ConfigError for an invalid argument, for an invalid condition or `limits`, and for an argument that does not apply

@@ -341,9 +341,9 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         """Return the row of a figure and a part, or without `part` the judged row; None if the score lacks the figure.
 
         Without `condition` the first condition is used; `condition=None` selects the row of a figure that has no
-        condition. ConfigError, which lists the available names, for a figure that
-        does not exist, and for a subject, condition or part that the figure does not have in this score. ConfigError,
-        too, for a figure without a judged row if `part` is not given.
+        condition. ConfigError for a figure that does not exist, for a figure without a judged row if `part` is not
+        given, and for a subject, condition or part that the figure does not have in this score; the message then lists
+        the available ones.
         """
         _check_name("figure", figure, {*KINDS, *(row.figure for row in self.figures)})
         self._check_keys(figure, {"subject": subject, "condition": condition, "part": part})

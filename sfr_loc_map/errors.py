@@ -22,7 +22,7 @@ class ExitCode(IntEnum):
     BAD_INPUT = 2
     """The input or the usage is invalid."""
     NOT_JUDGED = 3
-    """No figure could be judged. With `--lenient` the exit code is 0."""
+    """A limit, a condition or the complete result could not be judged. With `--lenient` the exit code is 0."""
     FAULT = 70
     """The program has a fault: an exception that it does not raise deliberately (EX_SOFTWARE of sysexits.h)."""
     INTERRUPTED = 130
@@ -82,7 +82,7 @@ class FailedVerdictError(SfrError):
 
 
 class NotJudgedError(SfrError):
-    """No figure can be judged: data are missing, or estimate and truth have different conventions."""
+    """A result cannot be judged: data are missing, or estimate and truth have different conventions."""
 
     exit_code = ExitCode.NOT_JUDGED
 

@@ -24,8 +24,8 @@ MOST_S, MOST_SHARE = 0.1, 0.01
 def checked_clock() -> Iterator[None]:
     """Compare the clock of this process with the kernel's over the `with` block; raise MetricsError if they differ.
 
-    A preloaded library (LD_PRELOAD) can slow the clock of a process and of all its children, so that every measured
-    time would be too short. The kernel's file does not depend on that clock. Without the file, nothing is compared.
+    A preloaded library (LD_PRELOAD) can slow the clock of a process and of all its children, which makes every measured
+    time too short. The kernel's file does not depend on that clock. Without the file, nothing is compared.
     """
     begin_s = time.monotonic()
     kernel_begin_s = kernel_s()

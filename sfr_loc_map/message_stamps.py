@@ -23,5 +23,5 @@ def serialised_stamp(raw: bytes) -> int:
 
 
 def jumped_back(latest_ns: int, stamp_ns: int) -> bool:
-    """Return whether a stamp is so far before the latest stamp that the clock was reset or a new run has begun."""
+    """Return whether a stamp is at least `JUMP_BACK_NS` before the latest, so that a new run or clock has begun."""
     return latest_ns - stamp_ns >= JUMP_BACK_NS

@@ -66,10 +66,10 @@ class StampPairing(Generic[T]):
     """Pairs the items of two streams by their stamps, with bounded memory.
 
     The stamps of each stream increase until the stream returns to an earlier stamp. An item is therefore dropped, and
-    counted as `unpaired`, when the other stream has reached a later stamp and both streams have gone back to an earlier
-    stamp the same number of times. `run_order`, which receives the pairs, decides whether such a return begins a new
-    run. `overflowed` counts items that were dropped because their queue was full. The tolerance is less than half of
-    the shorter period, so that items of neighbouring frames are not paired.
+    counted as `unpaired`, when the other stream has passed its stamp by more than the tolerance and both streams have
+    gone back to an earlier stamp the same number of times. `run_order`, which receives the pairs, decides whether a
+    return to an earlier stamp begins a new run. `overflowed` counts items that were dropped because their queue was
+    full. The tolerance is less than half of the shorter period, so that items of neighbouring frames are not paired.
     """
 
     def __init__(self, tolerance_ns: int, depth: int) -> None:

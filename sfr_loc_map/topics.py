@@ -1,4 +1,4 @@
-"""The topics of the suite: role, type, and whether a topic is recorded and read from a bag.
+"""The topics of the suite: role, message type, whether a topic is recorded, and whether it is read from a bag.
 
 Names are relative, so that a namespace or a remapping applies to them. Every list of topics is a filter of `TOPICS`.
 

@@ -21,8 +21,8 @@ def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: Fl
     """Return the poses with the states, covariances and steps that calls and published covariances report.
 
     `covariance` `(N, 21)` has the upper triangles that were published with the poses. Without a published covariance,
-    the covariance of a pose is that of its call (`is_covariance_reported`). A pose is lost if the state of
-    its call or its covariance reports a loss, or if its call initialises again after the first tracked pose.
+    the covariance of a pose is that of its call (`is_covariance_reported`). A pose is lost if its covariance or the
+    state of its call reports a loss, or if its call initialises again after the first tracked pose.
     """
     states = np.full(len(trajectory), "", object)
     steps = of_calls = None

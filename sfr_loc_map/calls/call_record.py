@@ -170,8 +170,8 @@ def call_of_fusion(fused: FusedMap, stamps_ns: Sequence[int], usage: CallUsage, 
 def is_covariance_reported(covariance: FloatArray) -> NDArray[np.bool_]:
     """Return which covariances `(N, 21)` are reported.
 
-    Zeros, the default of ROS messages, and NaN are not reports, nor are negative variances, by which some publishers
-    mark an unknown covariance.
+    A covariance is not reported if it is zero (the default of ROS messages) or NaN, or if a variance is negative, by
+    which some publishers mark an unknown covariance.
     """
     has_number = (np.nan_to_num(covariance) != 0.0).any(axis=1)
     is_negative = (covariance[:, DIAGONAL] < 0.0).any(axis=1)
@@ -179,15 +179,15 @@ def is_covariance_reported(covariance: FloatArray) -> NDArray[np.bool_]:
 
 
 def bounded(covariance: FloatArray) -> FloatArray:
-    """Return covariances with larger numbers replaced by `MAX_NUMBER`. Poses that they mark as lost remain lost."""
+    """Return covariances whose magnitudes are limited to `MAX_NUMBER`, which keeps the mark of a lost pose."""
     return np.clip(covariance, -MAX_NUMBER, MAX_NUMBER)
 
 
 def first_reported(published: FloatArray | None, of_calls: FloatArray | None) -> FloatArray | None:
-    """Return the reported covariances `(N, 21)` of poses: if published, that of the pose, otherwise that of the call.
+    """Return the covariances `(N, 21)` of poses: the published one if reported, otherwise that of the call.
 
-    Larger numbers are replaced by `MAX_NUMBER`. Rows in which neither is reported are NaN. None if no covariance is
-    reported.
+    Magnitudes above `MAX_NUMBER` are replaced by `MAX_NUMBER`. A row is NaN if neither covariance is reported, and the
+    result is None if none is reported for any pose.
     """
     found: FloatArray | None = None
     for covariance in (of_calls, published):  # a published covariance replaces that of the call

@@ -1,4 +1,4 @@
-"""The columns of calls from their records, which are added one by one: those of a run in progress or of a list."""
+"""Columns of calls from records that are added one by one, during a run or from a list."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ STAGE = [("row", np.int64), ("stage", np.int64), ("seconds", np.float64)]
 
 
 class GrowingCalls:
-    """The calls of a run. A value that only some calls have is kept with the row of its call."""
+    """The calls of a run. Values that only some calls have are stored with the number of their call."""
 
     def __init__(self, max_stages: int | None = None) -> None:
         """Start without calls. The times of stages beyond `max_stages` different names are ignored; None: no limit."""

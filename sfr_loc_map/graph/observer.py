@@ -55,7 +55,7 @@ class GraphObserver(Peer):
     """Observes the graph for a given time; a context manager."""
 
     def __init__(self, topics: Mapping[str, str]) -> None:
-        """Join the graph; `topics`: name in the graph by name in the suite, where both differ."""
+        """Join the graph; `topics` has the name in the graph by the name in the suite, for topics with two names."""
         super().__init__(f"sfr_doctor_{os.getpid()}")
         self._name_in_suite = {"/" + topic.strip("/"): "/" + name.strip("/") for name, topic in topics.items()}
         self._name_in_graph = {name.strip("/"): found for found, name in self._name_in_suite.items()}
@@ -130,7 +130,7 @@ class GraphObserver(Peer):
         return self._name_in_graph.get(name, f"/{self._namespace}/{name}" if self._namespace else f"/{name}")
 
     def _is_superseded(self, name: str, full_name: str) -> bool:
-        """Return whether raw images that no node of the suite subscribes to are also published rectified."""
+        """Return whether raw images are superseded: also published rectified, and used by no node of the suite."""
         takers = {info.node_name for info in self.ros_node.get_subscriptions_info_by_topic(full_name)}
         rectified = [self._full_name(beside) for beside in rectified_beside(name)]
         return not takers & set(SUITE_NODES) and any(map(self.ros_node.count_publishers, rectified))

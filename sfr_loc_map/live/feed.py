@@ -118,7 +118,7 @@ class RosFeed(Peer):
                 self._log_fault(error)
 
     def _log_fault(self, error: Exception, _: bool = False) -> None:
-        """Log an exception, except an invalid message, which the receiving node reports."""
+        """Log an exception. An invalid message is not logged, because the node that receives it reports it."""
         if not isinstance(error, SfrError) and not self._closed.is_set():
             self.ros_node.get_logger().error(f"live: {error!r}", throttle_duration_sec=5.0)
 
@@ -163,9 +163,9 @@ class RosFeed(Peer):
             self._find_image_topic(name)
 
     def _find_image_topic(self, name: str) -> None:
-        """Subscribe to the first of an image's topics that has a publisher; report if no topic has one.
+        """Subscribe to the first topic of a camera's images that has a publisher; report if no topic has one.
 
-        The subscription to a topic without a publisher ends once another topic of the image has a publisher.
+        A subscription whose topic has lost its publisher is replaced once another topic of the camera has a publisher.
         """
         former = self._images_of.get(name)
         if former is not None and self.ros_node.count_publishers(former.topic_name) > 0:

@@ -20,7 +20,7 @@ from sfr_loc_map.metrics.config import VerdictState
 MAX_EVENTS = 400  #: Maximum number of events.
 MAX_TEXT = 200  #: Maximum length of a text.
 RECENT = 8  #: Number of last events among which the previous event of a lane is searched.
-FLICKER_S = 0.5  #: Tracking for less than this time, s, does not separate two intervals of the same kind.
+FLICKER_S = 0.5  #: Two intervals of one kind are joined if tracking between them lasted less than this time, s.
 GAP_S = 2.0  #: A step of the stamps is an event if it exceeds this time, s, and `GAP_PERIODS` times the mean step.
 GAP_PERIODS = 20.0
 POSE = "pose"  #: Lane of the events of the last pose.

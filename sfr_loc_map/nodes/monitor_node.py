@@ -122,10 +122,10 @@ class MonitorNodeConfig(NodeConfig):
 class MonitorNode(ManagedNode[MonitorNodeConfig]):
     """Receives estimates, ground truth, clouds and calls, and publishes the score.
 
-    State of the node, and what becomes of the state at a new run of any source and at `~/reset`. An activation clears
-    the waiting messages. It also clears whether the ground truth was received, because the type of the ground truth may
-    have changed. All other state is kept. A configuration and a clean-up create all state again (`reset_state`), except
-    the list of discarded intervals. Every event that discards received data adds to this list (`_discard`).
+    The table shows what happens to the state at a new run of any source and at `~/reset`. A deactivation drops the
+    messages that wait for the worker. An activation forgets whether ground truth was received, because its type may
+    have changed; all other state is kept. A configuration and a clean-up create all state again (`reset_state`), except
+    the list of discarded intervals. Every event that discards received data adds an interval to this list (`_discard`).
 
     | state | new run | `~/reset` |
     |---|---|---|

@@ -84,7 +84,7 @@ def decoded(received: ReceivedPair) -> tuple[StereoPair, float]:
 
 
 class Backoff:
-    """Selects the periods to report: every period with input, and the 1st, 2nd, 4th, ... consecutive silent period."""
+    """Decides when to report: after each period with input, and after 1, 2, 4, 8, ... periods in a row without."""
 
     def __init__(self) -> None:
         self._silent_periods = 0
@@ -98,8 +98,9 @@ class Backoff:
 class PairNode(ManagedNode[P], ABC):
     """A managed node whose worker processes the pairs of one rig; its input is handled in the executor's thread.
 
-    State of the nodes, and what becomes of the state at an activation, at `~/reset`, and when the stamps have jumped or
-    the clock was set back (new run). A configuration and a clean-up create all state again (`reset_state`).
+    The table shows what happens to the state of both nodes at an activation, at `~/reset`, and at a new run, which
+    begins when the stamps jump or the clock is set back. A configuration and a clean-up create all state again
+    (`reset_state`).
 
     | state | activation | `~/reset` | new run |
     |---|---|---|---|
@@ -115,9 +116,10 @@ class PairNode(ManagedNode[P], ABC):
     | poses of `nav/pose` | cleared | cleared | kept, because they may belong to the new run |
     | map in progress | kept | cleared | cleared |
 
-    `motion_prior` has runs of its own (`OdometryBuffer`). Each pair has its rig. At a pair of other cameras than the
-    previous pair, the localiser restarts at its last pose, and the map in progress is cleared. After an internal fault
-    (`restart_after_fault`), the localiser restarts at its last pose, and the map in progress is cleared.
+    `motion_prior` has runs of its own (`OdometryBuffer`). Each pair contains its rig. If the cameras of a pair differ
+    from those of the previous pair, the localiser restarts at its last pose, and the map in progress is cleared. After
+    an internal fault (`restart_after_fault`), the localiser restarts at its last pose, and the map in progress is
+    cleared.
     """
 
     task: Task
@@ -239,7 +241,7 @@ class PairNode(ManagedNode[P], ABC):
         self.status.report_call(call, level, self.meter.method)
 
     def times(self, received: ReceivedPair, conversion_s: float) -> dict[str, float]:
-        """Return the latencies of a result that was just published, and the decoding time, s."""
+        """Return the latencies of a result and its decoding time, s; called when the result has just been published."""
         now_ns = self.get_clock().now().nanoseconds
         found = latencies([info for _, info in received.images], received.stamp_ns, time.time_ns(), now_ns)
         return found | {"conversion_s": conversion_s}

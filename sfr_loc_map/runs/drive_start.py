@@ -19,10 +19,10 @@ MAX_START_GAP_NS = round(LONGEST_GAP_S * NS_PER_S)
 def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose:
     """Return the pose at which a drive starts, with its stamp.
 
-    `identity`: RB is DS at the first pair. `truth`: the true pose at the first pair, interpolated if necessary. If the
-    truth has a gap there, or if the pairs before `from_ns` are omitted, the next true pose is used; without a next true
-    pose, the last true pose is used. Raises ConfigError for another value of `start`, and InputError for `truth`
-    without true attitudes.
+    `identity`: the first pair has the identity as the pose of RB in DS. `truth`: the true pose at the first pair,
+    interpolated if necessary. If the truth has a gap there, or if the pairs before `from_ns` are omitted, the next true
+    pose is used; without a next true pose, the last true pose is used. Raises ConfigError for another value of `start`,
+    and InputError for `truth` without true attitudes.
     """
     if start == "identity":
         return StartPose(Transform.identity())

@@ -29,9 +29,9 @@ LocaliserFactory = Callable[[StereoRig, LocalisationConfig, StartPose], Localise
 class LocalisationSession:
     """Owns the localiser of a node; for use by a single thread.
 
-    If `may_resume`, the next pair starts a localiser at the pose that the previous process saved. State of a session,
-    and what becomes of the state at each transition. The localiser starts at the pose `_start` of this run, and
-    `_first` is the start pose of later runs.
+    The table shows the state after each transition. The localiser of this run starts at `_start`, and the localisers of
+    later runs start at `_first`. `_last` is the last published pose that was not lost. If `may_resume` is true, the
+    next pair starts a localiser at the pose that the previous process saved.
 
     | transition | `_first` | `_start` | `_last` | `_localiser` | `may_resume` |
     |---|---|---|---|---|---|
@@ -87,7 +87,7 @@ class LocalisationSession:
 
         Components that are unknown in the given pose are taken from the known pose at its stamp (`_known_at`).
 
-        GeometryError, and no change, if the pose is invalid (`StartPose.of`).
+        If the pose is invalid (`StartPose.of`), raise a GeometryError and change nothing.
         """
         pose = StartPose.of(completed_pose(StartPose.of(given, "the external pose"), self._known_at(given.stamp_ns)))
         self._first = replace(pose, stamp_ns=None)
@@ -100,7 +100,7 @@ class LocalisationSession:
     def set_first(self, pose: StartPose) -> None:
         """Set the start pose of later runs; this run continues unchanged.
 
-        GeometryError, and no change, if the pose is invalid (`StartPose.of`).
+        If the pose is invalid (`StartPose.of`), raise a GeometryError and change nothing.
         """
         self._first = replace(StartPose.of(pose), stamp_ns=None)
 
@@ -125,8 +125,8 @@ class LocalisationSession:
     def _known_at(self, stamp_ns: int | None) -> StartPose:
         """Return the known pose at a stamp, with the covariance of the last known pose.
 
-        Without a stamp, the last known pose is returned, and before any pose was published, the start pose. The
-        covariance of a past pose is not larger, unless an external pose was applied in the meantime.
+        Without a stamp, return the last known pose; before the first published pose, return the start pose. The
+        covariance of the last pose is an upper bound for earlier poses, unless an external pose was applied in between.
         """
         if self._last is None:
             return self._start
@@ -138,7 +138,7 @@ class LocalisationSession:
     # ---- a pair
 
     def localiser_at(self, stamp_ns: int) -> Localiser:
-        """Return the localiser for a pair, which is started if there is none.
+        """Return the localiser for a pair; start a localiser if there is none.
 
         InputError if the extrinsics of the rig are unknown.
         """

@@ -8,7 +8,7 @@ from sfr_loc_map.ros.environment import EXPORT_LINE
 from sfr_loc_map.ros.transport import TransportGaps, begin_counting
 from sfr_loc_map.transport_issues import MUCH_LOST, doubled_publishers, loss_fix
 
-LOSS_WINDOW = 40  #: Minimum number of images over which the fraction lost in transport is computed.
+LOSS_WINDOW = 40  #: Number of images after which the fraction lost in transport is checked again.
 
 
 class ImageLosses:
@@ -46,7 +46,7 @@ class ImageLosses:
         return f"{'; '.join(self._doubled)}: stop all but one" if self._doubled else ""
 
     def warn_if_many(self) -> None:
-        """Warn if many of the recent images, at least `LOSS_WINDOW`, were lost and each topic has one publisher."""
+        """Warn if more than `MUCH_LOST` of the images since the last check were lost, with one publisher a topic."""
         lost = self.count
         sent = lost + sum(gaps.count for gaps in self._gaps.values())
         lost_before, sent_before = self._counts_at_last_fraction

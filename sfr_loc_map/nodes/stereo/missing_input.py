@@ -14,7 +14,8 @@ from sfr_loc_map.transport_issues import Reliability, silence_of
 
 MORE = "sfr doctor examines the graph"
 ORDER = (Cause.WRONG_TYPE, Cause.QOS, Cause.TRANSPORT, Cause.NO_PUBLISHER, Cause.SILENT)
-"""Order in which reasons are reported: a reason that explains others comes first."""
+"""Kinds of reasons in the order of their priority. Only the first kind that occurs is reported, because it may explain
+the others."""
 
 
 @dataclass(frozen=True, slots=True)

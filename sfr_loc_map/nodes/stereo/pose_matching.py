@@ -16,7 +16,7 @@ MAX_WAITING = 2 * MAX_PAIRS  #: Maximum number of pairs that wait for their pose
 
 
 class PoseMatching(Generic[T]):
-    """Holds pairs until the pose of their stamp is received; `dropped` counts the pairs whose pose never arrived.
+    """Holds pairs until a pose with their stamp is received; `dropped` counts the pairs whose pose was not received.
 
     As in a `StampPairing`, each pose belongs to one pair, and the tolerance is less than half of the period of the
     pairs or of the poses, whichever is shorter, so that the pose of a neighbouring stamp is not used.

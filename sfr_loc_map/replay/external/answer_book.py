@@ -67,9 +67,9 @@ class AnswerBook(Generic[Content]):
     def note_answer(self, stamp_ns: int, frames: str, problem: CallFinding | None, content: Content) -> Content | None:
         """Note an answer; return its content if it is used, None otherwise. Only the first answer to a pair is used.
 
-        An answer whose stamp is not that of a published pair is kept. `note_sent` returns its content once a pair with
-        this stamp is published. The oldest such answers are dropped. Only a used answer determines the frames
-        that are required of all answers.
+        An answer whose stamp is not that of a published pair is kept: `note_sent` returns its content once a pair with
+        this stamp is published. If more than `MAX_EARLY` answers are kept, the oldest is dropped. The first used answer
+        determines the frames that all other answers must have, unless the constructor received them.
 
         `frames` are `parent -> child` of a pose, `parent` of a cloud. `problem` is why the answer is unusable; None if
         the answer is usable.
