@@ -1,8 +1,8 @@
 """The CSV file of the calls of a run (`--stats`): written from records, read as columns.
 
-A row is a call or, if it has a `finding_count`, a finding on an external node in a replay that belongs to no call. The
-stamp of such a finding is that of the first error. The columns are in this order. A file has only the groups for which
-a row has a value; a missing value is empty.
+A row with a `finding_count` is a finding on an external node in a replay that belongs to no call, with the stamp of its
+first error. Every other row is a call. The columns have the order below. A group of columns is omitted if no row has a
+value for it, and the cell of a missing value is empty.
 
     CALL_NAMES, MEMORY_METHOD         stamp, time, state, reason, memory; in all files
     METHOD_NAMES, FINDING             method of the task, and its error in the call
@@ -133,7 +133,7 @@ class _RunCells:
     replay_rate: float | None
 
     def of_call(self, record: CallRecord) -> dict[str, object]:
-        """Return the cells of a call. An external node states the memory of its calls."""
+        """Return the cells of a call. The memory of a call of an external node is marked as stated by the node."""
         method = self.methods.get(record.task)
         cells: dict[str, object] = {
             "stamp_ns": record.stamp_ns,
@@ -194,7 +194,10 @@ def _cell(value: object) -> object:
 
 
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
-    """Read a file with the needed column and a figure of calls. Without `stamp_ns` the calls are numbered."""
+    """Read a file, which must have the needed column, and a state, cost or covariance of the calls.
+
+    Without the column `stamp_ns`, the calls are numbered.
+    """
     file = _Table.read(path, needed)
     methods = file.methods()
     findings = file.of_findings().findings()
@@ -241,7 +244,7 @@ class _Table:
 
     @classmethod
     def read(cls, path: Path, needed: str) -> _Table:
-        """Read a file that has a needed column, a figure of calls, and at least one row."""
+        """Read a file; InputError unless it has the needed column, a state, cost or covariance, and a row."""
         advice = "give a CSV with one row for each call"
         with refusing(f"cannot read '{path}'", advice):
             reader = csv.reader(io.StringIO(read_table_text(path, advice), newline=""))

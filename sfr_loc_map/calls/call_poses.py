@@ -1,4 +1,4 @@
-"""The states, covariances and steps that the calls of a run give the poses of the run."""
+"""States, covariances and steps of the poses of a run, from the calls of the run."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: Fl
 
 
 def with_stamps_of_poses(stats: CallStats, stamps_ns: IntArray) -> CallStats:
-    """Return calls of a localiser, in which the call of each pose has the stamp of the pose, from `stamps_ns` `(N,)`.
+    """Return calls of a localiser in which the call of each pose has the stamp of the pose, one of `stamps_ns` `(N,)`.
 
     The call of a pose is the nearest call within the tolerance for stamps of one image (`nearness_ns`), which is the
     smaller of the tolerances for poses and for calls. A call with the stamp of a pose does not belong to another pose.
@@ -82,7 +82,7 @@ def _steps_between(stamps_ns: IntArray, stats: CallStats, rows: NDArray[np.intp]
     has_step = stats.calls.is_localisation & np.isfinite(stats.steps).all(axis=1)
     stepped_ns = np.unique(stats.calls.stamps_ns[has_step])
     own_ns = np.unique(stamps_ns)
-    # A pose is missing if a step ends between own_ns[i] and own_ns[i + 1], besides the step of the pose at the end.
+    # A pose between own_ns[i] and own_ns[i + 1] is missing if another step than that to own_ns[i + 1] ends there.
     steps_until = np.searchsorted(stepped_ns, own_ns, "right")
     has_gap = np.diff(steps_until) > np.isin(own_ns[1:], stepped_ns)
     steps[np.isin(stamps_ns, own_ns[1:][has_gap])] = np.nan

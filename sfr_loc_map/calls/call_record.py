@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 STATES_OF: dict[Task, tuple[str, ...]] = {Task.LOCALISATION: LOCALISER_STATES, Task.MAPPING: tuple(STATE_KINDS)}
 """States of the calls of each task; empty: unknown."""
 DEFAULT_STATE = {Task.LOCALISATION: "", Task.MAPPING: MappingState.MAPPED.value}
-"""State of a call, by task, if an external node reports none; the state of a localiser is then unknown."""
+"""State of a call whose external node reports no state, by task. The empty state of a localiser means unknown."""
 UNKNOWN_TIME_S = 0.0
 """Processing time of a call whose time is unknown, s, in JSON. Files of calls, `CallRecord` and `CallStats` have NaN; a
 zero in a file is read as NaN."""
@@ -104,8 +104,8 @@ def usage_of_stages(stages: Sequence[CallRecord | CallUsage]) -> CallUsage:
     """Return the usage of a mapping call from its stages: each pair and the fusion.
 
     The time is the sum of the times of the stages. The time between stages does not count, such as the wait for the
-    next pair. The memory is that of the stages with a measured peak. The memory above the idle process is None if it is
-    unknown for one of them.
+    next pair. The memory is the maximum over the stages whose peak was measured. The memory above the idle process is
+    None if one of these stages lacks it.
     """
     peaks = [item.peak_rss_bytes for item in stages if item.peak_rss_bytes is not None]
     above_idle = [item.above_idle_bytes for item in stages if item.above_idle_bytes is not None]

@@ -17,12 +17,12 @@ from sfr_loc_map.suite_names import Task
 
 SEVERITIES = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}  #: Severity of states; 0 for others.
 USAGE_METHOD = "of the method's processes and all that they started, at each call, from outside (psutil)"
-ADAPTER_S = 0.015  #: Processor time of a method's adapter per call, s, with the resolution of 0.01 s.
+ADAPTER_S = 0.015  #: Allowance for the processor time of an adapter in a call, s, with the resolution of 0.01 s.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CallStats:
-    """Calls as columns, as in the CSV file."""
+    """The calls of a run, with one array for each column of the CSV file."""
 
     calls: Calls
     covariance: FloatArray | None  #: `(N, 21)` upper triangles, NaN if unknown; None if all are unknown.

@@ -66,7 +66,7 @@ def file_state(path: Path) -> FileState | None:
 
 @dataclass(slots=True)
 class CommandRun:
-    """Data of a running command for its last line, its exit code and the message after an interruption."""
+    """What a running command notes for its last line, its exit code and the message after an interruption."""
 
     next_line: str = ""  #: Proposed next command; empty if there is none.
     prints_json: bool = False  #: Whether JSON is printed to standard output.
@@ -116,7 +116,7 @@ def command_line() -> str:
 
 
 def propose(*words: str | Path, why: str = "") -> None:
-    """Set the last line of the command: a command line, quoted unless it is one word."""
+    """Propose a command line as the last line of the command; several words are quoted for the shell."""
     line = str(words[0]) if len(words) == 1 else shlex.join(map(str, words))
     current_run().next_line = f"{line}    # {why}" if why else line
 
@@ -127,7 +127,7 @@ def propose_again(*options: str, why: str) -> None:
 
 
 def propose_page(page: str | Path, more: str = "") -> None:
-    """Propose to open a page in a browser, and more in words."""
+    """Propose to open a page in a browser; `more` is added to the text."""
     propose(f"open {shlex.quote(str(page))} in a browser{more}")
 
 

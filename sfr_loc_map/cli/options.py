@@ -183,7 +183,7 @@ def parse_settings(settings: Sequence[str] | None, form: str = SETTING_FORM) -> 
 
 
 def columns_of(texts: Sequence[str] | None) -> tuple[str, str]:
-    """Return the columns of the estimate and of the truth; empty if not given. Several texts of a side are joined."""
+    """Return the columns of the estimate and of the truth, joined if given several times; empty if not given."""
     found: dict[str, list[str]] = {"estimate": [], "truth": []}
     for text in texts or ():
         side, separator, columns = text.partition(":")
@@ -213,7 +213,7 @@ def configuration_of(
 ) -> Configuration:
     """Return a configuration of a source with the values of `--calibration`, `--set` and `--remap`.
 
-    ConfigError if a section would be refused by the commands that use it (`check_configuration`).
+    ConfigError if a section is invalid (`check_configuration`).
     """
     from sfr_loc_map.io.source_settings import check_remap, with_settings
 

@@ -53,7 +53,10 @@ def claim_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (
 
 
 def _why_not_writable(path: Path, inputs: set[Path], taken: Mapping[Path, str], *, overwrite: bool) -> str:
-    """Return why a file must not be written, with the advice; empty if it may be. `taken`: why a path is taken."""
+    """Return why a file must not be written, with advice; empty if it may be written.
+
+    `taken` has the reasons by path.
+    """
     place = path.resolve()
     if path.is_file() and (owner := source_of_file(place, inputs)) is not None:
         return f"it belongs to '{owner}', an input of this command; choose another name"

@@ -62,7 +62,7 @@ TABLE_SUFFIXES = (".parquet", ".csv")
 TARGET = "Calls on a target"
 ALIGNED = AlignedErrorConfig()  #: Default settings of APE and RPE.
 OF_DIAGNOSIS = ("estimate", "truth", "diagnose", "json_path", "overwrite", "lenient", "config_file")
-"""Arguments and options that apply to `--diagnose`, besides those that select the compared poses."""
+"""Arguments and options that apply to `--diagnose`, in addition to those that select the compared poses."""
 
 
 @app.command(

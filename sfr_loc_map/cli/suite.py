@@ -332,7 +332,8 @@ def _present(
 ) -> None:
     """Print the tables and the verdict; raise an error if a limit was missed or not judged, or if a job failed.
 
-    The lines in `told`, which the run has printed, are not repeated. The page is only named if it `is_written`.
+    The lines in `told`, which the run has printed, are not repeated. The path of the page is printed only if
+    `is_written`.
     """
     from sfr_loc_map.metrics.config import VerdictState
     from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit

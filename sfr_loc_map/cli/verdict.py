@@ -1,4 +1,4 @@
-"""End of a judging command: output of the score, and exit codes for verdicts and missing judgements."""
+"""The end of a command that judges: output of the score, and exit codes for verdicts and missing judgements."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
 
     if score.missed:
         raise FailedVerdictError("; ".join(_failures_of(score)))
-    # a score that passes has no limit on the unjudged items, such as a requested condition that was never met
+    # items without a judgement have no limit if the score passes, such as a requested condition that was never met
     is_pass = score.verdict is VerdictState.PASS
     not_judged(reasons_not_judged(score, asked), lenient=lenient or is_pass)
 

@@ -54,7 +54,10 @@ class Command:
 
 
 class Operator(Protocol):
-    """Executes commands: `operator.NodeOperator`, which requires ROS, unlike the server that calls it."""
+    """Executes commands.
+
+    The only implementation, `operator.NodeOperator`, requires ROS; the server that calls it does not.
+    """
 
     def run(self, command: Command) -> str:
         """Execute a command, which may take seconds, and return a text about the result.

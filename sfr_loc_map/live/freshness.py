@@ -83,7 +83,7 @@ class ReceivedTopics:
             self.by_name[name] = ReceivedTopic.after(self.by_name.get(name), stamp_ns, received_s)
 
     def silences(self, now_s: float) -> list[str]:
-        """Return in words for how long the stale topics of `STALE_TOPICS` have been silent."""
+        """Return a text for each stale topic of `STALE_TOPICS`, which states how long the topic has been silent."""
         known = [(text, self.by_name[name]) for name, text in STALE_TOPICS.items() if name in self.by_name]
         return [f"no {text} for {topic.age_s(now_s):.1f} s" for text, topic in known if topic.is_stale(now_s)]
 

@@ -1,4 +1,4 @@
-"""The headline of a run: its verdict with age, staleness or end, in the same words for page and terminal."""
+"""The headline of a run for page and terminal: its verdict with age, stale data, and the end of the run."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ MOST_DRAWN = 10.0  #: Largest drawn fraction of a limit. JSON has no infinite nu
 
 @dataclass(frozen=True, slots=True)
 class LimitBar:
-    """One limit with its verdict, in words and as fractions of the limit; above 1 the limit is missed."""
+    """One limit with its verdict, in words and as fractions of the limit. A fraction above 1 misses the limit."""
 
     place: int  #: Index of the verdict in the score.
     metric: str  #: Name of the limit in the limits file.

@@ -107,7 +107,7 @@ class MapFeed:
         self._put()
 
     def _put(self) -> None:
-        """Pass on the grid, with errors and hazard as far as they were received."""
+        """Pass on the grid, with the errors and the hazard if they were received."""
         grid = self._grid
         hazard = self._hazard
         points = self._points

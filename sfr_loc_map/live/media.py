@@ -134,7 +134,10 @@ def with_layer(sample: ElevationSample, name: str, values: NDArray[np.floating])
 
 
 def thinned(sample: ElevationSample) -> ElevationSample:
-    """Return a grid of about `MAX_CELLS` cells at most: means, maxima of hazard and step, sums of counts."""
+    """Return a grid of about `MAX_CELLS` cells at most.
+
+    A cell has the mean of the original cells; for hazard and step it has the maximum, and for counts the sum.
+    """
     rows, columns, layers = sample.layers.shape
     every = max(int(np.ceil(np.sqrt(rows * columns / MAX_CELLS))), 1)
     if every == 1:

@@ -54,7 +54,7 @@ class PageProcess(AbstractContextManager["PageProcess"]):
         return page_node_name(self._process.popen.pid)
 
     def played(self) -> None:
-        """Report that the source was played and the nodes will end: their silence is then not shown as stale data."""
+        """Report that the source was played and the nodes will end; their silence is then not stale data."""
         self._write(self._end)
 
     def scored(self, score: str, report: Path | None) -> None:

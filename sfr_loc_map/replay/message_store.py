@@ -165,8 +165,8 @@ class ExternalMaps(ReceivedMaps):
         """The map from all clouds, which have the stamps of their pairs.
 
         A cloud is the map of all pairs if it is the only cloud, has the stamp of the last pair, and its points name
-        several pairs in their field `pair`. Otherwise all points of a cloud belong to the pair with its stamp. The map
-        has only points if a cloud has no pixels.
+        several pairs in their field `pair`. Otherwise all points of a cloud belong to the pair with its stamp. If a
+        cloud has no pixels, the map has only points.
         """
         pairs_ns = tuple(sorted(self.sent_ns))
         mapped = self._clouds_of_pairs
@@ -216,7 +216,7 @@ class Received:
 
     @classmethod
     def without_messages(cls, external_task: Task | None) -> Received:
-        """Return the start of a replay in which an external node has a task; None without one."""
+        """Return the empty store of a replay; `external_task` is the task of an external node, None without one."""
         maps = ExternalMaps() if external_task is Task.MAPPING else ReceivedMaps()
         return cls(maps=maps, external_task=external_task)
 
@@ -257,7 +257,7 @@ class Received:
 
 
 def _of_pair(cloud: PointCloud, number: int) -> PointCloud:
-    """Return a cloud whose points are all of the pair with a number."""
+    """Return a cloud in which every point has the given number of its pair."""
     return replace(cloud, pair=np.full(len(cloud), number, np.uint8))
 
 

@@ -115,7 +115,7 @@ def node_under_test(
     """Return the options of an external node, None without one.
 
     `answers`, `command`, `watch` and `frames` are the values of the options of the command; empty if not given.
-    ConfigError if a map is to be diagnosed, or if no answer can have the frames.
+    ConfigError if a diagnosis is requested for a map, or if the frames are invalid.
     """
     if task is None:
         return None
@@ -133,9 +133,9 @@ def node_under_test(
 
 
 def _required_frames(task: Task, text: str) -> str:
-    """Return the frame ids in `PARENT,CHILD` of poses or `PARENT` of clouds as answers state them.
+    """Return the frame ids in `PARENT,CHILD` (poses) or `PARENT` (clouds) in the form of `AnswerConverter.frames_of`.
 
-    ConfigError if the number of frames is another, or if one is empty.
+    ConfigError for another number of frames, and for an empty frame id.
     """
     form = "PARENT,CHILD" if task is Task.LOCALISATION else "PARENT"
     frames = [name.strip() for name in text.split(",")]

@@ -46,7 +46,7 @@ class Pacer:
 
 
 class Player:
-    """Publishes messages until their end or until `stop`. `connected_player` waits until the nodes receive them."""
+    """Publishes messages until their end or until `stop`; `connected_player` creates a player."""
 
     def __init__(self, peer: ReplayPeer, topics: Mapping[str, str], rate: float | None, *, paused: bool) -> None:
         """Advertise topics, given as name and type, and the services."""

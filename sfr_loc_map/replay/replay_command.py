@@ -27,7 +27,7 @@ class ScoredReplay:
     score: Score
     remarks: tuple[str, ...]  #: Remarks for the user in addition to the score, one line each.
     warning: str | None  #: Warning that many poses are lost or degraded; None if few are.
-    interrupted: str  #: Which part was played if a signal ended the replay; empty otherwise.
+    interrupted: str  #: Text that states the played part if a signal ended the replay; empty otherwise.
 
 
 def replay_and_score(
@@ -43,8 +43,8 @@ def replay_and_score(
 
     `progress` is called with the rig of each played pair, `say` with a line about each step. If a signal ends the
     replay, the played part is scored; without any result, a KeyboardInterrupt is raised. If the replay or the
-    conversion fails, the received results are written but not scored. ConfigError if poses are to be diagnosed without
-    ground truth.
+    conversion fails, the received results are written but not scored. ConfigError if a diagnosis of the poses is
+    requested for a source without ground truth.
     """
     _check_diagnosis(source, options)
     read = files_of_source(source, options.limits_file)
@@ -97,7 +97,7 @@ def _converted_or_saved(
 
 
 def _save(result: ReplayResult, files: ReplayFiles) -> None:
-    """Write the results; the files of an earlier replay are removed, because it may have written more of them."""
+    """Write the results, after the files of an earlier replay are removed: it may have written more files."""
     files.remove()
     save_replay(result, files)
 
@@ -120,7 +120,7 @@ def _remarks(result: ReplayResult) -> Iterator[str]:
 
 
 def _check_diagnosis(source: Source, options: ReplayOptions) -> None:
-    """Raise a ConfigError if the poses of an external node are to be diagnosed and the source has no ground truth."""
+    """Raise a ConfigError if a diagnosis of an external node is requested and the source has no ground truth."""
     if options.external_task is not Task.LOCALISATION or not options.request.correction.apply_diagnosis:
         return
     if source.loc is None or source.loc.ground_truth is None or not len(source.loc.ground_truth):

@@ -1,4 +1,4 @@
-"""The score of a replay from the published messages of the nodes."""
+"""The score of a replay, from the messages that its nodes published."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def score_replay(
 ) -> Score:
     """Return the score of a replay, computed by the functions that score files.
 
-    The settings of the source and of our localiser and mapper are added to the settings of the score. For provenance,
-    `read` has the result of `files_of_source`, `files` the files that `save_replay` has written, and `command` the
-    command line.
+    The settings of the source and of our localiser and mapper are added to the settings of the score. The provenance
+    requires the result of `files_of_source` (`read`), the files that `save_replay` has written (`files`), and the
+    command line (`command`).
     """
     run = _run_of(source, result)
     settings = {f"{task}.{name}": value for task, of_task in result.settings.items() for name, value in of_task.items()}

@@ -39,7 +39,7 @@ Progress = Callable[[str], None]
 
 
 class Connected(NamedTuple):
-    """A replay whose nodes receive what the player publishes, and whose results the collector receives."""
+    """A replay whose nodes and page communicate: its player, the collector of its results, and its waits for them."""
 
     collector: ResultCollector
     player: Player
@@ -47,7 +47,10 @@ class Connected(NamedTuple):
     external: ExternalNode | None
 
     def result(self, options: ReplayOptions) -> ReplayResult:
-        """Return what was received; called while an external node runs, because its process is measured until then."""
+        """Return the results.
+
+        Called while an external node still runs, because its process is measured until this call.
+        """
         received = self.collector.received
         external = None
         if self.external is not None and received.external_task is not None:
@@ -56,7 +59,7 @@ class Connected(NamedTuple):
 
 
 def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: Say) -> ReplayResult:
-    """Replay a source through the nodes and return what they publish, also after an error, which the result states.
+    """Replay a source through the nodes and return their results, also after an error, which is a field of the result.
 
     `progress` is called with the rig of each played pair. InputError if the source cannot be replayed.
     """

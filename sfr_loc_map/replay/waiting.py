@@ -19,8 +19,8 @@ from sfr_loc_map.replay.replay_peer import ANSWER_TIMEOUT_S
 from sfr_loc_map.suite_names import Task
 
 QUIET_S = 5.0
-"""Time without a result, s, after which the end of a replay no longer waits. Chosen above the interval between two
-results of a busy host, several seconds."""
+"""Time without a result, s, after which a replay at its end no longer waits for missing results. Chosen above the
+interval between two results on a busy host, which is several seconds."""
 
 
 class AwaitedNode(ABC):
@@ -141,8 +141,8 @@ class ResultWaits:
     def finish(self) -> None:
         """Wait for the missing results of all pairs, then for results that do not belong to one pair.
 
-        The first wait ends if no result has arrived for the longest `quiet_s` of the nodes, so that lost pairs do not
-        fail a replay that is not in lock step.
+        The first wait ends when no result has arrived for the largest `quiet_s` of the nodes, so that a replay at a
+        rate does not fail because of lost pairs.
         """
         quiet_s = max(node.quiet_s for node in self.nodes.values())
         self.collector.wait_while_results_arrive(self._has_all_results, quiet_s)

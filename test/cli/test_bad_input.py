@@ -196,7 +196,10 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
             "'--video' applies only to the built-in method: omit it",
         ),
         (("map", "{source}", "-o", "{out}/c.ply", "--memory-limit", "900"), "'--memory-limit' applies to a method"),
-        (("map", "{source}", "-o", "{out}/c.ply", "--method", "sgbm", "--refine-poses"), "'--refine-poses' applies to"),
+        (
+            ("map", "{source}", "-o", "{out}/c.ply", "--method", "sgbm", "--refine-poses"),
+            "'--refine-poses' applies only to the built-in method",
+        ),
         (("replay", "{source}", "--overwrite"), "'--overwrite' replaces the files of a folder: give --out"),
         (("replay", "{source}", "--answer-timeout", "5"), "'--answer-timeout' applies only to external nodes"),
         (("report", "{tum}", "-o", "{out}/p.html", "--align", "se3"), "'--align' .*: give --truth TRUTH"),

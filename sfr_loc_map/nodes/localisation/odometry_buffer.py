@@ -13,7 +13,8 @@ from sfr_loc_map.run_order import RunOrder
 
 CAPACITY = 5000  #: Number of stored messages: 100 s at 50 Hz.
 MAX_GAP_NS = 500_000_000
-"""Longest interval between two messages in which poses are interpolated, ns. In a longer one, the motion may change."""
+"""Longest interval between two messages in which poses are interpolated, ns. The motion may change within a longer
+interval."""
 
 
 class OdometryBuffer:

@@ -34,7 +34,7 @@ class _Content(msgspec.Struct):
 
 
 class PoseFile:
-    """Saves the last known pose of a rig, at which a localisation node that was killed resumes.
+    """Saves the last known pose of a rig, at which a localisation node resumes after it was killed.
 
     The file is replaced by renaming, so that a process that is killed leaves the previous file. The file is not
     synchronised with the disk: after a loss of power it may be old, empty or missing. A file that is corrupt or was
@@ -68,7 +68,7 @@ class PoseFile:
             raise OutputError(f"resume_file '{self._path}' has no saved pose; remove it or choose another name")
 
     def load(self, stamp_ns: int, rig: StereoRig) -> StartPose | None:
-        """Return the saved pose; None if there is none, or if it is too old or not earlier than this stamp."""
+        """Return the saved pose; None if no pose is saved, or if it is too old or not earlier than this stamp."""
         try:
             kept = msgspec.json.decode(read_bytes(self._path, MAX_BYTES), type=_Content)
             pose = Transform.from_quat(kept.translation_m, kept.quat_xyzw)

@@ -1,4 +1,4 @@
-"""Publish a score as a report, as diagnostics, and with each figure on its own topic."""
+"""Publish a score as a JSON report, as diagnostics, and as single figures on topics of their own."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ VERDICT_LEVELS = {
     VerdictState.INCOMPLETE: Level.WARN,
     VerdictState.NOT_JUDGED: Level.WARN,
 }
-RESTS = 9.0  #: Time without scoring after each score, as a multiple of the processor time of that score.
+RESTS = 9.0  #: Pause after each score, as a multiple of the processor time of this score.
 
 
 class ScorePublisher:

@@ -134,7 +134,7 @@ class TopicTruthInput(TruthInput):
     """Receives true poses on their topic, with any type of `TRUTH_TYPES`."""
 
     def __init__(self, node: Node, reliability: Reliability) -> None:
-        """Receive nothing yet."""
+        """Start without a subscription."""
         self._node, self._reliability = node, reliability
         self._msgtype = ODOMETRY
         self._reader = TruthReader(ODOMETRY)

@@ -24,7 +24,7 @@ class ImageLosses:
         self._counts_at_last_fraction = 0, 0  # images lost and sent when the lost fraction was last computed
 
     def begin_counting(self, topic: str) -> TransportGaps:
-        """Return the counter of a topic, to which a new subscription adds its message infos; the counts continue."""
+        """Return the counter of a topic for a new subscription; the counts of the previous subscription continue."""
         return begin_counting(self._gaps, topic)
 
     @property
@@ -46,7 +46,10 @@ class ImageLosses:
         return f"{'; '.join(self._doubled)}: stop all but one" if self._doubled else ""
 
     def warn_if_many(self) -> None:
-        """Warn if more than `MUCH_LOST` of the images since the last check were lost, with one publisher a topic."""
+        """Warn if more than `MUCH_LOST` of the images since the last check were lost.
+
+        If a topic has several publishers, its losses are unknown, and nothing is reported.
+        """
         lost = self.count
         sent = lost + sum(gaps.count for gaps in self._gaps.values())
         lost_before, sent_before = self._counts_at_last_fraction

@@ -42,7 +42,7 @@ class AnswerBook(Generic[Content]):
         self._timeout_s = timeout_s
         self._sent_s: dict[int, float] = {}  # by stamp: time of the last image of a pair
         self._latency_s: dict[int, float] = {}  # by stamp: latency of the first answer
-        self._early: list[tuple[int, Answer[Content]]] = []  # stamps of no pair yet and answers, the oldest first
+        self._early: list[tuple[int, Answer[Content]]] = []  # stamp and answer, the oldest first
         self._dropped = 0  # number of dropped early answers
         self._first_dropped_ns: int | None = None
         self._unanswered_in_a_row = 0

@@ -73,7 +73,7 @@ class PoseConverter:
         self._truth = loc.ground_truth
         self._in_own_world = replace(options.convention, world="ds")
         self._T_rb_child = options.convention.T_rb_child(loc.rig)
-        # pose with the earliest stamp; a convention may state motions since this pose
+        # pose with the earliest stamp, because a convention may state poses relative to this pose
         self._first: OdometryRow | None = None
         self._T_ds_world: Transform | None = None  # of the first pose, if the convention aligns the world with it
         self._publisher = peer.ros_node.create_publisher(Odometry, options.converted_topic, QoSProfile(depth=DEPTH))
@@ -110,7 +110,8 @@ class PoseConverter:
     def _converted(self, row: OdometryRow, covariance: FloatArray) -> Estimates:
         """Return a pose with its covariance `(6, 6)` as a pose of RB in DS.
 
-        The pose is converted together with the first pose, because a convention may state motions since this pose.
+        The pose is converted together with the first pose, because a convention may state poses relative to the first
+        pose.
         """
         if self._first is None or row[0] < self._first[0]:
             self._first = row
