@@ -124,8 +124,8 @@ def localise(
     method that cannot be found or started. With `live`, errors of the rig, the pairs and the method are raised by
     `next()` on the iterator.
 
-    A UserWarning reports many lost or degraded poses, findings on a method, and a start pose of another time than the
-    first pair if a method cannot use its stamp. With `live` there are no warnings.
+    A UserWarning reports many lost or degraded poses, findings on a method, and a start pose whose stamp differs from
+    that of the first pair if the method cannot use the stamp. With `live` there are no warnings.
     """
     _check_flag("live", live)
     opened = _opened(source, config, method)
@@ -313,7 +313,7 @@ def _truth_file(truth: PathLike | Source) -> Path:
 
 
 def _refuse_given(arguments: Mapping[str, Any], kind: str) -> None:
-    """Raise ConfigError if a valid argument of `score` differs from its default, because it applies only to a kind."""
+    """Raise ConfigError if an argument of `score` that applies only to another kind of estimate is not its default."""
     parameters = signature(score).parameters
     for name, value in arguments.items():
         default = parameters[name].default
@@ -352,9 +352,9 @@ def _conditions(given: Sequence[str] | None) -> Sequence[str] | None:
 
 
 def _opened(source: SourceLike, config: object, method: str) -> api_types.Source:
-    """Return the open source; a path is opened with a `config` that is a file, if the file is not that of a method.
+    """Return the open source. A path is opened with `config` if `config` is a file and not that of a method.
 
-    ConfigError, also if `method` is no text.
+    ConfigError if `config` is invalid, or if `method` is not a text.
     """
     if not isinstance(method, str):
         raise wrong_type("method", method, "the name of a method")

@@ -131,7 +131,7 @@ class Trajectory(Shown, trajectory.Trajectory):
         """Return the poses of estimates, as `sfr.localise(..., live=True)` and `sfr.Localiser` return them.
 
         The calls have the states, reasons and covariances of the estimates. Their time and memory are unknown.
-        ConfigError if an item is no PoseEstimate.
+        ConfigError if an item is not a PoseEstimate.
         """
         if not isinstance(estimates, Iterable):
             raise wrong_type("estimates", estimates, "a sequence of PoseEstimate")
@@ -322,7 +322,7 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
 
     @property
     def _plain(self) -> score.Score:
-        """The score as the lower layers use it, whose look-ups accept names without a row."""
+        """The score as a value of the lower layers, whose look-ups also accept names without a row."""
         return score.Score(**msgspec.structs.asdict(self))
 
     @staticmethod

@@ -18,24 +18,24 @@ from types import FrameType
 from typing import Any
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-SAME_WISH_S = 1.0  #: A signal within this time after the previous signal, s, is part of the same request.
+SAME_REQUEST_S = 1.0  #: A signal within this time after the previous signal, s, is part of the same request.
 AGAIN_S = 0.1  #: Delay, s, after which a signal is repeated if its exception was lost.
 
 
-class _Wish:
+class _Handling:
     """Current handling of signals."""
 
     held = ignored = False
-    last_s = -SAME_WISH_S
+    last_s = -SAME_REQUEST_S
     stop: Callable[[], None] | None = None
 
 
-_now = _Wish()
+_now = _Handling()
 
 
 def handle_signals() -> None:
     """Let signals terminate the program gracefully, except those that it inherited as ignored (`nohup`)."""
-    _now.held, _now.ignored, _now.stop, _now.last_s = False, False, None, -SAME_WISH_S
+    _now.held, _now.ignored, _now.stop, _now.last_s = False, False, None, -SAME_REQUEST_S
     for number in END_SIGNALS:
         if number is signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _received)
@@ -92,7 +92,7 @@ def deferred_signals() -> Iterator[None]:
 
 def _received(number: int, frame: FrameType | None) -> None:
     now_s = time.monotonic()
-    is_new, _now.last_s = now_s - _now.last_s >= SAME_WISH_S, now_s
+    is_new, _now.last_s = now_s - _now.last_s >= SAME_REQUEST_S, now_s
     if _now.held or not is_new:
         _now.ignored |= _now.held and is_new
         return
@@ -107,5 +107,5 @@ def _unraisable(problem: Any) -> None:  # noqa: ANN401 - sys.UnraisableHookArgs 
     if not issubclass(problem.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(problem)
         return
-    _now.last_s = -SAME_WISH_S
+    _now.last_s = -SAME_REQUEST_S
     threading.Timer(AGAIN_S, signal.raise_signal, (signal.SIGINT,)).start()

@@ -151,7 +151,7 @@ class Timeline:
         self._open[lane] = self._add(Event(lane, at_s, None, kind, text[:MAX_TEXT]))
 
     def _before_flicker(self, ended: Event, kind: EventKind, at_s: float) -> Event | None:
-        """Return the event that a short tracking event has interrupted, if that event has the given kind, or None."""
+        """Return the event of the given kind that a short tracking event has interrupted; None if there is none."""
         if ended.kind is not EventKind.TRACKING or at_s - ended.from_s >= FLICKER_S:
             return None
         recent = [event for event in self.events[-RECENT:] if event.lane == ended.lane]

@@ -82,7 +82,7 @@ def live_values(state: LiveState, now_s: float) -> dict[str, Any]:
 
 
 def _age_of_verdict_s(state: LiveState, now_s: float) -> float | None:
-    """Return the time since the last score or the last pose or call, whichever is older; None without a score.
+    """Return the age of the last score, or of the last pose or call if that is older; None without a score.
 
     A score is latched, so it may be received without any pose or call.
     """

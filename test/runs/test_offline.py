@@ -217,7 +217,7 @@ def test_a_signal_during_a_call_of_a_mapper_under_test_is_no_fault_of_the_method
 ) -> None:
     """The first signal lets the method finish its pair. The second ends the call, whose answer is not read later."""
     (tmp_path / "slow.py").write_text(SLOW)
-    monkeypatch.setattr(signals, "SAME_WISH_S", 0.1)
+    monkeypatch.setattr(signals, "SAME_REQUEST_S", 0.1)
     source = open_source(write_folder(tmp_path / "source", 0, 3))
     how = UnderTest(find_method(f"{tmp_path}/slow.py:Slow", Task.MAPPING), hidden=())
     timers: list[threading.Timer] = []
