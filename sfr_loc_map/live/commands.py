@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Protocol
 
 import msgspec
 
@@ -51,19 +50,3 @@ class Command:
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise InputError(f"invalid command: {error}") from error
         return replace(found, node=one_line(found.node)[:MAX_TEXT], text=one_line(found.text)[:MAX_TEXT])
-
-
-class Operator(Protocol):
-    """Executes commands.
-
-    The only implementation, `operator.NodeOperator`, requires ROS; the server that calls it does not.
-    """
-
-    def run(self, command: Command) -> str:
-        """Execute a command, which may take seconds, and return a text about the result.
-
-        An SfrError is raised if the command fails.
-        """
-
-    def close(self) -> None:
-        """Cancel the commands in progress."""

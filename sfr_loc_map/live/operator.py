@@ -37,7 +37,10 @@ class NodeOperator:
         self._bookmarks = node.create_publisher(String, BOOKMARK, QoSProfile(depth=100), event_callbacks=events)
 
     def run(self, command: Command) -> str:
-        """Execute a command and return a text about the result; must not be called in the executor's thread."""
+        """Execute a command, which may take seconds, and return a text about the result.
+
+        An SfrError is raised if the command fails. This method must not be called in the executor's thread.
+        """
         node, action = command.node, command.action
         if action is Action.BOOKMARK:
             self._bookmarks.publish(String(data=command.text or "bookmark"))

@@ -16,6 +16,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import closing, suppress
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from aiohttp import WSMsgType, http_exceptions, web
@@ -23,7 +24,7 @@ from aiohttp import WSMsgType, http_exceptions, web
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.live.access import TOKEN_COOKIE, is_equal, refusal_of
-from sfr_loc_map.live.commands import Action, Command, Operator
+from sfr_loc_map.live.commands import Action, Command
 from sfr_loc_map.live.config import LiveConfig
 from sfr_loc_map.live.connections import IDLE_TIMEOUT_S, BoundedConnections
 from sfr_loc_map.live.messages import LIVE_PERIOD_S, CommonTexts
@@ -32,6 +33,9 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.values import state_json
 from sfr_loc_map.live.viewer import Viewer
 from sfr_loc_map.signals import stopping
+
+if TYPE_CHECKING:  # the server itself requires no ROS
+    from sfr_loc_map.live.operator import NodeOperator
 
 CONTENT_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 PLOTTING_LIBRARY = "plotly.min.js"  #: File of the plotly wheel.
@@ -68,7 +72,7 @@ END_PERIOD_S = 0.1  #: Period of the check whether the run is over, s.
 class LiveServer:
     """Serves the page of a run at `url`. All methods but the constructor run in one event loop."""
 
-    def __init__(self, config: LiveConfig, state: LiveState, operator: Operator, title: str = "") -> None:
+    def __init__(self, config: LiveConfig, state: LiveState, operator: NodeOperator, title: str = "") -> None:
         """Read the page's files; the title, for example a namespace, is displayed in the header."""
         self.state = state
         self.url = ""  # known once the page is served

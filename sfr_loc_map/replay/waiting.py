@@ -27,9 +27,9 @@ class AwaitedNode(ABC):
     """The node of a task, from which a replay awaits the results of its pairs."""
 
     @property
-    @abstractmethod
     def quiet_s(self) -> float:
         """Time without any result, s, after which missing results of the node are no longer awaited."""
+        return QUIET_S
 
     @abstractmethod
     def wait_for(self, stamp_ns: int) -> None:
@@ -56,11 +56,6 @@ class OurNode(AwaitedNode):
 
     task: Task
     collector: ResultCollector
-
-    @property
-    def quiet_s(self) -> float:
-        """Time without any result, s, after which missing results of the node are no longer awaited."""
-        return QUIET_S
 
     def wait_for(self, stamp_ns: int) -> None:
         """Wait in lock step for the results of a pair.
