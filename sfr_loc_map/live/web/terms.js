@@ -2,14 +2,14 @@
 
 const TERMS = {
   events: "Events over time: states of localisation, nodes that were silent, failed or compiling, missed limits, jumps of the stamps, and the end of an aborted run.",
-  limits: "Each limit as a bar: the judged value as a fraction of the limit (vertical line), with its 95 % interval. Limits with the smallest margin come first.",
+  limits: "Each limit as a bar: the judged value as a fraction of the limit (vertical line), with its 95 % interval. Missed limits come first, then the others by decreasing fraction.",
   path: "Estimate and ground truth from above, in the frame of the truth. Errors and the 3 sigma ellipse of the last pose are enlarged by the factors in the legend.",
   cameras: "Images of the chosen rig, reduced for the screen. Tracks lead from the newest keyframe to this image: blue to yellow by residual, outliers violet, features not found as crosses. A red frame indicates that localisation is lost.",
   errors: "Position error at the end of each sub-trajectory of the first condition, re-based at its start, as scored by the monitor. The scale is logarithmic if the maximum is far above the median.",
   map: "The mapper's elevation grid from above, or cell means of its cloud, in LM. Error: mean distance of the cell's points to the truth. Hazard: the largest terrain criterion as a percentage of its limit. Cells without colour are unknown.",
   calls: "Time of each processing call, latency of its images (transport), time from their receipt to the result, and peak memory of the node.",
   nodes: "Health that each node reports once a second. Stale: no report for at least 1.5 s.",
-  drops: "Messages that were lost or dropped since the node started, by cause.",
+  drops: "Messages that were lost or dropped since the node was configured, by cause.",
   lifecycle: "State of the managed node: unconfigured, inactive, active or finalized.",
   figures: "Errors of the estimate over sub-trajectories, re-based at the start of each sub-trajectory, with their limits. The texts are those of the report.",
 };
