@@ -201,7 +201,7 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
             "'--refine-poses' applies only to the built-in method",
         ),
         (("replay", "{source}", "--overwrite"), "'--overwrite' replaces the files of a folder: give --out"),
-        (("replay", "{source}", "--answer-timeout", "5"), "'--answer-timeout' applies only to external nodes"),
+        (("replay", "{source}", "--answer-timeout", "5"), "'--answer-timeout' applies only to an external node"),
         (("report", "{tum}", "-o", "{out}/p.html", "--align", "se3"), "'--align' .*: give --truth TRUTH"),
         (("report", "{tum}", "-o", "{out}/p.html", "--max-difference", "0.01"), "'--max-difference' .*: give --truth"),
         (("report", "{tum}", "-o", "{out}/p.html", "--lenient"), "'--lenient' does not apply to trajectories"),

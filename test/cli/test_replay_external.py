@@ -94,8 +94,8 @@ def test_no_answer_counts_before_its_question_or_of_a_node_that_crashed(
 @pytest.mark.parametrize(
     ("words", "problem"),
     [
-        (["--command", "true"], "applies only to external nodes"),
-        (["--convention", "frame=left"], "applies only to external nodes"),
+        (["--command", "true"], "applies only to an external node"),
+        (["--convention", "frame=left"], "applies only to an external node"),
         (["--external", "localisation", "--method", "sfr"], "contradicts --external"),
         (["--external", "mapping"], "the source has no pairs for this task"),
         (["--external", "localisation", "--command", "no-such-program-here"], "cannot start 'no-such-program-here'"),
