@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from enum import StrEnum
-from numbers import Real
+from typing import NamedTuple
 
 from sfr_loc_map.errors import MetricsError
 
@@ -36,50 +36,18 @@ class ConditionKind(StrEnum):
 _UNITS = {"distance": "m", "time": "s", "frames": "frames", "displacement": "m", "turn": "deg"}
 
 
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """Condition that ends a sub-trajectory: a number of metres, seconds, frames or degrees.
-
-    The value is positive and at most `MAX_VALUE`. A combined condition ends the sub-trajectory at the first frame at
-    which all its components hold.
-    """
+class Component(NamedTuple):
+    """A number of metres, seconds, frames or degrees that a sub-trajectory must reach."""
 
     kind: ConditionKind
-    value: float
-    others: tuple[Condition, ...] = ()  #: Other components of a combined condition, each of one kind.
+    value: float  #: Positive, and at most `MAX_VALUE`.
 
-    def __post_init__(self) -> None:
-        """Check the condition, and sort its components by kind, so that conditions with the same components are equal.
 
-        The kind may be given by its name. MetricsError if the kind or the value is invalid, if two components have the
-        same kind, or if a component has components.
-        """
-        value: object = self.value
-        if isinstance(value, bool) or not isinstance(value, Real):
-            raise MetricsError(f"'{self.kind}={value!r}' is not a condition: {VALUES_OF_CONDITIONS}")
-        if self.kind not in list(ConditionKind):
-            raise MetricsError(f"'{self.kind}={self.value:g}' is not a condition: {VALUES_OF_CONDITIONS}")
-        object.__setattr__(self, "kind", ConditionKind(self.kind))
-        largest = 180.0 if self.kind is ConditionKind.TURN else MAX_VALUE
-        is_countable = self.kind is not ConditionKind.FRAMES or self.value % 1.0 == 0.0
-        if not 0.0 < self.value <= largest or not is_countable:
-            raise MetricsError(f"'{self.kind}={self.value:g}' is not a condition: {VALUES_OF_CONDITIONS}")
-        if not self.others:
-            return
-        if any(each.others for each in self.others):
-            raise MetricsError(
-                f"'{self.setting}' has a component with components: give each component as a condition of one kind"
-            )
-        if len({each.kind for each in self.components}) < len(self.components):
-            raise MetricsError(f"'{self.setting}' has the same kind of condition twice: give each kind once")
-        first, *others = sorted(self.components, key=lambda each: list(ConditionKind).index(each.kind))
-        for name, value in (("kind", first.kind), ("value", first.value), ("others", tuple(others))):
-            object.__setattr__(self, name, value)
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """Condition that ends a sub-trajectory at the first frame at which all its components hold. `parse` makes it."""
 
-    @property
-    def components(self) -> tuple[Condition, ...]:
-        """All components of the condition as separate conditions, in the order of `ConditionKind`."""
-        return (Condition(self.kind, self.value), *self.others)
+    components: tuple[Component, ...]  #: One component of each kind, in the order of `ConditionKind`.
 
     @classmethod
     def parse(cls, text: str) -> Condition:
@@ -87,16 +55,13 @@ class Condition:
 
         A unit after the number is accepted (`distance=5 m`). MetricsError if the text is not a valid condition.
         """
-        components = []
-        for word in text.split(","):
-            name, _, number = word.partition("=")
-            try:
-                kind = ConditionKind(name.strip())
-                components.append(cls(kind, _decimal(number.strip().removesuffix(kind.unit).rstrip())))
-            except (ValueError, MetricsError) as error:
-                raise MetricsError(f"'{text}' is not a condition: {VALUES_OF_CONDITIONS}") from error
-        first, *others = components
-        return cls(first.kind, first.value, tuple(others))
+        try:
+            given = cls(tuple(_component(word) for word in text.split(",")))
+        except ValueError as error:
+            raise MetricsError(f"'{text}' is not a condition: {VALUES_OF_CONDITIONS}") from error
+        if len({each.kind for each in given.components}) < len(given.components):
+            raise MetricsError(f"'{given.setting}' has the same kind of condition twice: give each kind once")
+        return cls(tuple(sorted(given.components, key=lambda each: list(ConditionKind).index(each.kind))))
 
     @property
     def is_of_time(self) -> bool:
@@ -126,6 +91,18 @@ class Condition:
 
     def __str__(self) -> str:
         return self.label
+
+
+def _component(text: str) -> Component:
+    """Return the component of a text such as `distance=5 m`; ValueError if it is invalid."""
+    name, _, number = text.partition("=")
+    kind = ConditionKind(name.strip())
+    value = _decimal(number.strip().removesuffix(kind.unit).rstrip())
+    largest = 180.0 if kind is ConditionKind.TURN else MAX_VALUE
+    is_countable = kind is not ConditionKind.FRAMES or value % 1.0 == 0.0
+    if not 0.0 < value <= largest or not is_countable:
+        raise ValueError(f"{value:g} is not a value of {kind}")
+    return Component(kind, value)
 
 
 def _decimal(text: str) -> float:

@@ -113,8 +113,8 @@ def _check_conditions(texts: Iterable[str]) -> None:
 
 def _check_rpe_delta(text: str) -> None:
     """Raise MetricsError or ConfigError unless a text is one number of frames or metres."""
-    delta = Condition.parse(text)
-    if delta.others or delta.kind not in (ConditionKind.FRAMES, ConditionKind.DISTANCE):
+    first, *others = Condition.parse(text).components
+    if others or first.kind not in (ConditionKind.FRAMES, ConditionKind.DISTANCE):
         raise ConfigError(f"'{text}' is not a length: frames=NUMBER or distance=METRES is required")
 
 

@@ -143,7 +143,7 @@ def why_unmet(condition: Condition, drive: DriveExtent) -> str:
         why = f"the drive {' and '.join(short)}"
     elif len(condition.components) > 1:
         why = "no sub-trajectory of the drive meets all its parts"
-    elif condition.kind is ConditionKind.TURN:
+    elif condition.components[0].kind is ConditionKind.TURN:
         why = "the drive never turns by this angle"
     else:
         why = "the drive never reaches this straight-line distance"

@@ -25,7 +25,7 @@ from sfr_loc_map.geometry.rotation import (
 )
 from sfr_loc_map.geometry.trajectory import Trajectory, as_truth, at_point
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.conditions import Condition, ConditionKind
+from sfr_loc_map.metrics.conditions import Component, Condition, ConditionKind
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.metrics.figures.records import Alignment
 from sfr_loc_map.metrics.figures.row_part import ROTATION, TRANSLATION
@@ -71,7 +71,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
     poses = aligned_poses(estimate, truth, config)
     delta = Condition.parse(config.rpe_delta)
     # relative error E = inv(inv(Q_i) Q_j) inv(P_i) P_j with the truth Q and the estimate P; the next motion starts at j
-    ends = _ends(poses.estimate.positions, delta)
+    ends = _ends(poses.estimate.positions, delta.components[0])
     spans = ends[:-1], ends[1:]
     true_move, true_turn = relative_motions(poses.truth.positions, poses.truth.quats_xyzw, *spans)
     move, turn = relative_motions(poses.estimate.positions, poses.estimate.quats_xyzw, *spans)
@@ -153,7 +153,7 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
     return AlignedPoses(est, true, similarity)
 
 
-def _ends(positions: FloatArray, delta: Condition) -> NDArray[np.intp]:
+def _ends(positions: FloatArray, delta: Component) -> NDArray[np.intp]:
     if delta.kind is ConditionKind.FRAMES:
         return np.arange(0, len(positions), int(delta.value), dtype=np.intp)
     ends, travelled = [0], 0.0
