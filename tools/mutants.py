@@ -181,9 +181,7 @@ MUTATIONS = (
     # 4.2.1, 4.2.2 calls
     Mutation("metrics/calls/call_score.py", "statistics(known[1:])", "statistics(known)"),
     Mutation("metrics/calls/call_score.py", "int(known.max()) if len(known)", "int(known.min()) if len(known)"),
-    Mutation(
-        "metrics/calls/call_score.py", "MappingState.FUSED: CallKind.FUSION", "MappingState.FUSED: CallKind.MAPPING"
-    ),
+    Mutation("metrics/calls/calls.py", "MappingState.FUSED: CallKind.FUSION", "MappingState.FUSED: CallKind.MAPPING"),
     Mutation(
         "metrics/calls/call_score.py",
         "calls.peak_bytes > 0.0, calls.peak_bytes, np.nan",
@@ -465,7 +463,9 @@ MUTATIONS = (
         "file.data_sha256 or file.sha256 for file in files}) > 2",
     ),
     Mutation("metrics/judging/proof.py", "in sorted(drives.items())]", "in drives.items()]"),
-    Mutation("scoring/results.py", "else KINDS_OF[Task(node.task)]", "else KINDS_OF[Task(node.task)][:1]"),
+    Mutation(
+        "scoring/results.py", "fromkeys(KINDS_OF[task], measurement)", "fromkeys(KINDS_OF[task][:1], measurement)"
+    ),
     Mutation("metrics/figures/catalogue.py", " or place is Place.STATED:", ":"),
     Mutation("metrics/map/map_score.py", "len(xyz) - len(np.unique(xyz, axis=0)),", "0,"),
     Mutation("metrics/map/map_score.py", "len(xyz) - pixels, crowded)", "0, crowded)"),

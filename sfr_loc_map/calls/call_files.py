@@ -41,7 +41,8 @@ from sfr_loc_map.io.number_text import is_decimal, parse_count
 from sfr_loc_map.io.stamps.stamp_text import parse_stamp_ns
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import METHOD
-from sfr_loc_map.metrics.calls.call_score import KNOWN_STATES, MAX_NUMBER, STATED_BY_NODE, USAGE_NAMES, Calls, stage_of
+from sfr_loc_map.metrics.calls.call_score import STATED_BY_NODE
+from sfr_loc_map.metrics.calls.calls import KNOWN_STATES, MAX_NUMBER, USAGE_NAMES, Calls, stage_of
 from sfr_loc_map.metrics.figures.records import CallFinding, FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.metrics.frames.covariance import DIAGONAL, UPPER, check_variances, step_variances
 from sfr_loc_map.suite_names import Task

@@ -14,7 +14,7 @@ from sfr_loc_map.calls.call_record import DEFAULT_STATE, UNKNOWN_TIME_S, CallRec
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, refusing
 from sfr_loc_map.message_text import printable
-from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, is_statistic, statistic_range
+from sfr_loc_map.metrics.calls.calls import MAX_NUMBER, is_statistic, statistic_range
 from sfr_loc_map.metrics.frames.covariance import STEP_SIZE
 from sfr_loc_map.suite_names import Task
 

@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.io.stamps.stamp_text import STAMP_LIMIT
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
-from sfr_loc_map.metrics.calls.call_score import LOCALISER_STATES, MAX_NUMBER, STATE_KINDS
+from sfr_loc_map.metrics.calls.calls import LOCALISER_STATES, MAX_NUMBER, STATE_KINDS
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.frames.covariance import DIAGONAL, check_variances, step_variances
 from sfr_loc_map.suite_names import Task

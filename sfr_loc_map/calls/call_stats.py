@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from sfr_loc_map.calls.run_identity import RunIdentity
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.calls.call_score import STATE_KINDS, STATED_BY_NODE, Calls, concatenated, stacked
+from sfr_loc_map.metrics.calls.call_score import STATED_BY_NODE
+from sfr_loc_map.metrics.calls.calls import STATE_KINDS, Calls, concatenated, stacked
 from sfr_loc_map.metrics.figures.records import FindingRecord, MethodKind, MethodRecord, ProcessUsage
 from sfr_loc_map.suite_names import Task
 

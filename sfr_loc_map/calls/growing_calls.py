@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.growing_rows import GrowingRows
 from sfr_loc_map.metrics.calls.call_meter import METHOD
-from sfr_loc_map.metrics.calls.call_score import USAGE_NAMES, Calls, stage_of
+from sfr_loc_map.metrics.calls.calls import USAGE_NAMES, Calls, stage_of
 from sfr_loc_map.metrics.figures.records import MethodRecord
 from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, STEP_SIZE, UPPER
 from sfr_loc_map.suite_names import Task

@@ -17,7 +17,7 @@ from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, Requ
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.methods.scratch_folder import ScratchFolder
 from sfr_loc_map.methods.supervised_process import SupervisedProcess
-from sfr_loc_map.metrics.calls.call_score import is_statistic
+from sfr_loc_map.metrics.calls.calls import is_statistic
 from sfr_loc_map.metrics.figures.records import FindingKind
 from sfr_loc_map.suite_names import Task
 

@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.rotation import quat_angle, quat_conjugate, quat_multi
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_text import counted
-from sfr_loc_map.metrics.calls.call_score import Calls
+from sfr_loc_map.metrics.calls.calls import Calls
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.figures.records import MethodRecord
 from sfr_loc_map.metrics.frames.association import nearness_ns

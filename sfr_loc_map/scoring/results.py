@@ -16,16 +16,9 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.metrics.calls.call_score import (
-    HOST_CLOCKS,
-    HOST_PLACES,
-    KINDS_OF,
-    STATED_BY_NODE,
-    concatenated,
-    score_calls,
-    score_target,
-    with_external,
-)
+from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK
+from sfr_loc_map.metrics.calls.call_score import STATED_BY_NODE, Measurement, score_calls, score_target, with_external
+from sfr_loc_map.metrics.calls.calls import KINDS_OF, concatenated
 from sfr_loc_map.metrics.completeness.drive import SPARSER, rows_without_poses
 from sfr_loc_map.metrics.completeness.expected_items import rows_without_cloud
 from sfr_loc_map.metrics.config import (
@@ -35,7 +28,7 @@ from sfr_loc_map.metrics.config import (
     MapScoreConfig,
     TrajectoryScoreConfig,
 )
-from sfr_loc_map.metrics.figures.records import Association, MethodKind, TargetRun
+from sfr_loc_map.metrics.figures.records import Association, ExternalScore, MethodKind, TargetRun
 from sfr_loc_map.metrics.figures.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.figures.row_part import Place
 from sfr_loc_map.metrics.map.map_score import score_map, score_nearest
@@ -183,62 +176,57 @@ def _pixel_warnings(cloud: PointCloud, truths: Sequence[PairTruth]) -> Iterator[
 
 
 def calls_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool = True) -> CallsResult:
-    """Return the result of the calls; `expected_ns` are the stamps of the pairs that should have a call."""
-    of_host = host_result(run, expected_ns, details=details)
-    return of_host if run.target is None else with_target(of_host, run, run.target, expected_ns)
-
-
-def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool) -> CallsResult:
-    """Return the figures of the calls on this host.
+    """Return the result of the calls; `expected_ns` are the stamps of the pairs that should have a call.
 
     An external node is measured from outside, and what it states about its own calls is not judged.
     """
     node = run.item.external
-    stated = kinds_of_external_nodes(run.stats) if node is None else KINDS_OF[Task(node.task)]
     scored = CallsResult()
     if run.stats:
         calls = concatenated([item.calls for item in run.stats])
-        place_of = {**HOST_PLACES, **dict.fromkeys(stated, Place.STATED)}
-        scored = score_calls(calls, expected_ns, clocks_of(run.stats), place_of, details=details)
-    return scored if node is None else with_external(scored, node)
+        scored = score_calls(calls, expected_ns, measurements_of(run.stats, node), details=details)
+    if node is not None:
+        scored = with_external(scored, node)
+    if run.target is not None:
+        scored = with_target(scored, run, run.target, expected_ns)
+    return scored
 
 
-def clocks_of(stats: Sequence[CallStats]) -> dict[CallKind, str]:
-    """Return the name of the clock of each kind of call.
+def measurements_of(stats: Sequence[CallStats], node: ExternalScore | None) -> dict[CallKind, Measurement]:
+    """Return how each kind of call was measured; `node` is the external node of a replay, None without one.
 
-    The name is `STATED_BY_NODE` if a node has stated times of this kind in its messages, because the stated times were
-    not measured from outside.
+    The times of a task come from the node itself if its messages stated them (`CallStats.stated_tasks`). The calls of
+    an external node have the place `stated`, because nobody measured them from outside.
     """
-    clocks = dict(HOST_CLOCKS)
-    for item in stats:
-        for task in item.stated_tasks:
-            clocks |= dict.fromkeys(KINDS_OF[task], STATED_BY_NODE)
-    return clocks
+    found: dict[CallKind, Measurement] = {}
+    for task in Task:
+        is_stated = any(task in item.stated_tasks for item in stats)
+        is_external = has_external_method(stats, task) if node is None else Task(node.task) is task
+        measurement = Measurement(
+            place=Place.STATED if is_external else Place.HOST, clock=STATED_BY_NODE if is_stated else HOST_CLOCK
+        )
+        found |= dict.fromkeys(KINDS_OF[task], measurement)
+    return found
 
 
-def kinds_of_external_nodes(stats: Sequence[CallStats]) -> frozenset[CallKind]:
-    """Return the kinds of calls whose times an external node has stated, instead of a measurement from outside."""
-    tasks = {
-        task
-        for item in stats
-        for task, method in item.methods.items()
-        if method.kind is MethodKind.EXTERNAL and item.has_task(task)
-    }
-    return frozenset(kind for task in tasks for kind in KINDS_OF[task])
+def has_external_method(stats: Sequence[CallStats], task: Task) -> bool:
+    """Return whether calls of a task are those of an external node."""
+    methods = [item.methods[task] for item in stats if task in item.methods and item.has_task(task)]
+    return any(method.kind is MethodKind.EXTERNAL for method in methods)
 
 
 def with_target(
-    of_host: CallsResult, run: Run, target: TargetCalls, expected_ns: Mapping[Task, IntArray | None]
+    scored: CallsResult, run: Run, target: TargetCalls, expected_ns: Mapping[Task, IntArray | None]
 ) -> CallsResult:
-    """Return the result of the calls on this host and on a target."""
+    """Return the result of other calls with the rows of the calls on a target."""
     calls = target.calls
     stamps_ns = None if run.drive is None else run.drive.estimates.trajectory.stamps_ns
     rows, record = score_target(
         calls.calls, target.name, expected_ns, stamps_ns, has_stamps=calls.has_stamps, other_run=target.other_run
     )
     record = struct_replace(record, about=target.about)
-    figures = (*of_host.figures, *rows)
-    return replace(of_host, figures=figures, target=record, caveats=tuple(_target_caveats(record)))
+    figures = (*scored.figures, *rows)
+    return replace(scored, figures=figures, target=record, caveats=tuple(_target_caveats(record)))
 
 
 def expected_calls(run: Run) -> dict[Task, IntArray | None]:

@@ -24,7 +24,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.stamps.stamp_text import STAMP_LIMIT
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD
-from sfr_loc_map.metrics.calls.call_score import MAX_NUMBER, STATED_BY_NODE, USAGE_NAMES, score_calls
+from sfr_loc_map.metrics.calls.call_score import STATED_BY_NODE, score_calls
+from sfr_loc_map.metrics.calls.calls import MAX_NUMBER, USAGE_NAMES
 from sfr_loc_map.metrics.config import CallKind, ScoreConfig
 from sfr_loc_map.metrics.figures.records import FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.metrics.frames.covariance import UPPER
@@ -32,7 +33,7 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.replay.message_store import ReceivedDrive
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
-from sfr_loc_map.scoring.results import host_result
+from sfr_loc_map.scoring.results import calls_result
 from sfr_loc_map.suite_names import Task
 
 
@@ -165,7 +166,7 @@ def test_the_memory_of_an_external_mapper_is_stated_and_that_of_our_localiser_me
     save_stats(tmp_path / "s.csv", records[::-1], {Task.MAPPING: theirs})
     read, made = load_call_stats(tmp_path / "s.csv"), stats_of(records, stated_tasks=(Task.MAPPING,))
     assert read.calls.memory_method == made.calls.memory_method == f"{METHOD}; {STATED_BY_NODE}"
-    calls = host_result(Run(stats=[read]), {}, details=False)
+    calls = calls_result(Run(stats=[read]), {}, details=False)
     assert calls.records is not None
     assert calls.records.clocks == {CallKind.LOCALISATION: HOST_CLOCK, CallKind.MAPPING: STATED_BY_NODE}
 

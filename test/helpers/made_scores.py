@@ -12,7 +12,8 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.metrics.calls.call_score import Calls, score_calls, score_target
+from sfr_loc_map.metrics.calls.call_score import score_calls, score_target
+from sfr_loc_map.metrics.calls.calls import Calls
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.figures.details import Details
 from sfr_loc_map.metrics.figures.records import InputFile, Provenance

@@ -11,27 +11,19 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls import call_meter
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE, CallMeter, CallUsage
-from sfr_loc_map.metrics.calls.call_score import (
-    AFTER_FIRST,
-    FIRST,
-    KNOWN_STATES,
-    Calls,
-    score_calls,
-    score_target,
-    stage_of,
-    with_external,
-)
+from sfr_loc_map.metrics.calls.call_score import STATED_BY_NODE, Measurement, score_calls, score_target, with_external
+from sfr_loc_map.metrics.calls.calls import KNOWN_STATES, Calls, stage_of
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness, calls_completeness
 from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.figures.records import AnswerCounts, ExternalScore, ProcessUsage
-from sfr_loc_map.metrics.figures.row_part import Place, RowPart
+from sfr_loc_map.metrics.figures.row_part import AFTER_FIRST, FIRST, Place, RowPart
 from sfr_loc_map.metrics.figures.subjects import Scope, Subject
 from sfr_loc_map.metrics.formulas import Statistics, memory_above_idle
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.suite_names import Task
 
 SIZE = 200 * 1024 * 1024
-STATED_PLACES = dict.fromkeys(CallKind, Place.STATED)
+STATED = dict.fromkeys(CallKind, Measurement(Place.STATED, STATED_BY_NODE))
 
 
 @pytest.mark.clause("4.2.2")
@@ -246,7 +238,7 @@ def test_the_share_of_a_target_is_of_the_estimates() -> None:
 
 
 def test_what_an_external_node_states_of_its_time_is_beside_what_was_measured() -> None:
-    own = score_calls(calls(["tracking"] * 3, [0.001] * 3, [1e6] * 3), {}, place_of=STATED_PLACES)
+    own = score_calls(calls(["tracking"] * 3, [0.001] * 3, [1e6] * 3), {}, STATED)
     late = Statistics(n=3, mean=0.4, p95=0.4)
     node = ExternalScore(task="localisation", topic="t", frames="odom", answers=AnswerCounts(), latency_s=late)
     score = Score(figures=with_external(own, node).figures)
@@ -259,7 +251,7 @@ def test_no_kind_of_mapping_call_that_an_external_node_states_is_one_that_was_me
     states = ["mapped", "fused", "mapped_set"]
     answers = AnswerCounts(pairs=4, answered=3, missing=1, doubled=1, other_stamp=1)
     node = ExternalScore(task="mapping", topic="t", frames="map", answers=answers, latency_s=None)
-    stated = score_calls(calls(states, [0.001] * 3, [1e6] * 3), {}, place_of=STATED_PLACES)
+    stated = score_calls(calls(states, [0.001] * 3, [1e6] * 3), {}, STATED)
     score = Score(figures=with_external(stated, node).figures)
     for kind in ("mapping", "fusion", "mapping_call"):
         assert score.judged_row(kind) is None

@@ -10,7 +10,8 @@ from helpers.random_drives import as_score, drive, score_of, trajectory
 from helpers.score_rows import complete
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.trajectory import Truth
-from sfr_loc_map.metrics.calls.call_score import Calls, score_target
+from sfr_loc_map.metrics.calls.call_score import score_target
+from sfr_loc_map.metrics.calls.calls import Calls
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS, UNKNOWN_ITEMS, ShortfallKind
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import counted
-from sfr_loc_map.metrics.calls.call_score import concatenated
+from sfr_loc_map.metrics.calls.calls import concatenated
 from sfr_loc_map.metrics.completeness.expected_items import due_stamps, live_completeness
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.figures.records import Provenance
