@@ -291,8 +291,8 @@ MUTATIONS = (
     Mutation(EXPECTED_ITEMS, "not_finite, points + not_finite)", "not_finite, points)"),
     Mutation(EXPECTED_ITEMS, "np.isfinite(measured)", "~np.isinf(measured)"),
     Mutation(EXPECTED_ITEMS, "counts[~is_of_drive].sum()", "(~is_of_drive).sum()"),
-    Mutation("scoring/results.py", "UNEVEN_PERIODS, UNEVEN_SHARE = 2.5,", "UNEVEN_PERIODS, UNEVEN_SHARE = 1.5,"),
-    Mutation("scoring/results.py", "periods_ns[is_long].sum()", "periods_ns[is_long].min(initial=0)"),
+    Mutation("scoring/results.py", "MAX_EXCESS = 0.05", "MAX_EXCESS = 0.2"),
+    Mutation("scoring/results.py", "(of_parts - 1.0 / parts, 0.0).sum()", "(of_parts - 1.0 / parts, 0.0).min()"),
     Mutation(EXPECTED_ITEMS, "(counts[is_of_drive] - 1).sum()", "(counts[is_of_drive] - 2).sum()"),
     Mutation(EXPECTED_ITEMS, "repeated_stamps + len(pairs) - len(np.unique(pairs))", "repeated_stamps"),
     Mutation(DRIVE, 'single_run_stamps(placed.truth, "ground truth")', "pass"),
@@ -470,7 +470,7 @@ MUTATIONS = (
     Mutation("metrics/map/map_score.py", "len(xyz) - len(np.unique(xyz, axis=0)),", "0,"),
     Mutation("metrics/map/map_score.py", "len(xyz) - pixels, crowded)", "0, crowded)"),
     Mutation("metrics/map/map_score.py", "len(xyz) - pixels, crowded)", "len(xyz) - pixels, 0)"),
-    Mutation("scoring/results.py", "UNEVEN_PERIODS * periods_ns < typical_ns", "periods_ns < 0"),
+    Mutation("scoring/results.py", "ESTIMATES_OF_PART = 20", "ESTIMATES_OF_PART = 200"),
     Mutation("metrics/judging/several_scores.py", "if len(items) > 1:", "if len(items) > 2:"),
     Mutation(
         "metrics/judging/several_scores.py", "if len(configurations) > len({", "if len(configurations) > 1 + len({"

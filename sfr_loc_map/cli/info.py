@@ -96,7 +96,7 @@ def info(
     shown = {"configuration": None if path is None else str(path)} | facts.json_values
     if not facts.problem:
         inputs = data_set_of(open_source(source, source_config))
-        shown |= {f"{role}_sha256": file.sha256 for role, file in inputs.items()}
+        shown |= {f"{role}_sha256": file.data_set_sha256 for role, file in inputs.items()}
     start = ["--start", "truth"] if seen.truth_has_attitude else []
     after = ["sfr", "replay", str(source), *given_words(context, "config"), *start, "--out", "out"]
     found.propose(after, why="plays it to the nodes and scores the results")

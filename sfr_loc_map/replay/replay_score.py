@@ -55,6 +55,7 @@ def score_replay(
     origin = Origin(
         _files_of(run, result, files_of_source(source) if read is None else read, files),
         _hashes_of(run, result) if files is None else {},
+        truth_settings=source.config.truth.changed_content,
         settings={**source.changed_reading, **settings, **played},
         command=command,
     )

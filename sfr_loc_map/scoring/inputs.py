@@ -166,6 +166,8 @@ class Origin:
 
     files: Mapping[str, ReadFile] = field(default_factory=dict)  #: Input files by role.
     in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hashes of inputs that are not files, by role.
+    #: Settings that change the true poses or their stated accuracy (`TruthConfig.changed_content`).
+    truth_settings: Mapping[str, object] = field(default_factory=dict)
     #: Settings of localiser and mapper, and of how the source is read, that differ from the defaults.
     settings: Mapping[str, object] = field(default_factory=dict)
     command: str | None = None  #: Command that computes the score.

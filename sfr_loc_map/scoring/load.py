@@ -41,7 +41,7 @@ def load_run(
         true = load_truth(inputs.truth, given.truth, how)
         read = read_drive(inputs, given, true, calls)
     settings = {**_changed_reading(inputs, true, how), **calls.settings}
-    origin = Origin(noted, given.hashes(), settings=settings, command=command)
+    origin = Origin(noted, given.hashes(), how.truth.changed_content, settings=settings, command=command)
     stats = [*calls.here, *(() if read is None else read.of_bag)]
     if nav_stamps_ns is None and true is not None:
         on_target = [] if calls.on_target is None else [calls.on_target]

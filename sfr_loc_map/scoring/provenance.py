@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 from collections.abc import Mapping
@@ -9,6 +10,7 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace as struct_replace
 from numpy.typing import NDArray
@@ -43,8 +45,10 @@ def provenance_of(run: Run) -> Provenance:
         data["map_truth"] = hash_arrays(truth.points for truth in run.cloud.truths)
     sha256s = {file: file.sha256() for file in dict.fromkeys(origin.files.values())}  # one bag may have several roles
     found = {role: _input_file(file, sha256s[file], data.get(role)) for role, file in origin.files.items()}
-    if run.drive is not None and isinstance(run.drive.truth, Truth) and "truth" in found:
-        found["truth"] = struct_replace(found["truth"], read_from=run.drive.truth.read_from or None)
+    if "truth" in found:
+        found["truth"] = _with_declared(found["truth"], origin.truth_settings)
+        if run.drive is not None and isinstance(run.drive.truth, Truth):
+            found["truth"] = struct_replace(found["truth"], read_from=run.drive.truth.read_from or None)
     if (sha256 := _images_sha256(run)) is not None:
         truth = origin.files.get("truth")
         found["images"] = InputFile(path=IN_MEMORY if truth is None else str(truth.named), sha256=sha256)
@@ -69,6 +73,14 @@ def provenance_with(inputs: Mapping[str, InputFile], command: str | None, settin
 def _input_file(file: ReadFile, sha256: str, data_sha256: str | None) -> InputFile:
     path = file.path
     return InputFile(path=str(path), resolved=str(path.resolve()), sha256=sha256, data_sha256=data_sha256)
+
+
+def _with_declared(truth: InputFile, settings: Mapping[str, object]) -> InputFile:
+    """Return the record of a ground truth with the hash of its content and of the settings that change the truth."""
+    if not settings:
+        return truth
+    declared = msgspec.json.encode({"sha256": truth.sha256, **settings}, order="sorted")
+    return struct_replace(truth, declared_sha256=hashlib.sha256(declared).hexdigest())
 
 
 def hash_of_truth(truth: Trajectory) -> str:
@@ -145,6 +157,8 @@ def data_set_of(source: Source) -> dict[str, InputFile]:
     )
     sha256s = {path: hash_path(path) for path in {file.path for file in files.values()}}
     found = {role: InputFile(path=str(file.named), sha256=sha256s[file.path]) for role, file in files.items()}
+    if "truth" in found:
+        found["truth"] = _with_declared(found["truth"], source.config.truth.changed_content)
     if source.loc is not None:
         sha256 = hash_of_images(source.expected_loc_ns(), source.loc.rig)
         found["images"] = InputFile(path=str(source.path), sha256=sha256)

@@ -42,10 +42,10 @@ from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, TargetCa
 from sfr_loc_map.suite_names import Task
 
 FEW_TRUE_POSES = 1.0 / SPARSER  #: A truth is reported as sparse up to this ratio of true poses to images.
-UNEVEN_PERIODS, UNEVEN_SHARE = 2.5, 0.05
-"""Estimates are uneven if more than `UNEVEN_SHARE` of the time is in periods longer than `UNEVEN_PERIODS` typical
-periods, or if more than `UNEVEN_SHARE` of the periods are shorter than a typical period divided by `UNEVEN_PERIODS`.
-A single missing estimate leaves a gap of two periods, which is not uneven."""
+ESTIMATES_OF_PART = 20  #: Mean number of estimates in a part of a drive whose rate of estimates is compared.
+MAX_EXCESS = 0.05
+"""Largest accepted fraction of the estimates by which the denser parts of a drive exceed their fraction of the time. A
+rate that doubles in half of the drive has an excess of 1/6."""
 MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Matching errors are smaller.
 
 
@@ -96,16 +96,15 @@ def result_without_poses(images: int) -> TrajectoryResult:
 
 
 def _uneven_estimates(drive: DriveToScore, association: Association) -> Iterator[str]:
-    """Yield a caveat if the spacing of the estimates varies and the images are unknown."""
+    """Yield a caveat if the rate of the estimates varies over the drive and the images are unknown."""
     if association.images is not None:
         return
-    sparse, dense = sparse_and_dense_shares(drive.estimates.trajectory.stamps_ns)
-    if max(sparse, dense) > UNEVEN_SHARE:
+    excess = excess_of_dense_parts(drive.estimates.trajectory.stamps_ns)
+    if excess > MAX_EXCESS:
         yield (
-            f"the spacing of the estimates varies and the images are unknown: {100.0 * sparse:.3g} % of the time is "
-            f"between estimates that are more than {UNEVEN_PERIODS:g} typical periods apart, and {100.0 * dense:.3g} % "
-            f"of the periods are shorter than a typical period divided by {UNEVEN_PERIODS:g}; frames of denser parts "
-            "have more weight in the figures"
+            "the rate of the estimates varies over the drive and the images are unknown: the denser parts of the drive "
+            f"contain {100.0 * excess:.3g} % of the estimates in excess of their fraction of the time, so that frames "
+            "of denser parts have more weight in the figures; score against the source with its images"
         )
 
 
@@ -122,21 +121,20 @@ def _sparse_truth(drive: DriveToScore, association: Association) -> Iterator[str
         )
 
 
-def sparse_and_dense_shares(stamps_ns: IntArray) -> tuple[float, float]:
-    """Return the fraction of the time in long periods between estimates, and the fraction of short periods.
+def excess_of_dense_parts(stamps_ns: IntArray) -> float:
+    """Return the fraction of the estimates by which the denser parts of a drive exceed their fraction of the time.
 
-    A period is long above `UNEVEN_PERIODS` typical periods, and short below a typical period divided by this number.
-    Periods up to the typical period contain half of the time. A dense part of the drive therefore does not determine
-    the typical period.
+    The time is divided into equal parts with `ESTIMATES_OF_PART` estimates on average. At a constant rate the result is
+    0.
     """
-    periods_ns = np.sort(np.diff(np.unique(stamps_ns)))
-    if not len(periods_ns):
-        return 0.0, 0.0
-    elapsed_ns = np.cumsum(periods_ns)
-    typical_ns = periods_ns[np.searchsorted(elapsed_ns, elapsed_ns[-1] / 2)]
-    is_long = periods_ns > UNEVEN_PERIODS * typical_ns
-    is_short = UNEVEN_PERIODS * periods_ns < typical_ns
-    return float(periods_ns[is_long].sum() / elapsed_ns[-1]), float(is_short.mean())
+    stamps = np.unique(stamps_ns)
+    if len(stamps) < 2:
+        return 0.0
+    parts = max(len(stamps) // ESTIMATES_OF_PART, 2)
+    edges = np.linspace(0.0, float(stamps[-1] - stamps[0]), parts + 1)
+    number_at_edges = np.interp(edges, (stamps - stamps[0]).astype(np.float64), np.arange(len(stamps)))
+    of_parts = np.diff(number_at_edges) / (len(stamps) - 1)
+    return float(np.maximum(of_parts - 1.0 / parts, 0.0).sum())
 
 
 # ---- the map

@@ -79,6 +79,27 @@ def test_a_score_of_other_data_than_the_limits_name_is_refused(sfr: Sfr, folder:
     assert named["images"] in only_truth.err
 
 
+@pytest.mark.parametrize("declared", [None, {"sigma_m": 0.02}, {"sigma_m": 0.05, "lever_arm_m": [0.0, 0.0, 1.0]}])
+def test_other_settings_of_the_truth_are_another_data_set(
+    sfr: Sfr, folder: Path, tmp_path: Path, declared: dict[str, object] | None
+) -> None:
+    """The agreed truth has a stated noise, within which no verdict is given. Without it, a limit could be met."""
+    configuration = folder / "sfr.yaml"
+    configuration.write_text(yaml.safe_dump({"truth": {"sigma_m": 0.05}}))
+    named = hashes_of(sfr, folder)
+    limits = limits_of(tmp_path / "limits.yaml", named.values())
+    score = ("score", estimate_of(folder), folder, "--limits", limits)
+    assert sfr(*score).code != 2
+    configuration.unlink()
+    if declared is not None:
+        configuration.write_text(yaml.safe_dump({"truth": declared}))
+    assert hashes_of(sfr, folder)["truth"] != named["truth"]
+    refused = sfr(*score)
+    assert refused.code == 2
+    assert hashes_of(sfr, folder)["truth"] in refused.err
+    assert sfr("replay", folder, "--limits", limits, "--out", tmp_path / "out").code == 2
+
+
 def test_a_stored_score_of_other_data_is_refused(sfr: Sfr, folder: Path, tmp_path: Path) -> None:
     limits = limits_of(tmp_path / "limits.yaml", hashes_of(sfr, folder).values())
     made = tmp_path / "made.json"

@@ -182,8 +182,11 @@ ROWS = np.arange(300)
     ("kept", "is_uneven"),
     [
         ((ROWS < 200) | (ROWS % 10 == 0), True),  # sparse in the last third
-        ((ROWS < 200) | (ROWS % 2 == 0), False),
+        ((ROWS < 150) | (ROWS % 2 == 0), True),  # twice as dense in the first half
         ((ROWS % 4 == 0) | (ROWS // 30 == 2), True),  # dense in a tenth
+        ((ROWS % 4 == 0) | (np.abs(ROWS - 150) < 15), True),  # dense in a tenth in the middle
+        (ROWS % 5 != 2, False),  # every fifth image was not processed
+        (ROWS != 77, False),
     ],
 )
 def test_uneven_estimates_are_a_deviation_if_the_images_are_unknown(

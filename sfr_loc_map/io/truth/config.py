@@ -111,6 +111,14 @@ class TruthConfig(LiveTruthConfig):
         return path if path.is_absolute() and path.exists() else None
 
     @property
+    def changed_content(self) -> dict[str, object]:
+        """The settings that change the true poses or their stated accuracy, by dotted name, without a named file."""
+        settings = changed(self, "truth.")
+        if self.file is not None:
+            del settings["truth.source"]
+        return settings
+
+    @property
     def topic(self) -> str:
         """The absolute name of a topic that `source` gives; empty if there is none."""
         return self.source if self.file is None and TOPIC.fullmatch(self.source) else ""

@@ -289,8 +289,15 @@ class InputFile(Record, frozen=True, kw_only=True):
     path: str  #: Path as given by the user.
     resolved: str | None = None  #: Absolute path without links when the score was made; null if unknown or in memory.
     sha256: str  #: Hash of the content.
+    #: For a ground truth with settings in the configuration of its source: hash of `sha256` and of these settings.
+    declared_sha256: str | None = None
     data_sha256: str | None = None  #: For a ground truth: hash of its poses and sigmas, or of its points.
     read_from: str | None = None  #: For a ground truth: topic, frame or file of the poses; null if unknown.
+
+    @property
+    def data_set_sha256(self) -> str:
+        """The hash by which limits name this input (`data_set_sha256`)."""
+        return self.sha256 if self.declared_sha256 is None else self.declared_sha256
 
 
 class Provenance(Record, frozen=True, kw_only=True):

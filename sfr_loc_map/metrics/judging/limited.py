@@ -220,7 +220,8 @@ def fault_of_inputs(accepted: Sequence[str], inputs: Mapping[str, InputFile]) ->
         return f"the data set is unknown, because the score states no hash of a ground truth or of images: {required}"
     for role in present:
         file = inputs[role]
-        if file.sha256 not in accepted:
-            found = f"the SHA-256 of {DATA_SET_ROLES[role]} ('{file.path}') is {file.sha256}"
+        if file.data_set_sha256 not in accepted:
+            declared = "" if file.declared_sha256 is None else ", with the settings truth of its configuration,"
+            found = f"the SHA-256 of {DATA_SET_ROLES[role]} ('{file.path}'){declared} is {file.data_set_sha256}"
             return f"another data set: {found}, but {required}"
     return None
