@@ -3,10 +3,10 @@
 `with_verdicts` reads the figures, the rules, the findings, the errors of tolerance bounds, the association, and whether
 estimate and truth contradict each other. The data of the plots affect no verdict. The verdicts follow in four steps:
 
-1. `with_bounds` adds the tolerance bounds of limits with a fraction and a confidence to the table of figures.
-2. `incomplete.incompleteness` states what makes the score incomplete.
-3. `verdicts_on_limits` judges each limit, first by the limited number alone (`state_of`), then by what is incomplete.
-4. `overall_verdict` combines these verdicts with those on findings and on missing data.
+1. `with_bounds` judges the limits with a fraction and a confidence, and adds their tolerance bounds to the table.
+2. `incomplete.incompleteness` returns the shortfalls: what is missing or wrong.
+3. `verdicts_on_limits` judges each limit, first by the limited number alone (`state_of`), then by the shortfalls.
+4. `overall_verdict` combines these verdicts with those on findings and on shortfalls.
 
 `metrics.stored.score_json` derives the verdicts of a file again when the file is read, and refuses a file whose
 verdicts do not follow from its figures. Views show the stored verdicts. A report of several scores judges each score by
@@ -17,7 +17,6 @@ the limits that apply to it, and names the other limits (`several_scores.each_by
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
@@ -33,14 +32,6 @@ from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
 from sfr_loc_map.metrics.score.limits import BOUND, Limit, Limits, margin_of, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import ProofRecord, Verdict, is_within_error
-
-
-class ProvedBound(NamedTuple):
-    """The proof of a limit with a fraction and a confidence, whose tolerance bound is a row of the table."""
-
-    proof: Proof
-    row_index: int
-    truth_error: float
 
 
 def judged_by(score: Score, limits: Limits | None, *, partial: bool = False) -> Score:
@@ -60,25 +51,25 @@ def judged_by(score: Score, limits: Limits | None, *, partial: bool = False) -> 
 
 def with_verdicts(score: Score) -> Score:
     """Return a score with its tolerance bounds as rows, and the verdicts that follow from its figures and rules."""
-    table, bounds = with_bounds(score)
-    missing = incompleteness(table)
-    incomplete = text_of(missing)
+    table, proved = with_bounds(score)
+    shortfalls = incompleteness(table)
+    incomplete = text_of(shortfalls)
     verdicts = list(finding_verdicts(table))
     if table.active_rules.limits:
-        verdicts += [item.verdict for item in missing]
-        verdicts += verdicts_on_limits(table, bounds, missing)
+        verdicts += [item.verdict for item in shortfalls]
+        verdicts += verdicts_on_limits(table, proved, shortfalls)
     verdict = overall_verdict(table, [item.state for item in verdicts], incomplete)
     return struct_replace(table, incomplete=incomplete, verdicts=tuple(verdicts), verdict=verdict)
 
 
-def with_bounds(score: Score) -> tuple[Score, dict[Limit, ProvedBound]]:
-    """Return a score with the tolerance bounds as rows, and the proofs of limits with a fraction and a confidence.
+def with_bounds(score: Score) -> tuple[Score, dict[Limit, Verdict]]:
+    """Return a score with the tolerance bounds as rows, and the verdicts on limits with a fraction and a confidence.
 
     Bounds that the score already has are replaced.
     """
     rows = [row for row in score.figures if row.figure != BOUND]
     places = {row.keys: place for place, row in enumerate(rows)}
-    proved: dict[Limit, ProvedBound] = {}
+    proved: dict[Limit, Verdict] = {}
     for limit in score.active_rules.limits:
         if limit.terms is None or limit in proved:
             continue
@@ -90,8 +81,36 @@ def with_bounds(score: Score) -> tuple[Score, dict[Limit, ProvedBound]]:
         if row.keys not in places:  # limits with the same terms have one bound
             places[row.keys] = len(rows)
             rows.append(row)
-        proved[limit] = ProvedBound(proof, places[row.keys], truth_error)
+        proved[limit] = proof_verdict(limit, proof, places[row.keys], truth_error)
     return struct_replace(score, figures=tuple(rows)), proved
+
+
+def verdicts_on_limits(
+    score: Score, proved: Mapping[Limit, Verdict], shortfalls: Sequence[Shortfall]
+) -> Iterator[Verdict]:
+    """Yield the verdict on each limit of a score: pass, fail, incomplete, not enough data or not judged.
+
+    `proved` has the verdicts on limits with a fraction and a confidence (`with_bounds`). A pass requires that no
+    shortfall affects the limit. If estimate and truth contradict each other, all verdicts on limits are `not judged`.
+    """
+    rules = score.active_rules
+    for limit in rules.limits:
+        if limit in proved:
+            verdict = proved[limit]
+        else:
+            verdict = verdict_on(limit, value_of(limit, score), rules)
+            verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, rules))
+        if score.contradiction is not None:
+            verdict = struct_replace(verdict, state=VerdictState.NOT_JUDGED, by_reading={})
+        elif any(item.affects(limit) for item in shortfalls):
+            verdict = of_incomplete(verdict)
+        yield verdict
+
+
+def finding_verdicts(score: Score) -> Iterator[Verdict]:
+    """Yield a failed verdict for each kind of finding that prevents a pass."""
+    for item in score.fatal_findings:
+        yield plain_verdict(f"{item.kind.replace(' ', '_')}_calls", 0.0, float(item.count), VerdictState.FAIL)
 
 
 def overall_verdict(score: Score, states: Sequence[VerdictState], incomplete: str | None) -> VerdictState | None:
@@ -105,34 +124,6 @@ def overall_verdict(score: Score, states: Sequence[VerdictState], incomplete: st
     if score.contradiction is not None:
         return None
     return worst_of(states if incomplete is None else [*states, VerdictState.INCOMPLETE])
-
-
-def finding_verdicts(score: Score) -> Iterator[Verdict]:
-    """Yield a failed verdict for each kind of finding that prevents a pass."""
-    for item in score.fatal_findings:
-        yield plain_verdict(f"{item.kind.replace(' ', '_')}_calls", 0.0, float(item.count), VerdictState.FAIL)
-
-
-def verdicts_on_limits(
-    score: Score, bounds: Mapping[Limit, ProvedBound], missing: Sequence[Shortfall]
-) -> Iterator[Verdict]:
-    """Yield the verdict on each limit of a score: pass, fail, incomplete, not enough data or not judged.
-
-    A pass requires that no shortfall affects the limit. If estimate and truth contradict each other, all verdicts on
-    limits are `not judged`.
-    """
-    rules = score.active_rules
-    for limit in rules.limits:
-        if limit in bounds:
-            verdict = proof_verdict(limit, *bounds[limit])
-        else:
-            verdict = verdict_on(limit, value_of(limit, score), rules)
-            verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, rules))
-        if score.contradiction is not None:
-            verdict = struct_replace(verdict, state=VerdictState.NOT_JUDGED, by_reading={})
-        elif any(item.affects(limit) for item in missing):
-            verdict = of_incomplete(verdict)
-        yield verdict
 
 
 def of_incomplete(verdict: Verdict) -> Verdict:
