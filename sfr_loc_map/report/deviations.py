@@ -420,7 +420,7 @@ def _limits_missed_at_other_frames(score: Score) -> Iterator[str]:
 
 
 def _origin_of_truth(score: Score) -> Iterator[str]:
-    """Yield each way in which the ground truth is not simply that of a single recording.
+    """Yield how the ground truth differs from that of a single recording.
 
     `TruthRecord.declared` contains a topic or frame that selects the poses (`truth.source`, `truth.frame`). A file that
     `truth.source` names is an input of the provenance instead.

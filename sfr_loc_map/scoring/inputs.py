@@ -175,7 +175,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class ItemUnderTest:
-    """The method of a run, as far as its calls do not state it. A replay knows more about an external node."""
+    """The item under test, as far as the calls of the run do not describe it, such as the external node of a replay."""
 
     method: MethodRecord | None = None  #: Method of the run; None: the method in the calls.
     external: ExternalScore | None = None  #: Figures of an external node; None if there was none.

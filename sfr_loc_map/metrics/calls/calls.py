@@ -35,7 +35,7 @@ MAX_NUMBER = 1e18
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calls:
-    """Calls in the order of their files, and in a file in chronological order."""
+    """The calls of a run, in the order of their files and chronologically within a file."""
 
     stamps_ns: IntArray  #: `(N,)` int64, stamp of the pair.
     seconds: FloatArray  #: `(N,)` float64, wall-clock time, NaN if not measured.

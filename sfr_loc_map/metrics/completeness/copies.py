@@ -8,9 +8,9 @@ Three figures of completeness count them:
   (`ends_true_motion`), or the pose is the rounded true pose (`is_rounded_truth`).
 - `errors_of_truth`: the motion from the start to the end of a judged sub-trajectory equals the true motion.
 
-Short motions of any estimate are rounded to those of the truth, so only motions that are long compared with the
-resolution of the positions are tested. The last two figures are fractions of what can be tested, and unknown if nothing
-can be tested. See docs/metrics.md, "Completeness".
+A short motion of any estimate can equal the true motion after rounding. Only motions that are long compared with the
+resolution of the positions are therefore tested. The last two figures are fractions of what can be tested, and unknown
+if nothing can be tested. See docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ def map_completeness(
 
 
 def with_unmapped_pairs(rows: Sequence[Figure], unmapped: int) -> tuple[Figure, ...]:
-    """Return the rows of a scored cloud if `unmapped` further pairs are expected, which are in no cloud."""
+    """Return the rows of a scored cloud with `unmapped` further expected pairs, which are in no cloud."""
     (before,) = (row for row in rows if (row.figure, row.part) == ("pairs_without_cloud", COUNT))
     expected = (before.n or 0) + unmapped
     without = int(before.value or 0) + unmapped

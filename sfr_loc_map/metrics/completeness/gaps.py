@@ -3,9 +3,9 @@
 A gap is a run of expected stamps without an estimate (`gaps_of`). If the images are unknown, the true poses are no
 evidence of them, because a ground truth may have more poses than there were images. In this case, only a time of more
 than five median periods between neighbouring estimates is an evident gap (`long_gaps`). The median is that of the
-estimates' own periods, so an estimate that contains only every fifth pose, for example, has no evident gap. Limits
-therefore require complete evidence, so that each true pose without an estimate is missing. Without limits there is no
-verdict, and only evident gaps are reported. See docs/metrics.md, "Completeness".
+estimates' own periods, so an estimate that contains only every fifth pose, for example, has no evident gap. With
+limits, each true pose without an estimate therefore counts as missing. Without limits there is no verdict, and only
+evident gaps are reported. See docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class LongestGap(NamedTuple):
 
 
 class DriveGaps(NamedTuple):
-    """The gaps of a drive, and those of them that are evident also without limits."""
+    """All gaps of a drive, and its evident gaps, which are reported even without limits."""
 
     every: Gaps
     evident: Gaps

@@ -88,8 +88,8 @@ class ShortfallKind(NamedTuple):
     partial: bool = True  #: Whether `--partial` accepts the shortfall: missing data, but not wrong data.
     is_limited: bool = True  #: Whether a limits file can have a limit on the figure.
     of_node: CallKind | None = None  #: Calls of the external node whose answers the figure counts; None for others.
-    #: Why the scope is incomplete if the figure is a fraction of 0 items; empty if it is complete then, because nothing
-    #: of this kind can be missing or wrong.
+    #: Why a fraction of 0 items makes the scope incomplete; empty if the scope is then complete, because nothing can be
+    #: missing or wrong.
     text_of_nothing: str = ""
 
     @property

@@ -34,8 +34,8 @@ class Association(Record, frozen=True, kw_only=True, omit_defaults=False):
     lost: int | None = None
     #: Frames whose pose was reported as degraded, which are scored like any other; null if a state is unknown.
     degraded: int | None = None
-    exact: int = 0  #: Frames whose stamps are equal.
-    near: int = 0  #: Frames whose stamps differ within the tolerance.
+    exact: int = 0  #: Frames whose estimate and true pose have equal stamps.
+    near: int = 0  #: Frames whose estimate and true pose have stamps that differ within the tolerance.
     interpolated: int = 0  #: Frames with interpolated ground truth.
     estimate_duplicates: int = 0  #: Estimates that were ignored because a later estimate has the same stamp.
     truth_duplicates: int = 0  #: True poses that were ignored because a later true pose has the same stamp.

@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.figures.rows import Figure
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SubjectResult:
-    """What every result has."""
+    """The rows, the warnings and the caveats of one subject."""
 
     figures: tuple[Figure, ...] = ()
     warnings: tuple[str, ...] = ()

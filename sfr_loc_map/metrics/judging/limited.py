@@ -153,7 +153,7 @@ def tasks_of(score: Score) -> list[Task]:
 
 
 def has_task(score: Score, task: Task) -> bool:
-    """Return whether a score is about a task, or has calls of it, whose results are then missing."""
+    """Return whether a score has results of a task, or calls of the task whose results are missing."""
     calls = [row.part.call for row in score.rows(JUDGED) if row.part is not None and row.part.call is not None]
     return task in tasks_of(score) or any(call.task is task for call in calls)
 
@@ -165,7 +165,10 @@ def limits_about(limits: Limits | None, tasks: Collection[Task]) -> Limits | Non
 
 
 def required_scope(limit: Limit) -> RowPart | None:
-    """Return the scope that must be complete for a pass, the part of its row of `judged`; None for completeness."""
+    """Return the scope that must be complete for a pass of a limit, as the part of its row `judged`.
+
+    None for a limit on completeness.
+    """
     scope = SCOPE_OF[limit.limited.subject]
     if scope is None:
         return None

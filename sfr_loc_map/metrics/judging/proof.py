@@ -55,7 +55,7 @@ def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None
 
 
 def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]], truth_error: float = 0.0) -> Proof:
-    """Return whether the errors of drives prove that a limit is met.
+    """Return the result of the proof that the errors of drives meet a limit.
 
     `drives` contains the runs of each drive by name. `truth_error` is the change of an error that the error of
     the truth can cause.
@@ -104,7 +104,7 @@ def error_of_drive(interpretation: Population, name: str, samples: Sequence[Samp
 
 
 def prove_sample(terms: Terms, limit: float, sample: Sample, truth_error: float = 0.0) -> Proof:
-    """Return whether a sample proves that the fraction `prob` of the errors is within a limit.
+    """Return the result of the proof, from a sample, that the fraction `prob` of the errors is within a limit.
 
     The error of the truth must not change the decision: a pass requires the upper bound to be at most
     `limit - truth_error`, and a fail requires the lower bound to exceed `limit + truth_error`.
