@@ -156,7 +156,7 @@ def associate(
 ) -> tuple[Frames, Association]:
     """Return the frames, and the mode and the numbers of poses in each category.
 
-    The score of the trajectory adds the states, the images, the reading and the path to the latter
+    The score of the trajectory adds the states, the images, the reading and the path to this record
     (`trajectory_score.association_record`).
 
     If the stamps of the images are given, only the nearest estimate to each image can be a frame. MetricsError for an
