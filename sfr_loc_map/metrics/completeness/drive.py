@@ -27,7 +27,6 @@ from sfr_loc_map.metrics.completeness.expected_items import due_stamps, expected
 from sfr_loc_map.metrics.completeness.gaps import (
     GAP_PERIODS,
     DriveGaps,
-    LongestGap,
     TruePath,
     gaps_of,
     is_in_a_gap,
@@ -278,10 +277,14 @@ def gaps_without_images(coverage: Coverage, estimates_ns: IntArray, path: TruePa
 
 
 def gap_rows(gaps: DriveGaps, path: TruePath, conditions: Sequence[Condition]) -> Iterator[Figure]:
-    """Yield the longest gaps, the fraction of the drive in evident gaps, and the conditions that these gaps hide."""
-    longest = LongestGap.of(gaps.every, path)
-    yield figure_row("longest_gap", part=DISTANCE, value=longest.distance_m)
-    yield figure_row("longest_gap", part=TIME, value=longest.time_s)
+    """Yield the longest gaps, the fraction of the drive in evident gaps, and the conditions that these gaps hide.
+
+    The longest path and the longest time may belong to different gaps, and are 0 without a gap.
+    """
+    longest_m = gaps.every.lengths_m(path).max(initial=0.0)
+    longest_s = gaps.every.lengths_s().max(initial=0.0)
+    yield figure_row("longest_gap", part=DISTANCE, value=longest_m)
+    yield figure_row("longest_gap", part=TIME, value=longest_s)
     yield figure_row(IN_GAPS, value=gaps.evident_share)
     hidden = sum(is_in_a_gap(condition, gaps.evident, path) for condition in conditions)
     yield figure_row(HIDDEN_CONDITIONS, n=len(conditions), value=share_of(hidden, len(conditions)))

@@ -73,18 +73,6 @@ class Gaps(NamedTuple):
         return path.travelled_at(self.ends_ns) - path.travelled_at(self.begins_ns)
 
 
-class LongestGap(NamedTuple):
-    """The longest path and the longest time of the gaps of a drive, 0 without a gap."""
-
-    distance_m: float
-    time_s: float
-
-    @classmethod
-    def of(cls, gaps: Gaps, path: TruePath) -> LongestGap:
-        """Return the longest path and the longest time of gaps, which may belong to different gaps."""
-        return cls(float(gaps.lengths_m(path).max(initial=0.0)), float(gaps.lengths_s().max(initial=0.0)))
-
-
 class DriveGaps(NamedTuple):
     """All gaps of a drive, and its evident gaps, which are reported even without limits."""
 
