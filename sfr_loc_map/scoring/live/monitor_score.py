@@ -89,7 +89,7 @@ class MonitorScore:
         self.map_inputs.add_call(record)
 
     def score_maps(self) -> bool:
-        """Score the clouds whose inputs are complete. Return whether any inputs were complete.
+        """Score the clouds whose inputs are complete, after an input was added. Return whether any were complete.
 
         The pairs of a cloud that cannot be scored have no map, which a warning and a caveat report.
         """
@@ -119,10 +119,10 @@ class MonitorScore:
     def result(self, live: LiveRun = ENDED) -> Score:
         """Return the current score with the errors of its sub-trajectories; by default, also the data of all plots.
 
+        The score contains the maps that `score_maps` has scored.
         During a run, results of the last seconds (`LiveRun.in_flight_s`) do not count as missing, and the first pose
         and the next map are awaited. After the run, images without poses and the pairs after the last map are missing.
         """
-        self.score_maps()
         is_under_way = live.is_under_way
         stats = self.rows.calls.stats(stated_tasks=tuple(Task))
         drive = self._drive(stats, is_under_way=is_under_way)

@@ -409,6 +409,7 @@ def test_a_pair_that_a_fusion_names_several_times_is_one_pair_of_the_map() -> No
     ones, pixels = np.ones(3, np.float32), np.zeros(3, np.uint16)
     cloud = PointCloud(np.full((3, 3), 2.0, np.float32), ones, ones, pixels, pixels, np.arange(3, dtype=np.uint8))
     monitor.map_inputs.add_cloud(3, cloud)
+    assert monitor.score_maps()
     score = monitor.result()
     assert score.number("pairs_without_cloud", part="count") == 2
     assert score.number("points_repeated", part="count") == 2
