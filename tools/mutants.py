@@ -240,7 +240,7 @@ MUTATIONS = (
     Mutation("metrics/score/limits.py", "abs(value) <= limit.limit", "value <= limit.limit"),
     Mutation("metrics/score/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
     Mutation("metrics/score/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
-    Mutation(JUDGE, "incomplete = text_of(missing)", "incomplete = score.incomplete"),
+    Mutation(JUDGE, "incomplete = text_of(shortfalls)", "incomplete = score.incomplete"),
     Mutation(INCOMPLETE, "in (RowPart(Scope.LIVE), required_scope(limit))", "in (RowPart(Scope.LIVE),)"),
     Mutation(INCOMPLETE, "return self.limit == limit", "return True"),
     Mutation(INCOMPLETE, "if judged is None or not meets(limit, judged):", "if judged is None:"),
