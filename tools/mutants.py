@@ -564,14 +564,18 @@ MUTATIONS = (
     # localisation
     Mutation("localisation/findings.py", "inflation |= rule.inflation", "inflation = rule.inflation"),
     Mutation(
-        "localisation/ground/evidence.py", "self.follows_transfer and self.may_be_transfer", "self.follows_transfer"
+        "localisation/ground/evidence.py",
+        "self.memory.transfers > 0 and self.memory.may_be_transfer",
+        "self.memory.transfers > 0",
     ),
-    Mutation("localisation/ground/evidence.py", "self.is_identified and self.two.is_decided", "self.two.is_decided"),
+    Mutation(
+        "localisation/ground/evidence.py", "self.memory.is_identified and self.two.is_decided", "self.two.is_decided"
+    ),
     Mutation("localisation/ground/memory.py", "if self.pairs_left > 1:", "if self.pairs_left > 2:"),
     Mutation(
         "localisation/ground/memory.py",
-        "return self if self.phase is Phase.UNCERTAIN else Identification(Phase.LEARNING)",
-        "return Identification(Phase.LEARNING)",
+        "return self if self.is_uncertain else self._in_phase(Phase.LEARNING)",
+        "return self._in_phase(Phase.LEARNING)",
     ),
     Mutation("localisation/path.py", "external=exact if at_ns > last_ns else", "external=exact if True else"),
     Mutation("localisation/path.py", "(stamp_ns - earlier.stamp_ns) /", "(later.stamp_ns - stamp_ns) /"),

@@ -12,9 +12,9 @@ cause an inferred one. The published reason is therefore not always that of the 
 |---|---|
 | `REPEATED_PAIR`, `IDENTICAL_IMAGES`, `FROZEN_IMAGE`, `STALE_ROWS` | `guards.check_images`, by `stale_images` |
 | `UNTEXTURED`, `FROZEN_AND_FEW`, `FEW_LANDMARKS` | `guards.check_landmarks`, `guards.check_tracks` |
-| `CONTRADICTED`, `PARTIAL_TRANSFER`, `TRANSFER_OR_MOTION`, `DOUBLE_EXPOSURE` | `ground.cases.findings_of` |
-| `UNEXPLAINED`, `BODY_OR_GROUND`, `AT_REST_UNCERTAIN`, `AMBIGUOUS` | `ground.cases.findings_of` |
-| `RECOVERING`, `GROUND_UNCERTAIN` | `ground.cases.findings_of`, `ground.cases.findings_unselected` |
+| `CONTRADICTED`, `PARTIAL_TRANSFER`, `TRANSFER_OR_MOTION`, `DOUBLE_EXPOSURE` | `ground.selection.findings_of` |
+| `UNEXPLAINED`, `BODY_OR_GROUND`, `AT_REST_UNCERTAIN`, `AMBIGUOUS` | `ground.selection.findings_of` |
+| `RECOVERING`, `GROUND_UNCERTAIN` | `ground.selection.findings_of`, `Ground.unselected` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED` | `guards.check_order` in a new window, `guards.check_sides` in a pair with a pose |
 | `UNTEXTURED_SIDE`, `ONE_SIDED` | `guards.check_sides` |
@@ -35,7 +35,7 @@ A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, a
   `Candidate` and changes only there. The memory of the ground is passed by `Ground`, and may learn from a refused pair
   as well.
 
-A guard for the ground's motion is a rule in `ground.cases.CASE_RULES`.
+A guard for the ground's motion is a case in `ground.selection.CASES`.
 """
 
 from __future__ import annotations
@@ -108,7 +108,9 @@ class Refusal(NamedTuple):
 
     action: Action  #: `KEEP`, `LOSE` or `LOSE_OR_BEGIN`.
     reason: StateReason
-    is_learnt: bool = False  #: Whether the memory of the ground learns from the refused pair (`Ground.memory_after`).
+    is_learnt: bool = (
+        False  #: Whether the memory of the ground learns from the refused pair (`GroundMemory.after_verdict`).
+    )
     #: Whether the excluded cells may be the cause, so that they age if no window can begin for this reason.
     ages_excluded: bool = False
 
@@ -177,7 +179,7 @@ The stages of a pair (`localiser`) collect the findings. If those of a stage ref
 |---|---|
 | 1 check the images | `check_images` |
 | 2 check the map | `check_landmarks` |
-| 6 select the ground | `ground.cases` |
+| 6 select the ground | `ground.selection` |
 | 8 judge | `check_tracks`, `check_pose`; unless these refuse the pair, the guards that require a valid pose |
 | | (`check_sides`, `check_gap`, `check_calibration`, `check_shear`) |
 | `Localiser._begin_window` | `check_images` (in stage 1), `check_gap`, `check_divergence`, `check_landmarks`, |
@@ -186,8 +188,8 @@ The stages of a pair (`localiser`) collect the findings. If those of a stage ref
 A finding of a later stage is therefore unknown if an earlier stage refuses the pair, even if it precedes in the table.
 Each stage includes the findings of the earlier stages, and the order of the table decides between them. A window that
 replaces a map includes the findings about the images, but not those about the pose in this map. The selection of the
-ground contributes at most one finding, that of its case (`ground.cases`), because a covariance shall not grow by the
-inflation of several cases.
+ground contributes at most one finding, that of its case (`ground.selection.CASES`), so that the covariance grows by the
+inflation of one case only.
 
 The published reason is that of the first finding. `localiser` lists the exceptions.
 

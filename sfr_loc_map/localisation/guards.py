@@ -5,7 +5,7 @@ findings (`findings.RULES`). A guard that compares a pair with earlier pairs tak
 comparison of the images (`stale_images.compare`), or the running mean of the shear (`ShearMean`). `check_sides` takes
 the tracker, because it tracks all landmarks again in swapped images. `check_order` takes the landmarks of a new
 window, and their number in a window that begins with the swapped images. Findings about the ground's motion come from
-`ground.cases.findings_of`, and from `findings_unselected` for a pair in which no motion is selected.
+`ground.selection`.
 """
 
 from __future__ import annotations

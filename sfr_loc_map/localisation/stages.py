@@ -21,7 +21,7 @@ from sfr_loc_map.localisation.findings import Finding, Verdict, decide
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset, pair_yaw
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
-from sfr_loc_map.localisation.ground.motions import MotionTools
+from sfr_loc_map.localisation.ground.rigid_motion import MotionTools
 from sfr_loc_map.localisation.ground.selection import Ground
 from sfr_loc_map.localisation.guards import ShearMean
 from sfr_loc_map.localisation.keyframes import ImageMask, KeyframeMaker, KeyframeResult, max_corners

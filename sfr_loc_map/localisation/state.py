@@ -22,8 +22,8 @@ results). An event has the same name here and in the components of the state tha
 | pair has too few landmarks to begin a window | `window_failed` | memory of the ground (excluded cells age) |
 | pair begins a window | `window_begun` | all but `shear_mean` and the image memory |
 
-What is learnt from the pose of a pair changes in `accepted` only, with one exception: the memory of the ground also
-learns from a refused pair whose image contradicts its pose (`Ground.memory_after`). The image memory changes with every
+The state learns from the pose of a pair in `accepted` only, with one exception: the memory of the ground also learns
+from a refused pair whose image contradicts its pose (`GroundMemory.after_verdict`). The image memory changes with every
 pair that does not repeat the previous pair.
 """
 
@@ -151,7 +151,7 @@ class State:
             landmark_map=candidate.landmark_map,
             calibration=candidate.calibration,
             shear_mean=candidate.shear_mean,
-            ground_memory=candidate.ground.memory_after(verdict, self.ground_memory),
+            ground_memory=self.ground_memory.after_verdict(candidate.ground.learnt, verdict),
             recovery=recovery,
             failed_recoveries=0,
             keyframes=self.keyframes + int(final.is_keyframe),
@@ -165,7 +165,7 @@ class State:
 
     def refused(self, candidate: Candidate, verdict: Verdict) -> State:
         """Return the state after the pose of a pair was refused, before the pair is kept, lost or begins a window."""
-        return replace(self, ground_memory=candidate.ground.memory_after(verdict, self.ground_memory))
+        return replace(self, ground_memory=self.ground_memory.after_verdict(candidate.ground.learnt, verdict))
 
     def recovery_failed(self) -> State:
         """Return the state after a further refused pair with good images."""

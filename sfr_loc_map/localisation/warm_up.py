@@ -14,8 +14,8 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.patch import SIDE
 from sfr_loc_map.localisation.frontend.patch_slopes import refine_slopes
-from sfr_loc_map.localisation.ground.cell_motion import image_motion
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL, mixture_of
+from sfr_loc_map.localisation.ground.rigid_motion import image_motion
 
 RIG: Final = StereoRig(
     width=320, height=240, fx=300.0, fy=300.0, cx=160.0, cy=120.0, baseline_m=0.1, T_rb_sb=Transform.identity()

@@ -29,10 +29,9 @@ from sfr_loc_map.localisation.config import TRACKED_LANDMARKS, LocalisationConfi
 from sfr_loc_map.localisation.estimate import MAX_GIVEN_M, PoseEstimate, StartPose, StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
-from sfr_loc_map.localisation.ground.excluded_cells import Exclusion
-from sfr_loc_map.localisation.ground.memory import GroundMemory
+from sfr_loc_map.localisation.ground.memory import DYNAMIC_LIFE, GroundMemory
+from sfr_loc_map.localisation.ground.rigid_motion import Exclusion
 from sfr_loc_map.localisation.ground.selection import Ground
-from sfr_loc_map.localisation.ground.thresholds import DYNAMIC_LIFE
 from sfr_loc_map.localisation.guards import ShearMean
 from sfr_loc_map.localisation.keyframes import KeyframeMaker, KeyframeResult
 from sfr_loc_map.localisation.localiser import Localiser

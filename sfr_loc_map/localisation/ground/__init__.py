@@ -5,52 +5,57 @@ more landmarks follow and that continues the previous motion. Landmarks of anoth
 moving objects) are no longer tracked, and their image cells are excluded for several pairs. If the images do not
 distinguish two motions, the pose is ambiguous.
 
-    left image, earlier image ---- cell_change ----> changed and stationary cells
-                                                         |
-    tracks of the landmarks ------ cell_motion ----> main motion: landmarks and cells that agree with it
-                                                         |
-    GroundMemory (earlier pairs) -------------------> Evidence <---- searches, if the case is still open: own body,
-                                                         |           second exposure, second motion
-                                                         v
-                                  first rule of `cases.CASE_RULES` whose condition is true
-                                       |                 |                 |
-                                       v                 v                 v
-                                   Selection          finding         what is learnt
-                               (tracks of the ground,                      |
-                                excluded landmarks and cells)              v
-                                                              GroundMemory (after the pair)
+The folder consists of five boxes, one module each:
 
-`selection` lists the steps with their functions, and examples. `cases.CASE_RULES` is the only table of decisions, and
-`thresholds` has all thresholds of these decisions. `GroundMemory` is the only state. It is an immutable value, which
-the localiser keeps and replaces after its verdict on the pair (`Ground.memory_after`).
+    left image, earlier image      tracks of the landmarks
+            |                                |
+            v                                v
+    +---------------+   cells   +---------------------+
+    | 1 cell_change |---------->| 2 rigid_motion      |  landmarks and cells that agree with a motion;
+    | moved or not  |           | track, search, agree|  search for the motion of some landmarks
+    +---------------+           +---------------------+
+                                             | main motion, further motions
+                                             v
+    +---------------+  earlier  +---------------------+
+    | 5 memory      |---------->| 3 evidence          |  is the main motion contradicted or unusual? is there
+    | between pairs |   pairs   | what the pair shows |  a body, a second exposure, a second motion?
+    +---------------+           +---------------------+
+            ^                                | Evidence
+            | what the pair shows            v
+            | (`Shown`)         +---------------------+
+            +-------------------| 4 selection         |  the first case of `selection.CASES` whose condition is true
+                                | table of cases      |
+                                +---------------------+
+                                             |
+                                             v
+                Ground: tracks of the ground, at most one finding, excluded landmarks
 
-A pair is *consistent* with the earlier pairs if one motion explains the pair, the image moved, few cells are excluded
-as dynamic, and landmarks follow the motion also in the cells that were unexplained earlier. A pair is *inconsistent* if
-two motions compete, if the image contradicts the motion, or if about half of the landmarks are unexplained. The ground
-is then *uncertain* for several pairs. An unusual pair that is not consistent prolongs an uncertainty.
+`double_exposure` is the kernel of box 3 that detects a second exposure. `selection` also has examples of pairs in
+succession. `GroundMemory` is the only state. It is an immutable value, which the localiser keeps and replaces after its
+verdict on the pair (`GroundMemory.after_verdict`).
 
-Two state machines in the memory, `Identification` and `ImageFaults`, connect the cases of successive pairs:
+The memory has one state machine, whose state is the phase and two counters (`memory` lists all transitions):
 
        +------ pair lost, new window ------+
        v                                   |
     LEARNING -- third consistent pair --> IDENTIFIED
        |  ^                                |
-       |  |                                | inconsistent pair (for 3 pairs)
+       |  |                                | uncertain motion (for 3 pairs)
        |  |                                v
        |  +-- last of these pairs ------- UNCERTAIN
        |      is consistent                ^
        |                                   |
-       +-- inconsistent pair (for 10) -----+
+       +-- uncertain motion (for 10) ------+
 
-    no fault -- fault, or stale rows --> recovery
-       ^                                   |
-       +- enough pairs with motion, -------+
-          or new window
+    transfers       number of partially transferred pairs in a row
+    recovery_pairs  number of pairs with motion until earlier faults have no effect
 
-The case of a pair changes both (`Rule.learns`, `Rule.fault`), and both decide on the case of the next pair: two motions
-are `DECIDED` only if the ground is identified, one motion is `UNCONFIRMED` while the ground stays uncertain, and
-`TRANSFERRED` requires that few pairs in a row were transferred. During a recovery, a pair whose case has no finding is
-`RECOVERING`. `memory` lists all transitions.
+A pair shows an *uncertain motion* if two motions compete, if the image contradicts the motion, or if about half of the
+landmarks are unexplained. A pair is *consistent* with the earlier pairs if one motion explains the pair, the image
+moved, few cells are excluded as dynamic, and landmarks follow the motion also in the cells that were unexplained
+earlier. Two motions are `DECIDED` only if the ground is identified. One motion is `UNCONFIRMED` while the ground stays
+uncertain. `TRANSFERRED` requires that few pairs in a row were transferred. During a recovery, a pair whose case has no
+finding is `RECOVERING`.
 
 While the ground is not identified, the motion that is not selected may be the ground's. Each pair with a second motion,
 or with an unexplained part of the image, is therefore degraded. Unexplained landmarks in the first tracked pair of a
@@ -84,14 +89,7 @@ The method has four known limits:
 | contradicted motion | motion that predicts a standstill in cells that changed |
 | unusual motion | motion with more unexplained landmarks than usual on this ground |
 
-| module | content |
-|---|---|
-| `selection` | the order of the steps of a pair, with examples |
-| `evidence` | what the decisions depend on, and the searches for further motions |
-| `cases` | the table of the decisions: condition and consequences of each case, and the tracks that each case selects |
-| `memory` | the state between pairs, with its two state machines |
-| `motions` | the tools that track and search for a motion |
-| `excluded_cells` | cells that are excluded for several pairs |
-| `cell_change`, `cell_motion`, `double_exposure` | measurements in the images |
-| `thresholds` | the thresholds of all decisions |
+Each module contains the thresholds that it uses. Those that were chosen by hand were chosen on rendered drives with
+injected faults, so that clean drives have no findings, and no error of a faulty drive exceeds five times the stated
+3 sigma without a finding.
 """

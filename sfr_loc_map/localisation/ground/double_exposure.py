@@ -26,7 +26,6 @@ from sfr_loc_map.jit import jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.patch import COARSE_SAMPLED_PX, sample
 from sfr_loc_map.localisation.frontend.plane_warp import plane_homographies
-from sfr_loc_map.localisation.ground.thresholds import MIN_MIXTURE_WEIGHT, MIXTURE_PATCHES, MIXTURE_SIGMAS
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4
 
 MIXTURE_LEVEL: Final = 1  #: Pyramid level of the comparison. Keyframes keep this level; it has half the image noise.
@@ -48,6 +47,16 @@ RIDGE: Final = 1e-6  #: Relative and absolute increase of a normal matrix's diag
 DEVIATION_RATIO: Final = 1.858
 """Ratio of the standard error of the median, times the square root of the sample size, to the median absolute deviation
 of a normal sample: 1.4826 (Rousseeuw and Croux 1993) times the square root of pi / 2."""
+MIXTURE_PATCHES: Final = 32
+"""Minimum number of patches for the detection of a second exposure, or `min_tracked` if that is smaller. Chosen by
+hand: half of the patches that are compared (`evidence.MIXTURE_LANDMARKS`). If larger, ghosts in images with little
+contrast are missed. If smaller, the standard error of the weight is estimated from too few patches."""
+MIN_MIXTURE_WEIGHT: Final = 0.1
+"""An image shows a second exposure if the lower bound of the estimated weight of this exposure exceeds this value. In
+images of one exposure the estimate differs from 0 by a few hundredths at most."""
+MIXTURE_SIGMAS: Final = 3.0
+"""Number of standard errors between the weight and its lower bound, so that the bound is too high in one image in
+740 (normal errors). If larger, weak ghosts are missed."""
 
 
 class Mixture(NamedTuple):

@@ -1,6 +1,6 @@
 """Evidence of a pair about the ground's motion: what its images show, and what earlier pairs have shown.
 
-`evidence_of` collects all evidence, and `cases.CASE_RULES` decides by it. A search for a further motion takes up to
+`evidence_of` collects all evidence, and `selection.CASES` decides by it. A search for a further motion takes up to
 some milliseconds. It is therefore made only if the earlier evidence leaves the case open:
 
 | search | is made if the main motion |
@@ -15,51 +15,74 @@ defines the terms.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.ground.cell_motion import MOVED_PX
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL, shows_second_exposure
-from sfr_loc_map.localisation.ground.memory import GroundMemory, Identification, Phase
-from sfr_loc_map.localisation.ground.motions import ComparedPair, Motion
-from sfr_loc_map.localisation.ground.thresholds import (
-    CLEAR_RATIO,
-    CONVINCING,
-    MAX_CONTRADICTING,
-    MAX_CONTRADICTING_FIRST,
-    MIN_DIFFERENCE_PX,
-    MIN_DIFFERENCE_RATIO,
-    MIN_EXCESS,
-    MIN_STATIONARY_LANDMARKS,
-    MIXTURE_LANDMARKS,
-    NEARLY_HALF,
-    OLD_WEIGHT,
-    REPEATED_RATIO,
-    REPEATED_WEIGHT,
-    SEARCHED_UNEXPLAINED,
-    STANDSTILL_RATIO,
-)
+from sfr_loc_map.localisation.ground.memory import MIN_EXCESS, NEARLY_HALF, Consistency, GroundMemory
+from sfr_loc_map.localisation.ground.rigid_motion import CONVINCING, MOVED_PX, ComparedPair, Motion
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
+
+MAX_CONTRADICTING_FIRST: Final = 0.05
+"""Maximum fraction of cells that contradict a motion while the ground is not identified, and that contradict a motion
+that was found by a search. Chosen by hand, above the 1 % of cells that change by noise alone
+(`cell_change.NOISE_CORRELATION`). If larger, a fixed reflection is tracked for longer. If smaller, good poses are
+refused because of moving shadows."""
+MAX_CONTRADICTING: Final = 0.4
+"""Maximum fraction of cells that contradict the motion of an identified ground. Chosen by hand below one half, because
+an object may fill much of the view of a rover at rest. If larger, a pose that most of the image contradicts is
+accepted. If smaller, good poses are refused while a large object is in view."""
+MIN_STATIONARY_LANDMARKS: Final = 12
+"""Minimum number of landmarks in stationary cells for these cells to show the rover. Chosen by hand: twice the
+minimum of a pose (`pose_solver.MIN_LANDMARKS`). If smaller, more pairs cost the time of a search. If larger, a small
+body is detected only by its cells."""
+MIN_DIFFERENCE_PX: Final = 1.0
+"""Minimum image motion, px, between the poses of two different motions. Chosen by hand: ten times the usual residual of
+an inlier (0.1 px), because two estimates of one motion differ slightly. If larger, slow objects are missed."""
+MIN_DIFFERENCE_RATIO: Final = 0.05
+"""Minimum ratio of the image motion between the poses of two different motions to the image motion of the main pose.
+Chosen by hand, because errors of the prediction grow with the motion. If larger, objects that move nearly like the
+ground are missed."""
+SEARCHED_UNEXPLAINED: Final = 0.03
+"""Minimum fraction of unexplained landmarks for the search for a second exposure, which takes 0.3 ms. The
+fraction is at least 0.04 with ghosts of 30 to 69 %, and smaller in most pairs of clean drives."""
+MIXTURE_LANDMARKS: Final = 64
+"""Number of landmarks in which a second exposure is searched for. Chosen by hand: the standard error of the weight
+decreases with the square root of this number, and the time increases with it."""
+CLEAR_RATIO: Final = 1.4
+"""Minimum ratio of the weights, or of the numbers of inliers, for one of two solutions to be clearly better. Chosen by
+hand. If larger, more pairs are ambiguous and degraded with a larger covariance. If smaller, a wrong motion is accepted
+as clear."""
+OLD_WEIGHT: Final = 3.0
+"""Weight of a landmark whose host is older than the newest host; other landmarks have weight 1. Chosen by hand: an
+older landmark has followed the ground over a whole keyframe interval. If larger, a body that was tracked for long
+outweighs the ground. If smaller, a large object with new landmarks does."""
+REPEATED_WEIGHT: Final = 1.5
+"""Factor on the weight of a motion that repeats the last motion. Chosen by hand. If larger, a turn of the rover
+beside an object is attributed to the object. If smaller, an object with 1.5 times the landmarks of the ground outweighs
+it."""
+REPEATED_RATIO: Final = 0.5
+"""A motion repeats the last motion if its distance from the repeated motion (`Prediction.repeated_motion`) is at most
+this fraction of the other motion's distance. Distances are image motions. If the two motions are equally far from the
+repeated motion, neither repeats the last motion."""
+STANDSTILL_RATIO: Final = 0.15
+"""Ratio of the image motion to that of the last motion, below which a motion is a standstill. Chosen by hand. If
+larger, a slow object counts as a stale part of the image. If smaller, a stale part tracked with an error counts as an
+object."""
 
 
 class Evidence(NamedTuple):
-    """Evidence of a pair about its motions, from the pair and from the memory of earlier pairs."""
+    """Evidence of a pair about its motions, and the memory of the earlier pairs."""
 
-    # the main motion
-    main: Motion
+    main: Motion  #: The main motion.
     is_contradicted: bool  #: Whether many cells changed although the main motion predicts no change.
     is_unusual: bool  #: Whether more landmarks than usual do not follow the main motion.
     is_half_unexplained: bool  #: Whether nearly half of the landmarks do not follow the main motion.
-    # the earlier pairs
-    is_identified: bool  #: Whether earlier pairs have identified the ground's motion.
-    #: Whether the ground is not uncertain, and earlier pairs show how many landmarks are usually unexplained.
-    has_typical: bool
-    may_be_transfer: bool  #: Whether the pair may be partially transferred: not too many earlier pairs were.
-    follows_transfer: bool  #: Whether the previous pair was partially transferred.
-    after_one_motion: Identification  #: The identification after the pair if the main motion is the only motion.
+    consistency: Consistency  #: Consistency with the earlier pairs if the main motion is the only motion.
+    memory: GroundMemory  #: Memory of the earlier pairs, before this pair.
     # results of the searches: by default nothing was found or searched for. Whether a search is made depends only on
     # the fields above
     off_body: Motion | None = None  #: Motion of the landmarks off the own body; None if no body was found.
@@ -74,12 +97,14 @@ class Evidence(NamedTuple):
     @property
     def is_credible(self) -> bool:
         """Whether the main motion is trusted, not contradicted, and usual or that of an identified ground."""
-        return self.is_trusted and not self.is_contradicted and (self.is_identified or not self.is_unusual)
+        is_likely = self.memory.is_identified or not self.is_unusual
+        return self.is_trusted and not self.is_contradicted and is_likely
 
     @property
     def continues_transfer(self) -> bool:
         """Whether parts of the images are stale, as in the previous pair. No search is required for this decision."""
-        return self.follows_transfer and self.may_be_transfer and self.is_unusual and not self.is_contradicted
+        follows_transfer = self.memory.transfers > 0 and self.memory.may_be_transfer
+        return follows_transfer and self.is_unusual and not self.is_contradicted
 
     @property
     def is_transfer(self) -> bool:
@@ -90,19 +115,19 @@ class Evidence(NamedTuple):
         After more pairs than a partial transfer lasts, the other landmarks may be on an object.
         """
         if self.two is not None:
-            return self.two.has_standstill and self.may_be_transfer
-        is_half_stale = self.is_half_unexplained and self.may_be_transfer and not self.is_contradicted
+            return self.two.has_standstill and self.memory.may_be_transfer
+        is_half_stale = self.is_half_unexplained and self.memory.may_be_transfer and not self.is_contradicted
         return self.continues_transfer or is_half_stale
 
     @property
     def is_decided(self) -> bool:
         """Whether the heavier of two motions is clearly that of an identified ground."""
-        return self.two is not None and self.is_identified and self.two.is_decided
+        return self.two is not None and self.memory.is_identified and self.two.is_decided
 
     @property
     def stays_uncertain(self) -> bool:
         """Whether the ground is uncertain after the pair if the main motion is the only motion."""
-        return self.after_one_motion.phase is Phase.UNCERTAIN
+        return self.memory.stays_uncertain(self.consistency)
 
 
 def evidence_of(pair: ComparedPair, tracks: Tracks, memory: GroundMemory) -> Evidence:
@@ -129,20 +154,14 @@ def evidence_of(pair: ComparedPair, tracks: Tracks, memory: GroundMemory) -> Evi
 def evidence_of_main(main: Motion, memory: GroundMemory) -> Evidence:
     """Return the evidence of the main motion alone, with the memory before the pair."""
     agreement = main.agreement
-    identification = memory.identification
-    is_identified = memory.is_identified
-    max_contradicting = MAX_CONTRADICTING if is_identified else MAX_CONTRADICTING_FIRST
-    consistency = memory.consistency_of(agreement, main.tracks.inliers)
+    max_contradicting = MAX_CONTRADICTING if memory.is_identified else MAX_CONTRADICTING_FIRST
     return Evidence(
         main=main,
         is_contradicted=agreement.contradicting_fraction > max_contradicting,
         is_unusual=not memory.is_usual(agreement.unexplained_fraction),
         is_half_unexplained=agreement.unexplained_fraction >= NEARLY_HALF,
-        is_identified=is_identified,
-        has_typical=is_identified or (identification.phase is Phase.LEARNING and memory.typical is not None),
-        may_be_transfer=memory.faults.may_be_transfer,
-        follows_transfer=memory.faults.transfers > 0,
-        after_one_motion=identification.after(consistency, agreement.cells(agreement.unexplained)),
+        consistency=memory.consistency_of(agreement, main.tracks.inliers),
+        memory=memory,
     )
 
 

@@ -1,13 +1,8 @@
-"""Selection of the ground's motion in a pair: the order of the steps (`select_ground`).
+"""Selection of the ground's motion in a pair: the table of the cases, and what each case selects.
 
-| step | function | result |
-|---|---|---|
-| 1 | `changed_cells`, beside the tracking | `Change`: cells that changed since an earlier image |
-| 2 | `evidence.evidence_of`, which may search for other motions | `Evidence` |
-| 3 | `cases.rule_of` | `Rule`: the case of the pair, with its consequences |
-| 4 | `Rule.select` | `Selection`: tracks that follow the ground, and what is excluded |
-| 5 | `learnt_from` | `GroundMemory` after the pair |
-| 6 | `cases.findings_of` | the findings of the pair: at most one |
+`select_ground` contains the steps of a pair. `CASES` is the table: the first case whose condition is true for the
+evidence of a pair decides which motion is the ground's, what is excluded, which finding the pair has, and what the
+memory learns. A new case requires a row in `CASES`, and if its condition is new, a field of `Evidence`.
 
 If the left image is frozen, or if rows are stale, no motion is selected (`Ground.unselected`).
 
@@ -40,22 +35,28 @@ The lower half of one image repeats the previous image, with new noise, while th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.localisation.findings import Finding, Verdict
+from sfr_loc_map.geometry.arrays import Mask
+from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.ground import cases
 from sfr_loc_map.localisation.ground.cell_change import LEVEL, Change, change_of
-from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL
-from sfr_loc_map.localisation.ground.evidence import Evidence, evidence_of
-from sfr_loc_map.localisation.ground.memory import Consistency, EarlierImage, Fault, GroundMemory
-from sfr_loc_map.localisation.ground.motions import ComparedPair, MotionTools
-from sfr_loc_map.localisation.ground.thresholds import COMPARED_PAIRS, COMPARED_PX, FAR_RATIO
+from sfr_loc_map.localisation.ground.evidence import Evidence, TwoMotions, evidence_of
+from sfr_loc_map.localisation.ground.memory import GroundMemory, Shown
+from sfr_loc_map.localisation.ground.rigid_motion import (
+    FAR_RATIO,
+    ComparedPair,
+    Exclusion,
+    Motion,
+    MotionTools,
+    Selection,
+)
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.motion_size import NO_MOTION, MotionSize
 from sfr_loc_map.localisation.relocalisation import RecoveryImages
@@ -65,40 +66,30 @@ class Ground(NamedTuple):
     """The ground's motion in a pair."""
 
     tracks: Tracks  #: Tracks that follow the ground.
-    findings: frozenset[Finding]
+    findings: frozenset[Finding]  #: At most one finding.
     not_ground: NDArray[np.intp]  #: `(N,)` window rows of the landmarks that do not move with the ground.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
-    learnt: GroundMemory  #: The memory after the pair, if later pairs may be compared with it.
+    learnt: GroundMemory  #: The memory after the pair, before the verdict (`GroundMemory.after_verdict`).
 
     @classmethod
     def unselected(cls, tracks: Tracks, memory: GroundMemory) -> Ground:
         """Return all tracks as those of the ground, without a comparison with earlier pairs.
 
-        An uncertainty, or a recovery from earlier faults, is reported again.
+        The pair ends neither an uncertainty of the ground nor a recovery from earlier faults, which are therefore
+        reported again.
         """
+        findings: frozenset[Finding] = frozenset()
+        if memory.is_uncertain:
+            findings = frozenset({Finding.GROUND_UNCERTAIN})
+        elif tracks.is_trusted and memory.recovery_pairs > 1:
+            findings = frozenset({Finding.RECOVERING})
         return cls(
             tracks=tracks,
-            findings=cases.findings_unselected(memory, is_trusted=tracks.is_trusted),
+            findings=findings,
             not_ground=np.zeros(0, np.intp),
             other_distance=NO_MOTION,
             learnt=memory.unselected(),
         )
-
-    def memory_after(self, verdict: Verdict, before: GroundMemory) -> GroundMemory:
-        """Return the memory after the verdict on the pair, from the memory before the pair.
-
-        A pair that is not learnt, which most refused pairs are, leaves the memory as it was (`findings.RULES`). The
-        present image replaces the compared image only if later pairs may be compared with it, and the image at the last
-        pose only if the pose is accepted.
-        """
-        if not verdict.is_learnt:
-            return before
-        learnt = self.learnt
-        if verdict.refuses:
-            learnt = replace(learnt, last_image=before.last_image)
-        if verdict.refuses or not verdict.can_be_reference:
-            learnt = replace(learnt, earlier=before.earlier.older())
-        return learnt
 
 
 def changed_cells(frame: StereoFrame, memory: GroundMemory) -> Change:
@@ -119,51 +110,200 @@ def select_ground(
     earlier = memory.earlier
     far_px = FAR_RATIO * tools.shape[1] * earlier.age if memory.is_clear else np.inf
     pair = ComparedPair(tools, frame, prediction, recovery, change, earlier.pose, far_px)
-
     evidence = evidence_of(pair, tracks, memory)
-    rule = cases.rule_of(evidence)
-    selection = rule.select(pair, evidence)
-    learnt = learnt_from(pair, rule, evidence, selection, memory)
-
-    tracks = selection.motion.tracks
-    is_identified = evidence.is_identified
-    findings = cases.findings_of(rule, learnt.faults, is_identified=is_identified, is_trusted=tracks.is_trusted)
+    case = case_of(evidence)
+    selection = case.select(pair, evidence)
+    learnt = memory.after_pair(pair, evidence.main.agreement, case.shown, evidence.consistency, selection)
     return Ground(
-        tracks=tracks,
-        findings=findings,
+        tracks=selection.motion.tracks,
+        findings=findings_of(case, before=memory, after=learnt, is_trusted=selection.motion.tracks.is_trusted),
         not_ground=selection.exclusion.rows,
         other_distance=selection.other_distance,
         learnt=learnt,
     )
 
 
-def learnt_from(
-    pair: ComparedPair, rule: cases.Rule, evidence: Evidence, selection: cases.Selection, memory: GroundMemory
-) -> GroundMemory:
-    """Return the memory with what a pair shows, by the rule of its case."""
-    main = evidence.main.agreement
-    identification = memory.identification
-    typical = memory.typical
-    if rule.learns is cases.Learns.UNCERTAINTY:
-        identification = identification.after(Consistency.INCONSISTENT, main.cells(main.unexplained))
-    elif rule.learns is cases.Learns.ONE_MOTION:
-        identification = evidence.after_one_motion
-        typical = memory.typical_after(main.unexplained_fraction)
-    return GroundMemory(
-        excluded=memory.excluded.after_pair(selection.exclusion, pair.change.stationary, pair.tools.shape),
-        earlier=_next_earlier(pair.frame, selection, memory.earlier, rule.fault),
-        last_image=pair.frame.left[MIXTURE_LEVEL].image,
-        identification=identification,
-        faults=memory.faults.after(rule.fault, is_moving=selection.is_moving),
-        typical=typical,
-    )
+# ---- what a case selects
 
 
-def _next_earlier(frame: StereoFrame, selection: cases.Selection, earlier: EarlierImage, fault: Fault) -> EarlierImage:
-    """Return the image that the next pair is compared with: the present left image, or the earlier image again."""
-    if fault is Fault.TRANSFER:
-        return earlier.older()
-    shows_fixed = selection.motion.agreement.motion_px > COMPARED_PX
-    if shows_fixed or not selection.is_main or earlier.age > COMPARED_PAIRS:
-        return EarlierImage(frame.left[LEVEL].image, selection.motion.tracks.pose)
-    return earlier.older()
+def select_main(_: ComparedPair, evidence: Evidence) -> Selection:
+    """Select the main motion, and exclude what is fixed to the camera."""
+    motion = evidence.main
+    rows = motion.tracks.landmarks.rows[motion.agreement.on_fixed]
+    return Selection(motion, is_main=True, exclusion=Exclusion.of_fixed(rows, motion.agreement.fixed_cells))
+
+
+def select_main_with_all(pair: ComparedPair, evidence: Evidence) -> Selection:
+    """Select the main motion, and exclude nothing, because the image does not show what is fixed to the camera."""
+    return Selection(evidence.main, is_main=True, exclusion=Exclusion.nothing(pair.change.stationary.shape))
+
+
+def select_off_body(pair: ComparedPair, evidence: Evidence) -> Selection:
+    """Select the motion of the landmarks outside stationary cells, and exclude the landmarks in these cells.
+
+    The host cell of such a landmark is fixed to the camera if the motion would have moved the landmark. Without these
+    cells, a keyframe would create new landmarks on the body.
+    """
+    found = evidence.off_body
+    assert found is not None, "the condition of the case"
+    tracks = evidence.main.tracks
+    on_stationary = evidence.main.agreement.on_stationary
+    of_all = pair.motion(replace(tracks, pose=found.tracks.pose)).agreement
+    fixed = of_all.host_cells(on_stationary & of_all.are_moved) | found.agreement.fixed_cells
+    return _tracked_without(pair, evidence.main, found, on_stationary, fixed)
+
+
+def select_heavier(pair: ComparedPair, evidence: Evidence) -> Selection:
+    """Select the heavier of two motions. Exclude the landmarks that do not follow this motion, and their cells."""
+    two = evidence.two
+    assert two is not None, "the condition of the case"
+    return _other_of_two(pair, two) if two.other_wins else _main_of_two(two)
+
+
+def select_heavier_with_all(pair: ComparedPair, evidence: Evidence) -> Selection:
+    """Select the heavier of two motions, and exclude nothing, because the other motion may be the ground's."""
+    two = evidence.two
+    assert two is not None, "the condition of the case"
+    motion = two.main
+    if two.other_wins:
+        motion = pair.tracked_from(two.main.tracks.landmarks, two.other.tracks.pose)
+    nothing = Exclusion.nothing(pair.change.stationary.shape)
+    return Selection(motion, is_main=not two.other_wins, exclusion=nothing, other_distance=two.distance)
+
+
+def _main_of_two(motions: TwoMotions) -> Selection:
+    """Select the main motion, and exclude what follows the other motion or is fixed to the camera."""
+    motion = motions.main
+    other = motions.other
+    fixed = motion.agreement.fixed_cells
+    dynamic = other.agreement.cells(other.tracks.inliers) & ~fixed
+    rows = motion.tracks.landmarks.rows[motions.follow_other | motion.agreement.on_fixed]
+    return Selection(motion, is_main=True, exclusion=Exclusion(rows, fixed, dynamic))
+
+
+def _other_of_two(pair: ComparedPair, motions: TwoMotions) -> Selection:
+    """Select the other motion, and exclude the landmarks that follow only the main motion, and their cells."""
+    only_main = motions.main.tracks.inliers & ~motions.follow_other
+    return _tracked_without(pair, motions.main, motions.other, only_main, motions.main.agreement.cells(only_main))
+
+
+def _tracked_without(pair: ComparedPair, of_all: Motion, other: Motion, excluded: Mask, fixed: Mask) -> Selection:
+    """Select another motion: track the main motion's landmarks again from its pose, without some of them.
+
+    The excluded landmarks `(M,)` and the fixed cells `(R, C)` do not follow this motion.
+    """
+    landmarks = of_all.tracks.landmarks
+    motion = pair.tracked_from(landmarks.subset(~excluded), other.tracks.pose)
+    return Selection(motion, is_main=False, exclusion=Exclusion.of_fixed(landmarks.rows[excluded], fixed))
+
+
+# ---- the table
+
+
+class Case(NamedTuple):
+    """A case of a pair: its condition and its consequences."""
+
+    condition: Callable[[Evidence], bool]  #: Whether the case applies, if no earlier case does.
+    select: Callable[[ComparedPair, Evidence], Selection]  #: Selects the motion, and what to exclude.
+    shown: Shown  #: What the pair shows to the memory.
+    finding: Finding | None = None  #: The finding of the pair.
+    #: The finding while the ground is not identified, if it differs. The motion that is not selected may then be the
+    #: ground's.
+    finding_unidentified: Finding | None = None
+
+
+OWN_BODY: Final = Case(
+    lambda evidence: evidence.off_body is not None,
+    select_off_body,
+    Shown.NOTHING,
+    finding_unidentified=Finding.BODY_OR_GROUND,
+)
+"""Texture fixed to the camera carries the main motion; the other landmarks follow the ground. The covariance includes
+the unobserved motion and not the ambiguity, because the cells of the body are excluded from the next pairs."""
+UNTRUSTED: Final = Case(lambda evidence: not evidence.is_trusted, select_main_with_all, Shown.NOTHING)
+"""No motion is trusted, and the pose is refused."""
+TRANSFERRED: Final = Case(
+    lambda evidence: evidence.is_transfer,
+    select_main_with_all,
+    Shown.PARTIAL_TRANSFER,
+    Finding.PARTIAL_TRANSFER,
+    finding_unidentified=Finding.TRANSFER_OR_MOTION,
+)
+"""Parts of the images come from different exposures."""
+BLENDED: Final = Case(
+    lambda evidence: evidence.is_double_exposure, select_main_with_all, Shown.DOUBLE_EXPOSURE, Finding.DOUBLE_EXPOSURE
+)
+"""Two exposures are blended. The main motion is that of the dominant exposure."""
+DECIDED: Final = Case(lambda evidence: evidence.is_decided, select_heavier, Shown.NOTHING)
+"""There are two motions, and the motion with more weight is clearly the ground's."""
+UNDECIDED: Final = Case(
+    lambda evidence: evidence.two is not None, select_heavier_with_all, Shown.UNCERTAIN_MOTION, Finding.AMBIGUOUS
+)
+"""Either of two motions may be the ground's."""
+FALSE_STANDSTILL: Final = Case(
+    lambda evidence: evidence.is_contradicted, select_main_with_all, Shown.UNCERTAIN_MOTION, Finding.CONTRADICTED
+)
+"""The image changed where the only motion predicts no change. The pose is refused."""
+HALF_UNEXPLAINED: Final = Case(
+    lambda evidence: evidence.is_half_unexplained, select_main, Shown.UNCERTAIN_MOTION, Finding.GROUND_UNCERTAIN
+)
+"""About half of the landmarks, or more, do not follow the only motion."""
+UNUSUAL: Final = Case(
+    lambda evidence: evidence.is_unusual and evidence.memory.has_typical,
+    select_main,
+    Shown.NOTHING,
+    Finding.UNEXPLAINED,
+    finding_unidentified=Finding.GROUND_UNCERTAIN,
+)
+"""More landmarks than on earlier ground do not follow the only motion."""
+UNCONFIRMED_AT_REST: Final = Case(
+    lambda evidence: evidence.stays_uncertain and not evidence.main.agreement.moves_image,
+    select_main,
+    Shown.ONE_MOTION,
+    Finding.AT_REST_UNCERTAIN,
+)
+"""As `UNCONFIRMED`, but the image did not move, so that it shows a rover at rest."""
+UNCONFIRMED: Final = Case(
+    lambda evidence: evidence.stays_uncertain, select_main, Shown.ONE_MOTION, Finding.GROUND_UNCERTAIN
+)
+"""There is one motion, but too few consistent pairs followed those that made it uncertain."""
+ONE_MOTION: Final = Case(lambda _: True, select_main, Shown.ONE_MOTION)
+"""There is one motion, and the ground is not uncertain after the pair."""
+
+CASES: Final = (
+    OWN_BODY,
+    UNTRUSTED,
+    TRANSFERRED,
+    BLENDED,
+    DECIDED,
+    UNDECIDED,
+    FALSE_STANDSTILL,
+    HALF_UNEXPLAINED,
+    UNUSUAL,
+    UNCONFIRMED_AT_REST,
+    UNCONFIRMED,
+    ONE_MOTION,
+)
+"""The cases in the order of precedence."""
+
+
+def case_of(evidence: Evidence) -> Case:
+    """Return the first case whose condition is true for the evidence of a pair."""
+    return next(case for case in CASES if case.condition(evidence))
+
+
+def findings_of(case: Case, *, before: GroundMemory, after: GroundMemory, is_trusted: bool) -> frozenset[Finding]:
+    """Return the finding of a case, or else `RECOVERING` if faults of earlier pairs degrade this pair.
+
+    Args:
+        case: Case of the pair.
+        before: Memory before the pair.
+        after: Memory after the pair.
+        is_trusted: Whether the pose of the selected tracks is trusted.
+    """
+    finding = case.finding
+    if not before.is_identified and case.finding_unidentified is not None:
+        finding = case.finding_unidentified
+    if finding is not None:
+        return frozenset({finding})
+    return frozenset({Finding.RECOVERING} if is_trusted and after.recovery_pairs > 0 else ())

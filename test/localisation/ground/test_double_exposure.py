@@ -14,7 +14,7 @@ from sfr_loc_map.localisation.frontend.landmarks import NO_PATCHES, HostPatches,
 from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes
 from sfr_loc_map.localisation.frontend.pyramid import build_pyramid
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL, Mixture, mixture_of, shows_second_exposure
-from sfr_loc_map.localisation.ground.thresholds import MIXTURE_LANDMARKS
+from sfr_loc_map.localisation.ground.evidence import MIXTURE_LANDMARKS
 
 CAMERA = StereoCamera(200.0, 210.0, 119.5, 89.5, 0.1)
 HEIGHT, WIDTH, DEPTH_M = 180, 240, 2.0

@@ -7,8 +7,8 @@ import pytest
 
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.ground.cell_change import cell_counts
-from sfr_loc_map.localisation.ground.excluded_cells import ExcludedCells, Exclusion
-from sfr_loc_map.localisation.ground.thresholds import DYNAMIC_LIFE, FIXED_LIFE
+from sfr_loc_map.localisation.ground.memory import DYNAMIC_LIFE, FIXED_LIFE, ExcludedCells
+from sfr_loc_map.localisation.ground.rigid_motion import Exclusion
 
 SHAPE = (128, 160)
 NOTHING = np.zeros(cell_counts(SHAPE), np.bool_)

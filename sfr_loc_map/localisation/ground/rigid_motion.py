@@ -1,7 +1,9 @@
-"""Comparison of a pose with the changed and the stationary cells of the left image (`cell_change`).
+"""Rigid motions in a pair: how landmarks are tracked and searched for, and how far a motion agrees with the pair.
 
-Stationary cells for which the pose predicts image motion are fixed to the camera. Changed cells for which the pose
-predicts no motion contradict the pose. Outliers in view that are not fixed to the camera are unexplained.
+`agreement_of` compares the pose of a motion with the changed and the stationary cells of the left image
+(`cell_change`). Stationary cells for which the pose predicts image motion are fixed to the camera. Changed cells for
+which the pose predicts no motion contradict the pose. Outliers in view that are not fixed to the camera are
+unexplained.
 """
 
 from __future__ import annotations
@@ -15,10 +17,15 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
-from sfr_loc_map.localisation.frontend.landmarks import BORDER, MIN_INVERSE_DEPTH
+from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, BORDER, MIN_INVERSE_DEPTH, Landmarks
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 from sfr_loc_map.localisation.frontend.projection import MIN_SCALED_DEPTH, component, point_from
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
+from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.ground.cell_change import CELL, Change
+from sfr_loc_map.localisation.motion_model import Prediction
+from sfr_loc_map.localisation.motion_size import NO_MOTION, MotionSize
+from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 from sfr_loc_map.localisation.small_linalg import reorder_to_rank
 
 NEAR: Final = 4
@@ -31,6 +38,22 @@ MOTION_QUANTILE: Final = 0.9  #: Quantile of the landmarks' image motion that is
 MAX_MOTION_PX: Final = 10.0
 """Maximum image motion of a landmark, px. Larger motions are clipped, so that one wrong landmark does not dominate the
 mean of a neighbourhood."""
+FAR_RATIO: Final = 0.06
+"""Image motion per pair, as a fraction of the width, above which a landmark is often not found again. Such an outlier
+does not count as unexplained. Slightly above the optical flow that triggers a keyframe
+(`keyframes.KEYFRAME_FLOW_RATIO`)."""
+MIN_AGREEMENT: Final = 0.3
+"""Minimum fraction of the landmarks searched for that a motion must explain to be found. Chosen by hand. If larger,
+another motion among many outliers is missed. If smaller, chance agreement of outliers counts as a motion and degrades
+good pairs."""
+CONVINCING: Final = 0.6
+"""Minimum fraction of the landmarks searched for that a motion must explain to be accepted without further tests.
+Chosen by hand above one half: the majority agrees. If smaller, slow motions near the main motion are accepted. If
+larger, fewer motions are accepted by this test alone; the others must also differ from the main motion in the image
+(`evidence.MIN_DIFFERENCE_PX`)."""
+
+
+# ---- agreement of a pose with the landmarks and the cells of a pair
 
 
 class Agreement(NamedTuple):
@@ -293,3 +316,114 @@ def agreement_of(
         fixed_cells=fixed_cells,
         contradicting_fraction=_contradicting_count(cell_motion, change.changed) / max(rows * columns, 1),
     )
+
+
+# ---- motions
+
+
+class Motion(NamedTuple):
+    """A rigid motion in a pair."""
+
+    tracks: Tracks  #: Tracks whose inliers follow the motion.
+    agreement: Agreement  #: How far the motion agrees with the pair.
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the pose is trusted and the image moved."""
+        return self.tracks.is_trusted and self.agreement.moves_image
+
+
+class MotionTools(NamedTuple):
+    """Tools that track and search for motions, without state between calls."""
+
+    tracker: Tracker
+    relocaliser: Relocaliser
+    camera: StereoCamera
+    shape: tuple[int, int]  #: Height and width of the images.
+    min_tracked: int  #: Minimum number of landmarks that agree on a motion.
+
+
+class ComparedPair(NamedTuple):
+    """A pair and its comparison with an earlier image, cell by cell. Its methods track and search for motions."""
+
+    tools: MotionTools
+    frame: StereoFrame
+    prediction: Prediction
+    recovery: RecoveryImages
+    change: Change  #: Cells that changed, and cells that stayed, since the earlier image.
+    earlier_pose: Pose  #: Pose of the earlier image.
+    far_px: float  #: Image motion, px, from which an outlier does not count as unexplained (`FAR_RATIO`).
+
+    def motion(self, tracks: Tracks) -> Motion:
+        """Return the motion of some tracks, from the earlier image to their pose."""
+        landmarks = tracks.landmarks
+        agreement = agreement_of(
+            tracks.pose,
+            self.earlier_pose,
+            landmarks.estimates,
+            landmarks.planes.uv,
+            tracks.inliers,
+            self.change,
+            self.tools.camera,
+            self.tools.shape,
+            self.far_px,
+        )
+        return Motion(tracks, agreement)
+
+    def tracked_from(self, landmarks: Landmarks, start: Pose) -> Motion:
+        """Track landmarks from a pose, and return their motion."""
+        return self.motion(self.tools.tracker.refine(self.frame, landmarks, start, self.prediction.offset))
+
+    def search(self, landmarks: Landmarks) -> Motion | None:
+        """Search for one motion of some landmarks, from the guesses, then by optical flow; None if too few agree."""
+        tracker = self.tools.tracker
+        min_tracked = self.tools.min_tracked
+        count = len(landmarks.rows)
+        if count < min_tracked:
+            return None
+        offset = self.prediction.offset
+        start = tracker.align(self.frame.left, landmarks.thinned(ALIGNED_LANDMARKS), self.prediction.guesses)
+        tracks = tracker.refine(self.frame, landmarks, start, offset)
+        if tracks.inlier_count < CONVINCING * count:
+            pose = self.tools.relocaliser.pose_by_flow(self.frame, self.recovery, landmarks)
+            if pose is not None:
+                by_flow = tracker.refine_from_afar(self.frame, landmarks, pose, offset)
+                if by_flow.inlier_count > tracks.inlier_count:
+                    tracks = by_flow
+        if tracks.inlier_count < max(min_tracked, MIN_AGREEMENT * count):
+            return None
+        return self.motion(tracks)
+
+    def image_motion_px(self, tracks: Tracks, *, start: Pose, end: Pose) -> float:
+        """Return the image motion of the landmarks of some tracks between two poses, px."""
+        return image_motion(start, end, tracks.landmarks.estimates, self.tools.camera)
+
+
+# ---- the selected motion
+
+
+class Exclusion(NamedTuple):
+    """Landmarks and cells that do not move with the ground, as a pair shows."""
+
+    rows: NDArray[np.intp]  #: `(N,)` window rows of landmarks.
+    fixed: Mask  #: `(R, C)` cells that are fixed to the camera.
+    dynamic: Mask  #: `(R, C)` cells that move differently from the ground.
+
+    @classmethod
+    def of_fixed(cls, rows: NDArray[np.intp], cells: Mask) -> Exclusion:
+        """Return the exclusion of landmarks and cells that are fixed to the camera."""
+        return cls(rows, cells, np.zeros_like(cells))
+
+    @classmethod
+    def nothing(cls, shape: tuple[int, ...]) -> Exclusion:
+        """Return the exclusion of nothing, for a shape (R, C) of the cells."""
+        return cls.of_fixed(np.zeros(0, np.intp), np.zeros(shape, np.bool_))
+
+
+class Selection(NamedTuple):
+    """The motion that is used as the ground's, and what does not follow this motion."""
+
+    motion: Motion
+    is_main: bool  #: Whether the motion is the main motion.
+    exclusion: Exclusion  #: Landmarks and cells that do not move with the ground.
+    other_distance: MotionSize = NO_MOTION  #: Distance to the pose of another possible motion; zero if none.
