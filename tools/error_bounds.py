@@ -31,8 +31,7 @@ from sfr_loc_map.localisation.findings import Verdict
 from sfr_loc_map.localisation.frontend.patch import HALF
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.localisation.stages import Candidate, FinalPose
-from sfr_loc_map.localisation.state import Outcome, State
+from sfr_loc_map.localisation.state import Candidate, Outcome, State
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import refine_pair
 from sfr_loc_map.mapping.disparity.search_range import search_range_of
@@ -89,9 +88,11 @@ class RecordingLocaliser(Localiser):
 
     accepted: Tracks | None = None
 
-    def _accept(self, state: State, candidate: Candidate, verdict: Verdict, final: FinalPose) -> Outcome:
-        self.accepted = final.tracks
-        return super()._accept(state, candidate, verdict, final)
+    def _accept(
+        self, state: State, candidate: Candidate, verdict: Verdict, *, is_reference: bool, is_keyframe: bool
+    ) -> Outcome:
+        self.accepted = candidate.tracks
+        return super()._accept(state, candidate, verdict, is_reference=is_reference, is_keyframe=is_keyframe)
 
 
 def sights(source: Path) -> tuple[list[Sight], list[Transform], StereoRig]:

@@ -12,7 +12,6 @@ The modules in the order in which they use each other:
 | `frame_tree`, `extrinsics` | frames of `/tf_static`, and the pose of a rig on the rover from these frames |
 | `trajectory`, `stamped_poses` | stamped poses, and the interpolation between them |
 | `cloud` | point clouds |
-| `geodesy` | geographic positions in a local frame |
 | `robust_statistics` | scale and weight that are insensitive to outliers |
 
 Frames: DS is the frame of the terrain, in which the rover's path is given, and LM the local map. RB is the body of the

@@ -8,7 +8,6 @@ pair is refused, which reason is published, and what enlarges the covariance.
 |---|---|
 | `localiser`, `config`, `estimate` | the interface: `Localiser`, its parameters and its results |
 | `visualisation` | the drawing of an estimate |
-| `stages` | the stages that compute and judge a pose, and the values between them |
 | `stale_images`, `guards`, `findings` | checks of images and poses, and the table of their consequences |
 | `state` | the state between two pairs, and all of its changes |
 | `path` | poses so far, and external poses |

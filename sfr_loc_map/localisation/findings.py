@@ -26,11 +26,10 @@ A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, a
 
 - A guard that needs only the images is called in `Localiser._locate`. Its findings also apply to a window that begins
   with the pair.
-- A guard that refuses poses, and takes little time, is called in `Stages._refusals_of_pose`. For a keyframe, this
+- A guard that refuses poses, and takes little time, is called in `Localiser._refusals_of_pose`. For a keyframe, this
   function is called again with the pose from all landmarks, to decide whether this pose is used.
-- Any other guard is called in `Stages.judge`.
-- A guard for a new window is called in `Localiser._begin_window` if it does not need the landmarks of the window,
-  otherwise in `Stages.begin_window`.
+- Any other guard is called in `Localiser._judge`.
+- A guard for a new window is called in `Localiser._begin_window`.
 - The memory of a guard is a field of `State`. A memory that learns from poses is passed to `State.accepted` by the
   `Candidate` and changes only there. The memory of the ground is passed by `Ground`, and may learn from a refused pair
   as well.

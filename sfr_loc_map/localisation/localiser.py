@@ -1,27 +1,29 @@
 """The localiser: one call per stereo pair.
 
-A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._locate` runs ten stages:
+A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._locate` runs ten stages. Each row lists what
+the stage adds to the values of the previous stages:
 
-1. Check the images: detect a repeated pair and copies of one image, and blank stale parts (`stale_images`, `guards`).
-2. Check the map: too few landmarks refuse the pair. Without a map, the pair begins a window.
-3. Predict the pose by the last motion, a standstill and wheel odometry (`motion_model`).
-4. Track: align some landmarks jointly (direct image alignment as in SVO, Forster et al. 2017). Track the patches of
-   more landmarks, warped by their local planes, in both images (Lucas and Kanade 1981), and solve for the pose with
-   robust weights.
-5. Relocalise if the pose is not trusted: optical flow, then SIFT descriptors (`relocalisation`).
-6. Select the ground's motion among the motions in the image (`ground.selection`). If one motion does not explain the
-   tracks, track the landmarks again from its pose. If many are still unexplained, search for another motion. Landmarks
-   that do not move with the ground are no longer tracked.
-7. Correct the right camera: estimate its rotation error, and correct its drift (`backend/online_calibration`).
-8. Judge: a table decides from the findings of all guards whether the pose is accepted (`guards`, `findings.RULES`).
-9. Complete: the pair becomes a keyframe if few landmarks are left or if they moved far in the image, unless the pair
-   cannot be a reference, or too few inliers are in the left image. For a keyframe, the remaining landmarks of the map
-   are tracked, too, and the pose is estimated again.
-10. Accept: update the path and its accumulated errors, and compute the motion since the last pose with its covariance
-    (`path`, `uncertainty`).
+| stage | takes | gives | by |
+|---|---|---|---|
+| 1 check the images | pair, previous pair | findings; `StereoFrame`, stale parts blanked | `stale_images`, `guards` |
+| 2 check the map | landmarks of the map | findings | `guards.check_landmarks` |
+| 3 predict | last motion, wheel odometry | `Prediction`: guesses of the pose | `motion_model` |
+| 4 track | frame, map, guesses | `Tracks` of any motion, and its pose | `frontend.tracking` |
+| 5 relocalise, if not trusted | recovery images | other `Tracks` | `relocalisation` |
+| 6 select the ground | tracks, earlier images | `Ground`: tracks of the ground, findings | `ground.selection` |
+| 7 correct the right camera | tracks of the ground | `Candidate`: corrected tracks | `frontend.right_camera` |
+| 8 judge | all findings, candidate | `Verdict`: action, reason | `guards`, `findings.RULES` |
+| 9 complete | accepted candidate | tracks of all landmarks, if a keyframe | `keyframes` |
+| 10 accept | final tracks | `State` after the pair, `StepEstimate` | `state`, `path`, `uncertainty` |
 
-`stages` contains stages 4, 5 and 7 to 9, and the start of a window; `ground.selection` contains stage 6. Before and
-after the stages, `Localiser.process`
+In stage 4, some landmarks are aligned jointly (direct image alignment as in SVO, Forster et al. 2017). The patches of
+more landmarks, warped by their local planes, are then tracked in both images (Lucas and Kanade 1981), and the pose is
+solved for with robust weights. In stage 5, the pose is recovered by optical flow, then by SIFT descriptors. In stage 6,
+the landmarks are tracked again from the pose if one motion does not explain the tracks, and another motion is searched
+for if many landmarks are still unexplained. In stage 9, the pair becomes a keyframe if few landmarks are left or if
+they moved far in the image, unless the pair cannot be a reference, or too few inliers are in the left image.
+
+Before and after the stages, `Localiser.process`
 
 - adopts the keyframe of the previous call, which was made in the background (`_adopt_keyframe`);
 - applies an external pose once its stamp is reached (`State.pose_applied`);
@@ -29,54 +31,52 @@ after the stages, `Localiser.process`
 - starts a keyframe in the background: the pair is added to the window, and the window is adjusted (bundle adjustment
   with marginalisation as in OKVIS, Leutenegger et al. 2015; `keyframes`).
 
-**Where a pair is refused.** Three stages can refuse a pair, and the later stages are then skipped. A refused pair is
-*kept* (the last pose is published again with a larger covariance), is *lost* (the pose is unknown), or begins a window.
-`_without_pose` decides between the three, and can refuse the pair for further reasons, as can the new window:
+**Where a pair is refused, and which reason wins.** A pair has up to five verdicts, in this order. Each verdict takes
+all findings so far. The first verdict that refuses the pair decides, and the later stages are skipped:
 
-| where | refused because | what becomes of the pair |
+| verdict | on findings about | a refused pair is |
 |---|---|---|
-| stage 1 | of its images | kept or lost |
-| stage 2 | the map has too few landmarks | lost, or begins a window |
-| stage 8 | of any finding that refuses poses | kept or lost, or begins a window |
-| `_without_pose` | there is no map, and its images cannot be a reference for later pairs | lost |
-| `_without_pose` | it would be kept, but the localiser is lost, or its pose is as uncertain as an unknown pose | lost |
-| `_begin_window` | it has too few landmarks, or its images are swapped (`Stages.begin_window`) | lost |
+| stage 1 | its images | kept or lost |
+| stage 2, no map | | first of a window, or lost |
+| stage 2 | the number of landmarks of the map | lost, or first of a window |
+| stage 8, first | tracks and pose (`_refusals_of_pose`), the ground's motion | kept, lost, or first of a window |
+| stage 8, second | swapped images (`check_sides`); gap, calibration and shear only degrade | lost |
+| new window | images, gap, number and order of its landmarks | lost |
 
-A pair may begin a window in two situations: if there is no map, or if `MAX_FAILED_RECOVERIES` good images were refused
-since the last pair that was accepted or began a window. An image counts if stage 2 or stage 8 refuses its pair, except
-in two cases. Swapped images never count (`Action.LOSE`). Images that contradict the pose (`Action.KEEP`) count only
-while the localiser is lost. A pair that stage 1 refuses does not count either.
+*Kept*: the last pose is published again with a larger covariance. *Lost*: the pose is unknown. Within a verdict, the
+first finding in the order of `findings.RULES` gives action and reason. Findings that refuse the pair come first: a
+repeated pair; identical or swapped images; too few landmarks, with a cause in the images before the number; a pose that
+the image contradicts, or that is impossible. Then follow findings that degrade the pose: images with stale parts that
+are known, or one image without texture; a diverged adjustment; a gap; the calibration; sheared rows; other stale parts;
+two motions. `_without_pose` and `_begin_window` decide what becomes of a refused pair:
 
-**Which reason wins.** Each point evaluates all findings so far with one table. Of the findings present, the first one
-in `findings.RULES` decides, and its reason is published. The order is:
+- A pair may begin a window if there is no map, or if `MAX_FAILED_RECOVERIES` good images were refused since the last
+  pair that was accepted or began a window. Images refused by stage 2 or 8 count, but swapped images never count, and
+  images that contradict the pose (`Action.KEEP`) count only while the localiser is lost.
+- The findings about the pose in the map are discarded if the pair begins a window, because the window replaces the map.
+- A pair whose images cannot be a reference for later pairs begins no window and is lost.
+- A pair that would otherwise be kept is lost if the localiser is lost already, and the earlier reason is published
+  again. The pair is also lost once the kept pose is as uncertain as an unknown pose.
 
-1. Findings that refuse the pair: a repeated pair; identical or swapped images; too few landmarks, with a cause in the
-   images before the number; a pose that the image contradicts, or that is impossible.
-2. Findings that degrade the pose: images with stale parts that are known, or one image without texture; a diverged
-   adjustment; a gap; the calibration; sheared rows; other stale parts; two motions.
+**Where the state changes.** The state between two pairs is one immutable value, and its methods are all of its changes
+(`state.State` has the table). The localiser learns from a pose in `State.accepted` only, except that the memory
+of the ground also learns that an image contradicts a refused pose (`GroundMemory.after_verdict`). Beside the state, the
+localiser holds the keyframe that is being made in the background.
 
-There are three exceptions:
+**What enlarges the covariance.** The covariance of an accepted pose is the sum of seven terms, and findings, kept
+pairs, new windows and external poses add to it. The docstring of `uncertainty` states all terms and events with their
+formulas and values.
 
-- Stage 8 evaluates the table twice, because some guards require a valid pose. A pair that the first evaluation refuses
-  is not examined by these guards. If a map exists, swapped images are therefore reported as too few landmarks unless
-  their pose is trusted, although `SWAPPED` precedes `FEW_LANDMARKS` in the table.
-- While the localiser is lost, a pair that would otherwise be kept publishes the reason for which the localiser was
-  lost.
-- If a refused pair may begin a window, only the findings about its images and those of the window are published. The
-  reason for which its pose was refused is discarded, even if the window cannot begin.
-
-**What enlarges the covariance.** The covariance of an accepted pose is the sum of its error terms, and findings, kept
-pairs, new windows and external poses add to it. `uncertainty` lists all terms and events with links to their formulas.
-
-The state between two pairs is one immutable value, and its methods are all of its changes (`state.State`). In addition,
-the localiser holds the keyframe that is being made in the background. Each stage takes and returns values. `findings`
-describes what a new guard requires, and `uncertainty` where a new error source belongs.
+**Where new code goes.** `findings` lists the places of a new guard, and `uncertainty` those of a new error source.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 
@@ -90,6 +90,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig, check_rig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance, symmetric
 from sfr_loc_map.localisation import guards, stale_images, warm_up
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import (
     LandmarkTracks,
@@ -101,16 +102,45 @@ from sfr_loc_map.localisation.estimate import (
     lost_covariance,
 )
 from sfr_loc_map.localisation.findings import Action, Finding, Verdict, decide
+from sfr_loc_map.localisation.frontend.right_camera import RightOffset, pair_yaw
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
-from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, Tracks
+from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, Tracker, Tracks
+from sfr_loc_map.localisation.ground.rigid_motion import MotionTools
 from sfr_loc_map.localisation.ground.selection import Ground, changed_cells, select_ground
-from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO, KeyframeJob, KeyframeResult, has_diverged
-from sfr_loc_map.localisation.relocalisation import MAX_FAILED_RECOVERIES
-from sfr_loc_map.localisation.stages import Candidate, FinalPose, StageClock, Stages
-from sfr_loc_map.localisation.state import Outcome, State
+from sfr_loc_map.localisation.keyframes import (
+    KEYFRAME_FLOW_RATIO,
+    KeyframeJob,
+    KeyframeMaker,
+    KeyframeResult,
+    has_diverged,
+    max_corners,
+)
+from sfr_loc_map.localisation.motion_model import LastPose
+from sfr_loc_map.localisation.relocalisation import MAX_FAILED_RECOVERIES, Relocaliser
+from sfr_loc_map.localisation.state import Candidate, Outcome, State
 from sfr_loc_map.localisation.uncertainty.error_sources import RoverModel
 from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
 from sfr_loc_map.parallel import beside
+
+
+class StageClock:
+    """Durations of the stages of one call, s, by name. No result depends on them."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time within the context to a stage."""
+        start = perf_counter()
+        try:
+            yield
+        finally:
+            self.add(name, perf_counter() - start)
+
+    def add(self, name: str, seconds: float) -> None:
+        """Add a time that was measured elsewhere to a stage."""
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
 
 
 class Localiser:
@@ -146,7 +176,12 @@ class Localiser:
         self._rig = rig
         self._config = config
         self._model = RoverModel.of(rig, config.motion, KEYFRAME_FLOW_RATIO)
-        self._stages = Stages(rig, config)
+        self._max_corners = max_corners(rig, config)
+        self._tracker = Tracker(config.min_tracked, rig.camera)
+        self._relocaliser = Relocaliser(self._tracker, config, rig.camera, self._max_corners)
+        self._keyframes = KeyframeMaker(rig, config)
+        shape = (rig.height, rig.width)
+        self._motion_tools = MotionTools(self._tracker, self._relocaliser, rig.camera, shape, config.min_tracked)
         self._background = executor or ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
         self._pending: Future[KeyframeResult] | None = None
         self.reset(start)
@@ -236,9 +271,8 @@ class Localiser:
         """Run stages 1 to 10 (module docstring) on a pair.
 
         The tracks follow any motion (`tracks`), then the ground (`ground.tracks`), then have corrected right
-        observations (`candidate.tracks`), and for a keyframe contain all landmarks (`final.tracks`).
+        observations (`candidate.tracks`), and for a keyframe contain all landmarks.
         """
-        stages = self._stages
         # 1 check the images
         images = stale_images.compare(pair, state.image_memory)
         state = state.arrived(images, pair.stamp_ns)
@@ -257,41 +291,133 @@ class Localiser:
             return self._without_pose(state, verdict, pair.stamp_ns, frame=frame, of_images=findings)
         # 3 predict
         prediction = state.path.last.predict(pair.stamp_ns, odometry, state.calibration.offset, self._model)
-        # 4 track, 5 relocalise; beside them, stage 6 begins with a comparison of images, which requires no pose
+        # 4 track; beside it, stage 6 begins with a comparison of images, which requires no pose
         change = beside(changed_cells, frame, state.ground_memory)
-        tracks = stages.track(frame, landmark_map, prediction, state.recovery, clock)
+        with clock.stage("align"):
+            coarse = self._tracker.align(frame.left, landmark_map.aligned, prediction.guesses)
+        with clock.stage("refine"):
+            tracks = self._tracker.refine(frame, landmark_map.tracked, coarse, prediction.offset)
+        # 5 relocalise
+        if not tracks.is_trusted:
+            with clock.stage("relocate"):
+                found = self._relocaliser.relocalise(frame, landmark_map.tracked, state.recovery, prediction.offset)
+            tracks = found or tracks
         # 6 select the ground's motion
         changed = change.result()
         if images.is_left_frozen or images.has_stale_rows:
             ground = Ground.unselected(tracks, state.ground_memory)
         else:
-            tools = stages.motion_tools
+            tools = self._motion_tools
             ground = select_ground(tools, frame, tracks, prediction, state.ground_memory, state.recovery, changed)
         # 7 correct the right camera
-        candidate = stages.correct_right_camera(frame, landmark_map, ground, state.calibration, state.shear_mean)
+        candidate = self._with_right_camera(state, frame, landmark_map, ground)
         # 8 judge
-        last = state.path.last
-        verdict = stages.judge(last, state.gap_keyframes, candidate, findings | ground.findings)
+        verdict = self._judge(state, candidate, findings | ground.findings)
         if verdict.refuses:
             state = state.refused(candidate, verdict)
             return self._without_pose(
                 state, verdict, pair.stamp_ns, frame=frame, of_images=findings, tracks=candidate.tracks
             )
-        # 9 complete, 10 accept
-        final = stages.complete(last, candidate, verdict, clock)
-        return self._accept(state, candidate, verdict, final)
+        # 9 complete: later pairs are compared with the left image of a reference, which must show enough landmarks
+        has_landmarks = candidate.tracks.left_inlier_count >= self._config.min_tracked
+        is_reference = verdict.can_be_reference and has_landmarks
+        is_keyframe = is_reference and self._keyframes.is_needed(candidate.tracks, candidate.landmark_map)
+        if is_keyframe:
+            with clock.stage("refine"):
+                candidate = self._with_all_landmarks(state.path.last, candidate)
+        # 10 accept
+        return self._accept(state, candidate, verdict, is_reference=is_reference, is_keyframe=is_keyframe)
 
-    def _accept(self, state: State, candidate: Candidate, verdict: Verdict, final: FinalPose) -> Outcome:
+    def _with_right_camera(
+        self, state: State, frame: StereoFrame, landmark_map: LandmarkMap, ground: Ground
+    ) -> Candidate:
+        """Estimate the yaw of the right camera, and correct the right observations for a drift of the right camera.
+
+        Return the candidate, in whose map the landmarks that do not move with the ground are no longer tracked. Tracks
+        that are not trusted remain unchanged, because stage 8 refuses them.
+        """
+        tracks = ground.tracks
+        calibration = state.calibration
+        uncorrected = Candidate(
+            frame=frame,
+            landmark_map=landmark_map.deactivated(ground.not_ground),
+            ground=ground,
+            tracks=tracks,
+            calibration=calibration,
+            shear_mean=state.shear_mean,
+        )
+        if not tracks.is_trusted:
+            return uncorrected
+        camera = self._rig.camera
+        shape = (self._rig.height, self._rig.width)
+        lens_px = calibration.lens.likely_px
+        yaw = pair_yaw(tracks.pose, tracks.landmarks.estimates, tracks.observed, camera, shape, lens_px)
+        if yaw is None:
+            return uncorrected
+        calibration, drift_px = calibration.with_pair(yaw)
+        if drift_px != 0.0:
+            observations = tracks.observations.copy()
+            observations[:, 2:] -= RightOffset(yaw_px=drift_px).at(observations[:, 2:], camera)
+            observed = tracks.observed._replace(uv=observations)
+            tracks = self._tracker.solve(tracks.landmarks, observed, tracks.pose)
+        return uncorrected._replace(
+            tracks=tracks,
+            calibration=calibration,
+            shear_mean=state.shear_mean.with_pair(yaw.shear_chi2),
+            shear_chi2=yaw.shear_chi2,
+        )
+
+    def _judge(self, state: State, candidate: Candidate, findings: frozenset[Finding]) -> Verdict:
+        """Judge a pose by the findings of the earlier stages, and by the guards that examine a pose."""
+        frame = candidate.frame
+        tracks = candidate.tracks
+        findings |= self._refusals_of_pose(state.path.last, frame, tracks)
+        verdict = decide(findings)
+        if verdict.refuses:  # the other guards require a valid pose
+            return verdict
+        findings |= guards.check_sides(frame, tracks, self._tracker, candidate.calibration.offset)
+        findings |= guards.check_gap(state.gap_keyframes)
+        findings |= guards.check_calibration(candidate.calibration)
+        findings |= guards.check_shear(candidate.shear_chi2, candidate.shear_mean)
+        return decide(findings)
+
+    def _refusals_of_pose(self, last: LastPose, frame: StereoFrame, tracks: Tracks) -> frozenset[Finding]:
+        """Return the findings of the fast guards that refuse poses; they are repeated for the pose of a keyframe."""
+        of_pose = guards.check_pose(tracks, last, frame.stamp_ns, self._config.motion)
+        return guards.check_tracks(frame, tracks) | of_pose
+
+    def _with_all_landmarks(self, last: LastPose, candidate: Candidate) -> Candidate:
+        """Track the remaining landmarks of the map, and solve for the pose from all landmarks.
+
+        Only the errors of keyframes accumulate. Other poses are therefore estimated from fewer landmarks to save time.
+        Findings about the images hold for the pose of all landmarks as well, so that only the pose is checked again. If
+        that pose is refused, the judged tracks remain.
+        """
+        tracks = candidate.tracks
+        landmark_map = candidate.landmark_map
+        rest = landmark_map.rest_of(tracks.landmarks)
+        if not len(rest.rows):
+            return candidate
+        offset = candidate.calibration.offset
+        of_all = self._tracker.complete(candidate.frame, tracks, landmark_map.landmarks, rest, offset)
+        if self._refusals_of_pose(last, candidate.frame, of_all):
+            return candidate
+        return candidate._replace(tracks=of_all)
+
+    def _accept(
+        self, state: State, candidate: Candidate, verdict: Verdict, *, is_reference: bool, is_keyframe: bool
+    ) -> Outcome:
         """Accept a pose: compute its errors and the step to it, and learn from the pair."""
-        tracks = final.tracks
-        chi_median = median(tracks.chi2_per_dof[~np.isnan(tracks.chi2_per_dof)])
-        after, step = state.accepted(candidate, verdict, final, chi_median, self._model)
+        tracks = candidate.tracks
+        after, step = state.accepted(
+            candidate, verdict, self._model, is_reference=is_reference, is_keyframe=is_keyframe
+        )
         offset = after.calibration.offset
         statistics = TrackingStatistics(
             features=len(tracks.inliers),
             inliers=tracks.inlier_count,
             keyframes=after.keyframes,
-            chi_median=chi_median,
+            chi_median=tracks.chi_median,
             residual_px=_median_residual_px(tracks),
             vertical_offset_px=offset.pitch_px,
             disparity_offset_px=-offset.yaw_px,
@@ -299,7 +425,7 @@ class Localiser:
             masked_share=after.ground_memory.excluded.fraction,
         )
         keyframe = None
-        if final.is_keyframe:
+        if is_keyframe:
             mask = after.ground_memory.excluded.mask
             keyframe = KeyframeJob(candidate.frame, tracks, candidate.landmark_map, after.calibration, mask)
         return Outcome(after, statistics, tracks, step, keyframe)
@@ -339,7 +465,7 @@ class Localiser:
         may_begin = landmark_map is None
         counts = verdict.action is Action.LOSE_OR_BEGIN or (verdict.action is Action.KEEP and is_lost)
         if frame is not None and landmark_map is not None and counts:
-            is_good_image = self._stages.relocaliser.is_good_image(frame, len(landmark_map.landmarks.rows))
+            is_good_image = self._relocaliser.is_good_image(frame, len(landmark_map.landmarks.rows))
             if is_good_image:
                 state = state.recovery_failed()
                 may_begin = state.failed_recoveries >= MAX_FAILED_RECOVERIES
@@ -365,14 +491,20 @@ class Localiser:
         if the images have findings, or if the motion since the last pose is unobserved. Findings about the pose of the
         pair concern the map that the window replaces, and do not hold for the window.
         """
+        pose = Pose.of(state.path.last.T_world_left)
+        mask = state.ground_memory.excluded.mask
+        window = self._keyframes.begin_window(frame, pose, state.calibration, mask)
+        landmarks = window.landmark_map.landmarks
+        min_tracked = self._config.min_tracked
         gap_keyframes = state.gap_keyframes_at_window(frame.stamp_ns, self._config.window_keyframes)
         findings = of_images | guards.check_gap(gap_keyframes)
         findings |= guards.check_divergence(has_diverged=state.has_diverged)
-        pose = Pose.of(state.path.last.T_world_left)
-        mask = state.ground_memory.excluded.mask
-        window, of_window = self._stages.begin_window(frame, pose, state.calibration, mask)
-        statistics = TrackingStatistics(features=len(window.landmark_map.landmarks.rows))
-        verdict = decide(findings | of_window)
+        findings |= guards.check_landmarks(frame, landmarks, min_tracked)
+        if len(landmarks.rows) < max(min_tracked, guards.ORDER_TESTED_RATIO * self._max_corners):
+            count_if_swapped = self._keyframes.landmark_count(frame.swapped(), pose, state.calibration, mask)
+            findings |= guards.check_order(landmarks, count_if_swapped, min_tracked)
+        statistics = TrackingStatistics(features=len(landmarks.rows))
+        verdict = decide(findings)
         if verdict.refuses:
             if verdict.ages_excluded:
                 state = state.window_failed()
@@ -422,7 +554,7 @@ class Localiser:
         assert outcome.keyframe is None or self._state.landmark_map is not None
         estimate = self._estimate(stamp_ns, self._state, outcome, clock)
         if outcome.keyframe is not None:
-            self._pending = self._background.submit(self._stages.keyframes.make, outcome.keyframe)
+            self._pending = self._background.submit(self._keyframes.make, outcome.keyframe)
         return estimate
 
     def _estimate(self, stamp_ns: int, state: State, outcome: Outcome, clock: StageClock) -> PoseEstimate:

@@ -1,4 +1,4 @@
-"""State of the localiser between two pairs, with all of its changes, and the outcome of one pair.
+"""State of the localiser between two pairs, with all of its changes, and the values of one pair that change it.
 
 The state is one immutable value. Its methods, one for each event, are its only changes (`Localiser` stores the
 results). An event has the same name here and in the components of the state that it changes.
@@ -40,14 +40,28 @@ from sfr_loc_map.localisation.findings import Action, Verdict
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.memory import GroundMemory
+from sfr_loc_map.localisation.ground.selection import Ground
 from sfr_loc_map.localisation.guards import ShearMean
 from sfr_loc_map.localisation.keyframes import KeyframeJob, KeyframeResult
 from sfr_loc_map.localisation.path import PathState
 from sfr_loc_map.localisation.relocalisation import RecoveryImages
-from sfr_loc_map.localisation.stages import Candidate, FinalPose
 from sfr_loc_map.localisation.stale_images import ImageComparison, ImageMemory
 from sfr_loc_map.localisation.uncertainty.error_sources import RoverModel
 from sfr_loc_map.localisation.uncertainty.pose_covariance import AcceptedPair
+
+
+class Candidate(NamedTuple):
+    """A pair whose pose is to be judged."""
+
+    frame: StereoFrame
+    #: The map, in which landmarks that do not move with the ground are no longer tracked. Their earlier observations
+    #: remain in the window (`SlidingWindow.deactivated`).
+    landmark_map: LandmarkMap
+    ground: Ground
+    tracks: Tracks  #: Tracks of the ground with corrected right observations, and their pose.
+    calibration: OnlineCalibration  #: The calibration, updated by the pair.
+    shear_mean: ShearMean  #: The running mean, updated by the pair.
+    shear_chi2: float = 0.0  #: Squared shear of the rows of this pair, divided by its variance, per degree of freedom.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,24 +132,22 @@ class State:
     # ---- an accepted pair
 
     def accepted(
-        self, candidate: Candidate, verdict: Verdict, final: FinalPose, chi_median: float, model: RoverModel
+        self, candidate: Candidate, verdict: Verdict, model: RoverModel, *, is_reference: bool, is_keyframe: bool
     ) -> tuple[State, StepEstimate]:
         """Return the state after an accepted pair, and the step to its pose.
 
         Args:
-            candidate: The pair that was judged.
+            candidate: The pair with its final pose.
             verdict: Verdict on the pair.
-            final: Final pose of the pair.
-            chi_median: Median squared Mahalanobis residual of the final pose per degree of freedom; NaN without
-                residuals.
             model: Extrinsics, camera geometry, bounds and error sources.
+            is_reference: Whether lost tracking may be recovered from the pair.
+            is_keyframe: Whether the pair becomes a keyframe.
         """
         pair = AcceptedPair(
             stamp_ns=candidate.frame.stamp_ns,
-            tracks=final.tracks,
+            tracks=candidate.tracks,
             landmark_map=candidate.landmark_map,
             calibration=candidate.calibration,
-            chi_median=chi_median,
             was_known=self.status is not TrackingState.LOST,
             shear_chi2=candidate.shear_chi2,
             inflation=verdict.inflation,
@@ -143,8 +155,8 @@ class State:
         )
         path, step = self.path.accepted(pair, model)
         recovery = self.recovery
-        if final.is_recovery_image:
-            recovery = recovery.accepted(candidate.frame.image, final.tracks)
+        if is_reference:
+            recovery = recovery.accepted(candidate.frame.image, candidate.tracks)
         after = replace(
             self,
             path=path,
@@ -154,8 +166,8 @@ class State:
             ground_memory=self.ground_memory.after_verdict(candidate.ground.learnt, verdict),
             recovery=recovery,
             failed_recoveries=0,
-            keyframes=self.keyframes + int(final.is_keyframe),
-            gap_keyframes=max(self.gap_keyframes - int(final.is_keyframe), 0),
+            keyframes=self.keyframes + int(is_keyframe),
+            gap_keyframes=max(self.gap_keyframes - int(is_keyframe), 0),
             status=TrackingState.TRACKING if verdict.action is Action.ACCEPT else TrackingState.DEGRADED,
             reason=verdict.reason,
         )

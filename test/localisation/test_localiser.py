@@ -35,7 +35,7 @@ from sfr_loc_map.localisation.ground.selection import Ground
 from sfr_loc_map.localisation.guards import ShearMean
 from sfr_loc_map.localisation.keyframes import KeyframeMaker, KeyframeResult
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.localisation.stages import Candidate, Stages
+from sfr_loc_map.localisation.state import Candidate
 
 DRIVE = drive()
 
@@ -555,19 +555,21 @@ def test_nothing_is_learnt_from_the_pose_of_a_refused_pair(fault: str) -> None:
 
 def test_a_keyframe_is_solved_for_by_all_landmarks_though_some_are_excluded() -> None:
     config = LocalisationConfig()
-    stages = Stages(LOC_RIG, config)
+    by = Localiser(LOC_RIG, config)
     window = first_window(DRIVE[0], config)
     landmarks = window.landmark_map.landmarks
     are_followed = np.ones(len(landmarks.rows), np.bool_)
     are_followed[-5:] = False
     frame = StereoFrame.of(DRIVE[1])
     start = Pose.of(Transform.identity())
-    tracks = stages.tracker.refine(frame, landmarks.subset(are_followed), start, window.calibration.offset)
+    tracks = Tracker(config.min_tracked, LOC_RIG.camera).refine(
+        frame, landmarks.subset(are_followed), start, window.calibration.offset
+    )
     smaller_map = window.landmark_map.deactivated(landmarks.rows[:10])
     ground = Ground.unselected(tracks, GroundMemory.none((HEIGHT, WIDTH)))
     candidate = Candidate(frame, smaller_map, ground, tracks, window.calibration, ShearMean())
-    complete = stages.with_all_landmarks(candidate)
-    np.testing.assert_array_equal(complete.landmarks.rows, landmarks.rows[10:])
+    complete = by._with_all_landmarks(by._state.path.last, candidate)
+    np.testing.assert_array_equal(complete.tracks.landmarks.rows, landmarks.rows[10:])
 
 
 def with_keyframe_to_adopt(

@@ -78,13 +78,13 @@ def pair_at(
 ) -> AcceptedPair:
     """Return the pair of a number that was tracked at a pose, or a position."""
     pose = Pose(to.rotation, to.translation) if isinstance(to, Transform) else Pose(np.eye(3), to)
-    tracks = SimpleNamespace(pose=pose, information=np.eye(6) / noise, landmarks=SimpleNamespace(median_depth=DEPTH_M))
+    landmarks = SimpleNamespace(median_depth=DEPTH_M)
+    tracks = SimpleNamespace(pose=pose, information=np.eye(6) / noise, landmarks=landmarks, chi_median=1.0)
     return AcceptedPair(
         number * PERIOD_NS,
         tracks,  # type: ignore[arg-type]
         map_of(NOTHING),  # type: ignore[arg-type]
         known or OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7),
-        chi_median=1.0,
         was_known=True,
         shear_chi2=0.0,
         inflation=inflation,

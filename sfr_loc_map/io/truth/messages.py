@@ -10,9 +10,9 @@ import numpy as np
 
 from sfr_loc_map import message_types
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.geodesy import enu_m
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.io.bag.frames import pose_row
+from sfr_loc_map.io.truth.geodesy import enu_m
 from sfr_loc_map.message_stamps import NS_PER_S, jumped_back, stamp_of
 from sfr_loc_map.topics import TRUE_POSES
 

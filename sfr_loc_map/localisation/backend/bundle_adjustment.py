@@ -20,6 +20,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.transform import symmetric
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
+from sfr_loc_map.localisation.frontend.pose_solver import geman_mcclure_weight
 from sfr_loc_map.localisation.frontend.projection import (
     Intrinsics,
     StereoProjection,
@@ -28,7 +29,6 @@ from sfr_loc_map.localisation.frontend.projection import (
     linearise_landmark,
     new_projection,
 )
-from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure_weight
 from sfr_loc_map.localisation.small_linalg import fill_inverse_3, retract
 from sfr_loc_map.parallel import both
 

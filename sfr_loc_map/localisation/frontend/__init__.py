@@ -8,7 +8,7 @@ Each pair, from its images to a pose (`tracking`):
 | alignment of the pose with the grey levels of 200 patches, coarse to fine | `photometric_alignment` | pose |
 | tracking of each patch, warped by its local plane, in both images | `plane_warp`, `patch_tracking` | positions |
 | noise of the positions, from the residuals of the patches | `noise` | `StereoObservations` |
-| robust least squares of the pose | `pose_solver`, `projection`, `robust_weights` | `Tracks` |
+| robust least squares of the pose | `pose_solver`, `projection` | `Tracks` |
 | yaw of the right camera, shear of the rows | `right_camera` | `PairYaw` |
 
 Each keyframe, from its left image to new landmarks (`keyframes.KeyframeMaker`):

@@ -9,7 +9,7 @@ conditional on the keyframes only.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ from sfr_loc_map.localisation.frontend.projection import (
     linearise_landmark,
     new_projection,
 )
-from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure_weight
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4, reorder_to_median, retract, solve
 
 MIN_LANDMARKS = 6
@@ -41,6 +40,23 @@ solution."""
 CONVERGED_STEP = 1e-5
 """Step of the pose, m and rad, below which the iterations end. An earlier value was 1e-6:
 measurements/localiser_trials.md, "Beside other methods, and the changes that followed"."""
+
+
+Squares = TypeVar("Squares", float, FloatArray)
+
+
+def geman_mcclure(chi2: Squares, scale: float) -> Squares:
+    """Return the Geman-McClure weight `1 / (1 + chi2 / scale)^2` of squared residuals.
+
+    The weight is that of iteratively reweighted least squares, scaled to 1 at a residual of 0 (Zhang 1997, Parameter
+    estimation techniques: a tutorial with application to conic fitting, table 1). The weight is a quarter at
+    `chi2 = scale`. For larger residuals, the weight decreases with the fourth power of the residual, so that the
+    influence of an outlier vanishes.
+    """
+    return 1.0 / (1.0 + chi2 / scale) ** 2
+
+
+geman_mcclure_weight = jit_fast_ir_inline(geman_mcclure)  #: `geman_mcclure` for use in kernels.
 
 
 class LandmarkEstimates(NamedTuple):

@@ -19,9 +19,9 @@ from sfr_loc_map.localisation.frontend.pose_solver import (
     LandmarkEstimates,
     Linearisation,
     StereoObservations,
+    geman_mcclure,
     linearise,
 )
-from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure
 
 YAW_SCALE = 4.0
 """Scale of the Geman-McClure weight: the squared residual per degree of freedom at which the weight is a quarter. It

@@ -14,7 +14,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, Mask, median
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.noise import position_variance
@@ -73,6 +73,11 @@ class Tracks:
     def observed(self) -> StereoObservations:
         """The observations with their variances."""
         return StereoObservations(self.observations, self.variance)
+
+    @property
+    def chi_median(self) -> float:
+        """Median squared Mahalanobis residual per degree of freedom; NaN without residuals."""
+        return median(self.chi2_per_dof[~np.isnan(self.chi2_per_dof)])
 
     @property
     def left_inliers(self) -> Mask:

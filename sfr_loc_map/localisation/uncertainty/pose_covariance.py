@@ -37,7 +37,6 @@ class AcceptedPair:
     tracks: Tracks
     landmark_map: LandmarkMap  #: Map in which the pose was estimated.
     calibration: OnlineCalibration  #: The calibration, updated by the pair.
-    chi_median: float  #: Median squared Mahalanobis residual per degree of freedom; NaN without residuals.
     was_known: bool  #: Whether the previous pose was known (tracked or kept, not lost).
     shear_chi2: float  #: Squared shear of the image rows divided by its variance, per degree of freedom.
     inflation: Inflation  #: What the findings of the pair add to the covariance.

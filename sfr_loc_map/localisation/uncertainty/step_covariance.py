@@ -206,7 +206,7 @@ class PublishedPose:
             added: What the findings of the pair add.
             model: Extrinsics, camera geometry, bounds and error sources.
         """
-        variance_factor = updated_variance_factor(self.variance_factor, pair.chi_median, model.sources)
+        variance_factor = updated_variance_factor(self.variance_factor, pair.tracks.chi_median, model.sources)
         noise = pose_noise(
             pair.given_keyframes,
             R_world_left=pair.T_world_left.rotation,
