@@ -1,11 +1,7 @@
 """Guards: checks of a pair and of its pose.
 
-Each guard is a function `check_*` that returns findings and changes nothing. One table lists the consequences of all
-findings (`findings.RULES`). A guard that compares a pair with earlier pairs takes the result as an argument: the
-comparison of the images (`stale_images.compare`), or the running mean of the shear (`ShearMean`). `check_sides` takes
-the tracker, because it tracks all landmarks again in swapped images. `check_order` takes the landmarks of a new
-window, and their number in a window that begins with the swapped images. Findings about the ground's motion come from
-`ground.selection`.
+Each guard is a function `check_*` that takes values, returns findings, and changes nothing. `findings.RULES` lists the
+consequences of all findings. Findings about the ground's motion come from `ground.selection`.
 """
 
 from __future__ import annotations
@@ -20,7 +16,7 @@ from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibratio
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
-from sfr_loc_map.localisation.frontend.right_camera import RightOffset
+from sfr_loc_map.localisation.frontend.right_camera import RightCameraOffset
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame, is_textured
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.motion_model import LastPose
@@ -126,7 +122,7 @@ def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBoun
     return _found(Finding.TOO_FAST, not moved.is_within(MotionSize(max_m, max_rad)))
 
 
-def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: RightOffset) -> frozenset[Finding]:
+def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: RightCameraOffset) -> frozenset[Finding]:
     """Report that few inliers of one image are observed in the other image.
 
     Either the other image has no texture, or the images are swapped, which the tracker tests, or one image is stale.

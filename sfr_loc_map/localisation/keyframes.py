@@ -36,13 +36,12 @@ KEYFRAME_FLOW_RATIO = 0.05
 """Median optical flow since the last keyframe that triggers a new keyframe, as a fraction of the image width. A value
 of 0.08 changes the errors by a few percent (measurements/localiser_trials.md)."""
 KEYFRAME_INLIER_RATIO = 0.65
-"""Minimum ratio of inliers to the landmarks of the last keyframe; if it is not reached, a new keyframe is made. Chosen
-by hand. If larger, more pairs become keyframes, and the errors of keyframes accumulate. If smaller, tracking is lost
-more easily."""
+"""Minimum ratio of inliers to the landmarks of the last keyframe. Below this ratio, a new keyframe is made. Chosen by
+hand. If larger, more pairs become keyframes, and the errors of keyframes accumulate. If smaller, tracking is lost more
+easily."""
 ADJUSTMENT_ITERATIONS = 2
-"""Gauss-Newton iterations per keyframe; the next keyframe continues from the result. With one iteration, the
-attitude error was 5 % and 12 % larger on two drives (measurements/localiser_trials.md, "Landmarks eliminated by
-motions")."""
+"""Gauss-Newton iterations per keyframe. The next keyframe continues from the result. With one iteration, the attitude
+error was 5 % and 12 % larger on two drives (measurements/localiser_trials.md, "Landmarks eliminated by motions")."""
 MIN_DEPTH_M = 0.5
 """Minimum depth of stereo matching, m. Chosen by hand: rovers rarely see nearer points, and the time of the search is
 inversely proportional to this depth."""

@@ -102,7 +102,7 @@ from sfr_loc_map.localisation.estimate import (
     lost_covariance,
 )
 from sfr_loc_map.localisation.findings import Action, Finding, Verdict, decide
-from sfr_loc_map.localisation.frontend.right_camera import RightOffset, pair_yaw
+from sfr_loc_map.localisation.frontend.right_camera import RightCameraOffset, pair_yaw
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, Tracker, Tracks
 from sfr_loc_map.localisation.ground.rigid_motion import MotionTools
@@ -236,7 +236,7 @@ class Localiser:
 
     @staticmethod
     def warm_up() -> None:
-        """Compile or load all kernels on a small drive, so that later calls need not do this."""
+        """Compile or load all kernels on a small drive, so that later calls take no time for this."""
         localiser = Localiser(warm_up.RIG, warm_up.CONFIG)
         for pair in warm_up.small_drive():
             localiser.process(pair)
@@ -357,7 +357,7 @@ class Localiser:
         calibration, drift_px = calibration.with_pair(yaw)
         if drift_px != 0.0:
             observations = tracks.observations.copy()
-            observations[:, 2:] -= RightOffset(yaw_px=drift_px).at(observations[:, 2:], camera)
+            observations[:, 2:] -= RightCameraOffset(yaw_px=drift_px).at(observations[:, 2:], camera)
             observed = tracks.observed._replace(uv=observations)
             tracks = self._tracker.solve(tracks.landmarks, observed, tracks.pose)
         return uncorrected._replace(

@@ -9,7 +9,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform, interpolated
-from sfr_loc_map.localisation.frontend.right_camera import RightOffset
+from sfr_loc_map.localisation.frontend.right_camera import RightCameraOffset
 from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
 from sfr_loc_map.localisation.uncertainty.error_sources import RoverModel
 from sfr_loc_map.message_stamps import NS_PER_S
@@ -38,7 +38,7 @@ class Prediction(NamedTuple):
     #: If pairs are missing: the last pose, moved by the last motion once for each interval up to this pair. If given:
     #: the pose by wheel odometry.
     others: tuple[Pose, ...]
-    offset: RightOffset  #: Offset of the right camera.
+    offset: RightCameraOffset  #: Offset of the right camera.
 
     @property
     def guesses(self) -> list[Pose]:
@@ -107,7 +107,9 @@ class LastPose:
         """
         return self.known_ns is not None and stamp_ns - self.known_ns > MAX_JITTER_NS
 
-    def predict(self, stamp_ns: int, odometry: Transform | None, offset: RightOffset, model: RoverModel) -> Prediction:
+    def predict(
+        self, stamp_ns: int, odometry: Transform | None, offset: RightCameraOffset, model: RoverModel
+    ) -> Prediction:
         """Return the prediction of the next pair, with the present offset of the right camera.
 
         The odometry is the motion `T_before_now` of RB since the last known pose (`known_ns`), from another source.

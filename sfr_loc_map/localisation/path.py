@@ -15,7 +15,7 @@ stamp:
 | pose | applies at |
 |---|---|
 | without a stamp | the next pair, even if that pair is refused |
-| start pose up to `MAX_START_AHEAD_NS` after the first pair | the first pair, and again its stamp if it is later |
+| start pose up to `MAX_START_AHEAD_NS` after the first pair | the first pair, and again at its stamp if that is later |
 | pose set later, up to `MAX_AHEAD_NS` after the next pair | its stamp |
 | with a still later stamp, which indicates a different clock | the next pair |
 
@@ -88,11 +88,11 @@ MAX_AHEAD_NS = 10 * NS_PER_S
 to the next pair."""
 MAX_START_AHEAD_NS = 600 * NS_PER_S  #: Maximum lead of a start pose, larger because a ground truth may begin late.
 MAX_LATER_PERIODS = 1.5
-"""Maximum number of periods between the last accepted pose and a later external pose that applies to it. If the next
-pair is kept, an external pose for this pair is one period later. With a limit of exactly one period, the jitter of the
-stamps would decide whether the map is discarded. The period is the shorter of two times: that between the last two
-accepted pairs, and that between the newest two pairs. Each of these times may span missing pairs. Until a pair is
-accepted in a new window, the period is the time between the newest two pairs."""
+"""Maximum number of periods between the last accepted pose and a later external pose that applies to it. If the pair
+after the last accepted pair is kept, an external pose for the kept pair is one period later. With a limit of exactly
+one period, the jitter of the stamps would decide whether the map is discarded. The period is the shorter of two times:
+that between the last two accepted pairs, and that between the newest two pairs. Each of these times may span missing
+pairs. Until a pair is accepted in a new window, the period is the time between the newest two pairs."""
 
 
 class PastPose(NamedTuple):

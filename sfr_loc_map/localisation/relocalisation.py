@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.feature_detection import find_corners
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks
-from sfr_loc_map.localisation.frontend.right_camera import RightOffset
+from sfr_loc_map.localisation.frontend.right_camera import RightCameraOffset
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame, is_textured
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 
@@ -128,7 +128,7 @@ class Relocaliser:
         self._max_corners = max_corners
 
     def relocalise(
-        self, frame: StereoFrame, landmarks: Landmarks, images: RecoveryImages, offset: RightOffset
+        self, frame: StereoFrame, landmarks: Landmarks, images: RecoveryImages, offset: RightCameraOffset
     ) -> Tracks | None:
         """Track from the pose by optical flow; unless the tracks are trusted, track from the pose by descriptors.
 

@@ -6,10 +6,10 @@
   distinguishes the two. If the scene s was exposed twice, the images are s + n1 and s + n2, and their change n2 - n1
   contains the noise of the first image. The slope of the regression of the first image on the change is then -1/2, by
   `cov(n1, n2 - n1) / var(n2 - n1)`. If the second image is a copy of the first one with new noise, the change is this
-  noise alone, and the slope is 0. If hardly any pixel differs, there was no exposure at all. The evidence for frozen
-  images with new noise is injected faults (`faults.kinds`). No device with this fault has been recorded. In one such
-  drive, with left and right swapped, an error of a step was 546 times its 3 sigma without the test of swapped repeats,
-  and 0.79 times with it (measurements/localiser_injected_faults.md).
+  noise alone, and the slope is 0. If hardly any pixel differs, there was no exposure at all. Frozen images with new
+  noise are known from injected faults only (`faults.kinds`), and no device with this fault has been recorded. In one
+  drive with this fault and with left and right swapped, an error of a step was 546 times its 3 sigma without the test
+  of swapped repeats, and 0.79 times with this test (measurements/localiser_injected_faults.md).
 - A partially transferred image consists of two exposures. The rows above a boundary are new and those below are from
   the previous pair, or vice versa.
 

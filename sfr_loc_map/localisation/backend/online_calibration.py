@@ -5,8 +5,8 @@ A rotation of a few hundredths of a degree is the most common error of a rig aft
 - Pitch and roll appear in every stereo match as vertical disparity.
 - Yaw changes all depths and therefore scales the path. The bundle adjustment estimates the yaw from the disagreement of
   depths from stereo with depths from motion. The adjustment assumes a constant yaw within a window.
-- Drift is a rotation of the right camera within a window. Each pair shows the yaw since the landmarks were
-  triangulated to a hundredth of a pixel, and the drift is corrected from pair to pair.
+- Drift is a rotation of the right camera within a window. In each pair, the change of the yaw since the landmarks were
+  triangulated is measured with an error of a hundredth of a pixel. The drift is corrected from pair to pair.
 
 The calibration is immutable: each update returns a new object.
 """
@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.robust_statistics import cauchy_weight
 from sfr_loc_map.localisation.backend.bundle_adjustment import OffsetEstimate
-from sfr_loc_map.localisation.frontend.right_camera import PairYaw, RightOffset
+from sfr_loc_map.localisation.frontend.right_camera import PairYaw, RightCameraOffset
 
 # The values were chosen by hand on rendered drives with injected yaw, pitch and drift.
 
@@ -34,32 +34,32 @@ MAX_YAWS: Final = 16
 linear."""
 DRIFT_SIGMAS: Final = 5.0
 """Detection threshold of a drift, in standard errors of the yaw. Chosen by hand: noise exceeds 5 standard errors in
-0.25 % of the fits with six degrees of freedom. With a larger threshold, a drift biases the depths for longer; with a
-smaller one, the correction follows noise, which accumulates."""
+0.25 % of the fits with six degrees of freedom. With a larger threshold, a drift biases the depths for longer. With a
+smaller value, the correction follows noise, which accumulates."""
 DRIFT_FLOOR_PX: Final = 0.015
-"""Yaw, px, that is added to the detection threshold of a drift. Chosen by hand near the common error of all
-disparities (`ErrorSources.disparity_px`, 0.01 px). With a larger value, slow drifts are left to the yaw of the windows;
-with a smaller one, errors of the landmarks are attributed to a drift."""
+"""Yaw, px, that is added to the detection threshold of a drift. Chosen by hand near the common error of all disparities
+(`ErrorSources.disparity_px`, 0.01 px). With a larger value, slow drifts are left to the yaw of the windows. With a
+smaller value, errors of the landmarks are attributed to a drift."""
 AFTER_DRIFT_PAIRS: Final = 20
 """Number of pairs after the last correction for which the right camera is still reported as drifting. Chosen by hand,
-above the number of pairs that detect a drift (`MAX_YAWS`). With fewer pairs, the state alternates during a drift;
-with more, good pairs stay degraded."""
+above the number of pairs that detect a drift (`MAX_YAWS`). With fewer pairs, the state alternates during a drift. With
+more pairs, good pairs stay degraded."""
 DRIFT_ERROR_RATIO: Final = 0.1
 """Ratio of the standard deviation of a drift correction to the correction. Chosen by hand, equal to
 `ErrorSources.drift_attitude_ratio`. With a larger ratio, windows correct the yaw more after a drift, and covariances
-are larger; with a smaller one, an error of the drift correction remains."""
+are larger. With a smaller value, an error of the drift correction remains."""
 FIRST_SIGMA_PX: Final = 0.3
 """Prior standard deviation of the yaw, px. At a focal length of 600 px it is 0.03 deg, as after a shock or a change of
 temperature."""
 YAW_WALK_PX: Final = 0.002
 """Process noise of the yaw per keyframe, px. Chosen by hand: over a hundred keyframes it adds 0.02 px. With a larger
-value, the yaw variance stays large; with a smaller one, a later change of temperature is tracked too slowly."""
+value, the yaw variance stays large. With a smaller value, a later change of temperature is tracked too slowly."""
 DETECTION_SIGMAS: Final = 4.0
 """Minimum significance of a yaw that is corrected, in standard deviations. With normal errors, a correct calibration is
 changed by chance in one of 16 000 cases. With a larger value, a real yaw scales the path for longer."""
 MAX_CORRECTION_PX: Final = 0.05
 """Maximum change of the yaw correction per keyframe, px. Each change moves the pose. Chosen by hand: a sixth of the
-prior standard deviation. With a larger value, the path has larger steps; with a smaller one, the path is scaled for
+prior standard deviation. With a larger value, the path has larger steps. With a smaller value, the path is scaled for
 longer."""
 CORRECTION_GAIN: Final = 0.2
 """Ratio of the maximum change to the remaining yaw, if that change exceeds `MAX_CORRECTION_PX`. Chosen by hand: three
@@ -67,35 +67,35 @@ keyframes halve a large yaw (0.8^3 = 0.51). Larger or smaller values have the sa
 `MAX_CORRECTION_PX`."""
 UNSETTLED_PX: Final = 0.2
 """Remaining yaw, px, above which poses are degraded. Chosen by hand below the prior standard deviation of the yaw. With
-a larger value, poses on a bent path are published as good; with a smaller one, more pairs are degraded, although the
+a larger value, poses on a bent path are published as good. With a smaller value, more pairs are degraded, although the
 covariance includes the remaining yaw."""
 MIN_MATCHES: Final = 20
 """Minimum number of stereo matches of a keyframe that updates pitch and roll: ten for each unknown."""
 VERTICAL_SCALE_PX: Final = 0.15
 """Standard deviation of the vertical disparity of a match, px: the scale of the robust weight. Chosen by hand above the
-usual residual of an inlier (0.1 px). A larger value gives wrong matches more weight; a smaller one lowers the weight of
-correct matches."""
+usual residual of an inlier (0.1 px). A larger value gives wrong matches more weight. A smaller value lowers the weight
+of correct matches."""
 VERTICAL_ITERATIONS: Final = 5
 """Iterations of the robust fit of pitch and roll. Chosen by hand. With fewer iterations, wrong matches keep more
-weight; with more, a keyframe takes longer."""
+weight. With more iterations, a keyframe takes longer."""
 RETENTION: Final = 0.98
 """Factor of the earlier information on pitch and roll at each keyframe. About fifty keyframes contribute. Chosen by
-hand. With a larger factor, a change of temperature is tracked more slowly; with a smaller one, noise of the matches
+hand. With a larger factor, a change of temperature is tracked more slowly. With a smaller value, noise of the matches
 remains in the correction."""
 VERTICAL_PRIOR: Final = (1e-3, 5e-3)
 """Prior information of zero pitch and of zero roll, relative to that of one keyframe. Chosen by hand far below 1, so
 that the prior determines only what no match shows. With larger values, small rotations are not corrected completely."""
 LENS_BLOCKS: Final = (4, 6)
 """Numbers of rows and columns of image blocks, each with a mean residual disparity. Chosen by hand, because the
-residuals of a lens vary smoothly. With more blocks, each has fewer landmarks; with fewer blocks, the variation within a
+residuals of a lens vary smoothly. With more blocks, each has fewer landmarks. With fewer blocks, the variation within a
 block is missed."""
 SIGHTINGS: Final = 8
 """Number of pairs in which a landmark is assumed to be observed with the same error. Chosen by hand. With a larger
-number, lens errors are attributed to chance; with a smaller one, random errors are reported as lens errors."""
+number, lens errors are attributed to chance. With a smaller value, random errors are reported as lens errors."""
 FIRST_LENS_PX: Final = 0.08  #: Prior RMS of residual disparities due to lens errors, px. KITTI has 0.07 to 0.09 px.
 LENS_PAIRS: Final = 20
 """Number of initial pairs in which `FIRST_LENS_PX` is the minimum RMS. Chosen by hand: two seconds at 10 Hz. With more
-pairs, a shear of the rows at the start is detected later; with fewer, lens errors are reported as a shear."""
+pairs, a shear of the rows at the start is detected later. With fewer pairs, lens errors are reported as a shear."""
 
 
 class LensResidual(NamedTuple):
@@ -283,9 +283,9 @@ class OnlineCalibration:
     lens: LensResidual = field(default_factory=LensResidual.none)
 
     @property
-    def offset(self) -> RightOffset:
+    def offset(self) -> RightCameraOffset:
         """Correction of the right observations."""
-        return RightOffset(self.yaw.corrected_px + self.drift.px, self.vertical.pitch_px, self.vertical.roll_px)
+        return RightCameraOffset(self.yaw.corrected_px + self.drift.px, self.vertical.pitch_px, self.vertical.roll_px)
 
     @property
     def is_settled(self) -> bool:

@@ -126,7 +126,7 @@ class SlidingWindow:
         """Return the window with all right observations corrected along the rows for a yaw of the right camera, px.
 
         The v coordinates are not corrected. The yaw changes them by `x y yaw_px`, and later observations are corrected
-        for this change (`RightOffset.at`). A trial that also corrected the v coordinates:
+        for this change (`RightCameraOffset.at`). A trial that also corrected the v coordinates:
         measurements/localiser_trials.md, "Yaw of the right camera as a flow field in the adjustment".
         """
         camera = self.problem.camera

@@ -11,17 +11,17 @@ from sfr_loc_map.localisation.small_linalg import copy_row
 from sfr_loc_map.parallel import both
 
 BLOCK = 7
-"""Side of the neighbourhood over which the gradient matrix of a corner is summed, px. It is smaller than a patch (11
-px), so that the corner is near the centre of the patch."""
+"""Side of the neighbourhood over which the gradient matrix of a corner is summed, px. The neighbourhood is smaller than
+a patch (11 px), so that the corner is near the centre of the patch."""
 MIN_CELL_PX = 8  #: Minimum side of a cell of the grid, px. In smaller cells, neighbouring patches (11 px) overlap more.
 MIN_DISTANCE_RATIO = 0.6
 """Minimum ratio of the distance between a new corner and a landmark to the side of a cell. Chosen by hand. With a
-larger ratio, the gap that a lost landmark leaves is not filled; with a smaller one, neighbouring patches share more
+larger ratio, the gap that a lost landmark leaves is not filled. With a smaller value, neighbouring patches share more
 pixels and thus more errors."""
 MIN_STRENGTH_RATIO = 0.04
-"""Minimum ratio of the strength of a corner to the median strength. The strength is a squared gradient, so 0.04 is
-a fifth of the median gradient. Chosen by hand. With a larger ratio, smooth ground beside stones has no landmarks; with
-a smaller one, image noise in a textureless cell becomes a landmark."""
+"""Minimum ratio of the strength of a corner to the median strength. The strength is a squared gradient, so 0.04 is a
+fifth of the median gradient. Chosen by hand. With a larger ratio, smooth ground beside stones has no landmarks. With a
+smaller value, image noise in a textureless cell becomes a landmark."""
 
 
 def find_corners(

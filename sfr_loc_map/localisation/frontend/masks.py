@@ -36,7 +36,7 @@ def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:
 
 
 def read_mask(path: str) -> NDArray[np.uint8]:
-    """Read the image `(H, W)` of a mask of any size; raises ConfigError if it cannot be read."""
+    """Read the image `(H, W)` of a mask of any size. Raises ConfigError if the file cannot be read."""
     try:
         data = read_bytes(Path(path), MAX_MASK_BYTES)
         head = _PNG_HEADER.match(data)

@@ -22,7 +22,7 @@ PLANE_ITERATIONS = 4
 """Iterations of reweighted least squares for a local plane. Chosen by hand. With fewer iterations, outliers keep more
 weight; more iterations take more time."""
 PLANE_SCALE_PX = 0.3
-"""Scale of the Cauchy weight of a disparity's residual from the local plane, px. It is ten times the noise of a
+"""Scale of the Cauchy weight of a disparity's residual from the local plane, px. The scale is ten times the noise of a
 disparity (0.03 px), because the ground between corners is not flat."""
 SLOPE_INFORMATION = 0.02
 """Information of the zero-slope prior, divided by the squared distance of the farthest neighbour. Chosen by hand: about

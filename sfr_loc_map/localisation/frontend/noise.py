@@ -20,7 +20,7 @@ EDGE_RESIDUALS = (0.5, 4.0)
 and above it, `PIXEL_FLOOR` is multiplied by the square of this ratio, that is by 0.25 to 16
 (measurements/localiser_trials.md, "Images of a megapixel: the sun and the edges of stones"). Between the two focal
 lengths, the exponent of the ratio grows linearly from 0 to 2."""
-MIN_RESIDUAL = 1e-6  #: Minimum of the median residual, grey levels. It prevents a division by zero.
+MIN_RESIDUAL = 1e-6  #: Minimum of the median residual, grey levels, which prevents a division by zero.
 
 
 def position_variance(covariance: FloatArray, residual: FloatArray, fx: float) -> FloatArray:

@@ -16,8 +16,8 @@ HALF = 5
 it, and what was tried"."""
 SIDE = 2 * HALF + 1  #: Side of a patch, pixels.
 MIN_POWER = 1e-3
-"""Minimum power (sum of squares about the mean) of a textured patch, grey levels squared. It prevents a division by
-zero. Any patch that is not constant after rounding to whole grey levels has more power."""
+"""Minimum power (sum of squares about the mean) of a textured patch, grey levels squared. The minimum prevents a
+division by zero. Any patch that is not constant after rounding to whole grey levels has more power."""
 SAMPLED_PX = 1.001
 """Minimum difference between the width or height of the image and a sampled position, px. Interpolation requires the
 next pixel, and rounding to float32 changes a position by less than 0.001 px."""
@@ -25,7 +25,7 @@ COARSE_SAMPLED_PX = 1.01
 """`SAMPLED_PX` for the coarse levels, used by the alignment and by the estimate of double exposures. Chosen by hand. In
 six runs of the sample with injected faults, 1.001 px changed only the last digits of poses and no state."""
 MIN_WARP_SCALE = 1e-6
-"""Minimum ratio of a pixel's depth to the depth at the centre of its patch. It prevents a division by zero."""
+"""Minimum ratio of a pixel's depth to the depth at the centre of its patch. The minimum prevents a division by zero."""
 POWER, CONTRAST_X, CONTRAST_Y, XX, XY, YY = range(6)
 """Columns of `Templates.moments`: power of the grey levels; coefficients of the grey levels in the parallel parts of
 the derivatives along x and y; sums of products of the orthogonal parts of these derivatives."""
@@ -59,7 +59,7 @@ class WarpedNormal(NamedTuple):
     xx: float
     xy: float
     yy: float
-    b00: float  #: Inverse transpose of the warp's Jacobian. It transforms derivatives from the host to the target.
+    b00: float  #: Inverse transpose of the warp's Jacobian, which transforms derivatives from the host to the target.
     b01: float
     b10: float
     b11: float

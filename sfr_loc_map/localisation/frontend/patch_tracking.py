@@ -50,7 +50,7 @@ MAX_STEP_PX = 1.5
 """Maximum step of one iteration, px. The linearisation of the smoothed image is valid over about one pixel, and longer
 steps leave the texture around the initial position."""
 CONVERGED_PX = 0.03
-"""Maximum last step of a converged track, px. It is a third of the usual residual of an inlier (0.1 px)."""
+"""Maximum last step of a converged track, px: a third of the usual residual of an inlier (0.1 px)."""
 FINISHED_PX = 0.01
 """Step below which the iterations end, px. An earlier value was 0.004 px: measurements/localiser_trials.md, "Beside
 other methods, and the changes that followed"."""

@@ -3,8 +3,8 @@
 A landmark is a host pixel with an inverse depth (`projection.py`). The residual of landmark n has four rows, u, v in
 the left image and u, v in the right image. Its covariance is `S_n = R_n + J_n P_n J_n^T`, where R_n is the tracking
 noise, P_n the covariance of the landmark, and J_n the Jacobian with respect to the landmark. Weighting by the inverse
-of S_n is equivalent to estimating the landmark jointly and marginalising it. The information of the pose is therefore
-conditional on the keyframes only.
+of S_n is equivalent to a joint estimate of pose and landmark in which the landmark is marginalised. The information of
+the pose is therefore conditional on the keyframes only.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from sfr_loc_map.localisation.frontend.projection import (
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4, reorder_to_median, retract, solve
 
 MIN_LANDMARKS = 6
-"""Minimum number of observed landmarks. Three landmarks determine a pose; with six, a majority outvotes an outlier."""
+"""Minimum number of observed landmarks. Three landmarks determine a pose. With six landmarks, the majority outvotes an
+outlier."""
 UNOBSERVED_VARIANCE = 1e8
 """Variance of a position that was not observed, px^2. The standard deviation, 10 000 px, exceeds any image."""
 SCALE_PER_MEDIAN = 1.5

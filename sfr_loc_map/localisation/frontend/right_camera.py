@@ -1,6 +1,6 @@
 """Deviation of the right camera from its calibration.
 
-A small rotation of the camera displaces right image positions (`RightOffset`). The yaw since the landmarks were
+A small rotation of the camera displaces right image positions (`RightCameraOffset`). The yaw since the landmarks were
 triangulated is estimated after the pose of each pair (`PairYaw`). A yaw shifts the principal point along its row, and
 is therefore given in pixels.
 
@@ -37,7 +37,7 @@ POSE, YAW, SHEAR = slice(6), 6, slice(7, 9)
 UNKNOWNS = 9  #: Number of unknowns of the step.
 
 
-class RightOffset(NamedTuple):
+class RightCameraOffset(NamedTuple):
     """Extrinsic rotation error of the right camera, as the displacement of right image positions."""
 
     yaw_px: float = 0.0  #: Offset along the row at the principal point, pixels, positive to the right.

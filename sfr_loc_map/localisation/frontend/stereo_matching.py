@@ -29,11 +29,11 @@ REFINEMENTS = 2
 search, and the second fit uses the tracked disparities. Chosen by hand."""
 MAX_SHIFT_PX = 2.5  #: Maximum correction of a disparity of the search, px. One step of the search is 2 px.
 ITERATIONS = 12
-"""Maximum number of Gauss-Newton iterations of a disparity. It is twice that of a track, which starts closer to the
+"""Maximum number of Gauss-Newton iterations of a disparity: twice that of a track, which starts closer to the
 solution."""
 MIN_NCC = 0.7
-"""Minimum normalised cross-correlation of a match. It exceeds that of a track, because both images are taken at the
-same time."""
+"""Minimum normalised cross-correlation of a match. The value exceeds that of a track, because both images are taken at
+the same time."""
 MAX_VERTICAL_PX = 1.0
 """Maximum difference between the vertical disparities of a match and of the pair, px: seven times the noise of a
 match."""

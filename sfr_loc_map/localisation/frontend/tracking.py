@@ -23,7 +23,7 @@ from sfr_loc_map.localisation.frontend.photometric_alignment import align_patche
 from sfr_loc_map.localisation.frontend.plane_warp import plane_homographies
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, solve_pose
 from sfr_loc_map.localisation.frontend.pyramid import LEVELS, Pyramid
-from sfr_loc_map.localisation.frontend.right_camera import RightOffset
+from sfr_loc_map.localisation.frontend.right_camera import RightCameraOffset
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.parallel import both
 
@@ -56,7 +56,7 @@ twice the limit for one-sided pairs (`guards.MIN_STEREO_FRACTION`)."""
 class Tracks:
     """Observations of M landmarks in a stereo pair, and the pose estimated from them.
 
-    Information, residuals and inliers belong to the last linearisation, at the pose before the last step.
+    Information, residuals and inliers are those of the last linearisation, which is at the pose before the last step.
     """
 
     pose: Pose  #: Left camera in the world.
@@ -137,7 +137,9 @@ class Tracker:
             iterations = next_iterations
         return guesses[0]
 
-    def observe(self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset) -> StereoObservations:
+    def observe(
+        self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightCameraOffset
+    ) -> StereoObservations:
         """Track landmarks from their projections at a pose that is accurate to about two pixels.
 
         The offset of the right camera is subtracted from the right observations.
@@ -186,16 +188,18 @@ class Tracker:
             is_trusted=is_trusted,
         )
 
-    def refine(self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset) -> Tracks:
+    def refine(self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightCameraOffset) -> Tracks:
         """Observe landmarks from a pose that is accurate to about two pixels, and solve for the pose."""
         return self.solve(landmarks, self.observe(frame, landmarks, start, offset), start)
 
-    def refine_from_afar(self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset) -> Tracks:
+    def refine_from_afar(
+        self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightCameraOffset
+    ) -> Tracks:
         """Align a pose with an error of several pixels on level 0, then refine it."""
         return self.refine(frame, landmarks, self.align(frame.left, landmarks, [start], (0,)), offset)
 
     def complete(
-        self, frame: StereoFrame, tracks: Tracks, landmarks: Landmarks, rest: Landmarks, offset: RightOffset
+        self, frame: StereoFrame, tracks: Tracks, landmarks: Landmarks, rest: Landmarks, offset: RightCameraOffset
     ) -> Tracks:
         """Solve for the pose with all `landmarks`. Tracked landmarks keep their observations, and `rest` is observed.
 
@@ -212,7 +216,7 @@ class Tracker:
         variance[~was_tracked] = of_rest.variance
         return self.solve(landmarks, StereoObservations(uv, variance), tracks.pose)
 
-    def fits_swapped(self, frame: StereoFrame, tracks: Tracks, offset: RightOffset) -> bool:
+    def fits_swapped(self, frame: StereoFrame, tracks: Tracks, offset: RightCameraOffset) -> bool:
         """Return whether the landmarks fit well if left and right image are swapped.
 
         The image with more inliers determined the pose. If the images are swapped, the other camera took this image, so

@@ -14,7 +14,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
 
-LEVEL: Final = 1  #: Pyramid level of the comparison. It has half the noise of the image and most of its texture.
+LEVEL: Final = 1  #: Pyramid level of the comparison, with half the noise of the image and most of its texture.
 CELL_SIDE: Final = 8  #: Side of a cell, px of the level. A cell covers 16 x 16 px of the image.
 CELL: Final = CELL_SIDE << LEVEL  #: Side of a cell, pixels of the image.
 NOISE_CORRELATION: Final = 0.35

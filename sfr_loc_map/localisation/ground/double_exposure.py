@@ -10,8 +10,8 @@ The factors a and b are estimated by linear least squares, together with a shift
 a small error. The weight of the other exposure is b / (|a| + |b|). In an image of a single exposure, the weight is zero
 up to noise, whatever the brightness and contrast.
 
-The evidence is injected faults. In one drive with ghosts of 69 % in bursts, an error of a step was 110 times its 3
-sigma without this test, and 0.71 times with it (measurements/localiser_injected_faults.md).
+Blended exposures are known from injected faults only. In one drive with ghosts of 69 % in bursts, an error of a step
+was 110 times its 3 sigma without this test, and 0.71 times with this test (measurements/localiser_injected_faults.md).
 """
 
 from __future__ import annotations
@@ -28,14 +28,16 @@ from sfr_loc_map.localisation.frontend.patch import COARSE_SAMPLED_PX, sample
 from sfr_loc_map.localisation.frontend.plane_warp import plane_homographies
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4
 
-MIXTURE_LEVEL: Final = 1  #: Pyramid level of the comparison. Keyframes keep this level; it has half the image noise.
+MIXTURE_LEVEL: Final = 1
+"""Pyramid level of the comparison. Keyframes keep this level, which has half the noise of the image."""
 MIXTURE_HALF: Final = 3
 """Half width of a patch, px of the level. Chosen by hand: 49 px of the level determine four factors and cover 14 x 14
-px of the image. Larger patches contain edges of stones more often; smaller patches give noisier factors."""
+px of the image. Larger patches contain edges of stones more often. Smaller patches give noisier factors."""
 MIXTURE_SIDE: Final = 2 * MIXTURE_HALF + 1  #: Side of a patch, pixels of the level.
 MIN_EXPOSURE_CONTRAST: Final = 2.0
 """Minimum standard deviation of each exposure and of the image in a patch, grey levels. Chosen by hand above the noise
-of the level (half that of the image). A larger value leaves fewer patches; a smaller one adds noise to the weights."""
+of the level (half that of the image). A larger value leaves fewer patches. A smaller value adds noise to the
+weights."""
 MIN_SEPARATION: Final = 0.2
 """Minimum fraction of the variance of the other exposure that the tracked exposure and its shift leave unexplained. At
 0.2 the variance of the factor b is five times that of a single exposure (variance inflation). The fraction is below 0.2

@@ -1,7 +1,7 @@
 """Evidence of a pair about the ground's motion: what its images show, and what earlier pairs have shown.
 
-`evidence_of` collects all evidence, and `selection.CASES` decides by it. A search for a further motion takes up to
-some milliseconds. It is therefore made only if the earlier evidence leaves the case open:
+`evidence_of` collects all evidence, and `selection.CASES` decides from this evidence. A search for a further motion
+takes up to some milliseconds, and is therefore made only if the earlier evidence leaves the case open:
 
 | search | is made if the main motion |
 |---|---|
@@ -61,9 +61,9 @@ OLD_WEIGHT: Final = 3.0
 older landmark has followed the ground over a whole keyframe interval. If larger, a body that was tracked for long
 outweighs the ground. If smaller, a large object with new landmarks does."""
 REPEATED_WEIGHT: Final = 1.5
-"""Factor on the weight of a motion that repeats the last motion. Chosen by hand. If larger, a turn of the rover
-beside an object is attributed to the object. If smaller, an object with 1.5 times the landmarks of the ground outweighs
-it."""
+"""Factor on the weight of a motion that repeats the last motion. Chosen by hand. If larger, a turn of the rover beside
+an object is attributed to the object. If smaller, an object with 1.5 times the landmarks of the ground outweighs the
+ground."""
 REPEATED_RATIO: Final = 0.5
 """A motion repeats the last motion if its distance from the repeated motion (`Prediction.repeated_motion`) is at most
 this fraction of the other motion's distance. Distances are image motions. If the two motions are equally far from the

@@ -76,7 +76,7 @@ which the majority does not follow the motion. If smaller, pairs with large obje
 RISING_GAIN: Final = 0.1
 """Update gain of the typical fraction if the fraction of a pair is larger, but usual. An unusual fraction is learnt
 only if there is no typical fraction yet. Chosen by hand. If the gain is larger, a fault that grows slowly becomes
-typical before it is reported. If it is smaller, ground that becomes rougher is reported more often."""
+typical before it is reported. If the gain is smaller, ground that becomes rougher is reported more often."""
 FALLING_GAIN: Final = 0.5
 """Update gain of the typical fraction if the fraction of a pair is smaller. Chosen by hand, so that a fault at the
 start has no effect after a few pairs. If the gain is larger, one clean pair makes the next pairs unusual. If the gain
@@ -92,7 +92,7 @@ MIN_COVERED: Final = 0.5
 
 COMPARED_PX: Final = 3.0
 """Image motion, px, above which cells fixed to the camera are detected, and the compared image is replaced. Chosen by
-hand: it exceeds `rigid_motion.MOVED_PX`, the motion at which a cell counts as moved, so that most cells have moved."""
+hand above `rigid_motion.MOVED_PX`, the motion at which a cell counts as moved, so that most cells have moved."""
 COMPARED_PAIRS: Final = 10
 """Number of pairs after which the compared image is replaced at any speed, because light and exposure change. Chosen by
 hand. If larger, such changes count as changes of the scene. If smaller, fixed cells are not detected in slow motion."""
@@ -176,7 +176,7 @@ class EarlierImage(NamedTuple):
     image: FloatImage  #: Pyramid level `LEVEL` of a left image.
     pose: Pose  #: Pose of the left camera at that image.
     #: Number of pairs from the image to the next pair. A refused pair counts only if the memory learns from it. The
-    #: greater the age, the farther an outlier may move before it is ignored (`rigid_motion.FAR_RATIO`).
+    #: motion above which outliers are ignored increases with the age (`rigid_motion.FAR_RATIO`).
     age: int = 1
 
     def older(self) -> EarlierImage:
@@ -193,7 +193,8 @@ class Phase(Enum):
 
     LEARNING = auto()  #: No single motion has explained several pairs with motion yet.
     IDENTIFIED = auto()  #: One motion has explained several pairs with motion.
-    UNCERTAIN = auto()  #: Two motions competed, the image contradicted the motion, or half of it was unexplained.
+    #: Two motions competed, the image contradicted the motion, or half of the landmarks were unexplained.
+    UNCERTAIN = auto()
 
 
 class Consistency(Enum):
@@ -217,7 +218,7 @@ class Shown(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundMemory:
-    """Memory of accepted pairs, of pairs that contradict their pose, and of stale rows.
+    """What earlier pairs have shown: accepted pairs, pairs that contradict their pose, and stale rows.
 
     The table of the module shows how the events change `phase`, `transfers` and `recovery_pairs`. This table shows how
     they change the other components, which otherwise stay as they are.
@@ -416,9 +417,9 @@ class GroundMemory:
     def after_verdict(self, learnt: GroundMemory, verdict: Verdict) -> GroundMemory:
         """Return the memory after the verdict on a pair. `learnt` is this memory after the pair.
 
-        A pair that is not learnt, which most refused pairs are, leaves the memory as it was (`findings.RULES`). The
-        present image replaces the compared image only if later pairs may be compared with it, and the image at the last
-        pose only if the pose is accepted.
+        Most refused pairs are not learnt (`findings.RULES`), and leave the memory unchanged. The present image becomes
+        the image that later pairs are compared with only if the pair can be a reference. The present image becomes the
+        image at the last pose only if the pose is accepted.
         """
         if not verdict.is_learnt:
             return self
@@ -465,7 +466,7 @@ class GroundMemory:
     def adjusted(self, T_after_before: Transform) -> GroundMemory:
         """Return the memory after an adjustment moved the last pose in the world.
 
-        The earlier image moves with it, so that the image motion between the two remains.
+        The pose of the earlier image moves with the last pose, so that the image motion between the two remains.
         """
         pose = Pose.of(T_after_before @ Transform(*self.earlier.pose))
         return replace(self, earlier=self.earlier._replace(pose=pose))

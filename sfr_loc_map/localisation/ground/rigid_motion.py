@@ -32,9 +32,10 @@ NEAR: Final = 4
 """Number of cells to each side whose landmarks predict the image motion of a cell. This neighbourhood of 144 x 144 px
 contains about a hundred landmarks in an image of 512 x 512 px."""
 STATIONARY_PX: Final = 0.25
-"""Maximum predicted image motion of a stationary cell, px. It is below the motion that is detected as a change."""
+"""Maximum predicted image motion of a stationary cell, px. A motion of this size is not detected as a change."""
 MOVED_PX: Final = 2.0  #: Minimum predicted image motion of a moving cell, px: six times what is detected as a change.
-MOTION_QUANTILE: Final = 0.9  #: Quantile of the landmarks' image motion that is reported; outliers may exceed it.
+MOTION_QUANTILE: Final = 0.9
+"""Quantile of the image motion of the landmarks that counts as the image motion. Outliers may exceed the quantile."""
 MAX_MOTION_PX: Final = 10.0
 """Maximum image motion of a landmark, px. Larger motions are clipped, so that one wrong landmark does not dominate the
 mean of a neighbourhood."""

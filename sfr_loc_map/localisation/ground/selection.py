@@ -266,7 +266,7 @@ UNCONFIRMED_AT_REST: Final = Case(
 UNCONFIRMED: Final = Case(
     lambda evidence: evidence.stays_uncertain, select_main, Shown.ONE_MOTION, Finding.GROUND_UNCERTAIN
 )
-"""There is one motion, but too few consistent pairs followed those that made it uncertain."""
+"""There is one motion, but too few consistent pairs have followed the pairs that made the ground uncertain."""
 ONE_MOTION: Final = Case(lambda _: True, select_main, Shown.ONE_MOTION)
 """There is one motion, and the ground is not uncertain after the pair."""
 

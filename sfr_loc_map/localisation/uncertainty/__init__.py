@@ -53,7 +53,7 @@ pose (`LastPose.known_ns`). The standard deviation of an angle is at most 1.81 r
 | external pose for a past pair | `this_pair` of that pair | `external` | external pose |
 | external pose between two distant pairs | `unobserved`, t to the nearer pair | `external` | external pose |
 | external pose after the last accepted pair | `unobserved`, t from its stamp on | `kept_motion` | next accepted pair |
-| and the next accepted pair | `this_pair` of the last pair; `unobserved`, t to the stamp | `external` | external pose |
+| ... and the next accepted pair | last `this_pair`; `unobserved`, t to the stamp | `external` | external pose |
 | sheared rows, even without a finding | factor max(`shear_chi2`, 1) | `noise` of the step | next pair |
 | lost pair | 9999 m^2 and 9999 rad^2 replace the covariance | all | next pair that is not lost |
 

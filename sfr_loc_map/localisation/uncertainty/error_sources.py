@@ -36,8 +36,8 @@ class ErrorSources:
 
     The values were chosen by hand so that NEES per degree of freedom is near 1 on rendered drives (`make nees`). If a
     value is too large, the covariance exceeds the errors and this NEES falls below 1. If a value is too small, this
-    NEES exceeds 1. NEES is one number for all values together. It determines their total, not each single value, whose
-    order of magnitude follows from the physical error that its description names.
+    NEES exceeds 1. NEES is one number for all values together, and therefore determines only their total. The order of
+    magnitude of each value follows from the physical error that its description names.
 
     The words at the beginning of each description name the formulas that use the field: the covariance of a pose, parts
     of the covariance of a step (step, noise, systematic), and the unobserved motion, which enters both covariances.
@@ -192,7 +192,7 @@ class AddedError(NamedTuple):
     #: `(6, 6)` covariance of the motion since the last pose, treated as unobserved, in RB at that pose; zero if no
     #: finding requires this covariance.
     unobserved_rb: FloatArray
-    ambiguity: MotionSize  #: Error if another motion is the true motion; zero if no finding requires it.
+    ambiguity: MotionSize  #: Error if another motion is the true motion. Zero if no finding requires this error.
 
     @property
     def of_step(self) -> FloatArray:

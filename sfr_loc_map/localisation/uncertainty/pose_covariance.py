@@ -5,8 +5,8 @@ left camera in the world.
 
 An attitude error displaces later positions. The terms `external` and `keyframes` are therefore propagated from the
 position where the error arose to the present position (`LocatedCovariance`), and `correlated` from the mean of the
-positions where its angles arose (`PathSums.correlated_at`). The term `attitude` is not propagated: it is an error of
-the present rotation only.
+positions where its angles arose (`PathSums.correlated_at`). The term `attitude` is not propagated, because this error
+concerns the present rotation only.
 """
 
 from __future__ import annotations
@@ -74,7 +74,8 @@ class PathSums(NamedTuple):
     corrected: FloatArray = ZERO_VECTOR  #: Position error per pixel times the yaw correction at the step, m.
     drift_px: float = 0.0  #: Sum of the absolute drift corrections of the right camera, px.
     correlated: MotionSize = NO_MOTION  #: Ambiguous motions, and bending of the path by the lens.
-    turned: FloatArray = ZERO_VECTOR  #: Angle of the correlated errors times the position where it arose, rad m.
+    #: Sum over the steps of the angle of the correlated errors times the position at the step, rad m.
+    turned: FloatArray = ZERO_VECTOR
 
     def correlated_at(self, position: FloatArray) -> FloatArray:
         """Return the covariance `(6, 6)` of the correlated errors at a position: the term `correlated` of a pose.
@@ -121,14 +122,10 @@ def sums_after_step(
     A step backwards undoes the turn of a step forwards (`systematic_step`). The length in `correlated` has no sign, so
     that the sum is an upper bound if the path has steps in both directions.
 
-    Args:
-        before: Sums before the step.
-        position: `(3,)` position after the step, m.
-        displacement: `(3,)` displacement of the left camera in the world, m.
-        depth_m: Median depth of the landmarks of the map.
-        ambiguity: Error if another motion is the true motion; zero if no finding requires it.
-        calibration: The calibration after the step.
-        model: Camera geometry and error sources.
+    Args: before: Sums before the step. position: `(3,)` position after the step, m. displacement: `(3,)` displacement
+    of the left camera in the world, m. depth_m: Median depth of the landmarks of the map. ambiguity: Error if another
+    motion is the true motion. Zero if no finding requires this error. calibration: The calibration after the step.
+    model: Camera geometry and error sources.
     """
     m_per_px = displacement * depth_m / model.focal_baseline
     bending = MotionSize(0.0, model.lens_turn_per_m(calibration) * length(displacement))
@@ -225,7 +222,7 @@ class PathErrors:
         return self.of_landmarks + self.blur + self.unobserved_motion
 
     def of_map(self, position: FloatArray) -> LocatedCovariance:
-        """Return the covariance that the map at a position has accumulated since it began.
+        """Return the covariance that the map has accumulated since its beginning, at a position.
 
             of_map = before_window + adjustment_inflation (covariance of the newest keyframe in its window)
 

@@ -11,7 +11,7 @@ from sfr_loc_map.localisation.frontend.pose_solver import (
     StereoObservations,
     solve_pose,
 )
-from sfr_loc_map.localisation.frontend.right_camera import PairYaw, RightOffset, pair_yaw
+from sfr_loc_map.localisation.frontend.right_camera import PairYaw, RightCameraOffset, pair_yaw
 
 CAMERA = StereoCamera(400.0, 410.0, 256.0, 240.0, 0.2)
 SHAPE = (481, 513)
@@ -111,7 +111,7 @@ def shift_found(uv: np.ndarray) -> PairYaw | None:
 @pytest.mark.parametrize("shift_px", [0.0, 0.1, -0.2])
 def test_a_shift_is_found_though_the_pose_was_solved_without_and_some_landmarks_are_wrong(shift_px: float) -> None:
     uv = project(TRUTH)
-    uv[:, 2:] += RightOffset(yaw_px=shift_px).at(uv[:, 2:], CAMERA)
+    uv[:, 2:] += RightCameraOffset(yaw_px=shift_px).at(uv[:, 2:], CAMERA)
     uv[:20, 2] += RANDOM.uniform(3, 20, 20)
     uv[20:30, 2:] = np.nan
     found = shift_found(uv)
