@@ -38,13 +38,13 @@ def pair(number: int, *, was_known: bool = True) -> AcceptedPair:
     """Return the pair of a number, at a position of 0.03 m times this number."""
     landmarks = SimpleNamespace(median_depth=5.0)
     pose = Pose(np.eye(3), np.array([0.03 * number, 0.0, 0.0]))
-    tracks: Any = SimpleNamespace(pose=pose, information=np.eye(6) * 1e18, landmarks=landmarks)
+    tracks: Any = SimpleNamespace(pose=pose, information=np.eye(6) * 1e18, landmarks=landmarks, chi_median=1.0)
     landmark_map: Any = SimpleNamespace(landmarks=landmarks, last_motion=None)
     calibration = OnlineCalibration(RIG.camera, (480, 640), 7)
     nothing = MotionSize(0.0, 0.0)
     stamp_ns = number * PERIOD_NS
     return AcceptedPair(
-        stamp_ns, tracks, landmark_map, calibration, 1.0, was_known, 0.0, Inflation.NONE, other_distance=nothing
+        stamp_ns, tracks, landmark_map, calibration, was_known, 0.0, Inflation.NONE, other_distance=nothing
     )
 
 
