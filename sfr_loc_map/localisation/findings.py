@@ -172,25 +172,9 @@ RULES: Final[dict[Finding, Refusal | Degradation]] = {
 }
 """Consequences of each finding, in the order of precedence.
 
-The stages of a pair (`localiser`) collect the findings. If those of a stage refuse the pair, the evaluation ends:
-
-| stage | findings of |
-|---|---|
-| 1 check the images | `check_images` |
-| 2 check the map | `check_landmarks` |
-| 6 select the ground | `ground.selection` |
-| 8 judge | `check_tracks`, `check_pose`; unless these refuse the pair, the guards that require a valid pose |
-| | (`check_sides`, `check_gap`, `check_calibration`, `check_shear`) |
-| `Localiser._begin_window` | `check_images` (in stage 1), `check_gap`, `check_divergence`, `check_landmarks`, |
-| | `check_order` |
-
-A finding of a later stage is therefore unknown if an earlier stage refuses the pair, even if it precedes in the table.
-Each stage includes the findings of the earlier stages, and the order of the table decides between them. A window that
-replaces a map includes the findings about the images, but not those about the pose in this map. The selection of the
-ground contributes at most one finding, that of its case (`ground.selection.CASES`), so that the covariance grows by the
-inflation of one case only.
-
-The published reason is that of the first finding. `localiser` lists the exceptions.
+The first finding present determines the action and the published reason. `localiser` lists the verdicts of a pair, each
+of which applies this table to all findings so far. The selection of the ground contributes at most one finding, that of
+its case (`ground.selection.CASES`), so that the covariance grows by the inflation of one case only.
 
 Eight findings publish `torn_images`, because they require the same check by an operator: parts of the images may have
 been exposed at different times, by stale parts, blended exposures or a rolling shutter. For six of these findings the
