@@ -17,6 +17,7 @@ world. Where the list says "position x" or "attitude x", x is the standard devia
   pose.
 - `keyframes`, errors since the external pose: 2.0 times the covariance of the newest keyframe in its window, from the
   bundle adjustment. When a later window begins, `this_pair`, `kept_motion` and the blur of its first image are added.
+  If an external pose applied within a window, what had accumulated up to that pose is subtracted.
 - `this_pair`, errors of this pair alone: 2.0 `given_keyframes`; blur, which is attitude 0.03 px / f and position
   Z_map 0.03 px / f; and `unobserved`, if a finding requires it.
 - `kept_motion`, errors since the last known pose: `unobserved`, while the last pose is kept.
@@ -58,8 +59,8 @@ pose (`LastPose.known_ns`). The standard deviation of an angle is at most 1.81 r
 | lost pair | 9999 m^2 and 9999 rad^2 replace the covariance | all | next pair that is not lost |
 
 `findings.RULES` lists the inflation of each finding. Two pairs are distant if a pair between them is missing or was
-refused. If a window begins before the next accepted pair, `keyframes`
-contains what was added until then, and keeps it until the next external pose.
+refused. If a window begins before the next accepted pair, what was added until then moves to `keyframes`, and remains
+there until the next external pose.
 
 **The covariance of a step**, the motion of RB between two poses, is composed of the errors of the step and not computed
 from the poses, because consecutive poses share most of their errors (`StepEstimate.motion_covariance`):
@@ -67,9 +68,9 @@ from the poses, because consecutive poses share most of their errors (`StepEstim
     covariance of a step = step + noise + noise_before + systematic^2 + speed_change
 
 - `step` (`step_covariance`), errors of images, independent from step to step: 1.5 max(`variance_factor`, 0.2)
-  `step_ratio` times the sum of 2.0 times the covariance between the two newest keyframes, and position
-  0.01 px Z_tracked / f. `step_ratio` is the optical flow of the step divided by that between the keyframes, at least
-  0.02. `added` (below) is added to this product.
+  `step_ratio` times the sum of 2.0 times the covariance between the two newest keyframes, and position 0.01 px
+  Z_tracked / f. `step_ratio` is the optical flow of the step divided by that between the keyframes (at least a quarter
+  of the flow that triggers a keyframe), and is at least 0.02. `added` (below) is added to this product.
 - `noise` (`pose_noise`), white noise of a pose, which cancels between consecutive steps: 0.5 max(`variance_factor`,
   0.2) max(`shear_chi2`, 1) `given_keyframes`; and attitude 1e-5 rad. `noise_before` is that of the previous pose.
 - `systematic` (`systematic_step`), errors common to all steps, which add up with their sign: position
