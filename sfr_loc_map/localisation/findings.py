@@ -87,8 +87,9 @@ class Finding(Enum):
     ONE_SIDED = auto()  #: Few inliers are observed in both images; both have texture, and one may be stale.
     #: One motion of landmarks outside stationary cells was selected, and the ground is not identified yet.
     BODY_OR_GROUND = auto()
-    #: No second motion was found, and the ground's motion is uncertain: it was uncertain before (`Phase.UNCERTAIN`),
-    #: about half of the landmarks are unexplained, or more than usual are unexplained and the ground is not identified.
+    #: No second motion was found, and the ground's motion is uncertain. Either the ground was uncertain before
+    #: (`Phase.UNCERTAIN`), or about half of the landmarks are unexplained, or more landmarks than usual are unexplained
+    #: and the ground is not identified.
     GROUND_UNCERTAIN = auto()
     AT_REST_UNCERTAIN = auto()  #: The ground is still uncertain, and neither the pose nor the image shows a motion.
     AMBIGUOUS = auto()  #: Two motions were found, and either may be the ground's.

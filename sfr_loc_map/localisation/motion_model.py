@@ -19,9 +19,9 @@ MAX_MISSED_PAIRS = 4
 If larger, guesses far from the pose cost the time of an alignment. If smaller, more gaps require relocalisation."""
 
 MAX_UNKNOWN_PERIOD_NS = 500_000_000
-"""Maximum time between two consecutive pairs while the period is unknown, ns. Chosen by hand: the time in which
-`MAX_MISSED_PAIRS` are missing at 10 Hz. If larger, the motion in a gap may be interpolated and its uncertainty missed.
-If smaller, an external pose between the first two pairs of a slow drive is less certain."""
+"""Maximum time between two consecutive pairs while the period is unknown, ns. Chosen by hand: the time of
+`MAX_MISSED_PAIRS` missing pairs at 10 Hz. If larger, the motion in a gap may be interpolated and its uncertainty
+missed. If smaller, an external pose between the first two pairs of a slow drive is less certain."""
 
 MAX_JITTER_NS = 10_000_000
 """Maximum difference of two stamps that may be of one moment, ns. Chosen by hand: a tenth of the period at 10 Hz. If

@@ -5,9 +5,9 @@
     external pose (start of the run, or set later) ----> PathState, whether the map is discarded
 
 The localiser estimates poses in its own world frame. An external pose of RB in DS defines the transform between the two
-frames, which is the datum. An external pose is given as a `StartPose`, waits for its stamp in `Datum.waiting`, and is
-then applied: it becomes the `Origin` to which all errors are relative. The covariances are computed by `uncertainty`,
-and the initial guesses of the next pose by `motion_model`.
+frames, which is the datum. An external pose is given as a `StartPose`, and waits for its stamp in `Datum.waiting`. Once
+the pose is applied, all errors are relative to this pose (`Origin`). `uncertainty` computes the covariances, and
+`motion_model` the initial guesses of the next pose.
 
 **When an external pose applies.** `pose_set` accepts a pose, and a later pose replaces a pose that still waits for its
 stamp:

@@ -78,7 +78,7 @@ class State:
     image_memory: ImageMemory | None = None  #: Memory of the check for stale images.
     shear_mean: ShearMean = ShearMean()  #: Memory of the check for sheared rows.
     keyframes: int = 0  #: Number of keyframes since the start.
-    #: Number of further keyframes until an unobserved motion before the window no longer degrades the poses.
+    #: Number of further keyframes during which an unobserved motion before the window degrades the poses.
     gap_keyframes: int = 0
     #: Whether an adjustment has diverged since the last window began. An external pose that discards the map resets
     #: the value.

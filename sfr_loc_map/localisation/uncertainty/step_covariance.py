@@ -173,10 +173,10 @@ class PublishedPose:
 
     stamp_ns: int | None = None  #: Stamp of the pose; None before the first pose.
     T_world_left: Transform | None = None  #: The pose as it was published; adjustments do not move it.
-    #: Covariance `(6, 6)` of errors that concern this pose alone, in RB at the pose before this pose: the inflation by
-    #: findings, and the displacement by a correction of the yaw. Such an error is part of the step to this pose and,
-    #: with the opposite sign, of the next step. The covariance is therefore added to both, and the rotation of the
-    #: step between the two is neglected.
+    #: Covariance `(6, 6)` of errors that concern this pose alone, in RB at the pose before this pose. These errors are
+    #: the inflation by findings, and the displacement by a correction of the yaw. Such an error is part of the step to
+    #: this pose and, with the opposite sign, of the next step. The covariance is therefore added to both steps, and the
+    #: rotation of RB between the two poses is neglected.
     shared_with_next_step: FloatArray = field(default_factory=lambda: ZERO)
     #: Time for which the last known pose was kept up to this pose, s; 0 if the pair of this pose was accepted or began
     #: a window. The next step contains the unobserved motion during this time.
