@@ -80,7 +80,13 @@ setup(
     python_requires=">=3.11,<3.14",
     packages=find_packages(include=[PACKAGE, PACKAGE + ".*"]),
     package_data={
-        PACKAGE: ["py.typed", "report/templates/*", "live/web/*", "ros/profiles/*.xml", "mapping/disparity/*.json"],
+        PACKAGE: [
+            "py.typed",
+            "report/templates/*",
+            "live/web/*",
+            "ros/profiles/*.xml",
+            "mapping/disparity/validity/*.json",
+        ],
         "": ["*.pyi"],
     },
     data_files=[

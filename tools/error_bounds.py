@@ -32,22 +32,14 @@ from sfr_loc_map.localisation.frontend.patch import HALF
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.state import Candidate, Outcome, State
-from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.estimation import refine_pair
-from sfr_loc_map.mapping.disparity.search_range import search_range_of
-from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
+from sfr_loc_map.mapping.disparity.refinement.variational_refinement import RefinedDisparity
 from sfr_loc_map.runs.drive_start import start_pose
+from train_jump_network import refined_scene
 
 EVERY = 10
 """Number of pairs between the starts of sub-trajectories for the bound."""
 TILE = 64
 """Side of an image part, px, in which the disparities are assumed to be a stationary field."""
-
-
-def refined(pair: StereoPair, rig: StereoRig) -> RefinedDisparity:
-    """Return the mapper's disparities of a pair, defined everywhere."""
-    _, field, _ = refine_pair(pair, rig.camera, search_range_of(rig, MappingConfig()).count)
-    return field
 
 
 def noise_of(disparity: RefinedDisparity) -> float:
@@ -100,7 +92,7 @@ def sights(source: Path) -> tuple[list[Sight], list[Transform], StereoRig]:
     drive = drive_of(open_source(source))
     rig, truth = drive.rig, drive.ground_truth
     pairs = list(drive.pairs())
-    noise = float(np.median([noise_of(refined(pair, rig)) for pair in pairs[:: max(len(pairs) // 8, 1)]]))
+    noise = float(np.median([noise_of(refined_scene(pair, rig)[1]) for pair in pairs[:: max(len(pairs) // 8, 1)]]))
     print(f"noise of an image: {noise:.2f} grey levels")
     localiser = RecordingLocaliser(rig, LocalisationConfig(), start_pose(drive, "truth"))
     found, true = [], []
@@ -231,7 +223,7 @@ def bound_map(source: Path, contrast: float, more_noise: float) -> None:
         depth = (posed.T_lm_navsb @ rig.T_sb_left).inverse().apply(posed.truth)[..., 2]
         truth = rig.fx * rig.baseline_m / np.where((depth > 0.0) & (depth < 40.0), depth, np.nan)
         pair = changed(posed.pair, contrast, more_noise, random)
-        disparity = refined(pair, rig)
+        _, disparity = refined_scene(pair, rig)
         noise = noise_of(disparity)
         along_u, _ = gradients(pair.left)
         for top in range(0, rig.height - TILE + 1, TILE // 2):
@@ -248,7 +240,7 @@ def bound_map(source: Path, contrast: float, more_noise: float) -> None:
                 # the plane adds three unknowns
                 variance = np.mean(spectrum / (1.0 + spectrum * information)) + 3.0 / (information * TILE * TILE)
                 bounds.append(np.sqrt(variance))
-                errors.append((disparity.disparity_px - truth)[tile].ravel())
+                errors.append((disparity.px - truth)[tile].ravel())
                 rows.append(np.abs(left_over).max() < 1.0)
         print(f"noise of an image: {noise:.2f} grey levels")
     bound, smooth = np.array(bounds), np.array(rows)

@@ -99,7 +99,7 @@ EXPECTED_ITEMS, DRIVE = "metrics/completeness/expected_items.py", "metrics/compl
 GAPS = "metrics/completeness/gaps.py"
 CALL_CHECKS, CALL_POSES = "scoring/call_checks.py", "calls/call_poses.py"
 DRIVES, JOB = "suite/planning/drive_copies.py", "suite/jobs/job.py"
-EXPOSURE, HOLES = "mapping/disparity/right_image_correction.py", "mapping/disparity/hole_filling.py"
+EXPOSURE, HOLES = "mapping/disparity/right_camera/right_image_correction.py", "mapping/disparity/hole_filling.py"
 FUSION, STEPS = "mapping/multiview/fusion.py", "mapping/terrain/steps.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
@@ -605,7 +605,7 @@ MUTATIONS = (
         "warnings=fused.warnings",
     ),
     Mutation(
-        "mapping/reprojection.py",
+        "mapping/pair_view.py",
         "length * depth * depth / scale * sigma_px[i, j]",
         "depth * depth / scale * sigma_px[i, j]",
     ),
@@ -615,14 +615,18 @@ MUTATIONS = (
         "surfaces.high[y, u] > disparity[y, x] + SURFACE_JUMP_PX",
         "surfaces.high[y, u] > disparity[y, x]",
     ),
-    Mutation("mapping/disparity/uncertainty.py", "F(0.125) / np.sqrt(information", "F(0.25) / np.sqrt(information"),
     Mutation(
-        "mapping/disparity/smoothness.py",
+        "mapping/disparity/refinement/disparity_sigma.py",
+        "F(0.125) / np.sqrt(information",
+        "F(0.25) / np.sqrt(information",
+    ),
+    Mutation(
+        "mapping/disparity/refinement/smoothness.py",
         "m1_right[j] - m1[j] - m0_right[j] + m0[j]",
         "m1_right[j] - m1[j] + m0_right[j] - m0[j]",
     ),
     Mutation(
-        "mapping/disparity/right_camera.py",
+        "mapping/disparity/right_camera/rotation.py",
         "return -px_per_row * rows_below_centre",
         "return px_per_row * rows_below_centre",
     ),

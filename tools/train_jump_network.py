@@ -1,6 +1,6 @@
-"""Train the network that classifies pixels near disparity jumps; see `mapping/disparity/jump_network.py`.
+"""Train the network that classifies pixels near disparity jumps; see `mapping/disparity/validity/jump_network.py`.
 
-    python tools/train_jump_network.py sfr_loc_map/mapping/disparity/jump_network.json SOURCE ...
+    python tools/train_jump_network.py sfr_loc_map/mapping/disparity/validity/jump_network.json SOURCE ...
 
 Each SOURCE has mapping pairs with ground truth (`sfr simulate`). Each pair is used unchanged and with images of other
 simulated cameras: more noise, lower contrast, local gain differences, vertical disparity, blur, higher contrast. The
@@ -18,22 +18,26 @@ from typing import Any
 import cv2
 import numpy as np
 
+from sfr_loc_map.geometry.arrays import F
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity import jump_network, matching_cost, surfaces
-from sfr_loc_map.mapping.disparity.estimation import refine_pair
-from sfr_loc_map.mapping.disparity.jump_network import (
+from sfr_loc_map.mapping.disparity import matching_cost, surfaces
+from sfr_loc_map.mapping.disparity.refinement.cell_field import cells_from_disparity, disparity_from_cells
+from sfr_loc_map.mapping.disparity.refinement.variational_refinement import RefinedDisparity, refine_disparity
+from sfr_loc_map.mapping.disparity.right_camera.right_image_correction import correct_right_image
+from sfr_loc_map.mapping.disparity.semi_global_matching import search_range_of, semi_global_matching
+from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
+from sfr_loc_map.mapping.disparity.validity import jump_network
+from sfr_loc_map.mapping.disparity.validity.jump_network import (
     JumpFeatures,
     JumpNetwork,
     classified_pixels,
     jump_features,
     network_input,
 )
-from sfr_loc_map.mapping.disparity.search_range import search_range_of
-from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
-from sfr_loc_map.mapping.disparity.validity import is_valid, status_before_wrong_surface
+from sfr_loc_map.mapping.disparity.validity.pixel_status import is_valid, status_before_wrong_surface
 from sfr_loc_map.mapping.filters import local_variance
 
 INPUTS = len(JumpFeatures._fields)
@@ -100,9 +104,20 @@ def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndar
             yield inputs[some].astype(float), error_px[some]
 
 
+def refined_scene(pair: StereoPair, rig: StereoRig) -> tuple[DisparityScene, RefinedDisparity]:
+    """Return the scene and the refined disparity of a pair as `estimate_disparity` computes them before validity."""
+    left = pair.left.astype(F, order="C")
+    right = pair.right.astype(F, order="C")
+    matched_px = semi_global_matching(pair.left, pair.right, search_range_of(rig, MappingConfig()).count)
+    cells = cells_from_disparity(matched_px)
+    right, _ = correct_right_image(left, right, disparity_from_cells(cells, left.shape), rig.camera)
+    refined = refine_disparity(left, right, cells)
+    return DisparityScene(left, right, matched_px, refined.px, refined.sigma_px, np.isfinite(matched_px)), refined
+
+
 def scene_of(pair: StereoPair, rig: StereoRig) -> DisparityScene:
     """Return the input of the network as the mapper computes it with default parameters."""
-    scene, refined, _ = refine_pair(pair, rig.camera, search_range_of(rig, MappingConfig()).count)
+    scene, refined = refined_scene(pair, rig)
     status = status_before_wrong_surface(scene, refined, local_variance(scene.left))
     return scene._replace(valid=is_valid(status))
 

@@ -154,7 +154,7 @@ CLAUSES = (
         "3.2.7.2",
         "Local Map frame (LM)",
         "The frame in which the terrain around the rover is perceived.",
-        ("mapping/reprojection.py", "simulation/world.py"),
+        ("mapping/pair_view.py", "simulation/world.py"),
         "axes of the map figures",
         "The document does not define the axes. In this suite z is up.",
         "frame of the mapping truth, z up",

@@ -20,7 +20,7 @@ from sfr_loc_map.io.clouds.fields import MAX_PAIR_STAMPS
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.search_range import search_range_of
+from sfr_loc_map.mapping.disparity.semi_global_matching import search_range_of
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper

@@ -1,6 +1,6 @@
 from .config import MappingConfig as MappingConfig
 from .config import TerrainConfig as TerrainConfig
-from .disparity.validity import PixelStatus as PixelStatus
+from .disparity.validity.pixel_status import PixelStatus as PixelStatus
 from .mapper import Mapper as Mapper
 from .maps import FusedMap as FusedMap
 from .maps import MappedPair as MappedPair

@@ -2,10 +2,10 @@
 
 The configured residual distortion (`CalibrationPrior.distortion_px`) sets the thresholds of vertical disparity:
 
-- A yaw above `SIGNIFICANT_SIGMAS` standard deviations is reported and increases sigma. Residual distortion can be
-  mistaken for a yaw. The largest such yaw has a vertical disparity in the image corners that equals the configured
-  distortion. The standard deviation combines this yaw with the noise of the measured yaw and the configured
-  uncertainty of the yaw (`_yaw_threshold_rad`).
+- A yaw above `SIGNIFICANT_SIGMAS` standard deviations is reported and increases sigma. Residual distortion can appear
+  as a yaw, up to the yaw whose vertical disparity in the image corners equals the configured distortion. The standard
+  deviation combines this apparent yaw, the noise of the measured yaw and the configured uncertainty of the yaw
+  (`_yaw_threshold_rad`).
 - A vertical offset above the distortion and above `MIN_ROTATION_PX` increases sigma like a pitch. The threshold
   contains no noise, because an offset is measured to a few hundredths of a pixel.
 - Vertical disparity above a multiple of the distortion causes a warning (`findings.vertical_warning_px`).
@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.config import CalibrationPrior
-from sfr_loc_map.mapping.disparity.right_camera import MIN_ROTATION_PX, CameraRotation
+from sfr_loc_map.mapping.disparity.right_camera.rotation import MIN_ROTATION_PX, CameraRotation
 
 SIGNIFICANT_SIGMAS = 3.0  #: A yaw above this many standard deviations is significant: 0.3 % by chance.
 MIN_SIGNIFICANT_YAW_DEG = 0.02
@@ -32,9 +32,9 @@ are small."""
 
 
 class CalibrationSigma(NamedTuple):
-    """Standard deviations of a calibration given a pair, in rad or as fractions; the default is an exact calibration.
+    """Standard deviations of the calibration error given the measurements in a pair; by default an exact calibration.
 
-    `CalibrationPrior` contains the configured values, in degrees and pixels.
+    `CalibrationPrior` contains the configured standard deviations, in degrees and pixels.
     """
 
     yaw_rad: float = 0.0  #: Yaw of the right camera.
@@ -56,8 +56,8 @@ def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, prior: Calibrat
     The vertical disparity of a yaw is a saddle over the image, and residual distortion can have the same shape. The
     accuracy of the yaw is therefore limited to the yaw whose saddle equals the configured distortion in the corners.
 
-    The saddle is that about the image centre, also if the principal point is elsewhere. A saddle about the principal
-    point differs only by an offset and a tilt, which are fitted separately and do not show a yaw.
+    The saddle is computed about the image centre even if the principal point is elsewhere. A saddle about the principal
+    point differs only by an offset and a tilt, which are fitted separately and do not indicate a yaw.
     """
     # (x - x of the image centre) (y - y of the image centre) in the corner, normalised coordinates
     corner_saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)
@@ -78,9 +78,9 @@ def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, prior: Calibr
         distortion_px = min(max(prior.distortion_px, distortion_rms_px), vertical_rms_px)
 
     The minimum assumes that distortion has the shape of the five terms of `VerticalPolynomial`. Other distortion, such
-    as cubic terms or an error along rows alone, is not measured: sigma is too small where such distortion dominates,
-    and the distortion is 0 for a polynomial of 0, whatever the prior. If the rotation was not measured, only a part of
-    the vertical disparity is known, and the minimum is omitted. A prior of 0 means no distortion.
+    as cubic terms or an error along rows alone, is not measured, and sigma is too small where such distortion
+    dominates. Without vertical disparity, the distortion is 0 for any prior. If the rotation was not measured, only a
+    part of the vertical disparity is known, and the minimum is omitted. If the prior is 0, the distortion is 0.
 
     The saddle of a yaw is also part of `distortion_rms_px`, because distortion can cause the same saddle. A significant
     yaw therefore increases sigma twice, which is conservative.
@@ -107,5 +107,5 @@ def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, prior: Calibr
 
 
 def largest_of(calibrations: Iterable[CalibrationSigma]) -> CalibrationSigma:
-    """Return the largest value of each standard deviation: pairs of one rig share its calibration."""
+    """Return the largest value of each standard deviation, because the pairs of a rig share its calibration."""
     return CalibrationSigma(*(max(values) for values in zip(*calibrations, strict=True)))

@@ -14,8 +14,9 @@ class CalibrationPrior:
     """Standard deviations of the calibration error, which is common to all points and part of each point's sigma.
 
     The defaults are chosen by hand: 0.01 deg of yaw causes a disparity error of 0.14 px at a focal length of 804 px,
-    and 0.1 % of the baseline or of the focal length causes 1 mm per metre of range. If all values are 0, sigma is the
-    random part only, unless a significant yaw or pitch of the right camera is measured in a pair (`calibration_sigma`).
+    and 0.1 % of the baseline or of the focal length causes 1 mm per metre of range. If all values are 0, sigma contains
+    only the random part, unless a significant yaw or pitch of the right camera is measured in a pair
+    (`calibration_sigma`).
     """
 
     yaw_deg: float = param(

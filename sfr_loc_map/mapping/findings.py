@@ -1,6 +1,6 @@
 """Findings of a call: statistics (numbers by name), and warnings about input that degrades the map.
 
-`findings_of_pair` returns the findings of one pair: add a new finding there. Add a new finding of a set of pairs to the
+`findings_of_pair` returns the findings of one pair: add a new finding there. Add a finding of a set of pairs to the
 result of its stage in `multiview`. `Mapper.fuse` combines the findings of all stages. The names of statistics are
 public and therefore fixed: `share` means a fraction, `matched_share` is `DisparityMap.measured_textured_fraction`, and
 `merged` is the number of points with which another pair agrees, including dropped points.
@@ -19,9 +19,9 @@ from sfr_loc_map.mapping.calibration_sigma import is_yaw_significant
 from sfr_loc_map.mapping.config import CalibrationPrior
 from sfr_loc_map.mapping.disparity.estimation import DisparityMap
 from sfr_loc_map.mapping.disparity.match_check import MIN_MEASURED_FRACTION
-from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
-from sfr_loc_map.mapping.disparity.search_range import SearchRange
-from sfr_loc_map.mapping.disparity.validity import PixelStatus, StatusImage, is_valid
+from sfr_loc_map.mapping.disparity.right_camera.rotation import CameraRotation
+from sfr_loc_map.mapping.disparity.semi_global_matching import SearchRange
+from sfr_loc_map.mapping.disparity.validity.pixel_status import PixelStatus, StatusImage, is_valid
 
 LOW_MEASURED_FRACTION = 2.0 * MIN_MEASURED_FRACTION
 """A warning is issued if a smaller fraction of the textured pixels is measured. The threshold is twice the fraction
@@ -47,8 +47,9 @@ MAX_BEYOND_FRACTION = 0.5
 """A warning is issued if a larger fraction of the pixels with a disparity is beyond the maximum depth. Chosen by hand:
 in KITTI pairs, which contain a street up to the horizon, it is 0.15 to 0.29 of the image."""
 MAX_GAIN = 1.15
-"""Gain, or inverse gain, above which a warning is issued: a fifth of a stop of exposure. The gain is compensated, so
-that the warning concerns the cameras and not the map. Chosen by hand; Teddy and KITTI 2015 have a gain of 1.00."""
+"""Gain, or inverse gain, above which a warning is issued: a fifth of a stop of exposure. The mapper compensates the
+gain, so that the warning concerns the cameras and not the map. Chosen by hand; Teddy and KITTI 2015 have a gain of
+1.00."""
 MAX_SATURATED_FRACTION = 0.1
 """Fraction of saturated pixels above which a warning is issued. Most saturated pixels have no point. Chosen by hand: a
 lower threshold would warn of single bright stones, and at a higher threshold the map has already lost a large region.
@@ -63,10 +64,7 @@ class Findings:
     warnings: tuple[str, ...] = ()  #: One line each.
 
     def __add__(self, other: Findings) -> Findings:
-        """Return the combined findings; raises ValueError if both have a statistic of the same name."""
-        common = self.statistics.keys() & other.statistics.keys()
-        if common:
-            raise ValueError(f"two stages have statistics of the same name: {', '.join(sorted(common))}")
+        """Return the combined findings."""
         return Findings({**self.statistics, **other.statistics}, self.warnings + other.warnings)
 
 

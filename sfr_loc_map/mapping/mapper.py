@@ -3,8 +3,8 @@
 LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping, which `StereoRig` names
 SB. Disparities refer to the left image and are in pixels. Lengths are in metres.
 
-A pair is a stereo pair. The pair index of a point, `PointCloud.pair` in a cloud, is the index of its pair in the set of
-pairs. A view (`PairView`) is the data of one pair that the fusion uses.
+A pair is a stereo pair. The pair index of a point (`PointCloud.pair`) is the index of its pair in the set of pairs. A
+view (`PairView`) contains the data of one pair that the fusion uses.
 
 The stages of `Mapper.process`, with their modules and results:
 
@@ -13,8 +13,7 @@ The stages of `Mapper.process`, with their modules and results:
 2. `estimate_disparity` (`disparity/estimation`) -> `DisparityMap`: disparity, sigma and status of each pixel of the
    left image, and the rotation of the right camera relative to its calibration. A pair is refused if its images do not
    match.
-3. `points_from_disparity` (`reprojection`) -> `ViewPoints`, `PairView` (`pair_view`): the valid disparities are
-   reprojected to points in LM.
+3. `reproject` (`pair_view`) -> `PairView`: the valid disparities are reprojected to points in LM.
 4. `sigma_of_calibration` (`calibration_sigma`) -> `CalibrationSigma`: the uncertainty of the calibration given the
    measured rotation of the right camera.
 5. `sigma_of_view` (`point_sigma`) -> `PointSigma`: sigma of the points. Saturation increases the random part, and the
@@ -36,11 +35,12 @@ The stages of `Mapper.fuse`:
 
 To add
 
-- a validity test of the pixels of one pair: the docstring of `disparity/validity` lists the steps.
-- a test of measured and filled pixels of one pair: a value of `PixelStatus`, and a call of `with_reason` in
-  `estimate_disparity` beside that of BEYOND_RANGE. The fraction of measured pixels is computed earlier.
+- a validity test of the pixels of one pair: the docstring of `disparity/validity/pixel_status` lists the steps.
+- a test of the final disparities of one pair, measured or filled: add a value to `PixelStatus`, and call `with_reason`
+  at the end of `estimate_disparity`, as for BEYOND_RANGE. The fraction of measured pixels does not change, because it
+  is computed before holes are filled.
 - a contribution to sigma: the docstring of `point_sigma` lists the steps.
-- a test of points across pairs: a flag of `Judgement` (`multiview/fusion`), which drops points, or a stage of
+- a test of points across pairs: add a flag to `Judgement` (`multiview/fusion`) that drops points, or a stage of
   `Mapper.fuse` that takes and returns views, like `without_fixed_content`.
 - a statistic or a warning: the docstring of `findings` lists the places.
 
@@ -74,16 +74,15 @@ from sfr_loc_map.mapping.checks import (
 )
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
-from sfr_loc_map.mapping.disparity.search_range import SearchRange, search_range_of
+from sfr_loc_map.mapping.disparity.semi_global_matching import SearchRange, search_range_of
 from sfr_loc_map.mapping.findings import findings_of_pair
 from sfr_loc_map.mapping.maps import FusedMap, MappedPair, warnings_of_pairs
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.pose_agreement import agreement_of_poses
 from sfr_loc_map.mapping.multiview.registration import register_views
-from sfr_loc_map.mapping.pair_view import PairView
+from sfr_loc_map.mapping.pair_view import PairView, read_only_pose, reproject
 from sfr_loc_map.mapping.point_sigma import sigma_of_points, sigma_of_view
-from sfr_loc_map.mapping.reprojection import points_from_disparity
 
 
 class Mapper:
@@ -150,8 +149,8 @@ class Mapper:
         prior = self._config.calibration
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
         disparity = estimate_disparity(pair, self._rig, self._search)
-        points = points_from_disparity(disparity.px, disparity.sigma_px, disparity.left, self._rig, T_lm_left)
-        view = PairView.of(points, disparity.px, T_lm_left, disparity.noise_grey, disparity.saturation)
+        points, images = reproject(disparity.px, disparity.sigma_px, disparity.left, self._rig, T_lm_left)
+        view = PairView(points, images, read_only_pose(T_lm_left), disparity.noise_grey, disparity.saturation)
         calibration = sigma_of_calibration(disparity.rotation, self._rig, prior)
         sigma = sigma_of_view(view, calibration, self._rig)
         findings = findings_of_pair(disparity, self._rig, prior, self._search)

@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma
-from sfr_loc_map.mapping.disparity.validity import StatusImage
+from sfr_loc_map.mapping.disparity.validity.pixel_status import StatusImage
 from sfr_loc_map.mapping.pair_view import PairView
 
 
@@ -33,10 +33,10 @@ class PairMap:
 class MappedPair(PairMap):
     """The map of one stereo pair by `Mapper.process`, which `Mapper.fuse` accepts.
 
-    `fuse` only uses the stamp, the rig, the view and the calibration: it ignores a replaced cloud, sigma, pose or
-    disparity. To change a pose, call `process` again. The arrays outside `view` are read-only. The columns of the cloud
-    and the disparities share the memory of `view`, whose arrays are writable, because the kernels are compiled for
-    writable arrays.
+    `fuse` uses the stamp, the rig, the view and the calibration. Replacing the cloud, a sigma, the pose or the
+    disparities therefore has no effect on the fusion. To change a pose, call `process` again. The arrays outside `view`
+    are read-only. The cloud and the disparities share the memory of `view`. The arrays of `view` are writable, because
+    the kernels are compiled for writable arrays.
     """
 
     #: `(H, W)` uint8, the `PixelStatus` of each pixel: measured, filled, or the reason why it has no disparity.

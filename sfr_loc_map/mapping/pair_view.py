@@ -1,4 +1,4 @@
-"""The points of one stereo pair with their disparity image and pose."""
+"""The view of one stereo pair: its points in LM, the same points as images, and its pose."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, Mask, read_only
+from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, GreyImage, IntArray, Mask, read_only
+from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
-from sfr_loc_map.mapping.disparity.saturation import Saturation
+from sfr_loc_map.mapping.disparity.validity.saturation import Saturation
 
 
 def read_only_pose(pose: Transform) -> Transform:
@@ -23,7 +25,7 @@ def read_only_pose(pose: Transform) -> Transform:
 
 
 class ViewPoints(NamedTuple):
-    """N points, each on the ray of its left pixel, without their total sigma."""
+    """N points, each on the ray of a pixel of the left image. Their total sigma is computed by `point_sigma`."""
 
     xyz: FloatArray32  #: `(N, 3)`, metres, LM.
     #: `(N,)`, metres, standard deviation along the ray, by which points are compared and fused. It does not include
@@ -73,7 +75,7 @@ class ViewPoints(NamedTuple):
 
 
 class ViewImages(NamedTuple):
-    """Images of a view, `(H, W)` float32 each."""
+    """Images of a view, `(H, W)` float32 each, in which other views observe their points."""
 
     disparity: FloatImage  #: Pixels; NaN where invalid.
     fusion_sigma: FloatImage  #: `ViewPoints.fusion_sigma`, metres; infinite at pixels without a point.
@@ -85,23 +87,10 @@ class PairView:
     """Data of one stereo pair for registration and fusion: points, images, pose, noise and saturation."""
 
     points: ViewPoints
-    images: ViewImages  #: The disparities, and the sigmas and grey levels of the points at their pixels.
+    images: ViewImages  #: The same points as images.
     T_lm_left: Transform  #: Transforms points from the left optical frame to LM. Its arrays are read-only.
     noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
     saturation: Saturation  #: Saturated pixels, which increase the sigma of points.
-
-    @classmethod
-    def of(
-        cls,
-        points: ViewPoints,
-        disparity_px: FloatImage,
-        T_lm_left: Transform,
-        noise_grey: float,
-        saturation: Saturation,
-    ) -> PairView:
-        """Return the view of points and of their disparity image `(H, W)`, NaN where invalid."""
-        images = _images_of_points(points, disparity_px)
-        return cls(points, images, read_only_pose(T_lm_left), noise_grey, saturation)
 
     def with_pose(self, T_lm_left: Transform) -> PairView:
         """Return the view with its points moved to another pose."""
@@ -109,12 +98,55 @@ class PairView:
         return replace(self, points=self.points._replace(xyz=xyz), T_lm_left=read_only_pose(T_lm_left))
 
 
+def reproject(
+    disparity_px: FloatImage, sigma_px: FloatImage, left: GreyImage | FloatImage, rig: StereoRig, T_lm_left: Transform
+) -> tuple[ViewPoints, ViewImages]:
+    """Return the points of all pixels that have a disparity, and the same points as images.
+
+    `Z = fx baseline / d`, and the ray of pixel (u, v) is `((u - cx) / fx, (v - cy) / fy, 1)` in the left optical frame.
+    To first order the standard deviation along the ray is `|ray| Z^2 / (fx baseline) sigma_d`.
+
+    The disparity `(H, W)` is NaN where invalid.
+    """
+    row_ends = np.cumsum(np.isfinite(disparity_px).sum(axis=1))
+    grey = left.astype(F, copy=False)
+    return _reproject(disparity_px, sigma_px, grey, rig.camera, Pose.of(T_lm_left), row_ends)
+
+
 @jit_rows
-def _images_of_points(points: ViewPoints, disparity_px: FloatImage) -> ViewImages:
-    """Return the images of a view; at most one point per pixel."""
-    fusion_sigma = np.full_like(disparity_px, F(np.inf))
-    grey = np.full_like(disparity_px, F(np.nan))
-    for n in prange(len(points.u)):
-        fusion_sigma[points.v[n], points.u[n]] = points.fusion_sigma[n]
-        grey[points.v[n], points.u[n]] = points.intensity[n]
-    return ViewImages(disparity_px, fusion_sigma, grey)
+def _reproject(
+    disparity: FloatImage, sigma_px: FloatImage, left: FloatImage, camera: StereoCamera, pose: Pose, row_ends: IntArray
+) -> tuple[ViewPoints, ViewImages]:
+    """Return points row by row, and images; `row_ends` `(H,)` is the number of points up to the end of each row."""
+    rows, cols = disparity.shape
+    count = row_ends[-1]
+    xyz = np.empty((count, 3), F)
+    sigma = np.empty(count, F)
+    intensity = np.empty(count, F)
+    u = np.empty(count, np.uint16)
+    v = np.empty(count, np.uint16)
+    sigma_image = np.full((rows, cols), F(np.inf))
+    grey_image = np.full((rows, cols), F(np.nan))
+    rotation = pose.rotation
+    position = pose.position
+    scale = camera.fx * camera.baseline_m
+    for i in prange(rows):
+        n = row_ends[i - 1] if i > 0 else 0
+        ray_y = (i - camera.cy) / camera.fy
+        for j in range(cols):
+            if not np.isfinite(disparity[i, j]):
+                continue
+            depth = scale / np.float64(disparity[i, j])
+            ray_x = (j - camera.cx) / camera.fx
+            length = np.sqrt(ray_x * ray_x + ray_y * ray_y + 1.0)
+            for k in range(3):
+                along = rotation[k, 0] * ray_x + rotation[k, 1] * ray_y + rotation[k, 2]
+                xyz[n, k] = depth * along + position[k]
+            sigma[n] = length * depth * depth / scale * sigma_px[i, j]
+            intensity[n] = left[i, j]
+            u[n] = j
+            v[n] = i
+            sigma_image[i, j] = sigma[n]
+            grey_image[i, j] = left[i, j]
+            n += 1
+    return ViewPoints(xyz, sigma, intensity, u, v), ViewImages(disparity, sigma_image, grey_image)

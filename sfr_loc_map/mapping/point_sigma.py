@@ -16,10 +16,10 @@ standard deviations of points are in metres:
 1  residual_noise.noise_variance         image noise: variance of a residual; information = sum w g^2 / variance, with
                                          the slopes g of the grey levels and the weights w
 2  variational_refinement.linearise      information / max(1, mean chi2 / mean weight, variance ratio of blocks)
-3  uncertainty.disparity_sigma           variance 1 / (8 sqrt(h s)) + (SMOOTHING_BIAS curvature)^2 s / h +
+3  disparity_sigma.disparity_sigma       variance 1 / (8 sqrt(h s)) + (SMOOTHING_BIAS curvature)^2 s / h +
                                          (CREASE_BIAS crease)^2, with the information h and the smoothness weight s
 4  hole_filling.fill_holes               max(sigma, MIN_FILLED_SIGMA_PX) at filled pixels
-5  reprojection.points_from_disparity    abs(ray) Z^2 / (fx baseline) sigma, from pixels to metres
+5  pair_view.reproject                   abs(ray) Z^2 / (fx baseline) sigma, from pixels to metres
 6  multiview.fusion (fused points only)  variance c sigma^2 + (1 - c) sum w_i^2 s_i^2 / (sum w_i)^2, with the weights
                                          w_i = feather / s_i^2 and c = COMMON_VARIANCE
 7  point_sigma.random_sigma              (1 + SIGMA_GROWTH f) sigma, with the saturated fraction f of a square of side
@@ -31,11 +31,11 @@ The docstrings of the functions state the bounds and windows of the formulas.
 
 The error of the calibration is common to all points. A constant disparity error, for example due to a yaw of the right
 camera, causes a depth error of `Z^2 / (fx baseline)` per pixel of disparity. Within a pair this error cannot be
-distinguished from a different depth, and averaging over points or pairs does not reduce it. The configured uncertainty
-of the calibration (`CalibrationPrior`, the parameters `mapping.calibration`) is a prior, and the rotation of the right
-camera that is measured in a pair changes it (`sigma_of_calibration`). A set of pairs uses the largest calibration
-sigmas of its pairs. Sigma is conditional on the poses, and the registration of poses does not change sigma. The
-compensation of a roll does not change sigma either.
+distinguished from another depth. Averaging over points or pairs does not reduce the error. The configured uncertainty
+of the calibration (`CalibrationPrior`, the parameters `mapping.calibration`) is a prior. The rotation of the right
+camera that is measured in a pair changes this uncertainty (`sigma_of_calibration`). A set of pairs uses the largest
+calibration sigmas of its pairs. Sigma is conditional on the poses, and the registration of poses does not change sigma.
+The compensation of a roll does not change sigma either.
 
 To add an error source:
 
@@ -65,7 +65,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma
-from sfr_loc_map.mapping.disparity.saturation import Saturation
+from sfr_loc_map.mapping.disparity.validity.saturation import Saturation
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 SIGMA_GROWTH = F(1.5)

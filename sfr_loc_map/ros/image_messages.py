@@ -17,7 +17,7 @@ from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.ros.messages import byte_array
 
 if TYPE_CHECKING:  # nodes without kernels do not import numba
-    from sfr_loc_map.mapping.disparity.search_range import SearchRange
+    from sfr_loc_map.mapping.disparity.semi_global_matching import SearchRange
 
 
 RESOLUTION_PX = 1.0 / 16.0

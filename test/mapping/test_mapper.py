@@ -23,7 +23,7 @@ from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.jit import KERNELS
 from sfr_loc_map.mapping.checks import MAX_LM_M
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.validity import PixelStatus
+from sfr_loc_map.mapping.disparity.validity.pixel_status import PixelStatus
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.maps import MappedPair, PairMap
 

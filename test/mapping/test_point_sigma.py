@@ -11,8 +11,10 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping import point_sigma
 from sfr_loc_map.mapping.calibration_sigma import is_yaw_significant, sigma_of_calibration
 from sfr_loc_map.mapping.config import CalibrationPrior
-from sfr_loc_map.mapping.disparity import hole_filling, residual_noise, saturation, uncertainty
-from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
+from sfr_loc_map.mapping.disparity import hole_filling
+from sfr_loc_map.mapping.disparity.refinement import disparity_sigma, residual_noise
+from sfr_loc_map.mapping.disparity.right_camera.rotation import CameraRotation
+from sfr_loc_map.mapping.disparity.validity import saturation
 from sfr_loc_map.mapping.findings import MIN_VERTICAL_WARNING_PX, vertical_warning_px
 from sfr_loc_map.mapping.multiview import fusion
 
@@ -53,7 +55,7 @@ def test_the_constants_that_the_table_of_sigma_names_exist() -> None:
     named = set(re.findall(r"[A-Z]+(?:_[A-Z]+)+", point_sigma.__doc__ or ""))
     defined = {
         name
-        for module in (fusion, hole_filling, point_sigma, residual_noise, saturation, uncertainty)
+        for module in (fusion, hole_filling, point_sigma, residual_noise, saturation, disparity_sigma)
         for name in vars(module)
     }
     assert {"SMOOTHING_BIAS", "COMMON_VARIANCE", "SIGMA_GROWTH"} <= named <= defined

@@ -10,9 +10,8 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma
-from sfr_loc_map.mapping.pair_view import ViewPoints
+from sfr_loc_map.mapping.pair_view import ViewPoints, reproject
 from sfr_loc_map.mapping.point_sigma import total_sigma
-from sfr_loc_map.mapping.reprojection import points_from_disparity
 
 SMALL = StereoRig(32, 24, 40.0, 44.0, 14.5, 12.25, 0.25)
 RIG = StereoRig(400, 300, 320.0, 320.0, 199.5, 149.5, 0.2)
@@ -28,9 +27,10 @@ def test_sigma_is_the_scatter_along_the_ray() -> None:
     deviation, ranges = np.full_like(truth, sigma_px), []
     for _ in range(600):
         drawn = rng.normal(truth, sigma_px).astype(np.float32)
-        points = points_from_disparity(drawn, deviation, grey, SMALL, POSE)
+        points, _ = reproject(drawn, deviation, grey, SMALL, POSE)
         ranges.append(np.linalg.norm(points.xyz - POSE.translation, axis=1))
-    ratio = np.std(ranges, axis=0) / points_from_disparity(truth, deviation, grey, SMALL, POSE).fusion_sigma
+    of_truth, _ = reproject(truth, deviation, grey, SMALL, POSE)
+    ratio = np.std(ranges, axis=0) / of_truth.fusion_sigma
     assert ratio.mean() == pytest.approx(1.0, abs=0.01)
     assert ratio.std() < 0.04
 
@@ -42,7 +42,8 @@ def points_of(rotation: tuple[float, ...] = (0, 0, 0), rig: StereoRig = RIG, sig
     left = np.stack(((u - RIG.cx) / RIG.fx, (v - RIG.cy) / RIG.fy, np.ones_like(u)), axis=-1) * depth[..., None]
     right = (left - [RIG.baseline_m, 0.0, 0.0]) @ matrix_from_rotvec(rotation)
     disparity = (u - (RIG.fx * right[..., 0] / right[..., 2] + RIG.cx)).astype(np.float32)
-    return points_from_disparity(disparity, np.full_like(disparity, sigma_px), disparity.astype(np.uint8), rig, POSE)
+    points, _ = reproject(disparity, np.full_like(disparity, sigma_px), disparity.astype(np.uint8), rig, POSE)
+    return points
 
 
 def total(points: ViewPoints, calibration: CalibrationSigma) -> np.ndarray:

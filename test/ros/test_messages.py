@@ -22,7 +22,7 @@ from sfr_loc_map.io.image_codec import encode_jpeg, encode_png, samples_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.mapping.disparity.search_range import SearchRange
+from sfr_loc_map.mapping.disparity.semi_global_matching import SearchRange
 from sfr_loc_map.mapping.terrain.cells import CellGrid
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid

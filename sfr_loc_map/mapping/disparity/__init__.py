@@ -1,4 +1,4 @@
-"""Estimation of the disparity map of a stereo pair: `estimation.estimate_disparity`.
+"""Estimation of the disparity map of a stereo pair; `estimation` draws the stages and names the module of each.
 
 In names, `disparity_px` is an image of disparities, which kernels call `disparity`. A hole is a region of invalid
 pixels. Filling a hole makes its pixels valid (`hole_filling`). Pixels that the semi-global matching rejects are called

@@ -1,23 +1,30 @@
-"""The disparity map of a stereo pair: `estimate_disparity`, which calls `refine_pair` for the stages up to sigma.
+"""The disparity map of a stereo pair: `estimate_disparity`.
 
-=====================================  ================================================================================
-stage                                  method
-=====================================  ================================================================================
-matching costs, aggregation,           semi-global matching (Hirschmueller 2008); wide images at half their width
-left-right check
-correction of the right image          exposure and vertical disparity of the right image are measured and removed
-refinement                             one field of disparities on cells of 2 x 2 pixels is fitted to both images by
-                                       photometric residuals and weighted second differences (variational, after Horn
-                                       and Schunck 1981), coarse to fine by conjugate gradients
-sigma                                  posterior of the field, smoothing bias, and the error beside creases
-validity                               tests of each pixel (`PixelStatus`); beside disparity jumps, a small network
-                                       compares matching costs with adaptive support weights (Yoon and Kweon 2006)
-match check                            a pair with too few measured textured pixels is refused
-rotation of the right camera           yaw, pitch and roll from the vertical disparity at measured pixels
-holes                                  invalid pixels take the disparity of a surface beside them if both images
-                                       support it
-roll and range                         the effect of the roll is removed; pixels beyond the maximum depth become invalid
-=====================================  ================================================================================
+    pair
+      │
+      ▼
+    matching             semi_global_matching.py   search range, matching costs, aggregation, left-right check
+      │ matched disparity, NaN where unmatched
+      ▼
+    right image          right_camera/             exposure and vertical disparity are measured and removed
+      │ corrected right image
+      ▼
+    refinement           refinement/               one field is fitted to both images; its standard deviation
+      │ disparity and sigma of every pixel
+      ▼
+    validity             validity/                 tests of each pixel; a pair that does not match is refused
+      │ status of every pixel                      (match_check.py)
+      ▼
+    right camera         right_camera/             its rotation, from the vertical disparity at measured pixels
+      │ rotation
+      ▼
+    holes                hole_filling.py           invalid pixels take the disparity of a surface beside them
+      │
+      ▼
+    DisparityMap         without the effect of the roll of the right camera, and without pixels beyond the maximum depth
+
+`surfaces` contains the value that the last boxes share (`DisparityScene`), and what they compute of jumps, slopes and
+occlusions. `matching_cost` compares a pixel of both images, for the network of `validity` and for the filling of holes.
 """
 
 from __future__ import annotations
@@ -27,20 +34,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage
-from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.mapping.disparity.cell_field import cells_from_disparity, disparity_from_cells
 from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
 from sfr_loc_map.mapping.disparity.match_check import check_matches, measured_textured_fraction
-from sfr_loc_map.mapping.disparity.right_camera import CameraRotation, measure_right_rotation, roll_error_px
-from sfr_loc_map.mapping.disparity.right_image_correction import RightImageCorrection, correct_right_image
-from sfr_loc_map.mapping.disparity.saturation import Saturation, measure_saturation
-from sfr_loc_map.mapping.disparity.search_range import SearchRange
-from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
+from sfr_loc_map.mapping.disparity.refinement.cell_field import cells_from_disparity, disparity_from_cells
+from sfr_loc_map.mapping.disparity.refinement.variational_refinement import refine_disparity
+from sfr_loc_map.mapping.disparity.right_camera.right_image_correction import RightImageCorrection, correct_right_image
+from sfr_loc_map.mapping.disparity.right_camera.rotation import CameraRotation, measure_right_rotation, roll_error_px
+from sfr_loc_map.mapping.disparity.semi_global_matching import SearchRange, semi_global_matching
 from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
-from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import PixelStatus, StatusImage, is_valid, judge_pixels, with_reason
-from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine_disparity
+from sfr_loc_map.mapping.disparity.validity.pixel_status import (
+    PixelStatus,
+    StatusImage,
+    is_valid,
+    judge_pixels,
+    with_reason,
+)
+from sfr_loc_map.mapping.disparity.validity.saturation import Saturation, measure_saturation
 from sfr_loc_map.mapping.filters import local_variance
 
 
@@ -66,65 +76,49 @@ class DisparityMap:
 def estimate_disparity(pair: StereoPair, rig: StereoRig, search: SearchRange) -> DisparityMap:
     """Return the disparity map of a pair.
 
-    After holes are filled, `status` alone records which pixels are valid. To reject pixels there, call `with_reason`
-    with their mask, as for BEYOND_RANGE.
-
     Raises MappingError if the images do not match, before holes are filled.
     """
-    scene, refined, correction = refine_pair(pair, rig.camera, search.count)
+    left = pair.left.astype(F, order="C")  # the kernels are compiled for this order
+    right = pair.right.astype(F, order="C")
 
-    saturation = measure_saturation(pair.left, pair.right, scene.disparity)
-    left_variance = local_variance(scene.left)
-    status = judge_pixels(scene, refined, left_variance, saturation.square_saturated)
-    scene = scene._replace(valid=is_valid(status))
-    fraction = measured_textured_fraction(scene.left, left_variance, scene.valid)
+    # Matching
+    matched_px = semi_global_matching(pair.left, pair.right, search.count)
+    initial_cells = cells_from_disparity(matched_px)
+
+    # Right image: exposure and vertical disparity are removed
+    initial_px = disparity_from_cells(initial_cells, left.shape)
+    right, correction = correct_right_image(left, right, initial_px, rig.camera)
+
+    # Refinement
+    refined = refine_disparity(left, right, initial_cells)
+
+    # Validity
+    saturation = measure_saturation(pair.left, pair.right, refined.px)
+    left_variance = local_variance(left)
+    matched = DisparityScene(left, right, matched_px, refined.px, refined.sigma_px, valid=np.isfinite(matched_px))
+    status = judge_pixels(matched, refined, left_variance, saturation.square_saturated)
+    measured = matched._replace(valid=is_valid(status))
+    fraction = measured_textured_fraction(left, left_variance, measured.valid)
     check_matches(pair, fraction, search.count)
 
-    rotation = measure_right_rotation(scene, correction.vertical, rig)
+    # Right camera
+    rotation = measure_right_rotation(measured, correction.vertical, rig)
 
-    filled = fill_holes(scene, saturation.square_saturated, refined.noise_grey)
-    status = np.where(filled.valid & ~scene.valid, np.uint8(PixelStatus.FILLED), status)
+    # Holes
+    filled = fill_holes(measured, saturation.square_saturated, refined.noise_grey)
+    status = np.where(filled.valid & ~measured.valid, np.uint8(PixelStatus.FILLED), status)
+
+    # From here on, only the status records which pixels are valid.
     px = filled.disparity - roll_error_px(rotation, rig)
     status = with_reason(status, px < search.min_disparity_px, PixelStatus.BEYOND_RANGE)
     return DisparityMap(
         px=np.where(is_valid(status), px, F(np.nan)),
         sigma_px=filled.sigma,
         status=status,
-        left=scene.left,
+        left=left,
         noise_grey=refined.noise_grey,
         measured_textured_fraction=fraction,
         saturation=saturation,
         correction=correction,
         rotation=rotation,
     )
-
-
-def refine_pair(
-    pair: StereoPair, camera: StereoCamera, disparity_count: int
-) -> tuple[DisparityScene, RefinedDisparity, RightImageCorrection]:
-    """Return the scene of a pair, its refined disparity, and the deviations that were removed from the right image.
-
-    The search is over `disparity_count` integer disparities from 0. The valid pixels of the scene are those that the
-    semi-global matching has matched.
-
-    The stages up to sigma are a separate function, because `tools/train_jump_network.py` and
-    `tools/error_bounds.py` call them, too.
-    """
-    left = pair.left.astype(F, order="C")  # the kernels are compiled for this order
-    right = pair.right.astype(F, order="C")
-    matched_px = semi_global_matching(pair.left, pair.right, disparity_count)
-    initial_cells = cells_from_disparity(matched_px)
-
-    initial_px = disparity_from_cells(initial_cells, left.shape)
-    right, correction = correct_right_image(left, right, initial_px, camera)
-
-    refined = refine_disparity(left, right, initial_cells)
-    scene = DisparityScene(
-        left=left,
-        right=right,
-        matched=matched_px,
-        disparity=refined.disparity_px,
-        sigma=disparity_sigma(refined),
-        valid=np.isfinite(matched_px),
-    )
-    return scene, refined, correction

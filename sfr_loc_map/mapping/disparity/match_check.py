@@ -23,8 +23,8 @@ MIN_TEXTURED_FRACTION = 0.02
 pixels. Fewer may all be on one object, which does not show how the images match."""
 TEXTURE_SIGMAS = 2.0
 """A neighbourhood is textured if its standard deviation exceeds this many standard deviations of the noise. The
-standard deviation of 49 pixels of pure noise is accurate to 10 %. The noise is that of the image here, and that of a
-photometric residual, which is larger, in `multiview`."""
+standard deviation of 49 pixels of pure noise is accurate to 10 %. In this module, the noise is the noise of the image.
+In `multiview`, the noise is the noise of a photometric residual, which is larger."""
 MIN_TEXTURE_GREY = 1.0
 """Minimum standard deviation of a textured neighbourhood, grey levels; rounding alone causes 0.3."""
 MIN_MEASURED_FRACTION = 0.3
@@ -40,16 +40,17 @@ SWAPPED_FACTOR = 1.5
 """Images are probably swapped if exchanging them multiplies the number of matched pixels by more than this factor.
 Chosen by hand: images that match about equally well in both orders are not swapped."""
 VERTICAL_FACTOR = 4
-"""Images are downsampled by this factor to find a vertical offset: they then match at offsets of one row, too."""
+"""Images are downsampled by this factor to find a vertical offset. They then also match if the tried offset is wrong by
+one row."""
 MAX_VERTICAL_ROWS = 4  #: Largest vertical offset that is tried, rows of the downsampled images: 16 pixels.
 MIN_OFFSET_FRACTION = 0.75
 """Images probably have a vertical offset only if more than this fraction of the downsampled pixels matches with the
 offset. On the data sets, the fraction is 0.79 or more for pairs with offsets of 3, 6 and 12 pixels, and 0.4 or less if
-one image is upside down. Swapped images, with up to 0.71, are recognised first."""
+one image is upside down. Swapped images have up to 0.71 and are recognised before this test."""
 CHANCE_FRACTION = 0.6
-"""Fraction of the downsampled pixels above which matches count in the estimate of the offset: at wrong offsets of two
-rows and more, the fraction is mostly below."""
-MIN_OFFSET_PX = 2  #: Smallest vertical offset that is reported, pixels: the estimate has an error of 2 pixels.
+"""Matched fraction above which an offset contributes to the estimated offset. At offsets that are wrong by two rows or
+more, the matched fraction is mostly below this value."""
+MIN_OFFSET_PX = 2  #: Smallest vertical offset that is reported, pixels: the error of the estimate.
 MIN_SWAPPED_FRACTION = 0.5
 """Images are probably swapped only if more than this fraction of the pixels matches after the exchange. On the
 data sets, the fraction is 0.75 or more for swapped images, and 0.2 or less for unrelated images."""

@@ -1,9 +1,9 @@
 """The matching cost of a window: truncated absolute differences with adaptive support weights.
 
 The weight of a pixel increases with the similarity of its grey level to that of the centre and with its proximity to
-the centre (Yoon and Kweon 2006), so that the window covers mostly the surface of its centre. Beside jumps, the
-disparity is constant over the window (`constant_cost`), as in the training of the network (`jump_network`). In holes,
-the disparity is a plane (`plane_cost`).
+the centre (Yoon and Kweon 2006), so that mostly pixels on the surface of the centre contribute. Beside jumps, the
+disparity is assumed to be constant over the window (`constant_cost`), as in the training of the network
+(`validity/jump_network`). In holes, the disparity is assumed to be a plane (`plane_cost`).
 
 The mapper uses three matching costs: the cost of OpenCV's matcher for the initial disparity (`semi_global_matching`),
 squared residuals for the refinement (`photometric_residual`), and the cost of this window for later tests of single

@@ -1,15 +1,22 @@
-"""Initial disparity by semi-global matching (Hirschmueller 2008), to a fraction of a pixel."""
+"""Matching: the disparities that are searched, and their estimation by semi-global matching (Hirschmueller 2008)."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage
-from sfr_loc_map.mapping.disparity.right_image_correction import with_exposure_of_left
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.disparity.right_camera.right_image_correction import with_exposure_of_left
 
+MAX_DISPARITY_FRACTION = 0.5
+"""Maximum disparity of the search as a fraction of the image width. Most of a nearer surface is visible to only one
+camera."""
 DISPARITY_STEP = 16  #: OpenCV's matcher requires a multiple of this number of disparities.
 WIDE_COLUMNS = 800
 """Images of at least this width, pixels, are matched at half their width. This takes a quarter of the time, gives less
@@ -30,6 +37,43 @@ a matched pixel is two pixels wide."""
 MAX_SPECKLE_STEP = SUBPIXELS
 """Maximum difference of neighbours within a segment, steps of the matcher: one pixel of the matched images."""
 MATCHER_UNMATCHED = -SUBPIXELS  #: The matcher's value of an unmatched pixel: `minDisparity - 1`, in steps.
+
+
+@dataclass(frozen=True, slots=True)
+class SearchRange:
+    """Disparities that are searched and kept, pixels."""
+
+    min_disparity_px: float  #: Disparity at `max_range_m`; smaller disparities are searched but not kept.
+    #: Limit that the search must reach: the smaller of the disparity at `min_range_m` and half the image width. Larger
+    #: disparities that are found are kept. In ROS, `stereo_msgs/DisparityImage` states this limit.
+    max_disparity_px: float
+    #: Number of searched integer disparities from 0 on: the smallest multiple of `DISPARITY_STEP` that includes the
+    #: limit. Wide images are matched at half their width (`semi_global_matching`). The matcher then searches only even
+    #: disparities and may miss the limit by up to one pixel.
+    count: int
+
+
+def search_range_of(rig: StereoRig, config: MappingConfig) -> SearchRange:
+    """Return the disparities between the maximum and the minimum depth, `d = fx baseline / Z`.
+
+    Surfaces at `min_range_m` may not be found if their disparity exceeds `MAX_DISPARITY_FRACTION` of the image width.
+    Raises ConfigError if the range of disparities is empty.
+    """
+    if config.min_range_m >= config.max_range_m:
+        raise ConfigError(
+            f"min_range_m is {config.min_range_m}: a number below max_range_m, {config.max_range_m}, is required"
+        )
+    scale = rig.fx * rig.baseline_m
+    max_disparity_px = min(scale / config.min_range_m, MAX_DISPARITY_FRACTION * rig.width)
+    min_disparity_px = scale / config.max_range_m
+    if min_disparity_px >= max_disparity_px:
+        raise ConfigError(
+            f"at max_range_m {config.max_range_m} the disparity is {min_disparity_px:.4g} px, but the search ends at "
+            f"half the image width, {max_disparity_px:.4g} px: nothing can be matched; correct the ranges or the "
+            "baseline"
+        )
+    count = DISPARITY_STEP * math.ceil((max_disparity_px + 1.0) / DISPARITY_STEP)
+    return SearchRange(min_disparity_px, max_disparity_px, count)
 
 
 def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> FloatImage:

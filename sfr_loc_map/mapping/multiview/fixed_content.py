@@ -8,6 +8,7 @@ image contains rows of another pair if it was only partially transferred or if r
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import cv2
@@ -19,7 +20,7 @@ from sfr_loc_map.mapping.disparity.match_check import TEXTURE_SIGMAS
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 from sfr_loc_map.mapping.filters import dilated, square_element
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.pair_view import PairView
+from sfr_loc_map.mapping.pair_view import PairView, ViewImages
 
 STRIDE = 3
 """Every third pixel of every third row is compared. These pixels are called samples, and images of samples are
@@ -130,5 +131,9 @@ def _without(view: PairView, region: Mask) -> PairView:
     kept = ~region[view.points.v // STRIDE, view.points.u // STRIDE]
     rows, columns = view.images.disparity.shape
     removed = region.repeat(STRIDE, axis=0).repeat(STRIDE, axis=1)[:rows, :columns]
-    disparity_px = np.where(removed, F(np.nan), view.images.disparity)
-    return PairView.of(view.points.select(kept), disparity_px, view.T_lm_left, view.noise_grey, view.saturation)
+    images = ViewImages(
+        disparity=np.where(removed, F(np.nan), view.images.disparity),
+        fusion_sigma=np.where(removed, F(np.inf), view.images.fusion_sigma),
+        grey=np.where(removed, F(np.nan), view.images.grey),
+    )
+    return replace(view, points=view.points.select(kept), images=images)

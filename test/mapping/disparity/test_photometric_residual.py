@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.mapping.disparity.photometric_residual import normal_equations, photometric_residual, slopes
+from sfr_loc_map.mapping.disparity.refinement.photometric_residual import normal_equations, photometric_residual, slopes
 
 F = np.float32
 ROWS, COLS = 24, 40

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 from helpers.disparity_world import hills, make_world
-from sfr_loc_map.mapping.disparity.right_image_correction import MIN_VERTICAL_PX, correct_right_image
-from sfr_loc_map.mapping.disparity.vertical_disparity import VerticalPolynomial, fit_vertical_disparity, shift_rows
+from sfr_loc_map.mapping.disparity.right_camera.right_image_correction import MIN_VERTICAL_PX, correct_right_image
+from sfr_loc_map.mapping.disparity.right_camera.vertical_disparity import (
+    VerticalPolynomial,
+    fit_vertical_disparity,
+    shift_rows,
+)
 
 
 @pytest.mark.parametrize("offset_px", [0.01, 0.3])

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sfr_loc_map.mapping.disparity.conjugate_gradients import MAX_SOLVED_STEP_PX, conjugate_gradient_step
-from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, inverse_diagonal, write_smoothness
+from sfr_loc_map.mapping.disparity.refinement.conjugate_gradients import MAX_SOLVED_STEP_PX, conjugate_gradient_step
+from sfr_loc_map.mapping.disparity.refinement.smoothness import SmoothnessWeights, inverse_diagonal, write_smoothness
 
 F = np.float32
 SHAPES = [(6, 7), (9, 5)]

@@ -10,7 +10,13 @@ import numpy as np
 import pytest
 
 from helpers import ROOT
-from sfr_loc_map.mapping.disparity import jump_network
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import panorama_of
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
+from sfr_loc_map.mapping.disparity.semi_global_matching import search_range_of
+from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
+from sfr_loc_map.mapping.disparity.validity import jump_network, pixel_status
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +31,7 @@ def trainer() -> ModuleType:
 
 @pytest.fixture(scope="module")
 def stored() -> Any:
-    text = files("sfr_loc_map.mapping.disparity").joinpath("jump_network.json").read_text(encoding="utf-8")
+    text = files("sfr_loc_map.mapping.disparity.validity").joinpath("jump_network.json").read_text(encoding="utf-8")
     return json.loads(text)
 
 
@@ -38,6 +44,23 @@ def test_the_network_was_trained_with_the_features_and_pixels_of_the_code(traine
     found = trainer.reference_inputs()
     assert found["pixels"] == pytest.approx(stored["reference"]["pixels"], rel=2e-3)
     np.testing.assert_allclose(found["mean_inputs"], stored["reference"]["mean_inputs"], atol=5e-3)
+
+
+def test_the_scenes_of_the_training_are_those_of_the_mapper(
+    trainer: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenes: list[DisparityScene] = []
+
+    def recorded(scene: DisparityScene) -> np.ndarray:
+        scenes.append(scene)
+        return jump_network.wrong_surface_mask(scene)
+
+    monkeypatch.setattr(pixel_status, "wrong_surface_mask", recorded)
+    panorama = panorama_of(open_source(trainer.REFERENCE))
+    pair = next(iter(panorama.pairs())).pair
+    estimate_disparity(pair, panorama.rig, search_range_of(panorama.rig, MappingConfig()))
+    for of_mapper, of_training in zip(scenes[0], trainer.scene_of(pair, panorama.rig), strict=True):
+        np.testing.assert_array_equal(of_mapper, of_training)
 
 
 def test_the_network_has_an_input_for_each_feature() -> None:

@@ -11,13 +11,12 @@ import pytest
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.disparity.saturation import measure_saturation
+from sfr_loc_map.mapping.disparity.validity.saturation import measure_saturation
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.fusion import COMMON_VARIANCE, FusedViews, fuse_views
 from sfr_loc_map.mapping.multiview.pose_agreement import agreement_of_poses
 from sfr_loc_map.mapping.multiview.projection import FEATHER_PX, point_weights, project_into_view
-from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
-from sfr_loc_map.mapping.reprojection import points_from_disparity
+from sfr_loc_map.mapping.pair_view import PairView, ViewPoints, reproject
 
 RIG = StereoRig(160, 140, 100.0, 100.0, 79.5, 69.5, 0.2)
 INNER = np.s_[50:90, 50:110]
@@ -31,8 +30,8 @@ def plane_view(
     disparity = np.full((RIG.height, RIG.width), RIG.fx * RIG.baseline_m / (depth_m + behind_m), np.float32)
     T_lm_left = Transform(np.eye(3), np.array([*position, -behind_m]))
     grey = np.random.default_rng(1).integers(0, 255, disparity.shape, dtype=np.uint8)
-    points = points_from_disparity(disparity, np.full_like(disparity, sigma_px), grey, RIG, T_lm_left)
-    return PairView.of(points, disparity, T_lm_left, 1.0, measure_saturation(grey, grey, disparity))
+    points, images = reproject(disparity, np.full_like(disparity, sigma_px), grey, RIG, T_lm_left)
+    return PairView(points, images, T_lm_left, 1.0, measure_saturation(grey, grey, disparity))
 
 
 def inner(points: ViewPoints) -> ViewPoints:

@@ -87,7 +87,7 @@ def test_a_file_is_read_again_when_path_size_time_or_inode_differ(tmp_path: Path
         ("nodes/monitor_node.py", True),
         ("suite/planning/specification.py", True),
         ("faults/injector.py", True),
-        ("mapping/disparity/jump_network.json", True),
+        ("mapping/disparity/validity/jump_network.json", True),
         ("report/page.py", False),
         ("suite/pages/tables.py", False),
     ],

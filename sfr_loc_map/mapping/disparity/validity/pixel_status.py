@@ -11,14 +11,14 @@ To add a test of the pixels of one pair:
 - Add a value at the end of `PixelStatus`. The values are part of the results (`MappedPair.pixel_status`) and must not
   be renumbered.
 - Add a function that returns the mask of the pixels that fail, and its call `with_reason(...)` in `judge_pixels`. The
-  position of the call determines the reason of a pixel that fails several tests. If this position is not that of the
-  value, name the test among the exceptions above.
+  position of the call determines the reason of a pixel that fails several tests. If the order of the calls differs from
+  the order of the values, add the test to the exceptions above.
 - A call in `status_before_wrong_surface` changes the pixels with which the network of WRONG_SURFACE was trained. Train
   the network again (`tools/train_jump_network.py`).
 - If the pixels must not be filled, exclude them in `hole_filling.fill_holes` in the same way as saturated pixels.
 
-A test that compares pairs does not change the status of pixels. `multiview.fixed_content` removes content of images,
-and `multiview.fusion` drops points.
+Tests that compare pairs do not change the status of pixels. They remove content from views (`multiview.fixed_content`)
+or drop points (`multiview.fusion`).
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.geometry.robust_statistics import mad_sigma
-from sfr_loc_map.mapping.disparity.jump_network import wrong_surface_mask
-from sfr_loc_map.mapping.disparity.segments import not_a_surface_mask
+from sfr_loc_map.mapping.disparity.refinement.variational_refinement import RefinedDisparity
 from sfr_loc_map.mapping.disparity.surfaces import DisparityScene, occlusion_mask, right_surfaces, slope_along_rows
-from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
+from sfr_loc_map.mapping.disparity.validity.jump_network import wrong_surface_mask
+from sfr_loc_map.mapping.disparity.validity.segments import not_a_surface_mask
 from sfr_loc_map.mapping.filters import box_mean
 
 StatusImage = NDArray[np.uint8]  #: `(H, W)`, the `PixelStatus` of each pixel.
@@ -68,8 +68,8 @@ class PixelStatus(IntEnum):
     """Status of a pixel. The reason for an invalid pixel is the first test that it fails.
 
     The order of the tests is that of the values, with the exceptions that the docstring of the module names. If a
-    saturated pixel also fails an earlier test, the reason is that test. Like all saturated pixels, such a pixel is not
-    filled. A filled pixel does not keep the reason for which it was invalid.
+    saturated pixel also fails an earlier test, the earlier test is the reason. The pixel is not filled, like all
+    saturated pixels. A filled pixel does not keep the reason for which it was invalid.
 
     The status is that of one pair, and the fusion does not change it. A valid pixel may therefore have no point in a
     fused cloud: `multiview.fixed_content` removes content that is fixed to the image, and `multiview.fusion` drops

@@ -15,7 +15,7 @@ from numba import prange
 
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline, on_one_thread
-from sfr_loc_map.mapping.disparity.smoothness import (
+from sfr_loc_map.mapping.disparity.refinement.smoothness import (
     BLOCK_ROWS,
     SmoothnessWeights,
     inverse_diagonal,

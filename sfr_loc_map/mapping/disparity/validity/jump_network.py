@@ -322,7 +322,7 @@ def _signed_log(values: NDArray[np.floating]) -> NDArray[np.floating]:
 @cache
 def jump_network() -> JumpNetwork:
     """Return the trained network."""
-    text = files("sfr_loc_map.mapping.disparity").joinpath("jump_network.json").read_text(encoding="utf-8")
+    text = files("sfr_loc_map.mapping.disparity.validity").joinpath("jump_network.json").read_text(encoding="utf-8")
     weights = json.loads(text)
     return JumpNetwork(*(np.asarray(weights[name], F) for name in JumpNetwork._fields))
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage, GreyImage
 from sfr_loc_map.geometry.camera import StereoCamera
-from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual
-from sfr_loc_map.mapping.disparity.vertical_disparity import (
+from sfr_loc_map.mapping.disparity.refinement.photometric_residual import photometric_residual
+from sfr_loc_map.mapping.disparity.right_camera.vertical_disparity import (
     LINEAR_TERMS,
     VerticalPolynomial,
     fit_vertical_disparity,
@@ -42,8 +42,8 @@ SAME_EXPOSURE_GREY = 8.0
 not help the matcher (measurements/mapper_trials.md)."""
 MIN_EXPOSURE_PIXELS = 100  #: Minimum number of pixels for an exposure: ten are beyond each outer quantile.
 MAX_VERTICAL_STEPS = 3
-"""Maximum number of Gauss-Newton steps of the vertical disparity. Each step is limited to `MAX_VERTICAL_STEP_PX`, so
-that the product of both values limits the vertical disparity that is removed."""
+"""Maximum number of Gauss-Newton steps of the vertical disparity. Each step changes the vertical disparity by at most
+`MAX_VERTICAL_STEP_PX`. The removed vertical disparity is therefore at most the product of both values."""
 MIN_VERTICAL_COUNT = 1000
 """Minimum number of pixels for measuring the vertical disparity. With residuals of 3 grey levels and slopes of 5 grey
 levels per pixel, its standard deviation is then 0.02 pixels, equal to `MIN_VERTICAL_PX`."""
@@ -72,10 +72,11 @@ class RightImageCorrection:
 def correct_right_image(
     left: FloatImage, right: FloatImage, disparity_px: FloatImage, camera: StereoCamera
 ) -> tuple[FloatImage, RightImageCorrection]:
-    """Return the right image `(H, W)` without gain, offset and vertical disparity, and these deviations.
+    """Return the right image `(H, W)` as a rectified camera with the exposure of the left camera would observe it.
 
-    A vertical disparity below `MIN_VERTICAL_PX` stays in the image and is not part of the correction. The disparity
-    must be defined at every pixel and correct to about one pixel.
+    The correction contains the exposure and the vertical disparity that were removed. A vertical disparity below
+    `MIN_VERTICAL_PX` stays in the image and is not part of the correction. The disparity must be defined at every pixel
+    and correct to about one pixel.
     """
     exposure = _exposure_by_disparity(left, right, disparity_px)
     equalised = (right - F(exposure.offset_grey)) * F(1.0 / exposure.gain)

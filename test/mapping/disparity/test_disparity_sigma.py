@@ -7,10 +7,9 @@ from helpers.disparity_world import make_world, slope
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.conjugate_gradients import conjugate_gradient_step
-from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights
-from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION, disparity_sigma
-from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
+from sfr_loc_map.mapping.disparity.refinement.conjugate_gradients import conjugate_gradient_step
+from sfr_loc_map.mapping.disparity.refinement.disparity_sigma import NOISE_INFORMATION, disparity_sigma
+from sfr_loc_map.mapping.disparity.refinement.smoothness import SmoothnessWeights
 from sfr_loc_map.mapping.mapper import Mapper
 
 F = np.float32
@@ -35,13 +34,13 @@ def test_the_posterior_variance_of_a_smoothed_field_is_the_closed_form(informati
     assert solved[60, 60] == pytest.approx(0.125 / np.sqrt(information * weight), rel=0.05)
 
 
-def refined(cells: np.ndarray, information: float, weight_x: float, weight_y: float) -> RefinedDisparity:
-    """Return a field `(h, w)` with the same information and the same weights in all cells."""
+def sigma_of(cells: np.ndarray, information: float, weight_x: float, weight_y: float) -> np.ndarray:
+    """Return the sigma of a field `(h, w)` with the same information and the same weights in all cells."""
     rows, cols = cells.shape
-    pixels = np.zeros((2 * rows, 2 * cols), F)
     along_x, along_y = (np.full(cells.shape, weight, F) for weight in (weight_x, weight_y))
     weights = SmoothnessWeights(along_x, along_y, along_x)
-    return RefinedDisparity(pixels, cells.astype(F), np.full(cells.shape, information, F), weights, pixels, 1.0)
+    information_of_cells = np.full(cells.shape, information, F)
+    return disparity_sigma(cells.astype(F), information_of_cells, weights, (2 * rows, 2 * cols))
 
 
 ROW, COLUMN = np.mgrid[:40, :40].astype(float)
@@ -50,7 +49,7 @@ ROW, COLUMN = np.mgrid[:40, :40].astype(float)
 @pytest.mark.parametrize(("information", "weight_x", "weight_y"), [(4.0, 400.0, 400.0), (0.5, 100.0, 1600.0)])
 def test_sigma_of_a_plane_is_that_of_noise(information: float, weight_x: float, weight_y: float) -> None:
     """1 / (8 sqrt(h s)) with the geometric mean s of both weights and h without the information of noise."""
-    sigma = disparity_sigma(refined(10.0 + 0.2 * COLUMN - 0.1 * ROW, information, weight_x, weight_y))
+    sigma = sigma_of(10.0 + 0.2 * COLUMN - 0.1 * ROW, information, weight_x, weight_y)
     variance = 1.0 / (8.0 * np.sqrt((information - NOISE_INFORMATION) * np.sqrt(weight_x * weight_y)))
     np.testing.assert_allclose(sigma[20:-20, 20:-20], np.sqrt(variance), rtol=1e-3)
 
@@ -58,8 +57,8 @@ def test_sigma_of_a_plane_is_that_of_noise(information: float, weight_x: float, 
 @pytest.mark.parametrize("second_difference_px", [0.01, 0.03])
 def test_smoothing_adds_a_bias_proportional_to_the_curvature(second_difference_px: float) -> None:
     """0.34 times the second difference times the squared smoothing radius, sqrt(s / h)."""
-    sigma = disparity_sigma(refined(0.5 * second_difference_px * COLUMN**2, 4.0, 400.0, 400.0))
-    plane = disparity_sigma(refined(COLUMN, 4.0, 400.0, 400.0))
+    sigma = sigma_of(0.5 * second_difference_px * COLUMN**2, 4.0, 400.0, 400.0)
+    plane = sigma_of(COLUMN, 4.0, 400.0, 400.0)
     bias = 0.34 * second_difference_px * np.sqrt(400.0 / (4.0 - NOISE_INFORMATION))
     inner = np.s_[24:-24, 24:-24]
     np.testing.assert_allclose(np.square(sigma)[inner] - np.square(plane)[inner], bias**2, rtol=0.02)
@@ -68,15 +67,14 @@ def test_smoothing_adds_a_bias_proportional_to_the_curvature(second_difference_p
 @pytest.mark.parametrize(("slope", "crease_px"), [(0.15, 0.1), (0.3, 0.2), (3.0, 1.0)])
 def test_a_crease_adds_its_second_difference_up_to_a_limit(slope: float, crease_px: float) -> None:
     """The second difference 2 slope of one column is averaged over three columns, and is limited to 1 px."""
-    field = refined(slope * np.abs(COLUMN - 20.0), 4.0, 400.0, 400.0)
-    sigma = disparity_sigma(field)
+    sigma = sigma_of(slope * np.abs(COLUMN - 20.0), 4.0, 400.0, 400.0)
     beside = np.square(sigma[30, 60])
     assert np.square(sigma[30, 40]) - beside == pytest.approx((1.2 * crease_px) ** 2, rel=1e-3)
     assert sigma[30, 50] == pytest.approx(sigma[30, 60])
 
 
 def test_sigma_without_information_has_its_upper_bound() -> None:
-    assert (disparity_sigma(refined(COLUMN, 0.0, 1e-3, 1e-3)) == 2.0).all()
+    assert (sigma_of(COLUMN, 0.0, 1e-3, 1e-3) == 2.0).all()
 
 
 def test_a_clipped_patch_is_a_hole_and_uncertain_around_it() -> None:

@@ -1,10 +1,10 @@
 """Detection of segments of similar disparity that are noise and not surfaces.
 
 In textureless regions (sky, shadow, a flat wall) the matcher fits noise that is similar in both images by chance, and
-its smoothness term spreads such matches over a segment of constant disparity. The residuals of the segment do not
-exceed the noise, and neither its size nor its sigma distinguishes the segment from a stone. But the images have no
-common content there: their grey level gradients are barely correlated over the segment. Segments of noise are small. A
-large surface with textureless parts is a single segment and remains valid.
+its smoothness term spreads such matches over a segment of constant disparity. The residuals of such a segment do not
+exceed the noise, and the segment can have the size and the sigma of a stone. However, the images have no common content
+there: their grey level gradients are barely correlated over the segment. Segments of noise are small. A large surface
+with textureless parts is a single segment and remains valid.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def not_a_surface_mask(scene: DisparityScene) -> Mask:
 
 @jit_inline
 def _root(parent: NDArray[np.int32], i: int) -> np.int32:
-    """Return the first pixel of a segment, and shorten the path to it."""
+    """Return the root of the segment of pixel `i`, and shorten the path from the pixel to the root."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -137,8 +137,8 @@ def _gradient_correlation(
     """Return the correlation of the grey level gradients of both images over the segment of each pixel `(N,)`.
 
     The correlation is `sum g_l . g_r / sqrt(sum |g_l|^2 sum |g_r|^2)` with central differences along both axes. The
-    gradient g_r of the right image is evaluated at column `u - d` of each pixel. The differences along columns are not
-    biased by the matcher, which selects right columns that look similar.
+    gradient g_r of the right image is evaluated at column `u - d` of each pixel. The matcher selects similar right
+    columns, which biases the differences along rows but not those along columns.
 
     Pixels are given by flat indices and by the labels of their segments, from 0 to `label_count - 1`.
     """

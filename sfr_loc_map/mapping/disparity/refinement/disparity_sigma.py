@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, median
-from sfr_loc_map.mapping.disparity.photometric_residual import SLOPE_NOISE_GAIN
-from sfr_loc_map.mapping.disparity.variational_refinement import WINDOW_CELLS, RefinedDisparity
+from sfr_loc_map.mapping.disparity.refinement.cell_field import WINDOW_CELLS
+from sfr_loc_map.mapping.disparity.refinement.photometric_residual import SLOPE_NOISE_GAIN
+from sfr_loc_map.mapping.disparity.refinement.smoothness import SmoothnessWeights
 from sfr_loc_map.mapping.filters import box_mean, second_differences, upsample_bilinear
 
 NOISE_INFORMATION = F(SLOPE_NOISE_GAIN)
@@ -40,8 +41,12 @@ the error beside an edge does not grow with the height of the edge. With half th
 errors of a rendered pair is a third larger (measurements/mapper_trials.md)."""
 
 
-def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
-    """Return the standard deviation of each disparity `(H, W)` float32, pixels.
+def disparity_sigma(
+    cells: FloatImage, information: FloatImage, weights: SmoothnessWeights, shape: tuple[int, ...]
+) -> FloatImage:
+    """Return the standard deviation of each disparity of an image `(H, W)` with the given shape, pixels.
+
+    The field, its information and the weights of its second differences are given on cells `(h, w)`.
 
     A field with the information h per cell and the smoothness weight s has, under white noise, the variance
 
@@ -60,21 +65,20 @@ def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
     is at most `MAX_CURVATURE_MEDIANS` medians, and the crease is the curvature above the median, from 0 to
     `MAX_CREASE_PX`. Sigma is at most `MAX_SIGMA_PX`.
     """
-    information = np.maximum(box_mean(refined.information, WINDOW_CELLS) - NOISE_INFORMATION, MIN_INFORMATION)
-    weight_x = box_mean(refined.weights.along_x, WINDOW_CELLS)
-    weight_y = box_mean(refined.weights.along_y, WINDOW_CELLS)
+    field_information = np.maximum(box_mean(information, WINDOW_CELLS) - NOISE_INFORMATION, MIN_INFORMATION)
+    weight_x = box_mean(weights.along_x, WINDOW_CELLS)
+    weight_y = box_mean(weights.along_y, WINDOW_CELLS)
     weight = np.sqrt(weight_x * weight_y)
-    differences = second_differences(refined.cells_px)
+    differences = second_differences(cells)
     curvature = np.abs(differences.along_x) + np.abs(differences.along_y)
     median_curvature = median(curvature)
     ground_curvature = np.minimum(curvature, F(MAX_CURVATURE_MEDIANS * median_curvature))
-    noise_variance = F(0.125) / np.sqrt(information * weight)
-    bias_squared = np.square(SMOOTHING_BIAS * box_mean(ground_curvature, WINDOW_CELLS)) * (weight / information)
+    noise_variance = F(0.125) / np.sqrt(field_information * weight)
+    bias_squared = np.square(SMOOTHING_BIAS * box_mean(ground_curvature, WINDOW_CELLS)) * (weight / field_information)
     crease_px = np.clip(box_mean(curvature, CREASE_CELLS) - F(median_curvature), F(0.0), MAX_CREASE_PX)
     crease_squared = np.square(CREASE_BIAS * crease_px)
-    height, width = refined.disparity_px.shape
-    cell_rows, cell_columns = noise_variance.shape
-    sigma = upsample_bilinear(
-        np.sqrt(noise_variance + bias_squared + crease_squared), (2 * cell_rows, 2 * cell_columns)
-    )
+    sigma_of_cells = np.sqrt(noise_variance + bias_squared + crease_squared)
+    cell_rows, cell_columns = cells.shape
+    sigma = upsample_bilinear(sigma_of_cells, (2 * cell_rows, 2 * cell_columns))
+    height, width = shape
     return np.asarray(np.minimum(sigma[:height, :width], MAX_SIGMA_PX), F)

@@ -26,23 +26,35 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
-from sfr_loc_map.mapping.disparity.cell_field import LEVELS, disparity_from_cells, padded, pixels_from_cells
-from sfr_loc_map.mapping.disparity.conjugate_gradients import conjugate_gradient_step
-from sfr_loc_map.mapping.disparity.photometric_residual import (
+from sfr_loc_map.mapping.disparity.refinement.cell_field import (
+    LEVELS,
+    WINDOW_CELLS,
+    disparity_from_cells,
+    padded,
+    pixels_from_cells,
+)
+from sfr_loc_map.mapping.disparity.refinement.conjugate_gradients import conjugate_gradient_step
+from sfr_loc_map.mapping.disparity.refinement.disparity_sigma import disparity_sigma
+from sfr_loc_map.mapping.disparity.refinement.photometric_residual import (
     cell_means,
     mean_template,
     normal_equations,
     photometric_residual,
     slopes,
 )
-from sfr_loc_map.mapping.disparity.residual_noise import (
+from sfr_loc_map.mapping.disparity.refinement.residual_noise import (
     SAMPLED_CELLS,
     block_variance_ratio,
     noise_variance,
     overall_noise,
     rounding_noise,
 )
-from sfr_loc_map.mapping.disparity.smoothness import GRID_FACTOR, SmoothnessWeights, cauchy_scale_of, smoothness_weights
+from sfr_loc_map.mapping.disparity.refinement.smoothness import (
+    GRID_FACTOR,
+    SmoothnessWeights,
+    cauchy_scale_of,
+    smoothness_weights,
+)
 from sfr_loc_map.mapping.filters import box_mean, downsample_mean, upsample_bilinear, upsample_nearest
 
 ITERATIONS = 3
@@ -59,10 +71,6 @@ SOLVER_ITERATIONS = (8, 12, 12)
 """Conjugate gradient iterations on each grid, finest first. After the coarse grids, only short wavelengths remain for
 the finest grid. Half as many iterations are nearly as good on rendered pairs, and twice as many are better on KITTI
 2015 (measurements/mapper_trials.md)."""
-WINDOW_CELLS = 9
-"""Side of the window over which quantities of cells are averaged, cells. The mean square of the 324 residuals in a
-window has a relative standard deviation of 8 %. Smaller windows are better on the real pairs, and larger windows are
-better on smooth ground (measurements/mapper_trials.md)."""
 DATA_HALF_WEIGHT_SIGMAS = 5.0
 """Residuals of this many standard deviations have half the weight in the data term, so that noise has almost full
 weight. The optimum is flat (measurements/mapper_trials.md)."""
@@ -81,12 +89,10 @@ Teddy, KITTI 2015 and the sample changes by less than 0.1 % (measurements/mapper
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinedDisparity:
-    """A refined field, and the quantities that determine its uncertainty and validity."""
+    """A refined disparity with its uncertainty, and the residuals with which it is judged."""
 
-    disparity_px: FloatImage  #: `(H, W)` float32, pixels, defined everywhere.
-    cells_px: FloatImage  #: `(h, w)` float32, pixels, the field on the cells of the padded image.
-    information: FloatImage  #: `(h, w)` float32, 1 / px^2, information of the data term in each cell.
-    weights: SmoothnessWeights  #: Weights of the second differences, from the field one step before `cells_px`.
+    px: FloatImage  #: `(H, W)` float32, pixels, defined everywhere.
+    sigma_px: FloatImage  #: `(H, W)` float32, standard deviation of the disparity, pixels.
     #: `(H, W)` float32, residual divided by its standard deviation; NaN outside the right image.
     normalised_residual: FloatImage
     noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
@@ -130,10 +136,8 @@ def refine_disparity(left: FloatImage, right: FloatImage, initial_cells: FloatIm
     deviation = np.sqrt(data_term.variance)
     normalised = (data_term.residual - upsample_nearest(data_term.offset, 2)) / upsample_nearest(deviation, 2)
     return RefinedDisparity(
-        disparity_px=disparity_from_cells(cells, left.shape),
-        cells_px=cells,
-        information=data_term.information,
-        weights=weights,
+        px=disparity_from_cells(cells, left.shape),
+        sigma_px=disparity_sigma(cells, data_term.information, weights, left.shape),
         normalised_residual=normalised[:height, :width],
         noise_grey=median(deviation),
     )

@@ -1,4 +1,4 @@
-"""Saturated pixels: they have no texture, and their residuals are small although the disparity may be wrong."""
+"""Saturated pixels, which have no texture. Their residuals are small although their disparity may be wrong."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask
 from sfr_loc_map.mapping.filters import square_element
 
 SATURATED_SQUARE_PX = 5
-"""Side of the square around a pixel, pixels. If the square is completely saturated, the pixel is invalid: its slope is
-then 0, because the slope is computed from five columns and three rows."""
+"""Side of the square around a pixel, pixels. If the square is completely saturated, the pixel is invalid, because the
+slope of its grey levels is 0. The slope is computed from five columns and three rows."""
 NEARBY_SIDE_PX = 11
 """Side of the square in which saturated pixels increase the sigma of a pixel (`point_sigma`), pixels. Chosen by hand:
 the refinement smooths over a few cells of two pixels."""
@@ -36,9 +36,9 @@ class Saturation:
 def measure_saturation(left: GreyImage, right: GreyImage, disparity_px: FloatImage) -> Saturation:
     """Return the saturation around each pixel and its corresponding pixel.
 
-    The images are those of the cameras, and the disparities must be defined everywhere. The corresponding pixel is
-    searched in the same row. If the right camera has a vertical disparity, the saturation of the right image is
-    therefore displaced by that disparity, usually less than a pixel.
+    The images are the uncorrected images of the cameras, and the disparities must be defined everywhere. The
+    corresponding pixel is assumed to be in the same row. The saturation of the right image is therefore displaced by
+    the vertical disparity of the pair, usually less than a pixel.
     """
     saturated_left = cv2.LUT(left, SATURATED_GREY_LEVELS)
     saturated_right = cv2.LUT(right, SATURATED_GREY_LEVELS)

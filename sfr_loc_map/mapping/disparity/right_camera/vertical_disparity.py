@@ -3,9 +3,9 @@
 Content of the right image that is s pixels lower than in the left image changes the residual by minus s times the slope
 of the image along the column. A fit is one Gauss-Newton step, whose linearisation is valid within about one pixel.
 
-The disparity was estimated from the same residuals: where edges are oblique, a change of the disparity explains a part
-of a vertical shift. `fit_vertical_disparity` ignores this change and returns too small values if the vertical disparity
-is large. `fit_jointly_with_disparity` eliminates this change.
+The disparity was estimated from the same residuals. Where edges are oblique, an error of the disparity has therefore
+already explained a part of the vertical disparity. `fit_vertical_disparity` ignores this error and returns too small
+values if the vertical disparity is large. `fit_jointly_with_disparity` fits a correction of the disparity, too.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.robust_statistics import cauchy_weight, mad_sigma
 from sfr_loc_map.jit import jit_rows
-from sfr_loc_map.mapping.disparity.photometric_residual import cubic, photometric_residual
+from sfr_loc_map.mapping.disparity.refinement.photometric_residual import cubic, photometric_residual
 
 SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used; 100 000 samples suffice.
 HALF_WEIGHT_SIGMAS = 2.0
