@@ -3,10 +3,9 @@
     source.py                a source whose pairs have faults
       injector.py            selects the affected pairs of each fault, and changes them
         kinds.py             one row for each kind of fault, and the text of a fault
-          images.py          changes of single images and of the right camera
+          images.py          changes of images and of the right camera
           views.py           changes of the view: occlusions, dirt, shadows
           stamps_and_rig.py  changes of stamps and of the calibration
-            image_changes.py       input of a change of images, and operations that the changes share
 
 To add a kind of fault, add a row to `FaultKind` (`kinds.py`) with its function. If the localiser should detect or
 tolerate the fault, also add a row to `FAULTS` (`bench/fault_benchmark.py`).

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, tee, zip_longest
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import ConfigError, GeometryError
-from sfr_loc_map.faults.image_changes import Affected
+from sfr_loc_map.faults.images import Affected
 from sfr_loc_map.faults.kinds import Fault, Selection
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
@@ -21,42 +21,33 @@ T = TypeVar("T")
 UNAFFECTED = -1  #: Burst start of a pair without a fault.
 
 
-class RandomStreams(NamedTuple):
-    """The independent random generators of a fault: one for the selection of pairs, one for each pair, one shared.
-
-    The streams are numbered: 0 for the selection, the index for a pair, and the number of pairs for the drive. The
-    first pair has the next number, because its index 0 is that of the selection.
-    """
-
-    seed: tuple[int, int]  #: Seed of the drive, and number of the fault.
-    pair_count: int  #: Number of pairs of the drive.
-
-    def of_selection(self) -> np.random.Generator:
-        """Return the generator that selects the affected pairs."""
-        return np.random.default_rng([*self.seed, 0])
-
-    def of_pair(self, index: int) -> np.random.Generator:
-        """Return the generator of a pair."""
-        return np.random.default_rng([*self.seed, self.pair_count + 1 if index == 0 else index])
-
-    def of_drive(self) -> np.random.Generator:
-        """Return a generator that starts at the same state for each pair of the drive."""
-        return np.random.default_rng([*self.seed, self.pair_count])
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedFault:
-    """A fault with the selected pairs of a drive and its random generators."""
+    """A fault with the selected pairs of a drive and its random generators.
+
+    The selection, each pair and the drive have random generators of their own, which differ in a number: 0 for the
+    selection, the index for a pair, and the number of pairs of the drive for the drive. The first pair has the next
+    number, because its index 0 is that of the selection.
+    """
 
     fault: Fault
-    streams: RandomStreams
+    seed: tuple[int, int]  #: Seed of the drive, and number of the fault.
     starts: NDArray[np.intp]  #: `(count,)` first pair of the burst that affects each pair, or `UNAFFECTED`.
 
     @classmethod
     def of(cls, fault: Fault, seed: tuple[int, int], count: int) -> PlannedFault:
         """Select the affected pairs of `count` pairs."""
-        streams = RandomStreams(seed, count)
-        return cls(fault, streams, burst_starts(fault, streams.of_selection(), count))
+        selection_rng = np.random.default_rng([*seed, 0])
+        return cls(fault, seed, burst_starts(fault, selection_rng, count))
+
+    def pair_rng(self, index: int) -> np.random.Generator:
+        """Return the random generator of a pair."""
+        number = len(self.starts) + 1 if index == 0 else index
+        return np.random.default_rng([*self.seed, number])
+
+    def drive_rng(self) -> np.random.Generator:
+        """Return a random generator that starts at the same state for each pair of the drive."""
+        return np.random.default_rng([*self.seed, len(self.starts)])
 
     def affects(self, index: int) -> bool:
         """Return whether the fault affects a pair."""
@@ -74,11 +65,11 @@ class PlannedFault:
 
         The next pair has the fault only if all pairs have it.
         """
-        change, amount = self.fault.kind.info.stamp, self.fault.amount
+        info = self.fault.kind.info
         if self.affects(index):
-            stamp_ns = change(stamp_ns, amount, following_ns)
-        if following_ns is not None and self.fault.kind.info.selection is Selection.ALL_PAIRS:
-            following_ns = change(following_ns, amount, None)
+            stamp_ns = info.stamp(stamp_ns, self.fault.amount, following_ns)
+        if following_ns is not None and info.selection is Selection.ALL_PAIRS:
+            following_ns = info.stamp(following_ns, self.fault.amount, None)
         return stamp_ns, following_ns
 
     def changed_pair(self, index: int, pair: StereoPair, previous: StereoPair | None, rig: StereoRig) -> StereoPair:
@@ -89,7 +80,7 @@ class PlannedFault:
         if not self.affects(index):
             return pair
         fault = self.fault
-        pair_rng = self.streams.of_pair(index)
+        pair_rng = self.pair_rng(index)
         affected = Affected(
             pair=pair,
             previous=previous,
@@ -101,7 +92,7 @@ class PlannedFault:
             progress=(index - int(self.starts[index]) + 0.5) / fault.burst,
             spot=pair_rng.random(2),
             pair_rng=pair_rng,
-            drive_rng=self.streams.of_drive(),
+            drive_rng=self.drive_rng(),
         )
         return fault.kind.info.change(affected)
 
@@ -116,12 +107,13 @@ class FaultInjector:
         """
         self._true_rig = rig
         self._planned = [PlannedFault.of(fault, (seed, number), count) for number, fault in enumerate(faults)]
-        self.rig = rig  #: The rig with the faults of the calibration.
-        self.kept: Mask = np.ones(count, bool)  #: `(count,)`, whether each pair is not dropped.
+        kept = np.ones(count, bool)
         for planned in self._planned:
-            self.rig = planned.changed_rig(self.rig)
+            rig = planned.changed_rig(rig)
             if planned.fault.kind.info.drops:
-                self.kept &= planned.starts == UNAFFECTED
+                kept &= planned.starts == UNAFFECTED
+        self.rig = rig  #: The rig with the faults of the calibration.
+        self.kept: Mask = kept  #: `(count,)`, whether each pair is not dropped.
 
     def stamps_ns(self, stamps_ns: Sequence[int]) -> list[int]:
         """Return the stamps of the pairs that `pairs` yields, from the stamps of the source."""
@@ -139,7 +131,7 @@ class FaultInjector:
 
         Repeated images keep the faults that precede the repetition in the order of the faults.
         """
-        previous: list[StereoPair] = []
+        previous: list[StereoPair] = []  # the stages of the last pair that is not a repetition
         for index, (pair, following) in enumerate(_with_following(source_pairs)):
             if not self.kept[index]:
                 continue

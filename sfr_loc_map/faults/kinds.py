@@ -12,7 +12,7 @@ from typing import NamedTuple, Self
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.faults import images, views
-from sfr_loc_map.faults.image_changes import Change
+from sfr_loc_map.faults.images import Change
 from sfr_loc_map.faults.stamps_and_rig import (
     RigChange,
     StampChange,
@@ -136,7 +136,8 @@ class FaultKind(StrEnum):
     def __new__(cls, word: str, info: KindInfo) -> Self:
         """Create a kind that is equal to its name."""
         kind = str.__new__(cls, word)
-        kind._value_, kind.info = word, info
+        kind._value_ = word
+        kind.info = info
         return kind
 
     # fmt: off
@@ -318,7 +319,8 @@ def parse_fault(text: str) -> Fault:
     for name, option in OPTIONS.items():
         if option.limits is None:
             continue
-        (low, high), number = option.limits, getattr(fault, name)
+        low, high = option.limits
+        number = getattr(fault, name)
         if not low <= number <= high:
             raise ConfigError(f"fault '{text}': {name} is {number:g}: {low:g} to {high:.10g}{option.unit} is required")
     if fault.camera not in CAMERAS:

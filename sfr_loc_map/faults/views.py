@@ -7,18 +7,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfr_loc_map.faults.image_changes import READ_NOISE, Affected, as_grey, moved, smoothed, with_noise
+from sfr_loc_map.faults.images import READ_NOISE, Affected, as_grey, moved, smoothed, with_noise
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair
 
-BODY_DEPTH, OBJECT_DEPTH, SHADOW_DEPTH = 6.0, 8.0, 12.0
-"""Depths of the rover's own body, of a crossing object and of the ground in the rover's shadow, in baselines.
-
-With the simulated rig, the depths are 0.7, 1.0 and 1.4 m, nearer than the ground in the middle of the image.
-"""
+# With the simulated rig, these depths are nearer than the ground in the middle of the image.
+BODY_DEPTH = 6.0  #: Depth of the rover's own body, baselines: 0.7 m with the simulated rig.
+OBJECT_DEPTH = 8.0  #: Depth of a crossing object, baselines: 1.0 m with the simulated rig.
+SHADOW_DEPTH = 12.0  #: Depth of the ground in the rover's shadow, baselines: 1.4 m with the simulated rig.
 TEXTURE_CONTRAST = 30.0  #: Standard deviation of the texture of body and object, grey levels (chosen by eye).
-SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4
-"""Factors on grey levels in the rover's shadow, which is lit only by the sky, and under dirt (chosen by eye)."""
+SHADOW_BRIGHTNESS = 0.35  #: Factor on grey levels in the rover's shadow, which is lit only by the sky (chosen by eye).
+DIRT_BRIGHTNESS = 0.4  #: Factor on grey levels under dirt (chosen by eye).
 SCRATCH_LIGHT = 60.0  #: Grey levels by which the strongest scratches are brighter or darker.
 SPOT_RADIUS = 0.04  #: Typical radius of a spot of dirt, fraction of the image's width (chosen by eye).
 SPEED = 0.006  #: Motion of a texture from pair to pair, fraction of the image's width: 3 px at 512 px.
@@ -97,7 +96,8 @@ def with_object(at: Affected) -> StereoPair:
     """Cover an ellipse that moves from the left to the right edge of the images at a constant depth."""
     rig = at.rig
     side = np.sqrt(at.amount * 4.0 / np.pi)
-    width, height = side * rig.width, side * rig.height
+    width = side * rig.width
+    height = side * rig.height
     texture = _texture(rig.height, rig.width, at.pair.left, at.drive_rng)
     centre = at.progress * (rig.width + width) - 0.5 * width
     v, u = np.mgrid[: rig.height, : rig.width].astype(np.float32)
@@ -131,7 +131,8 @@ def with_shadow(at: Affected) -> StereoPair:
     """Darken a rectangle at the bottom, with a penumbra; its disparity is that of ground at `SHADOW_DEPTH`."""
     rig = at.rig
     side = np.sqrt(at.amount)
-    width, height = round(min(side, 0.9) * rig.width), round(max(side, at.amount / 0.9) * rig.height)
+    width = round(min(side, 0.9) * rig.width)
+    height = round(max(side, at.amount / 0.9) * rig.height)
     first = round(at.drive_rng.random() * (rig.width - width))
     shade = np.zeros((rig.height, rig.width), np.float32)
     shade[rig.height - min(height, rig.height) :, first : first + width] = 1.0

@@ -9,7 +9,7 @@ import pytest
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.faults import injector
-from sfr_loc_map.faults.image_changes import Affected
+from sfr_loc_map.faults.images import Affected
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import OPTIONS, Fault, FaultKind, parse_fault
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
