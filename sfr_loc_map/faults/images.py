@@ -24,7 +24,7 @@ class Affected:
     """An affected pair with the inputs of the function that changes its images."""
 
     pair: StereoPair  #: The pair with the faults that precede this fault in the order of the faults.
-    #: The last earlier pair that is not a repetition, with the same preceding faults; None for the first pair.
+    #: The last earlier pair that is not a repetition, with the faults that precede this fault; None for the first pair.
     previous: StereoPair | None
     rig: StereoRig  #: The true rig.
     amount: float  #: Strength of the fault, in the unit of the kind.
@@ -229,9 +229,9 @@ def blinded(image: GreyImage, at: Affected) -> GreyImage:
 
 
 def with_previous(change: Callable[[GreyImage, GreyImage, Affected], GreyImage]) -> Change:
-    """Return the fault that changes each image by the same image of the last pair that is not a repetition.
+    """Return the fault that combines each image with the image of the same camera in the last new pair.
 
-    The first pair does not change.
+    A new pair is a pair that is not a repetition. The first pair stays unchanged.
     """
 
     @wraps(change)

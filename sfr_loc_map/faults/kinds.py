@@ -90,12 +90,12 @@ class KindInfo(NamedTuple):
 def _image_strength(
     *, effect: str, amount: float, change: Change, max_amount: float = 1000.0, neutral: float | None = 0.0
 ) -> KindInfo:
-    """Faults of the images of one or both cameras with a strength."""
+    """Describe a kind that changes the images of one or both cameras with a strength."""
     return KindInfo(effect=effect, amount=amount, neutral=neutral, max_amount=max_amount, change=change)
 
 
 def _fixed_region(*, effect: str, amount: float, change: Change, max_amount: float = 1.0) -> KindInfo:
-    """Faults of a region of the image, by default in all pairs of a drive."""
+    """Describe a kind that changes a region of the image, by default in all pairs of a drive."""
     return KindInfo(effect=effect, amount=amount, neutral=0.0, max_amount=max_amount, share=1.0, start=0, change=change)
 
 
@@ -111,7 +111,7 @@ def _all_pairs(
     stamp: StampChange = same_stamp,
     rig: RigChange = same_rig,
 ) -> KindInfo:
-    """Faults of all pairs: of the right camera, of the clock and of the rig file."""
+    """Describe a kind that affects all pairs: the right camera, the clock or the rig file."""
     return KindInfo(
         effect=effect,
         amount=amount,

@@ -4,8 +4,8 @@
       Plan (plan.py)          the ground as a function of position (terrain.py), the drive over it (drive.py, rover.py),
                               poses and stamps of the cameras
       World (world.py)        the scene: triangles of the ground (ground_mesh.py) and of the rocks (rocks.py)
-        image                 rays of each pixel and their hits (tracer.py), brightness (shading.py, pebbles.py), grey
-                              levels (sensor.py)
+        image                 rays of each pixel and their hits (tracer.py), surfaces (surface.py, pebbles.py) and
+                              their brightness (shading.py), grey levels (sensor.py)
         truth                 points and masks of a mapping image, from the same rays and hits
       simulate.py             writes a data set folder; each image is a job, so that a run can be continued
 

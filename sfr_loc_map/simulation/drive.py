@@ -22,12 +22,12 @@ SLIP_SPREAD = 0.6  #: Ratio of the standard deviation of the slip to its mean. C
 MAX_SLIP = 0.95  #: Largest slip. Chosen by hand.
 SWAY_TIME_S = 2.0  #: Driving time between independent values of drift and heading error, s. Chosen by hand.
 ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}  #: Number of arguments of each segment.
-NEAR_M = 1e-6  #: Length below which a segment has no motion, m; also the least radius, m, and angle, deg.
+NEAR_M = 1e-6  #: Lengths and radii, m, and angles, deg, up to this value count as 0.
 FARTHEST_M = 400.0  #: Largest distance from the start along x or y, m; the ground is 1024 m wide.
 COURSE_STEP_RAD = math.radians(1.0)  #: Turn from one position of an arc to the next at which `FARTHEST_M` is checked.
 LONGEST_S = 20_000.0  #: Longest drive, s: the heights of the ground under the wheels then require 1 GB of memory.
 ROUNDING = 1e-9  #: Added to a number of periods, so that a pair at the end of the drive is counted despite rounding.
-COMPLETE = 1.0 - 1e-12  #: Fraction of a leg from which the leg is complete, because fractions are rounded.
+COMPLETE = 1.0 - 1e-12  #: A leg is complete from this fraction on, because fractions are rounded.
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,8 @@ class Drive:
         pose = self._pose_inside(inside)
         if time_s == inside:
             return pose
-        # if the rover stood still before the start, the first exposure would not be centred on the pose at its stamp
+        # if the rover were stationary before the start, the first exposure would not be centred on the pose at its
+        # stamp
         mirrored = min(max(2.0 * inside - time_s, 0.0), self.duration_s)
         return pose @ self._pose_inside(mirrored).inverse() @ pose
 

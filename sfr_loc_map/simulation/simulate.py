@@ -1,9 +1,9 @@
 """Render a simulation in several processes into a data set folder; an interrupted run can be continued.
 
 Each image and each ground truth is one job, which writes its files atomically. The lists (`pairs.csv`,
-`groundtruth.csv`) are written last, so a folder without the lists is unfinished; the same command then renders only the
-missing files, unless the code has changed. Jobs depend only on the configuration, so the result does not depend on the
-number of workers.
+`groundtruth.csv`) are written last, so a folder without the lists is unfinished. The same command then renders only the
+missing files. If the settings or the code have changed, the command fails. Jobs depend only on the configuration, so
+the result does not depend on the number of workers.
 """
 
 from __future__ import annotations
@@ -242,7 +242,7 @@ def rendered(world: World, job: RenderJob) -> list[bytes]:
 
 
 def _is_written(path: Path) -> bool:
-    """Return whether a file of a job is complete. A file that is empty was lost when the computer stopped."""
+    """Return whether a file of a job is complete. The content of an empty file was lost when the computer stopped."""
     return path.is_file() and path.stat().st_size > 0
 
 

@@ -226,7 +226,7 @@ def _just_above(hits: Hits, rows: NDArray[np.intp]) -> Float32s:
 
 
 def occlusion_mask(tracer: Tracer, hits: Hits, T_ds_cam: Transform, rig: StereoRig) -> Mask:
-    """Return the mask `(N,)` of surface hits that a camera does not see: outside of the image or occluded."""
+    """Return the mask `(N,)` of surface hits that a camera does not observe: outside the image, or occluded."""
     x, y, depth = T_ds_cam.inverse().apply(hits.points).T
     u_times_depth = rig.fx * x + rig.cx * depth
     v_times_depth = rig.fy * y + rig.cy * depth

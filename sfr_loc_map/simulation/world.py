@@ -34,7 +34,7 @@ class World:
     """The scene of a plan, ready for rendering."""
 
     def __init__(self, plan: Plan) -> None:
-        """Build the scene, which takes a few seconds; MissingExtraError if the ray tracer is not installed."""
+        """Build the scene, which takes a few seconds. Raises MissingExtraError if the ray tracer is not installed."""
         config = plan.config
         self.plan = plan
         path = plan.path()
@@ -46,7 +46,7 @@ class World:
         self._rover = tracer.Tracer(rover_mesh()) if config.light.rover_shadow else None
 
     def image(self, task: Task, frame: int, side: Side) -> GreyImage:
-        """Return the rectified image `(H, W)` uint8 of a camera; errors as those of `brightness`."""
+        """Return the rectified image `(H, W)` uint8 of a camera. Raises the errors of `brightness`."""
         config = self.plan.config
         return sensor_image(self.brightness(task, frame, side), config.seed, config.sensor, task, frame, side)
 
