@@ -16,7 +16,7 @@ The stages of `Mapper.process`, with their modules and results:
 3. `reproject` (`pair_view`) -> `PairView`: the valid disparities are reprojected to points in LM.
 4. `sigma_of_calibration` (`calibration_sigma`) -> `CalibrationSigma`: the uncertainty of the calibration given the
    measured rotation of the right camera.
-5. `sigma_of_view` (`point_sigma`) -> `PointSigma`: sigma of the points. Saturation increases the random part, and the
+5. `sigma_of_points` (`point_sigma`) -> `PointSigma`: sigma of the points. Saturation increases the random part, and the
    total also includes the uncertainty of the calibration.
 6. `findings_of_pair` (`findings`) -> `Findings`: statistics and warnings.
 
@@ -82,7 +82,7 @@ from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.pose_agreement import agreement_of_poses
 from sfr_loc_map.mapping.multiview.registration import register_views
 from sfr_loc_map.mapping.pair_view import PairView, read_only_pose, reproject
-from sfr_loc_map.mapping.point_sigma import sigma_of_points, sigma_of_view
+from sfr_loc_map.mapping.point_sigma import sigma_of_points
 
 
 class Mapper:
@@ -152,7 +152,8 @@ class Mapper:
         points, images = reproject(disparity.px, disparity.sigma_px, disparity.left, self._rig, T_lm_left)
         view = PairView(points, images, read_only_pose(T_lm_left), disparity.noise_grey, disparity.saturation)
         calibration = sigma_of_calibration(disparity.rotation, self._rig, prior)
-        sigma = sigma_of_view(view, calibration, self._rig)
+        index_of_view = np.zeros(points.size, np.uint8)  # of the only view
+        sigma = sigma_of_points(points, index_of_view, [view], calibration, self._rig)
         findings = findings_of_pair(disparity, self._rig, prior, self._search)
         return MappedPair(
             stamp_ns=pair.stamp_ns,

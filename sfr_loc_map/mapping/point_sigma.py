@@ -39,7 +39,7 @@ The compensation of a roll does not change sigma either.
 
 To add an error source:
 
-- Measured noise that differs between pixels requires a term in `uncertainty`. The term affects the weights of the
+- Measured noise that differs between pixels requires a term in `disparity_sigma`. The term affects the weights of the
   fusion.
 - An allowance that differs between pixels, and is not a measured noise, requires a factor in `random_sigma`, like
   saturation. The factor does not affect the weights of the fusion.
@@ -97,12 +97,6 @@ def sigma_of_points(
     return PointSigma(read_only(random), read_only(total))
 
 
-def sigma_of_view(view: PairView, calibration: CalibrationSigma, rig: StereoRig) -> PointSigma:
-    """Return the standard deviations of the points of one view."""
-    pair_index = np.zeros(view.points.size, np.uint8)
-    return sigma_of_points(view.points, pair_index, [view], calibration, rig)
-
-
 def random_sigma(points: ViewPoints, pair_index: NDArray[np.uint8], saturations: Sequence[Saturation]) -> FloatArray32:
     """Return the random standard deviation along the ray of each point `(N,)`, metres, larger beside saturated pixels.
 
@@ -146,9 +140,9 @@ def total_sigma(
         c^2     = a^2 (Z / baseline_m)^2 + focal^2 + baseline^2
         total^2 = sigma^2 + (r c)^2
 
-    The angle a is the error of the angle between both rays (`disparity/right_camera` describes the geometry), and c is
-    the relative error of the range. `pair_index` `(N,)` is the index of each point's pair in `poses_lm_left`, which
-    transform from the left optical frame to LM.
+    The angle a is the error of the angle between both rays, and c is the relative error of the range. The docstring of
+    `disparity/right_camera/rotation` describes the geometry. `pair_index` `(N,)` is the index of each point's pair in
+    `poses_lm_left`, which transform from the left optical frame to LM.
     """
     return _total_sigma(
         xyz=points.xyz,

@@ -23,8 +23,9 @@
       ▼
     DisparityMap         without the effect of the roll of the right camera, and without pixels beyond the maximum depth
 
-`surfaces` contains the value that the last boxes share (`DisparityScene`), and what they compute of jumps, slopes and
-occlusions. `matching_cost` compares a pixel of both images, for the network of `validity` and for the filling of holes.
+`surfaces` contains `DisparityScene`, the images and disparities on which the stages from validity on operate, and
+functions for jumps, slopes and occlusions. `matching_cost` computes how well a pixel matches at a disparity, for the
+network of `validity` and for the filling of holes.
 """
 
 from __future__ import annotations

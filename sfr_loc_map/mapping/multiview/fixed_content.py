@@ -23,8 +23,8 @@ from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.pair_view import PairView, ViewImages
 
 STRIDE = 3
-"""Every third pixel of every third row is compared. These pixels are called samples, and images of samples are
-`(h, w)`. The samples are dense enough, because the smallest region is `REGION_SAMPLES` samples wide."""
+"""Every third pixel of every third row is compared. These pixels are called samples, and images of samples are `(h,
+w)`. Regions narrower than `REGION_SAMPLES` samples are not removed."""
 WINDOW_SAMPLES = 9
 """Side of the window over which grey levels are compared, samples: 27 pixels. Chosen by hand: smaller windows contain
 less texture, and larger windows contain more ground beside fixed content."""

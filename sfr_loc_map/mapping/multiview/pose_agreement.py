@@ -15,7 +15,7 @@ from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, SHIFT_PX, Observations
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
-OVERLAP_STRIDE = 4  #: Poses are compared by every fourth common point, which is enough for medians.
+OVERLAP_STRIDE = 4  #: Poses are compared at every fourth common point, which is enough for medians.
 MAX_RANGE_RATIO = 1.8
 """Poses disagree if the ratio of measured to expected range differences exceeds this. Correct poses have a ratio of 1
 or less (docs/mapping.md)."""
@@ -34,16 +34,6 @@ class Overlap(NamedTuple):
     shifted_difference: FloatArray32  #: The same with the grey level of the other view at the offset of `SHIFT_PX`.
 
 
-class PoseAgreement(NamedTuple):
-    """How well the poses of two views agree where the views overlap."""
-
-    difference_median_m: float  #: Median of the range differences.
-    difference_spread_m: float  #: Robust standard deviation of the range differences.
-    range_ratio: float  #: Robust ratio of range differences to those expected for correct sigmas and poses.
-    #: Robust ratio of grey level differences to those at an offset of `SHIFT_PX`; NaN if there is too little texture.
-    grey_ratio: float
-
-
 def overlap_of(points: ViewPoints, observed: Observations) -> Overlap:
     """Return the overlap of the view of the points with the view that observes them."""
     indices = observed.indices
@@ -60,7 +50,7 @@ def overlap_of(points: ViewPoints, observed: Observations) -> Overlap:
 
 
 def pose_disagreement(range_ratio: float, grey_ratio: float) -> str:
-    """Return a clause for each ratio that exceeds its limit (`PoseAgreement`); empty if the poses agree.
+    """Return a clause for each ratio that exceeds its limit (`_agreement`); empty if the poses agree.
 
     A ratio that was not measured is NaN and does not count as a disagreement.
     """
@@ -86,14 +76,9 @@ def agreement_of_poses(views: Sequence[PairView], overlaps: Mapping[tuple[int, i
         statistics[f"overlap_{i}_{j}"] = overlap.common / max(views[i].points.size, 1)
         if overlap.common == 0:
             continue
-        agreement = _pose_agreement(overlap, max(views[i].noise_grey, views[j].noise_grey))
-        statistics |= {
-            f"difference_median_m_{i}_{j}": agreement.difference_median_m,
-            f"difference_spread_m_{i}_{j}": agreement.difference_spread_m,
-            f"difference_over_sigma_{i}_{j}": agreement.range_ratio,
-            f"grey_difference_over_beside_{i}_{j}": agreement.grey_ratio,
-        }
-        disagreement = pose_disagreement(agreement.range_ratio, agreement.grey_ratio)
+        agreement = _agreement(overlap, max(views[i].noise_grey, views[j].noise_grey))
+        statistics |= {f"{name}_{i}_{j}": value for name, value in agreement.items()}
+        disagreement = pose_disagreement(agreement["difference_over_sigma"], agreement["grey_difference_over_beside"])
         if i < j and overlap.common >= MIN_OVERLAP and disagreement:
             warnings.append(
                 f"pairs {i} and {j} disagree where they overlap: {disagreement}; check the baseline, their poses and "
@@ -102,21 +87,24 @@ def agreement_of_poses(views: Sequence[PairView], overlaps: Mapping[tuple[int, i
     return Findings(statistics, tuple(warnings))
 
 
-def _pose_agreement(overlap: Overlap, noise_grey: float) -> PoseAgreement:
-    """Return the agreement of two views at the sampled points of their overlap, given the larger noise of both.
+def _agreement(overlap: Overlap, noise_grey: float) -> dict[str, float]:
+    """Return the agreement of two views at the sampled points of their overlap, by the names of the statistics.
 
-    Range differences are compared with those expected for correct sigmas and poses. Grey level differences are compared
-    with those at an offset of `SHIFT_PX`, because they reveal a wrong yaw on any texture.
+    - `difference_median_m`: median of the range differences.
+    - `difference_spread_m`: robust standard deviation of the range differences.
+    - `difference_over_sigma`: robust ratio of the range differences to those expected for correct sigmas and poses.
+    - `grey_difference_over_beside`: robust ratio of grey level differences to those at an offset of `SHIFT_PX`, which
+      reveals a wrong yaw on any texture. NaN if there is too little texture, given the larger noise of both views.
     """
     grey = _spread_of_finite(overlap.grey_difference)
     grey_shifted = _spread_of_finite(overlap.shifted_difference)
     is_textured = grey_shifted > TEXTURE_SIGMAS * noise_grey
-    return PoseAgreement(
-        difference_median_m=median(overlap.difference),
-        difference_spread_m=spread(overlap.difference),
-        range_ratio=mad_sigma(overlap.difference / overlap.difference_sigma),
-        grey_ratio=grey / grey_shifted if is_textured else math.nan,
-    )
+    return {
+        "difference_median_m": median(overlap.difference),
+        "difference_spread_m": spread(overlap.difference),
+        "difference_over_sigma": mad_sigma(overlap.difference / overlap.difference_sigma),
+        "grey_difference_over_beside": grey / grey_shifted if is_textured else math.nan,
+    }
 
 
 def _spread_of_finite(values: FloatArray32) -> float:

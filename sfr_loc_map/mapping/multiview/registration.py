@@ -38,9 +38,10 @@ DERIVATIVE_STEPS = np.array([ROTATION_STEP_RAD] * 3 + [TRANSLATION_STEP_M] * 3)
 CONVERGED_STEP = 1e-5  #: The estimate has converged if no parameter changes by more than this, rad and m: 0.01 pixels.
 MAX_ROTATION_DEG = 2.0
 """Maximum rotation of a registered pose, deg: four standard deviations of the prior (`PRIOR_SIGMAS`). A larger rotation
-is reported and not applied, because registration should not hide a faulty pose."""
+is reported but not applied, because registration should not hide a faulty pose."""
 MAX_TRANSLATION_M = 0.1
-"""Maximum translation, metres: five standard deviations of the prior; a larger one is reported and not applied."""
+"""Maximum translation, metres: five standard deviations of the prior. A larger translation is reported but not
+applied."""
 PRIOR_SIGMAS = np.array([np.deg2rad(0.5)] * 3 + [0.02] * 3)
 """Standard deviations of the error of a given pose, rad and m: 0.5 deg and 0.02 m. Chosen by hand. If larger, a correct
 pose is moved where little texture determines the motion. If smaller, an error is corrected only in part. If a rotation
@@ -57,7 +58,7 @@ MIN_COVERAGE = F(1e-3)  #: Lower bound of the fraction of a window with points, 
 def register_views(views: Sequence[PairView], rig: StereoRig) -> tuple[list[PairView], Findings]:
     """Return the views, each moved to agree with the earlier views where they overlap.
 
-    The findings are the motions, and the poses that could not be registered or were not changed.
+    The findings contain the motions, and warnings for poses that could not be registered or were not changed.
     """
     registered = [views[0]]
     findings = Findings()

@@ -10,7 +10,7 @@ The weights (`jump_network.json`) were trained on rendered ground with known dis
 They are valid only for the features of the training. Train the network again after a change of
 
 - the constants below and in `matching_cost`, or the features themselves;
-- the classified pixels: those that pass `validity.status_before_wrong_surface`, which depend on all earlier stages.
+- the classified pixels: those that pass `pixel_status.status_before_wrong_surface`. They depend on all earlier stages.
 
 The file also contains the constants, and the number of classified pixels and the mean inputs of a reference pair.
 `test_wrong_surface` compares both with the code, so that a change fails the test.
