@@ -617,8 +617,8 @@ MUTATIONS = (
     ),
     Mutation(
         "mapping/disparity/refinement/disparity_sigma.py",
-        "F(0.125) / np.sqrt(information",
-        "F(0.25) / np.sqrt(information",
+        "F(0.125) / np.sqrt(field_information",
+        "F(0.25) / np.sqrt(field_information",
     ),
     Mutation(
         "mapping/disparity/refinement/smoothness.py",

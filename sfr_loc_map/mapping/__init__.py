@@ -1,8 +1,18 @@
 """Terrain mapping: a point cloud from up to three stereo pairs, and elevation and hazard grids of a cloud.
 
-`mapper` lists the stages in the order of their calls, with their modules and results. The stages that estimate and
-change disparities are in `disparity`, the stages for several pairs in `multiview`, and the grids in `terrain`.
-`point_sigma` lists all contributions to the sigma of a point. The results of the mapper are in `maps`.
+Modules in the order of the calls:
+
+    mapper                `Mapper`, which lists the stages
+      checks              input that cannot be mapped is refused
+      disparity           the disparity map of a pair
+      pair_view           the points of a pair: reprojection
+      calibration_sigma   the uncertainty of the calibration
+      point_sigma         sigma of the points, with a list of all contributions
+      findings            statistics and warnings
+      multiview           the fusion of several pairs
+    maps                  the results: the map of a pair, and of several pairs
+    point_covariance      covariances of points, from a cloud
+    terrain               elevation and hazard grids, from a cloud
 """
 
 import lazy_loader

@@ -1,4 +1,10 @@
-"""Fusion of the views of several stereo pairs.
+"""Fusion of the views of up to three stereo pairs (`Mapper.fuse`).
 
-Content that is fixed to the image is removed, poses are registered on request, and points are fused along their rays.
+Modules in the order of the calls:
+
+    fixed_content         content that is fixed to the image is removed
+    registration          on request, each later pair is moved to agree with the earlier pairs
+    fusion                points on which pairs agree are averaged; conflicting points and duplicates are dropped
+      projection          what a view observes at the points of another view
+    pose_agreement        agreement of the poses where pairs overlap
 """

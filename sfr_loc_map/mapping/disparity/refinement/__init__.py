@@ -1,10 +1,12 @@
 """Refinement: one disparity field is fitted to both images (`variational_refinement.refine_disparity`).
 
-variational_refinement        iterations: linearise both terms, then solve coarse to fine
-cell_field                  the field on cells of 2 x 2 pixels
-photometric_residual        data term: residuals, slopes, normal equations
-residual_noise              data term: the noise of the residuals
-smoothness                  smoothness term: second differences, their scale and weights
-conjugate_gradients         the linear solver of both terms
-disparity_sigma             standard deviation of the refined disparity
+Modules in the order of the calls:
+
+    cell_field                    the field on cells of 2 x 2 pixels
+    variational_refinement        iterations: both terms are linearised, then solved coarse to fine
+      photometric_residual        data term: residuals, slopes, normal equations
+      residual_noise              data term: the noise of the residuals
+      smoothness                  smoothness term: second differences, their scale and weights
+      conjugate_gradients         the linear solver of both terms
+      disparity_sigma             standard deviation of the refined disparity
 """
