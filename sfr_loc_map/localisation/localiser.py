@@ -63,11 +63,22 @@ two motions. `_without_pose` and `_begin_window` decide what becomes of a refuse
 of the ground also learns that an image contradicts a refused pose (`GroundMemory.after_verdict`). Beside the state, the
 localiser holds the keyframe that is being made in the background.
 
-**What enlarges the covariance.** The covariance of an accepted pose is the sum of seven terms, and findings, kept
-pairs, new windows and external poses add to it. The docstring of `uncertainty` states all terms and events with their
-formulas and values.
+**What enlarges the covariance, and by how much.** The covariance of an accepted pose is the sum of seven terms, and
+findings and events add to them. With the time t since the last known pose and with the default parameters,
 
-**Where new code goes.** `findings` lists the places of a new guard, and `uncertainty` those of a new error source.
+- a finding with `Inflation.UNOBSERVED`, or a kept pair, adds the standard deviations t max(1.0 m/s, last speed) in
+  position and t max(0.5 rad/s, last turn rate) in heading, until the next accepted pair;
+- a new window adds the same until the next external pose;
+- a finding with `Inflation.AMBIGUITY` adds at least the same until the next external pose, and more if the distance to
+  the other motion, or the estimated motion, is larger;
+- a lost pair replaces the covariance by 9999 m^2 and 9999 rad^2, until the next pair that is not lost.
+
+The docstring of `uncertainty` states all terms and events with their formulas and values.
+
+**Where new code goes.** A new guard is a `Finding`, a row in `findings.RULES`, a function in `guards`, and a call in
+`_locate` (of the images), `_refusals_of_pose` (refuses a pose), `_judge` (all others) or `_begin_window`. `findings`
+has the details. A new error source is a parameter in `uncertainty.error_sources.ErrorSources`, and a term in
+`pose_covariance` or `step_covariance`. `uncertainty` lists the places by the kind of the error.
 """
 
 from __future__ import annotations
