@@ -47,7 +47,7 @@ def rig_in_body(
 
     The pose is that of the frame `sb_frame`. If `sb_frame` is not connected to the rover's frame, the pose is computed
     from the frame of the rectified left camera. The camera's frame is assumed to be optical (REP 103), with one
-    exception: if the name does not contain "optical" and the z axis is within 45 deg of upwards, the axes are assumed
+    exception. If the name does not contain "optical" and the z axis is within 45 deg of upwards, the axes are assumed
     to be x forward, y left, z up, as in simulators.
 
     The rover's frame is `base_frame`, or the first of `BASE_FRAMES` that is connected to the camera. Frame names may

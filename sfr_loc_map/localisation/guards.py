@@ -33,8 +33,8 @@ MIN_STEREO_FRACTION: Final = 0.3
 images, so that both images of a good pair show most landmarks."""
 ORDER_TESTED_RATIO: Final = 0.1
 """Ratio of the landmarks of a new window to the cells in which corners are detected, up to which the order of the
-images is tested. In two drives, and in copies of these drives with a twentieth of the contrast, the ratio is at most
-0.05 for swapped images, whose landmarks are due to chance, and at least 0.37 for correct images."""
+images is tested. Swapped images have landmarks by chance only. In two drives, and in copies of these drives with a
+twentieth of the contrast, the ratio is at most 0.05 for swapped images, and at least 0.37 for correct images."""
 SWAPPED_FACTOR: Final = 4
 """Images are swapped if an exchange of the images multiplies the number of landmarks of a new window by at least this
 factor. In the same drives, the factor is at least 7 for swapped images."""

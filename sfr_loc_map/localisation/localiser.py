@@ -19,9 +19,10 @@ the stage adds to the values of the previous stages:
 In stage 4, some landmarks are aligned jointly (direct image alignment as in SVO, Forster et al. 2017). The patches of
 more landmarks, warped by their local planes, are then tracked in both images (Lucas and Kanade 1981), and the pose is
 solved for with robust weights. In stage 5, the pose is recovered by optical flow, then by SIFT descriptors. In stage 6,
-the landmarks are tracked again from the pose if one motion does not explain the tracks, and another motion is searched
-for if many landmarks are still unexplained. In stage 9, the pair becomes a keyframe if few landmarks are left or if
-they moved far in the image, unless the pair cannot be a reference, or too few inliers are in the left image.
+the landmarks are tracked again from the pose if one motion does not explain the tracks. If many landmarks are still
+unexplained, another motion is searched for. In stage 9, the pair becomes a keyframe if few landmarks are left, or if
+they moved far in the image. A pair that cannot be a reference, or that has too few inliers in the left image, becomes
+no keyframe.
 
 Before and after the stages, `Localiser.process`
 

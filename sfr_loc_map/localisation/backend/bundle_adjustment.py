@@ -145,8 +145,8 @@ def motions_by_poses(keyframes: Poses) -> FloatArray:
     """Return the derivatives of the motions relative to each host with respect to the poses, `(K, 6 K + 1, 6 K + 1)`.
 
     The projection of a landmark does not change if keyframe and host move as one rigid body. The motion m of a keyframe
-    k is therefore the change (t, w) of its pose, position and rotation, minus the change that it would have if it were
-    rigidly attached to the host h:
+    k is therefore the change (t, w) of position and rotation, minus the change of a keyframe that is rigidly attached
+    to the host h:
 
         m_t = t_k - t_h + [p_k - p_h]x w_h
         m_w = w_k - w_h

@@ -106,8 +106,8 @@ def _refined(
 ) -> PatchTracks:
     """Track patches from the left to the right image, by the homographies of planes in disparity.
 
-    A left pixel (u, v) is mapped to the right pixel (u - d(u, v), v + offset_v), where the disparity d is a linear
-    function with the slopes, through the disparity at the corner.
+    A left pixel (u, v) is mapped to the right pixel (u - d(u, v), v + offset_v). The disparity d is a linear function
+    of the pixel with the given slopes, and has the given value at the corner.
     """
     homographies = np.zeros((len(uv), 3, 3))
     homographies[:, 0, 0] = 1.0 - slope[:, 0]

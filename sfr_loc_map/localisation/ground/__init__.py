@@ -51,11 +51,11 @@ The memory has one state machine, whose state is the phase and two counters (`me
     recovery_pairs  number of pairs with motion until earlier faults have no effect
 
 A pair shows an *uncertain motion* if two motions compete, if the image contradicts the motion, or if about half of the
-landmarks are unexplained. A pair is *consistent* with the earlier pairs if one motion explains the pair, the image
-moved, few cells are excluded as dynamic, and landmarks follow the motion also in the cells that were unexplained
-earlier. Two motions are `DECIDED` only if the ground is identified. One motion is `UNCONFIRMED` while the ground stays
-uncertain. `TRANSFERRED` requires that few pairs in a row were transferred. During a recovery, a pair whose case has no
-finding is `RECOVERING`.
+landmarks are unexplained. A pair is *consistent* with the earlier pairs if one motion explains the pair, if the image
+moved, and if few cells are excluded as dynamic. In addition, landmarks must follow the motion in the cells that were
+unexplained earlier. Two motions are `DECIDED` only if the ground is identified. One motion is `UNCONFIRMED` while the
+ground stays uncertain. `TRANSFERRED` requires that few pairs in a row were transferred. During a recovery, a pair whose
+case has no finding is `RECOVERING`.
 
 While the ground is not identified, the motion that is not selected may be the ground's. Each pair with a second motion,
 or with an unexplained part of the image, is therefore degraded. Unexplained landmarks in the first tracked pair of a
@@ -89,7 +89,7 @@ The method has four known limits:
 | contradicted motion | motion that predicts a standstill in cells that changed |
 | unusual motion | motion with more unexplained landmarks than usual on this ground |
 
-Each module contains the thresholds that it uses. Those that were chosen by hand were chosen on rendered drives with
-injected faults, so that clean drives have no findings, and no error of a faulty drive exceeds five times the stated
-3 sigma without a finding.
+Each module contains the thresholds that it uses. Thresholds that were chosen by hand were chosen on rendered drives
+with injected faults. With these values, clean drives have no findings, and no error of a faulty drive exceeds five
+times the stated 3 sigma without a finding.
 """

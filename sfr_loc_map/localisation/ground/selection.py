@@ -1,8 +1,8 @@
 """Selection of the ground's motion in a pair: the table of the cases, and what each case selects.
 
-`select_ground` contains the steps of a pair. `CASES` is the table: the first case whose condition is true for the
-evidence of a pair decides which motion is the ground's, what is excluded, which finding the pair has, and what the
-memory learns. A new case requires a row in `CASES`, and if its condition is new, a field of `Evidence`.
+`select_ground` contains the steps of a pair. `CASES` is the table, and the first case whose condition is true for the
+evidence of a pair decides. The case states which motion is the ground's, what is excluded, which finding the pair has,
+and what the memory learns. A new case requires a row in `CASES`, and if its condition is new, a field of `Evidence`.
 
 If the left image is frozen, or if rows are stale, no motion is selected (`Ground.unselected`).
 

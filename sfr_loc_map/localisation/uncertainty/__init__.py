@@ -35,7 +35,7 @@ positions. `external`, `keyframes` and `correlated` are therefore propagated fro
 external pose does not end the attitude error of an uncertain yaw, because the yaw also bends the later path.
 
 **What findings and events add.** `unobserved` is the covariance of the motion of RB during a time without images, or
-with images that may be stale, and `ambiguity` is the error if another motion is the true motion:
+with images that may be stale. `ambiguity` is the error if another motion is the true motion:
 
     v = min(max(1.0 m/s, last speed), 50 m/s)            w = min(max(0.5 rad/s, last turn rate), 6 rad/s)
     unobserved: standard deviations  v t, v t, 0.3 v t (vertical);  0.2 w t, 0.2 w t (tilt), w t (heading)
@@ -62,8 +62,9 @@ pose (`LastPose.known_ns`). The standard deviation of an angle is at most 1.81 r
 refused. If a window begins before the next accepted pair, what was added until then moves to `keyframes`, and remains
 there until the next external pose.
 
-**The covariance of a step**, the motion of RB between two poses, is composed of the errors of the step and not computed
-from the poses, because consecutive poses share most of their errors (`StepEstimate.motion_covariance`):
+**The covariance of a step**, the motion of RB between two poses, is composed of the errors of the step
+(`StepEstimate.motion_covariance`). The covariances of the poses are not used, because consecutive poses share most of
+their errors:
 
     covariance of a step = step + noise + noise_before + systematic^2 + speed_change
 

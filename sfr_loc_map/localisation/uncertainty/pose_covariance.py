@@ -4,9 +4,9 @@ Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is that of position
 left camera in the world.
 
 An attitude error displaces later positions. The terms `external` and `keyframes` are therefore propagated from the
-position where the error arose to the present position (`LocatedCovariance`), and `correlated` from the mean of the
-positions where its angles arose (`PathSums.correlated_at`). The term `attitude` is not propagated, because this error
-concerns the present rotation only.
+position where the error arose to the present position (`LocatedCovariance`). The term `correlated` is propagated from
+the mean of the positions where its angles arose (`PathSums.correlated_at`). The term `attitude` is not propagated,
+because this error concerns the present rotation only.
 """
 
 from __future__ import annotations
