@@ -17,7 +17,7 @@ A source has these identities:
     location         path or URL in the suite's file
     sha256           hash of the data, or of the settings of a simulation
     data_identity    what two suites must have in common for a comparison: `sha256`, or name and truth of an estimate
-    drive_identity   the drive that the source shows: copies and parts of one drive share this identity
+    drive_identity   the drive that the source shows, which is equal for copies and parts of one drive
 """
 
 from __future__ import annotations
