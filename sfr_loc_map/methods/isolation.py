@@ -32,27 +32,21 @@ PERMITTING = (OWN_FILES, "PYTHONPATH", LIBRARY_PATH)  #: Variables whose paths a
 FOLDERS = ("PATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX", "CUDA_HOME", "CUDA_PATH", "TZDIR")
 """Variables with paths. A method receives the existing paths of the system and of the interpreter."""
 SETTINGS = (
-    *("OMP_NUM_THREADS", "OMP_THREAD_LIMIT", "OMP_MAX_ACTIVE_LEVELS", "OPENBLAS_NUM_THREADS", "BLIS_NUM_THREADS"),
-    *("MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "PYTHONHASHSEED", "OMP_DYNAMIC", "OMP_NESTED"),
-    *("MKL_DYNAMIC", "OMP_PLACES", "OMP_PROC_BIND", "OMP_SCHEDULE", "OMP_WAIT_POLICY", "OPENBLAS_CORETYPE", "MKL_CBWR"),
-    *("MKL_ENABLE_INSTRUCTIONS", "MKL_THREADING_LAYER", "NUMBA_THREADING_LAYER", "NUMBA_CPU_NAME", "NUMBA_OPT"),
-    *("CUDA_DEVICE_ORDER", "CUDA_MODULE_LOADING", "CUDA_VISIBLE_DEVICES", "NVIDIA_VISIBLE_DEVICES"),
-    *("NVIDIA_DRIVER_CAPABILITIES", "OPENCV_IPP", "OPENCV_OPENCL_DEVICE", "OPENCV_OPENCL_RUNTIME"),
-    *("CUDA_LAUNCH_BLOCKING", "NVIDIA_TF32_OVERRIDE", "NUMBA_DISABLE_JIT", "NUMBA_LOOP_VECTORIZE"),
-    *("NUMBA_SLP_VECTORIZE", "NUMBA_ENABLE_AVX", "NUMBA_DISABLE_INTEL_SVML"),
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "OPENCV_FOR_THREADS_NUM",
+    "OMP_WAIT_POLICY",
+    "CUDA_VISIBLE_DEVICES",
+    "NVIDIA_VISIBLE_DEVICES",
+    "PYTHONHASHSEED",
 )
-"""Variables of numerical libraries that a method receives if their value is a number (`NUMBER`) or one of `WORDS`."""
+"""Variables that a method receives if their value is a number (`NUMBER`) or one of `WORDS`: threads, devices, seed."""
 NUMBER = re.compile("-1|[0-9]{0,5}")  # also the empty value, by which CUDA_VISIBLE_DEVICES hides all devices
-WORDS = frozenset((
-    *("true", "false", "TRUE", "FALSE", "all", "none", "void", "auto", "default", "DEFAULT", "disabled", "max"),
-    *("threads", "cores", "ll_caches", "numa_domains", "sockets", "primary", "master", "close", "spread"),
-    *("static", "dynamic", "guided", "active", "passive", "safe", "threadsafe", "forksafe", "tbb", "omp", "workqueue"),
-    *("INTEL", "SEQUENTIAL", "TBB", "GNU", "AUTO", "COMPATIBLE", "SSE2", "SSE4_2", "AVX", "AVX2", "AVX512"),
-    *("Prescott", "Nehalem", "Sandybridge", "Haswell", "SkylakeX", "Zen", "ARMV8", "generic", "host"),
-    *("sse42", "avx2", "avx512", "FASTEST_FIRST", "PCI_BUS_ID", "LAZY", "EAGER", "compute", "utility"),
-    "compute,utility",
-))  # fmt: skip
-"""Words that a value of `SETTINGS` may be: a fixed list, so that a value carries no data. The list lacks `PASSIVE`,
+WORDS = ("active", "passive", "all", "none", "void")
+"""Words that a value of `SETTINGS` may be: a short list, so that a value carries no data. The list lacks `PASSIVE`,
 which is a setting of this package for its own process (`jit.py`)."""
 LOCALE = "C.UTF-8"  #: Locale of each method, because a result must not depend on the locale of the user.
 SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/snap", "/sys")

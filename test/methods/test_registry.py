@@ -104,7 +104,6 @@ def test_a_peer_is_found_in_its_interpreter(tmp_path: Path, monkeypatch: pytest.
 
 VARIABLES = {
     "OMP_NUM_THREADS": "1",
-    "OMP_PLACES": "cores",
     "OPENBLAS_NUM_THREADS": "2",
     "MKL_NUM_THREADS": "3",
     "NUMBA_NUM_THREADS": "4",

@@ -14,7 +14,7 @@ from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.judging.limited import tasks_of
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
 from sfr_loc_map.metrics.score.limits import Limits
-from sfr_loc_map.suite.jobs.job import NO_CONFIGURATION, GroupKey, Job
+from sfr_loc_map.suite.jobs.job import GroupKey, Job, JobTask
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
 from sfr_loc_map.suite.statistics.pooling import pool
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob, undeclared_items_in
@@ -56,7 +56,7 @@ def groups_of(
         trajectories = [score.association for score in scores if score.association is not None]
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
         of_drives = [result.of_drive for result in in_group]
-        suite_items = several if key.configuration == NO_CONFIGURATION else 0
+        suite_items = several if key.task == JobTask.SCORE else 0
         pooled = tuple(row for condition in conditions for row in pool(of_drives, condition)) if is_pooled else ()
         yield Group(
             task=key.task,

@@ -11,7 +11,7 @@ from sfr_loc_map.metrics.judging.several_scores import undeclared_items
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.suite.jobs.job import NO_CONFIGURATION, Job
+from sfr_loc_map.suite.jobs.job import Job, JobTask
 from sfr_loc_map.suite.jobs.job_outcome import JobState
 from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.pooling import DriveScore
@@ -95,7 +95,10 @@ class ResultReader:
 
 
 def undeclared_items_in(results: Sequence[ScoredJob]) -> tuple[str, ...]:
-    """Return the names of the items under test if a result has another item than the configurations of the suite."""
-    undeclared = [result.score for result in results if result.job.configuration == NO_CONFIGURATION]
-    declared = [result.score for result in results if result.job.configuration != NO_CONFIGURATION]
+    """Return the names of the items under test if a given estimate has another item than the other results.
+
+    The item of a given estimate (`JobTask.SCORE`) is not declared by a configuration of the suite.
+    """
+    undeclared = [result.score for result in results if result.job.task is JobTask.SCORE]
+    declared = [result.score for result in results if result.job.task is not JobTask.SCORE]
     return undeclared_items(undeclared, declared)
