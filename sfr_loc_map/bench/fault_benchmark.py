@@ -46,8 +46,7 @@ A rotation of 0.06 deg is about half a pixel at an image width of 512 px and a f
 """
 NO_FAULT = "none"  #: Name of the drive without a fault.
 SILENT_RATIO = 5.0
-"""Multiple of the stated 3 sigma above which an error is silent. Chosen, because an error of 15 sigma cannot be
-random."""
+"""Multiple of the stated 3 sigma above which an error is silent. Chosen because an error of 15 sigma is not random."""
 TRACKING = (TrackingState.INITIALISING, TrackingState.TRACKING)
 """States of the pairs that are called tracking here: pose and covariance are valid."""
 

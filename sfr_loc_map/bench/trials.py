@@ -111,7 +111,7 @@ class LocaliserTrial(Trial[StereoPair, IsolatedLocaliser, Transform | None]):
 
     @property
     def title(self) -> str:
-        """What the table shows."""
+        """Title of the table of the benchmark."""
         return "Localisation: mean + 3 sigma; host times"
 
     @property
@@ -228,7 +228,7 @@ class MapperTrial(Trial[PosedStereoPair, IsolatedMapper, PointCloud]):
 
     @property
     def title(self) -> str:
-        """What the table shows."""
+        """Title of the table of the benchmark."""
         return f"Maps of single pairs, {self.disparities} disparities; host times"
 
     @property

@@ -123,9 +123,9 @@ class Measurement:
     tree: TreeUsage  #: Resource use of all processes after the call.
     cpu_s: float  #: Processor time of the call.
     cpu_between_s: float  #: Processor time since the previous call.
-    #: Time of the call that is no work of the method, s: waiting for a processor, and reading processor clocks by the
-    #: calling process. Of the waiting times of the calling process and of the method, the larger is used, because both
-    #: processes may wait at the same time.
+    #: Time of the call, s, in which the method did not work, because a process waited for a processor or because the
+    #: calling process read processor clocks. Of the waiting times of the calling process and of the method, the larger
+    #: is used, because both processes may wait at the same time.
     waited_s: float
     end_s: float  #: End of the call by the monotonic clock.
     total_cpu_s: float  #: Processor time of all processes until the end of the call.

@@ -23,7 +23,7 @@ LONGEST_LINE = 300  #: Characters of a line of the log in a message.
 
 
 class ScratchFolder(AbstractContextManager["ScratchFolder"]):
-    """A temporary folder, in memory if the system has shared memory. The method can write anything to it, at any time.
+    """A temporary folder, in memory if the system has shared memory. The method can write any file to this folder.
 
     `images` is the file of the images, `log` that of the error output, and `work` the working directory of the method.
     Arrays of an answer are at `output` plus a suffix for their kind.

@@ -77,7 +77,7 @@ class SupervisedProcess(AbstractContextManager["SupervisedProcess"]):
     def exchange(
         self, message: Rules | Setup | Order | None, kind: type[T], timeout_s: float, check: Callable[[], object]
     ) -> T:
-        """Send a message and return the answer, as `Channel.exchange`; a closed channel is a crash."""
+        """Send a message and return the answer (`Channel.exchange`); MethodFailureError if the process has crashed."""
         try:
             return self._channel.exchange(message, kind, timeout_s, check)
         except ClosedChannelError:

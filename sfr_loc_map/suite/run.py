@@ -50,12 +50,12 @@ def run_suite(
     """Run the jobs of a suite that have no result yet, write the page of the suite, and return the summary.
 
     The jobs run on `workers` processes of this host (default: `slots_for`), or on the Dask cluster of a `scheduler`
-    (its address). With `retry_failed`, failed jobs are repeated. `say` and `progress` receive what the command prints.
+    (its address). With `retry_failed`, failed jobs are repeated. `say` receives each message, and `progress` each
+    finished job.
 
-    Before a job runs: OutputError if another run uses the folder or if the folder belongs to another suite or to a
-    search. InputError if a stored result is damaged, or if the data are not those that the limits name. Later:
-    InputError if no worker is usable. After an error or a signal, the finished jobs are reported. After a signal,
-    InterruptedRunError is raised.
+    OutputError if another run uses the folder, or if the folder belongs to another suite or to a search. InputError if
+    a stored result is damaged, if the data are not those that the limits name, or if no worker is usable. If an error
+    or a signal ends the run, the summary of the finished jobs is written. A signal raises InterruptedRunError.
     """
     settings = specification.settings
     with store.locked():
@@ -218,9 +218,9 @@ def run_and_keep(
 ) -> None:
     """Run jobs on workers, and save each outcome when the job has finished.
 
-    A job fails if the files of its source have changed since the plan hashed them, because its result is then not that
-    of the planned data. With `is_decided`, stop when the saved results decide the limits. `say` receives the line that
-    reports this.
+    A job fails if the files of its source have changed since the plan hashed them, because its result would not be that
+    of the planned data. The run stops as soon as `is_decided` states that the saved results decide all limits. `say`
+    receives the message about this end.
     """
     with closing(run_jobs(jobs, at_work, store.cache)) as outcomes:
         progress(0, len(jobs), None)

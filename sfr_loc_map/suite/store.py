@@ -121,8 +121,8 @@ class Store:
     def check_owner(self, file: Path, *, is_search: bool = False) -> None:
         """Raise OutputError if the folder belongs to another file of a suite, or of a search, than the given file.
 
-        The file of the folder may have been moved: a missing file does not protect the folder from a file of its kind.
-        Plans of other versions are accepted, because a run replaces them.
+        If the file that the plan names is missing, for example because it was moved, any file of the same kind is
+        accepted. Plans of other versions are accepted, because a run replaces them.
         """
         if not self.plan_file.exists():
             return
@@ -183,7 +183,10 @@ class Store:
         write_text(json_line([*self.workers(), *records]), self.folder / WORKERS)
 
     def state(self, job: Job) -> JobState:
-        """Return the state of a job. A failure precedes a result: it is newer, because a later result deletes it."""
+        """Return the state of a job.
+
+        If a job has a failure and a result, the failure is newer, because saving a result deletes the failure.
+        """
         name = f"{job.key}.json"
         if (self.failures / name).is_file():
             return JobState.FAILED
@@ -208,7 +211,7 @@ class Store:
         return score
 
     def failure(self, job: Job) -> JobFailure:
-        """Return the failure of a job, with the names of the plan: those in the file are of the run that failed."""
+        """Return the failure of a job, with the names in the plan, because names may have changed since the failure."""
         path = self.failures / f"{job.key}.json"
         stored = _record(JobFailure, _read(path), path)
         return JobFailure.of(job, stored.cause, stored.message)

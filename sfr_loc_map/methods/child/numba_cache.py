@@ -16,7 +16,7 @@ PACKAGE = str(Path(__file__).parents[2])
 
 
 class _Kept:
-    """Restricts a locator to folders that already have kernels of this package."""
+    """Base class that restricts a locator to folders that already have kernels of this package."""
 
     def ensure_cache_path(self) -> None:
         """Raise OSError if the folder has no kernels of this package for the source file."""
@@ -28,11 +28,14 @@ class _Kept:
 
 
 class BesideSources(_Kept, caching.InTreeCacheLocator):
-    """Kernels beside the sources."""
+    """Locator of the kernels beside the sources."""
 
 
 class OfUser(_Kept, caching.UserWideCacheLocator):
-    """Kernels in the user's cache folder, which SFR_KERNELS names, because the method has another home folder."""
+    """Locator of the kernels in the user's cache folder.
+
+    SFR_KERNELS names this folder, because the method has another home folder.
+    """
 
     def get_cache_path(self) -> str:
         """Return the folder of the kernels of the source file."""

@@ -183,9 +183,10 @@ def _means_of_nights(values: FloatArray, scale: Scale) -> tuple[float | None, ..
 
 
 def _figure_tables(nights: Sequence[Night], keys: Sequence[PairKey]) -> dict[ComparedFigure, FloatArray]:
-    """Return the values `(job, night)` of each figure, NaN if missing; a further figure: a job has no result.
+    """Return the values `(job, night)` of each figure, NaN if missing.
 
-    A figure has the name of the last night with the figure.
+    The further figure `WITHOUT_RESULT` is 1 in a night without a result of a job, 0 with a result, and missing before
+    the first night that plans the job. The name of a figure is that of the last night with the figure.
     """
     latest = {figure: figure for night in nights for figures in night.figures.values() for figure in figures}
     tables = {
@@ -195,7 +196,7 @@ def _figure_tables(nights: Sequence[Night], keys: Sequence[PairKey]) -> dict[Com
     has_result = np.array([[key in night.figures for night in nights] for key in keys])
     is_planned = np.array([[key in night.labels for night in nights] for key in keys])
     since_planned = np.maximum.accumulate(is_planned, axis=1)
-    tables[WITHOUT_RESULT] = np.where(since_planned, 1.0 - has_result, np.nan)  # an omitted job has no result, either
+    tables[WITHOUT_RESULT] = np.where(since_planned, 1.0 - has_result, np.nan)
     return tables
 
 

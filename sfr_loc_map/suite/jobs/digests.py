@@ -91,7 +91,7 @@ def input_hashes(estimate: Path, truth: Path) -> dict[str, str]:
 
 
 def hash_of(paths: Sequence[Path]) -> str:
-    """Return the hash of files and folders; that of a single one is the hash of its content."""
+    """Return one hash of files and folders. The hash of a single file or folder is the hash of its content."""
     hashes = [cached(path, hash_path) for path in paths]
     return hashes[0] if len(hashes) == 1 else digest(hashes)
 
@@ -99,7 +99,7 @@ def hash_of(paths: Sequence[Path]) -> str:
 def files_of_estimate(estimate: Path, truth: Path) -> tuple[Path, ...]:
     """Return an estimate, its truth and its calls, each with the files of `files_of_source`.
 
-    The calls contain findings and lost poses.
+    The calls are inputs of the score, because they contain findings and lost poses.
     """
     paths = (estimate, truth, *ScoreInputs.of(estimate, truth).stats)
     return tuple(file for path in paths for file in files_of_source(path))

@@ -96,11 +96,11 @@ def _localise(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     method = chosen_method(parameters, Task.LOCALISATION)
     localiser = build(LocalisationConfig, parameters) if method is None else _under_test(method, source, cache)
     drive = run_localiser(source.loc, localiser, start_pose(source.loc, job.start))
-    # scored from its files, as by `sfr score`, so that the provenance states their hashes
+    # the run is scored from files, as by `sfr score`, so that the provenance states their hashes
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
     save_trajectory(estimate, drive.trajectory)
     save_stats(stats, drive.records, {Task.LOCALISATION: drive.method}, drive.trajectory)
-    has_images = not job.faults  # of the run, in the source at `path`
+    has_images = not job.faults  # whether the images in the source at `path` are those that were localised
     run = load_run(ScoreInputs(estimate=estimate, truth=path, stats=(stats,), has_images_of_run=has_images))
     assert run.drive is not None  # estimate and truth are given
     expected_ns = source.expected_loc_ns()  # excludes images that a fault has dropped

@@ -29,7 +29,7 @@ from msgspec import Struct
 
 
 class StatedFile(Struct, frozen=True, kw_only=True):
-    """A recording, or an estimate with its ground truth, whose data were not read yet."""
+    """A recording, or an estimate with its ground truth, whose data have not been read yet."""
 
     name: str
     location: str  #: Path or URL.

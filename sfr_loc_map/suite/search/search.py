@@ -50,7 +50,10 @@ class FoundCase(NamedTuple):
 def find_worst_case(
     specification: SearchSpecification, store: Store, run_waiting_jobs: RunWaitingJobs, *, at_random: bool = False
 ) -> FoundCase:
-    """Search, reduce the worst point and compute slices through it; points with results are not run again."""
+    """Search for the worst point, reduce the point to a case, and compute slices through the case.
+
+    Points that have results are not run again.
+    """
     points = _Points(specification, store, run_waiting_jobs)
     try:
         return _search(specification, points, at_random=at_random)

@@ -15,7 +15,7 @@ NUMBER = re.compile(r"\d+(\.\d+)?(e[+-]?\d+)?")  #: A number in a sentence.
 
 
 class CommonDeviation(Struct, frozen=True, kw_only=True):
-    """A deviation of one or more results from the specification, or data of these results that is not judged."""
+    """A deviation of one or more results from the specification, or data of these results that are not judged."""
 
     text: str  #: The deviation of the result with the largest number in the text.
     results: int  #: Number of results with this deviation.

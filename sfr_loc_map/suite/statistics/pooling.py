@@ -88,8 +88,8 @@ def rows_by_axis(score: Score, kind: FigureKind, condition: str) -> list[Figure]
 def pooled_row(figure: str, condition: str, results: Sequence[DriveRows]) -> Figure:
     """Return mean, sigma and mean + 3 sigma of all values of the results.
 
-    Quantiles are undefined, because those of all values do not follow from those of the drives. The interval resamples
-    drives, each with all of its results. `independent` is the number of drives.
+    The row has no quantiles, because the quantiles of all values do not follow from the quantiles of the drives. The
+    interval resamples drives, each with all of its results. `independent` is the number of drives.
     """
     drive_keys = dict.fromkeys(result.drive_key for result in results)
     numbers = {drive_key: number for number, drive_key in enumerate(drive_keys)}

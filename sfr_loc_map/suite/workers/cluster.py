@@ -96,7 +96,7 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
 
 @contextlib.contextmanager
 def _unchanged_environment() -> Iterator[None]:
-    """Restore the variables of this process, in which Dask sets those of its workers before it starts them."""
+    """Restore the environment of this process afterwards, because Dask sets the variables of its workers there."""
     before = dict(os.environ)
     try:
         yield
