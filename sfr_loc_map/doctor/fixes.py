@@ -10,7 +10,7 @@ from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.observation import observe
 from sfr_loc_map.errors import SfrError
-from sfr_loc_map.issues import Issue
+from sfr_loc_map.issues import Cause, Issue
 from sfr_loc_map.source_setup.examination import propose_config
 
 
@@ -22,9 +22,7 @@ def with_fix(source: Path, given: Configuration, issues: list[Issue], words: lis
     """
     try:
         proposal = propose_config(source, given)
-        remaining = {
-            (issue.cause, issue.where) for issue in examine(observe(source, proposal.config)) if issue.is_blocking
-        }
+        remaining = [issue for issue in examine(observe(source, proposal.config)) if issue.is_blocking]
     except SfrError:
         return issues
     command = shlex.join(words)
@@ -36,7 +34,11 @@ def with_fix(source: Path, given: Configuration, issues: list[Issue], words: lis
         remaps = [word for name, topic in added["topics"].items() for word in ("--remap", f"{topic}:={name}")]
         fix += f"; for a single command: {shlex.join(remaps)}"
     missing = "".join(f"; still missing: {text}" for text in proposal.missing)
-    is_removed = [issue.is_blocking and (issue.cause, issue.where) not in remaining for issue in issues]
+    causes = {(issue.cause, issue.where) for issue in remaining}
+    if "topics" not in added:  # a source that is still unreadable still has its issues
+        broken = {issue.where for issue in remaining if issue.cause is Cause.BROKEN}
+        causes |= {(issue.cause, issue.where) for issue in issues if issue.where in broken}
+    is_removed = [issue.is_blocking and (issue.cause, issue.where) not in causes for issue in issues]
     return [
         replace(issue, fix=fix + missing, command=command) if removed else issue
         for issue, removed in zip(issues, is_removed, strict=True)

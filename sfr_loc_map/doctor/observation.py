@@ -296,7 +296,8 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
         source = open_source(path, config)
         truth = None if source.loc is None else source.loc.ground_truth
     except InputError as error:
-        return Observation(f"'{path}'", kind, broken=str(error))
+        subject = f"bag '{path}'" if kind is SourceKind.BAG else f"'{path}'"
+        return Observation(subject, kind, broken=str(error))
 
     def stream() -> Iterator[tuple[str, int, Callable[[], Any]]]:
         for message in messages_of(source):

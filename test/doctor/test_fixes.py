@@ -7,8 +7,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from helpers.cli_result import Sfr
+from helpers.message_bags import write_messages
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.doctor import fixes
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.issues import Cause, Issue
 
 
@@ -23,3 +27,13 @@ def test_of_two_missing_topics_the_one_that_the_proposal_finds_gets_its_command(
     pose, image = fixes.with_fix(Path("drive"), Configuration(), issues, ["sfr", "info", "drive", "--write"])
     assert pose == issues[0]
     assert image.command == "sfr info drive --write"
+
+
+def test_a_bag_of_poses_alone_is_not_fixed_by_the_proposal_of_its_truth(tmp_path: Path, sfr: Sfr) -> None:
+    stamped = [(k * 10**8, bag_messages.pose(k * 10**8, Transform.identity())) for k in range(1, 6)]
+    bag = write_messages(tmp_path / "poses", [("/groundtruth", stamp_ns, message) for stamp_ns, message in stamped])
+    result = sfr("info", bag)
+    assert result.code == 1
+    assert "no topic has images" in result.out
+    assert "--write; still missing" not in result.out
+    assert "give a bag with images of both cameras" in result.out
