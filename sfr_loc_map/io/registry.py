@@ -73,7 +73,7 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
 
 
 def _report_ignored_settings(path: Path, config: SourceConfig, of_layout: tuple[str, ...]) -> None:
-    """Warn of settings without effect; `of_layout` are the beginnings of those that the layout ignores."""
+    """Warn of settings without effect; `of_layout`: beginnings of the names of settings that the layout ignores."""
     settings = [f"topics.{name}" for name in config.topics]
     for section in ("frames", "sync", "calibration", "truth"):
         settings += changed(getattr(config, section), f"{section}.")

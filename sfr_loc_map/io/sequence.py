@@ -36,7 +36,7 @@ class LocSequence(Protocol):
 
     @property
     def missing_ns(self) -> Sequence[int]:
-        """Stamps of pairs that are listed but have no images, or whose left image has no right image, ascending."""
+        """Ascending stamps of pairs that are listed but have no images, or whose left image has no right image."""
 
     @property
     def ground_truth(self) -> Truth | None:
@@ -62,7 +62,7 @@ class NavSequence(Protocol):
 
     @property
     def missing_ns(self) -> Sequence[int]:
-        """Stamps of pairs that are listed but have no images, or no pose, ascending."""
+        """Ascending stamps of pairs that are listed but have no images or no pose."""
 
     def __len__(self) -> int:
         """Return the number of pairs."""

@@ -186,8 +186,8 @@ class SourceConfig:
 def _checked_topics(topics: Mapping[str, object], origin: str) -> dict[str, str]:
     """Return the section `topics` without a slash at the beginning or end of the names in the suite.
 
-    Raises ConfigError if a value is no name of a topic, if two names of the suite have one topic, because a message is
-    read under one name only, or if a name of the suite has two topics.
+    Raises ConfigError if a value is not the name of a topic, or if a name of the suite has two topics. Two names of the
+    suite with one topic are also refused, because a message is read under one name only.
     """
     checked: dict[str, str] = {}
     name_of: dict[str, str] = {}

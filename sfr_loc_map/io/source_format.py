@@ -21,7 +21,7 @@ PAIR_FILES = tuple(f"{part}/{name}" for part in (".", "loc", "nav") for name in 
 
 
 class SourceFormat(StrEnum):
-    """The format of a source as shown to users; for a bag also whether its messages are used as recorded."""
+    """The format of a source as shown to users. That of a bag also states whether its messages are used as recorded."""
 
     FOLDER = "sfr"
     BAG = "bag"
@@ -33,7 +33,7 @@ class SourceFormat(StrEnum):
 
 
 def detected_format(path: Path) -> SourceFormat | None:
-    """Return the format of a path; None if it has no supported format. That of each bag is `BAG`."""
+    """Return the format of a path, which is `BAG` for every bag; None if the format is not supported."""
     if not path.is_dir():
         return SourceFormat.BAG if is_storage_file(path) else None
     if (path / "metadata.yaml").exists():

@@ -89,8 +89,9 @@ def copied(sections: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _renamed_topics(topics: Mapping[str, Any], remap: Mapping[str, str]) -> dict[str, Any]:
-    """Return the section `topics`, topics of the bag by name in the suite, changed by a mapping of the inverse order.
+    """Return the section `topics` after the changes of `remap`.
 
+    `topics` maps names in the suite to topics of the bag, and `remap` maps topics of the bag to names in the suite.
     A topic that is remapped, or a name that is given to another topic, loses its entry. ConfigError if `remap` does not
     map names of topics, or gives one name to several topics.
     """

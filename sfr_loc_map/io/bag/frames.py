@@ -115,7 +115,8 @@ def chain_above(frames: Mapping[str, Frame], name: str, end: str = "") -> list[s
 def chain_poses(frames: Mapping[str, Frame], chain: Sequence[str], stamps_of: str) -> Trajectory:
     """Return the poses of the first frame of a chain in the parent of the last frame.
 
-    The stamps are those of the moving frame `stamps_of` that all moving frames cover (`stamped_poses.covered`).
+    The poses are at those stamps of the moving frame `stamps_of` that all moving frames cover
+    (`stamped_poses.covered`).
     """
     series = {name: frames[name].poses for name in chain}
     stamps = series[stamps_of].stamps_ns

@@ -74,7 +74,7 @@ def check_centre(cx: float, cy: float, size: tuple[int, int], where: str) -> Non
 
     Scaling an image multiplies both coordinates of the principal point by one factor, which cropping rarely does. The
     size is therefore wrong if the ratios to `size` are both below or both above `CENTRE_RATIOS`, and differ by at most
-    the factor `CENTRE_FACTOR`. Small ratios of which one is not positive are refused, too.
+    the factor `CENTRE_FACTOR`. Two small ratios are also refused if one of them is not positive.
     """
     ratios = np.array([cx, cy]) / size
     low, high = CENTRE_RATIOS

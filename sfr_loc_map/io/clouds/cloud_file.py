@@ -105,7 +105,7 @@ def load_cloud(path: Path) -> LoadedCloud:
 
 
 def _check_coordinates(xyz: FloatArray, path: Path) -> None:
-    """Raise InputError if finite points `(N, 3)`, m, are too far away, or all practically at the origin."""
+    """Raise InputError if a coordinate `(N, 3)` exceeds `MAX_POSITION_M`, or if all are below `SMALLEST_CLOUD_M`."""
     farthest = float(np.abs(xyz).max(initial=0.0))
     if farthest > MAX_POSITION_M:
         raise InputError(

@@ -36,7 +36,7 @@ HALVED_AXIS = {"side_by_side": 1, "top_bottom": 0}  #: Axis along which a joint 
 
 
 def image_name(bag: Bag, rig: str) -> str | None:
-    """Return the last part of the names of a rig's image topics, if possible of rectified images; None if absent."""
+    """Return the last part of the names of a rig's image topics: `image_rect`, else `image_raw`; else None."""
     for name in (RECTIFIED, RAW):
         if any(bag.find(f"{rig}/{side}/{name}", IMAGE, COMPRESSED) for side in SIDES):
             return name
@@ -133,7 +133,7 @@ def calibrated_cameras(topics: CameraTopics, calibration: CalibrationConfig) -> 
 
 
 def _by_file(topics: CameraTopics, calibration: CalibrationConfig) -> BagCameras:
-    """Return the cameras by a calibration file; the first left, or joint, image states size and frame."""
+    """Return the cameras of a calibration file. The first left or joint image gives their image size and frame."""
     bag, task = topics.bag, topics.task
     topic = topics.images[0]
     message = bag.first([topic]).get(topic.name)
@@ -153,7 +153,7 @@ def _by_file(topics: CameraTopics, calibration: CalibrationConfig) -> BagCameras
 
 
 def _by_camera_info(topics: CameraTopics, baseline_m: float) -> BagCameras:
-    """Return the cameras by the first camera_info of both; `baseline_m`: baseline of the configuration, 0 without."""
+    """Return the cameras of the first camera_info of both sides; a `baseline_m` above 0 is the configured baseline."""
     bag = topics.bag
     infos = bag.first(topics.infos)
     for topic in topics.infos:

@@ -38,7 +38,7 @@ class BagIndex:
     pairs: Mapping[int, Mapping[str, int]]
     """For the stamp of each pair, in ascending order, the stamps of its messages by topic; ns."""
     missing_ns: tuple[int, ...]
-    """Stamps of left images without a right image, or of mapping pairs without a pose, which are skipped."""
+    """Stamps of left images without a right image, or of mapping pairs without a pose. These pairs are skipped."""
     T_lm_navsb: Mapping[int, Transform]
     """Poses of the mapping pairs by their stamps; empty for a drive."""
 

@@ -88,7 +88,8 @@ class _BagPairs:
     def _messages_of_pairs(self, topics: Sequence[Topic]) -> Iterator[tuple[int, Mapping[str, bytes]]]:
         """Yield the stamp of each pair and its raw messages on `topics`, in the order of stamps.
 
-        The messages of a pair that are recorded before those of an earlier pair wait, for at most `LOOK_AHEAD` pairs.
+        Messages that are recorded before those of an earlier pair are kept until the earlier pair is complete. At most
+        `LOOK_AHEAD` pairs are kept.
         """
         bag = self.topics.bag
         names = {topic.name for topic in topics}
@@ -131,7 +132,7 @@ class _BagPairs:
 class BagLocSequence(_BagPairs):
     """The drive of a bag (`sequence.LocSequence`)."""
 
-    mount: RigInBody | None  #: Pose of the rig on the rover in the bag; None without one, or if another origin has one.
+    mount: RigInBody | None  #: Pose of the rig on the rover as the bag gives it; None if it is missing or configured.
     truth: TruthConfig
 
     @cached_property
@@ -230,9 +231,9 @@ def _mapping_pairs(bag: Bag, config: SourceConfig) -> BagNavSequence:
 
 
 def _own_extrinsics(loc: BagLocSequence, config: SourceConfig) -> Transform | None:
-    """Return the pose of the rig on the rover in the bag, also if the configuration replaces this pose.
+    """Return the pose of the rig on the rover that the bag gives, even if the configuration replaces this pose.
 
-    None if the bag has no valid pose, or if another file has the calibration.
+    None if the bag gives no valid pose, or if a calibration file replaces the cameras of the bag.
     """
     if config.calibration.file:
         return None

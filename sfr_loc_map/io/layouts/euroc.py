@@ -71,7 +71,10 @@ def _rig_of(folder: Path) -> tuple[StereoRig, StereoRectifier | None]:
 
 
 def _load_truth(folder: Path) -> RecordedTruth | None:
-    """Return the first truth of `TRUTHS` found; a tracker gives poses of its marker, whose pose in B is T_BS."""
+    """Return the truth of the first existing folder of `TRUTHS`.
+
+    A tracker measures its marker, whose pose in B is T_BS.
+    """
     file = next((file for name in TRUTHS if (file := folder / name / "data.csv").is_file()), None)
     if file is None:
         return None

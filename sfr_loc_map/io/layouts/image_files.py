@@ -138,7 +138,8 @@ class ImageFileSequence(ImageFiles):
     def configured(self, path: Path, config: SourceConfig, recorded: RecordedTruth | None) -> ImageFileSequence:
         """Return the drive of the source `path` with the extrinsics and the truth of the configuration.
 
-        Without extrinsics in the configuration, those of the files are kept. `recorded` is the truth in the files.
+        Without extrinsics in the configuration, the extrinsics of the files are kept. `recorded` is the truth in the
+        files.
         """
         T_rb_sb = config.extrinsics.transform() or self.rig.T_rb_sb
         truth = truth_of_data_set(path, recorded, config.truth)

@@ -57,8 +57,8 @@ def _increase_only_if_padded(texts: Sequence[str], digits: int) -> bool:
 def check_no_times_of_day(texts: Sequence[str], name: str) -> None:
     """Raise InputError if stamps are probably times of day written as `hhmmss.s`, which are not seconds.
 
-    Their minutes and seconds are below 60, and a step over a full minute is that of the other stamps only if the time
-    of day is converted to seconds.
+    Such stamps have minutes and seconds below 60. Their steps across a full minute equal the other steps only after the
+    conversion to seconds.
     """
     numbers = np.array([number_or_nan(text) for text in texts])
     if len(numbers) < 3 or not ((numbers >= 0.0) & (numbers < 240_000.0)).all():

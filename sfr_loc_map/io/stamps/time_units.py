@@ -62,8 +62,8 @@ class _StampFigures(NamedTuple):
 def inferred_time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
     """Return the unit of stamps, inferred from their notation, magnitude and steps; empty if several are possible.
 
-    Without any number, which is reported when the rows are read, the unit is the second. Otherwise the first rule that
-    applies decides. `is_seconds`: the format prescribes seconds, unless the stamps contradict.
+    If no stamp is a number, the unit is the second, and the error is reported when the rows are read. Otherwise the
+    first rule that applies decides. `is_seconds`: the format prescribes seconds, unless the stamps contradict.
     """
     if texts and not is_number(texts[0]) and is_time(texts[0]):
         return UTC_UNIT

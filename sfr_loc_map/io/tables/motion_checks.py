@@ -186,12 +186,12 @@ def _poses(head: TableHead, columns: PoseColumns) -> tuple[FloatArray, FloatArra
 
 
 def _problem_of_order(positions: FloatArray, quats_xyzw: FloatArray, other_xyzw: FloatArray) -> str:
-    """Return the problem of attitudes `(N, 4)` at positions `(N, 3)` that only the other order of quaternions avoids.
+    """Return why attitudes `(N, 4)` at positions `(N, 3)` are implausible as read; empty if they are plausible.
 
-    `other_xyzw` are the attitudes if the scalar, which was read as the first or the last number, is at the other end.
-    They describe a vehicle. The text is empty if there is no such problem. A vehicle is level. If the vehicle is level
-    in both orders, its forward axis decides, which points along the path. As read, the axes may also be those of a
-    camera, whose y-axis points down and whose z-axis points forward.
+    `other_xyzw` are the attitudes in the other order of quaternions, scalar first in place of last or vice versa. The
+    attitudes are implausible only if this other order gives a level vehicle. If both orders give a level vehicle, its
+    forward axis decides, which points along the path. As read, the axes may also be those of a camera, whose y-axis
+    points down and whose z-axis points forward.
     """
     if not quats_xyzw.any():  # positions without attitude
         return ""

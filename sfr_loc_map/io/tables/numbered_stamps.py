@@ -58,8 +58,8 @@ def _whole_numbers(rows: TableRows, frames: FloatArray) -> IntArray:
 def _stamps_of_numbers(path: Path, numbers: IntArray, numbers_of: str, count: int | None) -> PoseStamps:
     """Return the stamps of numbered poses from a file of seconds, or 1 s apart if there is no such file.
 
-    `numbers_of` states what is numbered: "line" or "frame". `count` is the number of times that the file of seconds
-    must have: that of the rows with poses, including skipped rows. It is None if the frame numbers are not consecutive.
+    `numbers_of` states what is numbered: "line" or "frame". `count` is the required number of times in the file of
+    seconds: the number of rows, including skipped rows; None if the frame numbers are not consecutive.
     """
     benchmark = parent_of(parent_of(path)) / "sequences" / path.stem / "times.txt"
     files = (times_beside(path), path.with_name("times.txt"), benchmark)

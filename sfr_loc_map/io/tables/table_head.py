@@ -128,9 +128,9 @@ UNITS = {*METRES, *TIMES, UTC_UNIT, "rad", "deg", "1"}  #: Contents of a line of
 def units_below(head: TableHead, number: int, count: int) -> list[str]:
     """Return the units of `count` columns in a line between the header and the rows; empty without such a line.
 
-    `number` is the index of the header. A comment is such a line only if its units are known, or if it has a unit of
-    time. Any other line without a number is also such a line, and `check_units_are_supported` refuses its
-    unknown units.
+    `number` is the index of the header. A comment is a line of units only if all its units are known, or if one is a
+    unit of time. A line that is not a comment is a line of units if it contains no number; `column_detection` refuses
+    its unknown units.
     """
     for line in head.before[number + 1 :]:
         units = units_in(head.cells_of(line))

@@ -102,9 +102,10 @@ def known_title(title: str) -> KnownTitle | None:
 
 
 def known_titles(titles: Sequence[str]) -> list[KnownTitle | None]:
-    """Return what each title of a header states, given the others.
+    """Return what each title of a header states beside the other titles.
 
-    Of `stamp_sec` and `stamp_nsec`, each title alone is that of a complete stamp, and both are parts of one stamp.
+    A title such as `stamp_sec` alone is that of a complete stamp. Beside `stamp_nsec`, the same title is that of the
+    whole seconds of a stamp.
     """
     known = [known_title(title) for title in titles]
     words = [_letters(title) for title in titles]

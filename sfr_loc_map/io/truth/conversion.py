@@ -72,7 +72,7 @@ def _unit(quats_xyzw: FloatArray) -> FloatArray:
 
 
 def _is_stated(variances: FloatArray) -> bool:
-    """Return whether variances of attitudes `(N, 3)` do not mark all attitudes as unknown."""
+    """Return whether at least one attitude is known, or has no variance, according to variances `(N, 3)`."""
     is_known = (variances < LOST_VARIANCE).any(axis=1) & (variances >= 0.0).all(axis=1)
     return bool(is_known.any() or np.isnan(variances).any())
 

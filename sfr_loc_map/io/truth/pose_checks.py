@@ -121,8 +121,8 @@ def has_no_tilt(poses: Trajectory) -> bool:
 def path_turns(positions: FloatArray) -> bool:
     """Return whether a path `(N, 3)` turns; driving backwards along the same line is not a turn.
 
-    The path is divided into `PARTS` of equal length. It turns if the lines along two parts differ, whichever
-    single part is omitted, because one part may contain position noise, a jump or a change of lanes.
+    The path is divided into `PARTS` of equal length. It turns if the lines along two parts differ, even if any one part
+    is omitted. A single part may contain position noise, a jump or a change of lanes.
     """
     along_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1)))
     if not along_m[-1] >= SHORTEST_M:

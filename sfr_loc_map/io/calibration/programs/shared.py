@@ -20,7 +20,8 @@ PINHOLE_MODELS = ("radtan", "radial-tangential", "plumb_bob", "equidistant", "eq
 def side_by_side(name: str, cameras: list[PosedCamera], names: list[str]) -> CameraPair:
     """Return the pair of two cameras; their poses determine which of them is left, unless `names` state it.
 
-    Names state the left camera if they differ in the word `left`, in upper or lower case; a common folder may have it.
+    The name with more occurrences of the word `left`, in upper or lower case, is that of the left camera. Both names
+    may contain the word in a common folder.
     """
     one, other = (each.lower().count(SIDES[0]) for each in names)
     if other > one:
