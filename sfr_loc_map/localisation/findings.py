@@ -111,8 +111,6 @@ class Refusal(NamedTuple):
     is_learnt: bool = (
         False  #: Whether the memory of the ground learns from the refused pair (`GroundMemory.after_verdict`).
     )
-    #: Whether the excluded cells may be the cause, so that they age if no window can begin for this reason.
-    ages_excluded: bool = False
 
 
 class Degradation(NamedTuple):
@@ -132,7 +130,7 @@ RULES: Final[dict[Finding, Refusal | Degradation]] = {
     Finding.SWAPPED: Refusal(Action.LOSE, StateReason.NO_STEREO),
     Finding.UNTEXTURED: Refusal(Action.LOSE_OR_BEGIN, StateReason.UNTEXTURED_IMAGES),
     Finding.FROZEN_AND_FEW: Refusal(Action.LOSE_OR_BEGIN, StateReason.REPEATED_IMAGES),
-    Finding.FEW_LANDMARKS: Refusal(Action.LOSE_OR_BEGIN, StateReason.FEW_LANDMARKS, ages_excluded=True),
+    Finding.FEW_LANDMARKS: Refusal(Action.LOSE_OR_BEGIN, StateReason.FEW_LANDMARKS),
     # Learnt: the ground is uncertain, and a search in the next pairs may find its motion.
     Finding.CONTRADICTED: Refusal(Action.KEEP, StateReason.MOVING_REGIONS, is_learnt=True),
     Finding.SINGULAR: Refusal(Action.LOSE_OR_BEGIN, StateReason.IMPLAUSIBLE_MOTION),
@@ -203,7 +201,6 @@ class Verdict(NamedTuple):
     inflation: Inflation  #: What all findings together add to the covariance.
     can_be_reference: bool  #: Whether the pair may be a reference for later pairs.
     is_learnt: bool  #: Whether the memory of the ground learns from the pair.
-    ages_excluded: bool  #: Whether the excluded cells age if no window can begin with the pair.
 
     @property
     def refuses(self) -> bool:
@@ -211,16 +208,10 @@ class Verdict(NamedTuple):
         return self.action in (Action.KEEP, Action.LOSE, Action.LOSE_OR_BEGIN)
 
 
-NO_FINDING: Final = Verdict(
-    None, Action.ACCEPT, None, Inflation.NONE, can_be_reference=True, is_learnt=True, ages_excluded=False
-)
-"""Verdict on a pair without findings."""
-
-
 def decide(findings: frozenset[Finding]) -> Verdict:
     """Return the verdict on a pair with some findings."""
     if not findings:
-        return NO_FINDING
+        return Verdict(None, Action.ACCEPT, None, Inflation.NONE, can_be_reference=True, is_learnt=True)
     present = [finding for finding in RULES if finding in findings]
     rules = [RULES[finding] for finding in present]
     first = rules[0]
@@ -236,5 +227,4 @@ def decide(findings: frozenset[Finding]) -> Verdict:
         inflation=inflation,
         can_be_reference=all(rule.can_be_reference for rule in degradations),
         is_learnt=not refusals or any(rule.is_learnt for rule in refusals),
-        ages_excluded=isinstance(first, Refusal) and first.ages_excluded,
     )

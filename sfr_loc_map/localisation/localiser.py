@@ -518,7 +518,7 @@ class Localiser:
         statistics = TrackingStatistics(features=len(landmarks.rows))
         verdict = decide(findings)
         if verdict.refuses:
-            if verdict.ages_excluded:
+            if verdict.finding is Finding.FEW_LANDMARKS:  # the excluded cells may be the cause
                 state = state.window_failed()
             return Outcome(state.lost(verdict.reason), replace(statistics, inliers=0), tracks)
         state, step = state.window_begun(frame, window, verdict, gap_keyframes, self._model)

@@ -20,4 +20,4 @@ def test_each_finding_has_a_rule_and_the_first_rule_gives_the_reason() -> None:
             assert verdict.can_be_reference == (alone.can_be_reference and of_other.can_be_reference)
     refusing = [isinstance(rule, Refusal) for rule in RULES.values()]
     assert refusing == sorted(refusing, reverse=True)  # what refuses a pair comes first
-    assert decide(set()) == (None, Action.ACCEPT, None, Inflation.NONE, True, True, False)
+    assert decide(set()) == (None, Action.ACCEPT, None, Inflation.NONE, True, True)
