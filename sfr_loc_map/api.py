@@ -225,8 +225,8 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
     - `rebase`: how the error at the start of a sub-trajectory is removed: `pose`, `displacement` or `position`.
     - `partial`: judge the available part of an estimate that does not cover the complete drive.
     - `frames`: frames of the score: the true poses (`truth`), or the estimates with interpolated truth (`images`).
-    - `associate`: pair poses by the nearest stamps (`match`), interpolate the truth at each estimate (`interpolate`),
-      or select one of the two by the rates (`auto`).
+    - `associate`: truth of an estimate: the true pose of the same stamp (`match`), interpolated between two true poses
+      (`interpolate`), or one of the two, chosen by the first stamps (`auto`).
     - `max_gap`: longest gap of the truth in which it is interpolated, s.
     - `convention`: convention of the poses: `["frame=left_optical", "world=first_pose"]`.
     - `apply_diagnosis`: correct the convention mismatch that explains the errors.
@@ -237,7 +237,7 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
 
     Of clouds:
 
-    - `scored_range`: range of the true points that count for coverage, m.
+    - `scored_range`: range interval of the true points that count for coverage, m.
     - `fused`: whether the cloud is fused, for a file without this information.
 
     ConfigError for an invalid argument, for an invalid condition or `limits`, and for an argument that does not apply

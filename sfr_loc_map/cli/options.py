@@ -110,7 +110,7 @@ ConfigOption = Annotated[
 ]
 GraphConfigOption = Annotated[
     Path | None,
-    Option("--config", metavar="F.yaml", help="An sfr.yaml: its topic names are used in place of the defaults."),
+    Option("--config", metavar="F.yaml", help="An sfr.yaml, of which the names of topics and other settings are used."),
 ]
 RemapOption = Annotated[
     list[str] | None,

@@ -126,7 +126,7 @@ def score(
         Association,
         Option(
             rich_help_panel=ASSOCIATION,
-            help="Pair poses by nearest stamps (match), or interpolate the truth at each estimate (interpolate).",
+            help="Truth of an estimate: the true pose of the same stamp (match), or interpolated (interpolate).",
         ),
     ] = DEFAULT_ASSOCIATION,
     max_gap: Annotated[
@@ -139,7 +139,7 @@ def score(
             "--range",
             metavar="FROM_M TO_M",
             rich_help_panel=CLOUDS,
-            help="Range of the true points that count for coverage.",
+            help="Range interval of the true points that count for coverage.",
         ),
     ] = (SCORE.map.scored_from_m, SCORE.map.scored_to_m),
     fused: Annotated[
