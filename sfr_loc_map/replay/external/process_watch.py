@@ -23,9 +23,9 @@ METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second 
 def processes_watched(text: str, started: Sequence[int]) -> list[int]:
     """Return the process ids for `--watch`: a given id, or all processes with the text in name or command line.
 
-    This replay, its ancestors (such as a shell) and other replays with `--watch` are excluded, because their command
-    lines contain the text. Processes that the replay has `started` are always included. Descendants of a found process
-    are omitted, because the process is watched with its descendants.
+    A text is not searched in this replay, in its ancestors (such as a shell), and in other replays with `--watch`,
+    because their command lines contain the text. Processes that the replay has `started` are always included.
+    Descendants of a found process are omitted, because the process is watched with its descendants.
     """
     found: dict[int, list[psutil.Process]] = {}
     this = psutil.Process()
