@@ -55,6 +55,82 @@ if TYPE_CHECKING:
 PLAYED = "Playback of the source"
 UNDER_TEST = "External node in place of ours"
 
+# ---- options of this command
+
+OutOption = Annotated[Path | None, Option(metavar="DIR", help="Folder for report, estimate, statistics and cloud.")]
+RateOption = Annotated[
+    float,
+    Option(
+        min=0.0,
+        metavar="R",
+        rich_help_panel=PLAYED,
+        help="0 (lock step): wait for the result of each pair. Otherwise: multiple of the recorded speed.",
+    ),
+]
+StartOffsetOption = Annotated[
+    float, Option(min=0.0, metavar="S", rich_help_panel=PLAYED, help="Seconds to skip at the start of the source.")
+]
+DurationOption = Annotated[
+    float | None,
+    Option(min=0.0, metavar="S", rich_help_panel=PLAYED, help="Seconds of the source that are played; default: all."),
+]
+StartPausedOption = Annotated[
+    bool,
+    Option(
+        "--start-paused", rich_help_panel=PLAYED, help="Wait for the service /sfr_player/resume before the first pair."
+    ),
+]
+ExternalOption = Annotated[
+    Literal["localisation", "mapping"] | None,
+    Option(rich_help_panel=METHOD, help="Replace our node of this task by a node of yours."),
+]
+MethodOption = Annotated[
+    Literal["sfr", "external"],
+    Option(rich_help_panel=METHOD, help="external: the same as --external, if SRC has pairs of one task."),
+]
+CommandOption = Annotated[
+    str,
+    Option(
+        metavar="CMD",
+        rich_help_panel=UNDER_TEST,
+        help="Command that starts the external node, which is stopped after the replay.",
+    ),
+]
+WatchOption = Annotated[
+    str,
+    Option(
+        metavar="PID|NAME",
+        rich_help_panel=UNDER_TEST,
+        help="Process whose CPU and memory are measured, in addition to that of CMD: its id or a part of its "
+        "command line.",
+    ),
+]
+AnswersOption = Annotated[
+    str,
+    Option(
+        metavar="TOPIC",
+        rich_help_panel=UNDER_TEST,
+        help="Topic of the answers (default: localisation/odometry or mapping/points).",
+    ),
+]
+FramesOption = Annotated[
+    str,
+    Option(
+        metavar="PARENT,CHILD",
+        rich_help_panel=UNDER_TEST,
+        help="Required frame ids of the answers; others are not used (default: the frame ids of the first answer).",
+    ),
+]
+AnswerTimeoutOption = Annotated[
+    float,
+    Option(
+        min=0.01,
+        metavar="S",
+        rich_help_panel=UNDER_TEST,
+        help="Timeout for the answer to a pair; later answers are ignored.",
+    ),
+]
+
 
 @app.command(
     epilog=examples(
@@ -67,9 +143,7 @@ UNDER_TEST = "External node in place of ours"
 def replay(
     context: Context,
     source: SourceArgument,
-    out: Annotated[
-        Path | None, Option(metavar="DIR", help="Folder for report, estimate, statistics and cloud.")
-    ] = None,
+    out: OutOption = None,
     overwrite: OverwriteOption = False,
     start: StartOption = "identity",
     limits: LimitsOption = None,
@@ -80,82 +154,17 @@ def replay(
     remap: RemapOption = None,
     live: LiveOption = False,
     live_port: PortOption = DEFAULT_PORT,
-    rate: Annotated[
-        float,
-        Option(
-            min=0.0,
-            metavar="R",
-            rich_help_panel=PLAYED,
-            help="0 (lock step): wait for the result of each pair. Otherwise: multiple of the recorded speed.",
-        ),
-    ] = 0.0,
-    start_offset: Annotated[
-        float, Option(min=0.0, metavar="S", rich_help_panel=PLAYED, help="Seconds to skip at the start of the source.")
-    ] = 0.0,
-    duration: Annotated[
-        float | None,
-        Option(
-            min=0.0, metavar="S", rich_help_panel=PLAYED, help="Seconds of the source that are played; default: all."
-        ),
-    ] = None,
-    start_paused: Annotated[
-        bool,
-        Option(
-            "--start-paused",
-            rich_help_panel=PLAYED,
-            help="Wait for the service /sfr_player/resume before the first pair.",
-        ),
-    ] = False,
-    external: Annotated[
-        Literal["localisation", "mapping"] | None,
-        Option(rich_help_panel=METHOD, help="Replace our node of this task by a node of yours."),
-    ] = None,
-    method: Annotated[
-        Literal["sfr", "external"],
-        Option(rich_help_panel=METHOD, help="external: the same as --external, if SRC has pairs of one task."),
-    ] = "sfr",
-    command: Annotated[
-        str,
-        Option(
-            metavar="CMD",
-            rich_help_panel=UNDER_TEST,
-            help="Command that starts the external node, which is stopped after the replay.",
-        ),
-    ] = "",
-    watch: Annotated[
-        str,
-        Option(
-            metavar="PID|NAME",
-            rich_help_panel=UNDER_TEST,
-            help="Process whose CPU and memory are measured, in addition to that of CMD: its id or a part of its "
-            "command line.",
-        ),
-    ] = "",
-    answers: Annotated[
-        str,
-        Option(
-            metavar="TOPIC",
-            rich_help_panel=UNDER_TEST,
-            help="Topic of the answers (default: localisation/odometry or mapping/points).",
-        ),
-    ] = "",
-    frames: Annotated[
-        str,
-        Option(
-            metavar="PARENT,CHILD",
-            rich_help_panel=UNDER_TEST,
-            help="Required frame ids of the answers; others are not used (default: the frame ids of the first answer).",
-        ),
-    ] = "",
-    answer_timeout: Annotated[
-        float,
-        Option(
-            min=0.01,
-            metavar="S",
-            rich_help_panel=UNDER_TEST,
-            help="Timeout for the answer to a pair; later answers are ignored.",
-        ),
-    ] = 5.0,
+    rate: RateOption = 0.0,
+    start_offset: StartOffsetOption = 0.0,
+    duration: DurationOption = None,
+    start_paused: StartPausedOption = False,
+    external: ExternalOption = None,
+    method: MethodOption = "sfr",
+    command: CommandOption = "",
+    watch: WatchOption = "",
+    answers: AnswersOption = "",
+    frames: FramesOption = "",
+    answer_timeout: AnswerTimeoutOption = 5.0,
     convention: ConventionOption = None,
     apply_diagnosis: ApplyDiagnosisOption = False,
     spacing: SpacingOption = SCORE.trajectory.spacing,

@@ -45,9 +45,59 @@ class ResultKind(StrEnum):
     TRAJECTORIES = "trajectories"
 
 
+ALIGNED = AlignedErrorConfig()  #: Default settings of the distance to the truth.
 OF_PAGE = ("results", "output", "json_path", "overwrite")
 OF_TEST_REPORT = ("title", "evidence")
 OF_HEADING = ("number", "issue")  #: In the test report and in the control document.
+
+# ---- options of this command
+
+ResultsArgument = Annotated[
+    list[Path],
+    Argument(metavar="RESULT...", help="Scores (*.json); two folders of suites; or trajectories and sources."),
+]
+OutputOption = Annotated[
+    Path | None,
+    Option(
+        "-o",
+        "--output",
+        metavar="F",
+        help="*.html; for one score also *.md, *.csv; default: report.html beside the score.",
+    ),
+]
+TestReportOption = Annotated[
+    Path | None,
+    Option(metavar="T.html", rich_help_panel=DOCUMENTS, help="Write the test report of the scores for signature."),
+]
+TitleOption = Annotated[str, Option(metavar="TEXT", rich_help_panel=DOCUMENTS, help="Title of the test report.")]
+NumberOption = Annotated[str, Option(metavar="TEXT", rich_help_panel=DOCUMENTS, help="Number of the test report.")]
+IssueOption = Annotated[
+    str, Option(metavar="TEXT", rich_help_panel=DOCUMENTS, help="Issue (revision) of the test report.")
+]
+JunitOption = Annotated[
+    Path | None, Option(metavar="F.xml", rich_help_panel=DOCUMENTS, help="Write the verdicts as JUnit XML.")
+]
+ControlOption = Annotated[
+    Path | None,
+    Option(metavar="F.csv", rich_help_panel=DOCUMENTS, help="Write the verification control document (close-out)."),
+]
+EvidenceOption = Annotated[
+    list[Path] | None,
+    Option(
+        metavar="E.json",
+        rich_help_panel=DOCUMENTS,
+        help="Evidence for the test report: JSON of sfr check, suite.json with a budget, search.json.",
+    ),
+]
+TruthOption = Annotated[
+    Path | None,
+    Option(metavar="TRUTH", rich_help_panel=DRAWN, help="True trajectory; the distance to the truth is drawn, too."),
+]
+AlignOption = Annotated[Align, Option(rich_help_panel=DRAWN, help="Alignment of each trajectory with the truth.")]
+MaxDifferenceOption = Annotated[
+    float,
+    Option(metavar="S", rich_help_panel=DRAWN, help="Maximum difference between the stamps of estimate and truth."),
+]
 
 
 @app.command(
@@ -61,59 +111,21 @@ OF_HEADING = ("number", "issue")  #: In the test report and in the control docum
 )
 def report(
     context: Context,
-    results: Annotated[
-        list[Path],
-        Argument(metavar="RESULT...", help="Scores (*.json); two folders of suites; or trajectories and sources."),
-    ],
-    output: Annotated[
-        Path | None,
-        Option(
-            "-o",
-            "--output",
-            metavar="F",
-            help="*.html; for one score also *.md, *.csv; default: report.html beside the score.",
-        ),
-    ] = None,
+    results: ResultsArgument,
+    output: OutputOption = None,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
-    test_report: Annotated[
-        Path | None,
-        Option(metavar="T.html", rich_help_panel=DOCUMENTS, help="Write the test report of the scores for signature."),
-    ] = None,
-    title: Annotated[str, Option(metavar="TEXT", rich_help_panel=DOCUMENTS, help="Title of the test report.")] = "",
-    number: Annotated[str, Option(metavar="TEXT", rich_help_panel=DOCUMENTS, help="Number of the test report.")] = "",
-    issue: Annotated[
-        str, Option(metavar="TEXT", rich_help_panel=DOCUMENTS, help="Issue (revision) of the test report.")
-    ] = "",
-    junit: Annotated[
-        Path | None, Option(metavar="F.xml", rich_help_panel=DOCUMENTS, help="Write the verdicts as JUnit XML.")
-    ] = None,
-    control: Annotated[
-        Path | None,
-        Option(metavar="F.csv", rich_help_panel=DOCUMENTS, help="Write the verification control document (close-out)."),
-    ] = None,
-    evidence: Annotated[
-        list[Path] | None,
-        Option(
-            metavar="E.json",
-            rich_help_panel=DOCUMENTS,
-            help="Evidence for the test report: JSON of sfr check, suite.json with a budget, search.json.",
-        ),
-    ] = None,
-    truth: Annotated[
-        Path | None,
-        Option(
-            metavar="TRUTH", rich_help_panel=DRAWN, help="True trajectory; the distance to the truth is drawn, too."
-        ),
-    ] = None,
-    align: Annotated[
-        Align, Option(rich_help_panel=DRAWN, help="Alignment of each trajectory with the truth.")
-    ] = "none",
-    max_difference: Annotated[
-        float,
-        Option(metavar="S", rich_help_panel=DRAWN, help="Maximum difference between the stamps of estimate and truth."),
-    ] = AlignedErrorConfig().max_difference,
+    test_report: TestReportOption = None,
+    title: TitleOption = "",
+    number: NumberOption = "",
+    issue: IssueOption = "",
+    junit: JunitOption = None,
+    control: ControlOption = None,
+    evidence: EvidenceOption = None,
+    truth: TruthOption = None,
+    align: AlignOption = "none",
+    max_difference: MaxDifferenceOption = ALIGNED.max_difference,
 ) -> None:
     """Write a page of results: one score, a comparison of scores or of two suites, or a plot of trajectories.
 

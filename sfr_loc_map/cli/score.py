@@ -64,6 +64,127 @@ ALIGNED = AlignedErrorConfig()  #: Default settings of APE and RPE.
 OF_DIAGNOSIS = ("estimate", "truth", "diagnose", "json_path", "overwrite", "lenient", "config_file")
 """Arguments and options that apply to `--diagnose`, in addition to those that select the compared poses."""
 
+# ---- options of this command
+
+EstimateArgument = Annotated[Path, Argument(metavar="EST", help="Trajectory (csv, TUM, KITTI, EuRoC, bag) or cloud.")]
+TruthArgument = Annotated[
+    Path, Argument(metavar="TRUTH", help="Ground truth: trajectory, bag or data set; for a cloud, a data set.")
+]
+StatsOption = Annotated[
+    list[Path] | None,
+    Option(
+        metavar="S.csv",
+        help="Calls of the run (--stats of sfr localise or map): time, state, covariance, ...; repeatable; "
+        "default: EST.stats.csv if it exists.",
+    ),
+]
+AlignOption = Annotated[
+    Align | None,
+    Option(
+        rich_help_panel=TRAJECTORIES,
+        help="Also report APE (ATE) and RPE after this alignment; the other figures use no alignment.",
+    ),
+]
+JunitOption = Annotated[Path | None, Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")]
+DiagnoseOption = Annotated[
+    bool,
+    Option(
+        "--diagnose",
+        rich_help_panel=CONVENTION,
+        help="Do not score: search for a convention mismatch between EST and TRUTH; exit with 1 if one is found.",
+    ),
+]
+FramesOption = Annotated[
+    Literal["truth", "images"],
+    Option(
+        rich_help_panel=ASSOCIATION,
+        help="Frames of the score: the true poses (truth), or the estimates with interpolated truth (images).",
+    ),
+]
+AssociateOption = Annotated[
+    Association,
+    Option(
+        rich_help_panel=ASSOCIATION,
+        help="Truth of an estimate: the true pose of the same stamp (match), or interpolated (interpolate).",
+    ),
+]
+MaxGapOption = Annotated[
+    float,
+    Option(metavar="S", rich_help_panel=ASSOCIATION, help="Longest gap of the truth in which it is interpolated."),
+]
+ScoredRangeOption = Annotated[
+    tuple[float, float],
+    Option(
+        "--range",
+        metavar="FROM_M TO_M",
+        rich_help_panel=CLOUDS,
+        help="Range interval of the true points that count for coverage.",
+    ),
+]
+FusedOption = Annotated[
+    bool | None,
+    Option(
+        "--fused/--not-fused",
+        rich_help_panel=CLOUDS,
+        help="Whether the cloud is fused, if its file does not state this.",
+    ),
+]
+MaxDifferenceOption = Annotated[
+    float | None,
+    Option(
+        metavar="S",
+        rich_help_panel=TRAJECTORIES,
+        help="Maximum stamp difference of paired poses for APE and RPE.",
+        show_default=str(ALIGNED.max_difference),
+    ),
+]
+RpeDeltaOption = Annotated[
+    str | None,
+    Option(
+        metavar="frames=N|distance=M",
+        rich_help_panel=TRAJECTORIES,
+        help="Length of a relative motion (RPE).",
+        show_default=ALIGNED.rpe_delta,
+    ),
+]
+PointsOption = Annotated[
+    Path | None,
+    Option(
+        metavar="F.parquet|F.csv", rich_help_panel=CLOUDS, help="Write every map point, its ground truth and its error."
+    ),
+]
+PiecesOption = Annotated[
+    Path | None,
+    Option(
+        metavar="F.parquet|F.csv",
+        rich_help_panel=TRAJECTORIES,
+        help="Write every sub-trajectory: frames, displacements, errors.",
+    ),
+]
+TargetOption = Annotated[
+    str | None,
+    Option(metavar="NAME", rich_help_panel=TARGET, help="Name of the target on which --target-timing was measured."),
+]
+TargetTimingOption = Annotated[
+    Path | None,
+    Option(
+        metavar="S.csv", rich_help_panel=TARGET, help="Calls on the target: processing_time_s, state, peak_rss_bytes."
+    ),
+]
+TargetRunOption = Annotated[
+    str | None,
+    Option(metavar="TEXT", rich_help_panel=TARGET, help="Name of the other run from which --target-timing comes."),
+]
+SettingsOption = Annotated[
+    list[str] | None,
+    Option(
+        "--set",
+        metavar="truth.KEY=VALUE",
+        rich_help_panel=ASSOCIATION,
+        help="Setting of the truth, for example truth.sigma_m=0.02; repeatable.",
+    ),
+]
+
 
 @app.command(
     epilog=examples(
@@ -76,143 +197,38 @@ OF_DIAGNOSIS = ("estimate", "truth", "diagnose", "json_path", "overwrite", "leni
 )
 def score(
     context: Context,
-    estimate: Annotated[Path, Argument(metavar="EST", help="Trajectory (csv, TUM, KITTI, EuRoC, bag) or cloud.")],
-    truth: Annotated[
-        Path, Argument(metavar="TRUTH", help="Ground truth: trajectory, bag or data set; for a cloud, a data set.")
-    ],
+    estimate: EstimateArgument,
+    truth: TruthArgument,
     html: HtmlOption = None,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
     limits: LimitsOption = None,
     conditions: ConditionOption = None,
-    stats: Annotated[
-        list[Path] | None,
-        Option(
-            metavar="S.csv",
-            help="Calls of the run (--stats of sfr localise or map): time, state, covariance, ...; repeatable; "
-            "default: EST.stats.csv if it exists.",
-        ),
-    ] = None,
-    align: Annotated[
-        Align | None,
-        Option(
-            rich_help_panel=TRAJECTORIES,
-            help="Also report APE (ATE) and RPE after this alignment; the other figures use no alignment.",
-        ),
-    ] = None,
+    stats: StatsOption = None,
+    align: AlignOption = None,
     partial: PartialOption = False,
-    junit: Annotated[Path | None, Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None,
+    junit: JunitOption = None,
     lenient: LenientOption = False,
     convention: ConventionOption = None,
     apply_diagnosis: ApplyDiagnosisOption = False,
-    diagnose: Annotated[
-        bool,
-        Option(
-            "--diagnose",
-            rich_help_panel=CONVENTION,
-            help="Do not score: search for a convention mismatch between EST and TRUTH; exit with 1 if one is found.",
-        ),
-    ] = False,
+    diagnose: DiagnoseOption = False,
     spacing: SpacingOption = SCORE.trajectory.spacing,
     rebase: RebaseOption = DEFAULT_REBASE,
-    frames: Annotated[
-        Literal["truth", "images"],
-        Option(
-            rich_help_panel=ASSOCIATION,
-            help="Frames of the score: the true poses (truth), or the estimates with interpolated truth (images).",
-        ),
-    ] = "truth",
-    associate: Annotated[
-        Association,
-        Option(
-            rich_help_panel=ASSOCIATION,
-            help="Truth of an estimate: the true pose of the same stamp (match), or interpolated (interpolate).",
-        ),
-    ] = DEFAULT_ASSOCIATION,
-    max_gap: Annotated[
-        float,
-        Option(metavar="S", rich_help_panel=ASSOCIATION, help="Longest gap of the truth in which it is interpolated."),
-    ] = SCORE.trajectory.association.max_gap_s,
-    scored_range: Annotated[
-        tuple[float, float],
-        Option(
-            "--range",
-            metavar="FROM_M TO_M",
-            rich_help_panel=CLOUDS,
-            help="Range interval of the true points that count for coverage.",
-        ),
-    ] = (SCORE.map.scored_from_m, SCORE.map.scored_to_m),
-    fused: Annotated[
-        bool | None,
-        Option(
-            "--fused/--not-fused",
-            rich_help_panel=CLOUDS,
-            help="Whether the cloud is fused, if its file does not state this.",
-        ),
-    ] = None,
-    max_difference: Annotated[
-        float | None,
-        Option(
-            metavar="S",
-            rich_help_panel=TRAJECTORIES,
-            help="Maximum stamp difference of paired poses for APE and RPE.",
-            show_default=str(ALIGNED.max_difference),
-        ),
-    ] = None,
-    rpe_delta: Annotated[
-        str | None,
-        Option(
-            metavar="frames=N|distance=M",
-            rich_help_panel=TRAJECTORIES,
-            help="Length of a relative motion (RPE).",
-            show_default=ALIGNED.rpe_delta,
-        ),
-    ] = None,
-    points: Annotated[
-        Path | None,
-        Option(
-            metavar="F.parquet|F.csv",
-            rich_help_panel=CLOUDS,
-            help="Write every map point, its ground truth and its error.",
-        ),
-    ] = None,
-    pieces: Annotated[
-        Path | None,
-        Option(
-            metavar="F.parquet|F.csv",
-            rich_help_panel=TRAJECTORIES,
-            help="Write every sub-trajectory: frames, displacements, errors.",
-        ),
-    ] = None,
-    target: Annotated[
-        str | None,
-        Option(
-            metavar="NAME", rich_help_panel=TARGET, help="Name of the target on which --target-timing was measured."
-        ),
-    ] = None,
-    target_timing: Annotated[
-        Path | None,
-        Option(
-            metavar="S.csv",
-            rich_help_panel=TARGET,
-            help="Calls on the target: processing_time_s, state, peak_rss_bytes.",
-        ),
-    ] = None,
-    target_run: Annotated[
-        str | None,
-        Option(metavar="TEXT", rich_help_panel=TARGET, help="Name of the other run from which --target-timing comes."),
-    ] = None,
+    frames: FramesOption = "truth",
+    associate: AssociateOption = DEFAULT_ASSOCIATION,
+    max_gap: MaxGapOption = SCORE.trajectory.association.max_gap_s,
+    scored_range: ScoredRangeOption = (SCORE.map.scored_from_m, SCORE.map.scored_to_m),
+    fused: FusedOption = None,
+    max_difference: MaxDifferenceOption = None,
+    rpe_delta: RpeDeltaOption = None,
+    points: PointsOption = None,
+    pieces: PiecesOption = None,
+    target: TargetOption = None,
+    target_timing: TargetTimingOption = None,
+    target_run: TargetRunOption = None,
     columns: ColumnsOption = None,
     config_file: ConfigOption = None,
-    settings: Annotated[
-        list[str] | None,
-        Option(
-            "--set",
-            metavar="truth.KEY=VALUE",
-            rich_help_panel=ASSOCIATION,
-            help="Setting of the truth, for example truth.sigma_m=0.02; repeatable.",
-        ),
-    ] = None,
+    settings: SettingsOption = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
     from sfr_loc_map.io.source_settings import truth_config
