@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import typer
 from typer.core import TyperGroup
@@ -48,20 +48,13 @@ HINTS = "SFR_HINTS"
 # ---- one run of a command
 
 
-class FileState(NamedTuple):
-    """State of a file, which differs after the file is written."""
-
-    inode: int
-    changed_ns: int
-
-
-def file_state(path: Path) -> FileState | None:
-    """Return the state of a file; None if it does not exist."""
+def _state_of(path: Path) -> tuple[int, int] | None:
+    """Return number and time of a file, which differ after the file is written; None if the file does not exist."""
     try:
         found = path.stat()
     except OSError:
         return None
-    return FileState(found.st_ino, found.st_mtime_ns)
+    return found.st_ino, found.st_mtime_ns
 
 
 @dataclass(slots=True)
@@ -71,17 +64,17 @@ class CommandRun:
     next_line: str = ""  #: Proposed next command; empty if there is none.
     prints_json: bool = False  #: Whether JSON is printed to standard output.
     failed_outputs: list[str] = field(default_factory=list)  #: Failures of secondary outputs.
-    #: Files that the command writes, each with its state before (`file_state`).
-    outputs: dict[Path, FileState | None] = field(default_factory=dict)
+    #: Files that the command writes, each with its state before (`_state_of`).
+    outputs: dict[Path, tuple[int, int] | None] = field(default_factory=dict)
 
     def add_output(self, path: Path) -> None:
         """Note a file that the command writes, before it is written."""
-        self.outputs.setdefault(path, file_state(path))
+        self.outputs.setdefault(path, _state_of(path))
 
     @property
     def finished_outputs(self) -> list[Path]:
         """The noted files that have been written. They are complete, because files are written atomically."""
-        return [path for path, before in self.outputs.items() if file_state(path) not in (None, before)]
+        return [path for path, before in self.outputs.items() if _state_of(path) not in (None, before)]
 
     def last_line(self, code: int) -> str:
         """Return the last line of a command that ended with an exit code; empty if there is none."""

@@ -83,18 +83,6 @@ def decoded(received: ReceivedPair) -> tuple[StereoPair, float]:
     return pair, time.perf_counter() - begin_s
 
 
-class Backoff:
-    """Decides when to report: after each period with input, and after 1, 2, 4, 8, ... periods in a row without."""
-
-    def __init__(self) -> None:
-        self._silent_periods = 0
-
-    def is_due(self, is_silent: bool) -> bool:
-        """Count a period with or without input; return whether a report is due."""
-        self._silent_periods = self._silent_periods + 1 if is_silent else 0
-        return self._silent_periods.bit_count() <= 1  # 0 or a power of two
-
-
 class PairNode(ManagedNode[P], ABC):
     """A managed node whose worker processes the pairs of one rig; its input is handled in the executor's thread.
 
@@ -152,7 +140,7 @@ class PairNode(ManagedNode[P], ABC):
     def reset_state(self) -> None:
         """Create the state of the node, without input and results."""
         self._failed = 0  # pairs that could not be processed
-        self._backoff = Backoff()
+        self._silent_periods = 0  # consecutive calls of `report_periodically` without input
         self._stereo = StereoInput(
             self.task.rig,
             self.config.input,
@@ -180,7 +168,8 @@ class PairNode(ManagedNode[P], ABC):
     def report_periodically(self) -> None:
         """Log how many messages were dropped.
 
-        If no pair was processed since the last call, also log what the node waits for.
+        If no pair was processed since the last call, also report what the node waits for. The log has this report after
+        each period with input, and after the 1st, 2nd, 4th, 8th, ... of consecutive periods without input.
         """
         super().report_periodically()
         self._stereo.losses.update_publishers()
@@ -189,7 +178,8 @@ class PairNode(ManagedNode[P], ABC):
         has_worked = self.status.call_count > self._call_count_before or not self.worker.is_idle
         self._call_count_before = self.status.call_count
         is_silent = not any(item.received for item in self.inputs() if item.is_stream)
-        is_log_due = self._backoff.is_due(is_silent)
+        self._silent_periods = self._silent_periods + 1 if is_silent else 0
+        is_log_due = self._silent_periods.bit_count() <= 1  # with input, or 1, 2, 4, 8, ... silent periods
         missing = self.waits_for()
         self.reset_received()
         if has_worked or not missing or (is_silent and not self.expects_input()):
