@@ -83,7 +83,7 @@ class StereoRig:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of all values of the rig, by which files identify the rig."""
+        """Hash of all values of the rig. Files identify the rig by this hash."""
         numbers = [self.width, self.height, *self.camera]
         if self.T_rb_sb is not None:
             numbers += [*self.T_rb_sb.translation.tolist(), *self.T_rb_sb.rotation.reshape(-1).tolist()]

@@ -26,8 +26,8 @@ class Trajectory:
 
     stamps_ns: IntArray  #: `(N,)` int64, nanoseconds.
     positions: FloatArray  #: `(N, 3)` float64, metres, the RB origin in DS (`rbOriginPos_m_Ds`).
-    #: `(N, 4)` float64, orientation of RB in DS as in ROS messages: takes components in RB to DS, the conjugate of
-    #: `att_q_DsToRb`.
+    #: `(N, 4)` float64, orientation of RB in DS as in ROS messages. The quaternion takes components in RB to DS, and is
+    #: the conjugate of `att_q_DsToRb`.
     quats_xyzw: FloatArray
 
     def __post_init__(self) -> None:

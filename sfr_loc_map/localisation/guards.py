@@ -125,7 +125,8 @@ def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBoun
 def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: RightCameraOffset) -> frozenset[Finding]:
     """Report that few inliers of one image are observed in the other image.
 
-    Either the other image has no texture, or the images are swapped, which the tracker tests, or one image is stale.
+    There are three causes: the other image has no texture, the images are swapped (which the tracker tests), or one
+    image is stale.
     """
     if tracks.stereo_fraction > MIN_STEREO_FRACTION:
         return frozenset()

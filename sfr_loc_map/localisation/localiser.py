@@ -17,9 +17,9 @@ the stage adds to the values of the previous stages:
 | 10 accept | final tracks | `State` after the pair, `StepEstimate` | `state`, `path`, `uncertainty` |
 
 In stage 4, some landmarks are aligned jointly (direct image alignment as in SVO, Forster et al. 2017). The patches of
-more landmarks, warped by their local planes, are then tracked in both images (Lucas and Kanade 1981), and the pose is
-solved for with robust weights. In stage 5, the pose is recovered by optical flow, then by SIFT descriptors. In stage 6,
-the landmarks are tracked again from the pose if one motion does not explain the tracks. If many landmarks are still
+more landmarks, warped by their local planes, are then tracked in both images (Lucas and Kanade 1981). Robust least
+squares give the pose. In stage 5, the pose is recovered by optical flow, then by SIFT descriptors. In stage 6, the
+landmarks are tracked again from the pose if one motion does not explain the tracks. If many landmarks are still
 unexplained, another motion is searched for. In stage 9, the pair becomes a keyframe if few landmarks are left, or if
 they moved far in the image. A pair that cannot be a reference, or that has too few inliers in the left image, becomes
 no keyframe.
@@ -213,7 +213,7 @@ class Localiser:
         self._state = State.started(start, calibration, self._model)
 
     def set_pose(self, pose: StartPose | Transform) -> None:
-        """Set an external pose, which is valid at its stamp; without a stamp, at the next pair.
+        """Set an external pose. The pose is valid at its stamp, or at the next pair if it has no stamp.
 
         The pose replaces an earlier external pose that is not applied yet. Before the first pair, the pose replaces the
         start pose. A pose whose stamp is more than `path.MAX_AHEAD_NS` after the next pair is of another

@@ -24,9 +24,10 @@ MAX_UNKNOWN_PERIOD_NS = 500_000_000
 missed. If smaller, an external pose between the first two pairs of a slow drive is less certain."""
 
 MAX_JITTER_NS = 10_000_000
-"""Maximum difference of two stamps that may be of one moment, ns. Chosen by hand: a tenth of the period at 10 Hz. If
-larger, an unobserved motion between two pairs is not reported. If smaller, a start pose that another program computed
-for the first pair degrades the first window. The covariance contains the motion in this time in any case."""
+"""Maximum difference, ns, of two stamps that count as the same time, because stamps jitter. Chosen by hand: a tenth of
+the period at 10 Hz. If larger, an unobserved motion between two pairs is not reported. If smaller, a start pose that
+another program computed for the first pair degrades the first window. The covariance contains the motion in this time
+in any case."""
 
 
 class Prediction(NamedTuple):
@@ -84,8 +85,8 @@ class LastPose:
     def missing_pairs(self, stamp_ns: int) -> int | None:
         """Return the number of pairs that are missing between the last accepted pair and a stamp.
 
-        The number is unknown (None) before the second pair of a window. It is also unknown if the time is shorter than
-        half of `motion_ns`, because pairs were then missing in that motion.
+        The number is unknown (None) before the second pair of a window. The number is also unknown if the time since
+        that pair is shorter than half of `motion_ns`, because pairs were then missing during the last motion.
         """
         if self.motion_ns is None:
             return None

@@ -84,8 +84,8 @@ from sfr_loc_map.message_stamps import NS_PER_S
 
 HISTORY_PAIRS = 1000  #: Number of past pairs to which an external pose can be applied: 100 s at 10 Hz.
 MAX_AHEAD_NS = 10 * NS_PER_S
-"""Maximum lead of a pose's stamp over the images. A larger lead indicates a different clock; the pose is then applied
-to the next pair."""
+"""Maximum lead of a pose's stamp over the images. A larger lead indicates a different clock, and the pose is then
+applied to the next pair."""
 MAX_START_AHEAD_NS = 600 * NS_PER_S  #: Maximum lead of a start pose, larger because a ground truth may begin late.
 MAX_LATER_PERIODS = 1.5
 """Maximum number of periods between the last accepted pose and a later external pose that applies to it. If the pair

@@ -130,7 +130,7 @@ class Relocaliser:
     def relocalise(
         self, frame: StereoFrame, landmarks: Landmarks, images: RecoveryImages, offset: RightCameraOffset
     ) -> Tracks | None:
-        """Track from the pose by optical flow; unless the tracks are trusted, track from the pose by descriptors.
+        """Track from the pose by optical flow. If these tracks are not trusted, track from the pose by descriptors.
 
         Without a pose by descriptors, the tracks by optical flow are returned; None if there is no pose at all.
         """

@@ -76,9 +76,10 @@ hand. If larger, stale rows of weak texture are not detected. If smaller, rows w
 MIN_STALE_FRACTION: Final = 0.05
 """Fraction of stale rows from which an image is partially transferred: fewer rows contain few landmarks."""
 MIN_TEXTURE_RATIO: Final = 2.0
-"""Minimum ratio of the variance of the texture to that of the noise if left and right are the same image. Variances are
-of the differences between neighbours in a row. The ratio is 0.5 for two images of equal noise without texture. Chosen
-by hand. If larger, a copy with much noise is not detected. If smaller, images of little texture count as identical."""
+"""Minimum ratio of the variance of the texture to that of the noise if left and right are the same image. The variances
+are those of the differences between neighbouring pixels in a row. The ratio is 0.5 for two images of equal noise
+without texture. Chosen by hand. If larger, a copy with much noise is not detected. If smaller, images of little texture
+count as identical."""
 MIN_DEVIATION: Final = 1.0
 """Minimum standard deviation of the grey levels of a textured image at full resolution. Rounding to whole grey levels
 causes at most 0.5."""

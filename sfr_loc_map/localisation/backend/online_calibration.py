@@ -297,7 +297,7 @@ class OnlineCalibration:
         return replace(self, drift=self.drift.window_begun())
 
     def diverged(self) -> OnlineCalibration:
-        """Return the calibration after a diverged adjustment: that of the first pair again.
+        """Return the calibration after a diverged adjustment, which starts again as at the first pair.
 
         The estimates are discarded with their map.
 

@@ -47,7 +47,7 @@ MIN_DIFFERENCE_RATIO: Final = 0.05
 Chosen by hand, because errors of the prediction grow with the motion. If larger, objects that move nearly like the
 ground are missed."""
 SEARCHED_UNEXPLAINED: Final = 0.03
-"""Minimum fraction of unexplained landmarks for the search for a second exposure, which takes 0.3 ms. The
+"""Minimum fraction of unexplained landmarks from which a second exposure is searched for. The search takes 0.3 ms. The
 fraction is at least 0.04 with ghosts of 30 to 69 %, and smaller in most pairs of clean drives."""
 MIXTURE_LANDMARKS: Final = 64
 """Number of landmarks in which a second exposure is searched for. Chosen by hand: the standard error of the weight
@@ -112,7 +112,8 @@ class Evidence(NamedTuple):
 
         With two motions, one of them must be a standstill, because stale parts show the previous pair. With one motion,
         nearly half of the landmarks must be unexplained, or more than usual if the previous pair was transferred, too.
-        After more pairs than a partial transfer lasts, the other landmarks may be on an object.
+        A partial transfer lasts a few pairs only (`memory.MAX_TRANSFERS`). After more pairs, the unexplained landmarks
+        may be on an object instead.
         """
         if self.two is not None:
             return self.two.has_standstill and self.memory.may_be_transfer

@@ -417,7 +417,7 @@ class Exclusion(NamedTuple):
 
     @classmethod
     def nothing(cls, shape: tuple[int, ...]) -> Exclusion:
-        """Return the exclusion of nothing, for a shape (R, C) of the cells."""
+        """Return an exclusion without landmarks and without cells, for a shape (R, C) of the cells."""
         return cls.of_fixed(np.zeros(0, np.intp), np.zeros(shape, np.bool_))
 
 

@@ -76,8 +76,8 @@ class ErrorSources:
     min_variance_factor: float = 0.2
     """Step, noise. Minimum variance factor. Below this value, the dominant errors do not appear in residuals."""
     step_inflation: float = 1.5
-    """Step. Factor on the variance factor, because errors common to neighbouring landmarks do not appear in
-    residuals."""
+    """Step. Factor on the variance of a step, in addition to the variance factor, because errors common to neighbouring
+    landmarks do not appear in residuals."""
     white_ratio: float = 0.5
     """Noise. Fraction of the covariance of a pose that is independent from pair to pair (image noise)."""
     climb_ratio: float = 0.3

@@ -27,7 +27,7 @@ EXPECTED_CHI_MEDIAN = 0.839
 """Median of chi-square with four degrees of freedom, divided by four, as for a landmark observed in both images. A
 landmark observed in one image has two degrees of freedom, with a median of 0.693. The variance factor is therefore
 slightly too small if many landmarks are observed in one image only (a quarter of them on KITTI)."""
-MIN_VARIANCE = 1e-12  #: Added to the variances of a step, so that each is positive, m^2 and rad^2.
+MIN_VARIANCE = 1e-12  #: Value added to each variance of a step, m^2 and rad^2, so that each variance is positive.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
