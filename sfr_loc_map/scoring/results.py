@@ -38,7 +38,7 @@ from sfr_loc_map.metrics.score.caveats import truth_caveats
 from sfr_loc_map.metrics.trajectory.aligned_error import aligned_errors
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.scoring.conversion import ConventionFinding
-from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, TargetCalls
+from sfr_loc_map.scoring.inputs import DriveToScore, Run, TargetCalls
 from sfr_loc_map.suite_names import Task
 
 FEW_TRUE_POSES = 1.0 / SPARSER  #: A truth is reported as sparse up to this ratio of true poses to images.
@@ -52,8 +52,8 @@ MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Mat
 # ---- the trajectory
 
 
-def drive_result(
-    drive: DriveToScore,
+def trajectory_result(
+    run: Run,
     config: TrajectoryScoreConfig,
     finding: ConventionFinding | None,
     kept_errors: Collection[tuple[str, str]],
@@ -64,8 +64,13 @@ def drive_result(
 ) -> TrajectoryResult:
     """Return the result of a trajectory; `finding` is about the conventions of estimate and truth.
 
-    A live run is scored even if no estimate has a ground truth. Results of the last `in_flight_ns` may still arrive.
+    If the run has no estimates, the result contains the images without an estimate. A live run is scored even if no
+    estimate has a ground truth. Results of the last `in_flight_ns` may still arrive.
     """
+    if run.drive is None:
+        images = run.expected.unposed_images
+        return TrajectoryResult(figures=tuple(rows_without_poses(images)) if images else ())
+    drive = run.drive
     scored = score_trajectory(
         drive.estimates,
         drive.truth,
@@ -88,11 +93,6 @@ def with_aligned_errors(result: TrajectoryResult, drive: DriveToScore, config: A
     """Return the result of a drive with APE and RPE."""
     beside = aligned_errors(drive.estimates.trajectory, drive.truth, config)
     return replace(result, figures=(*result.figures, *beside.figures), alignment=beside.alignment)
-
-
-def result_without_poses(images: int) -> TrajectoryResult:
-    """Return the result of a drive without an estimate for any image; `images` is their number."""
-    return TrajectoryResult(figures=tuple(rows_without_poses(images))) if images else TrajectoryResult()
 
 
 def _uneven_estimates(drive: DriveToScore, association: Association) -> Iterator[str]:
@@ -140,12 +140,16 @@ def excess_of_dense_parts(stamps_ns: IntArray) -> float:
 # ---- the map
 
 
-def map_result(made: CloudToScore, config: MapScoreConfig, expected_pairs: int | None) -> MapResult:
-    """Return the result of a cloud; `expected_pairs` is the number of source pairs, None if unknown."""
-    loaded, truths = made.loaded, made.truths
+def map_result(run: Run, config: MapScoreConfig) -> MapResult:
+    """Return the result of a map; if the run has no cloud, the result contains the mapping pairs without a cloud."""
+    pairs = run.expected.mapping_pairs
+    if run.cloud is None:
+        return result_without_cloud(run.expected.unmapped, pairs)
+    loaded = run.cloud.loaded
+    truths = run.cloud.truths
     if loaded.cloud is None:
-        return score_nearest(loaded.xyz, truths, config, expected_pairs=expected_pairs, not_finite=loaded.not_finite)
-    found = score_map(loaded.cloud, truths, config, expected_pairs=expected_pairs, not_finite=loaded.not_finite)
+        return score_nearest(loaded.xyz, truths, config, expected_pairs=pairs, not_finite=loaded.not_finite)
+    found = score_map(loaded.cloud, truths, config, expected_pairs=pairs, not_finite=loaded.not_finite)
     return replace(found, warnings=tuple(_pixel_warnings(loaded.cloud, truths)))
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig
-from sfr_loc_map.metrics.figures.results import MapResult, TrajectoryResult
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.scoring.assembly import score_of_results
@@ -13,15 +12,7 @@ from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatc
 from sfr_loc_map.scoring.inputs import Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.provenance import provenance_of
-from sfr_loc_map.scoring.results import (
-    calls_result,
-    drive_result,
-    expected_calls,
-    map_result,
-    result_without_cloud,
-    result_without_poses,
-    with_aligned_errors,
-)
+from sfr_loc_map.scoring.results import calls_result, expected_calls, map_result, trajectory_result, with_aligned_errors
 
 
 def score_files(inputs: ScoreInputs, config: ScoreConfig) -> Score:
@@ -45,8 +36,10 @@ def score_run(
     """
     finding = _convention_finding(run, config)
     bounded = frozenset[tuple[str, str]]() if limits is None else limits.bounded_figures
-    trajectory = _trajectory_result(run, config, finding, aligned, bounded.union(kept_errors))
-    surface = _map_result(run, config)
+    trajectory = trajectory_result(run, config.trajectory, finding, bounded.union(kept_errors))
+    if aligned is not None and run.drive is not None:
+        trajectory = with_aligned_errors(trajectory, run.drive, aligned)
+    surface = map_result(run, config.map)
     calls = calls_result(run, expected_calls(run))
     provenance = provenance_of(run)  # at the end: refuses files that were changed while they were scored
     return score_of_results(run, trajectory, surface, calls, provenance, config, limits)
@@ -61,23 +54,3 @@ def _convention_finding(run: Run, config: ScoreConfig) -> ConventionFinding | No
         return None
     finding = fitted_unit(run.convention)
     return convention_mismatch(run.drive, config) if finding is None else finding
-
-
-def _trajectory_result(
-    run: Run,
-    config: ScoreConfig,
-    finding: ConventionFinding | None,
-    aligned: AlignedErrorConfig | None,
-    kept_errors: Collection[tuple[str, str]],
-) -> TrajectoryResult:
-    if run.drive is None:
-        return result_without_poses(run.expected.unposed_images)
-    result = drive_result(run.drive, config.trajectory, finding, kept_errors)
-    return result if aligned is None else with_aligned_errors(result, run.drive, aligned)
-
-
-def _map_result(run: Run, config: ScoreConfig) -> MapResult:
-    pairs = run.expected.mapping_pairs
-    if run.cloud is None:
-        return result_without_cloud(run.expected.unmapped, pairs)
-    return map_result(run.cloud, config.map, pairs)

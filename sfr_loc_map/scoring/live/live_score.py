@@ -19,13 +19,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.scoring.assembly import score_of_results
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import Run
-from sfr_loc_map.scoring.results import (
-    calls_result,
-    drive_result,
-    expected_calls,
-    result_without_cloud,
-    result_without_poses,
-)
+from sfr_loc_map.scoring.results import calls_result, expected_calls, result_without_cloud, trajectory_result
 from sfr_loc_map.suite_names import Task
 
 MAX_LISTED = 5  #: Maximum number of discarded intervals that are kept and listed, the latest ones.
@@ -80,17 +74,15 @@ class LiveData:
 def score_so_far(received: LiveData, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:
     """Return the score of a run in progress. `config` has the conditions of `limits` (`judgement.with_conditions`)."""
     run = received.run
-    trajectory = result_without_poses(run.expected.unposed_images)
-    if run.drive is not None:
-        trajectory = drive_result(
-            run.drive,
-            config.trajectory,
-            received.convention_finding,
-            frozenset() if limits is None else limits.bounded_figures,
-            details=live.details,
-            is_live=True,
-            in_flight_ns=live.in_flight_ns,
-        )
+    trajectory = trajectory_result(
+        run,
+        config.trajectory,
+        received.convention_finding,
+        frozenset() if limits is None else limits.bounded_figures,
+        details=live.details,
+        is_live=True,
+        in_flight_ns=live.in_flight_ns,
+    )
     surface = received.map or result_without_cloud(run.expected.unmapped, None)
     if not live.details:
         surface = replace(surface, details=None)
