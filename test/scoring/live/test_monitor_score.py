@@ -40,7 +40,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.nodes.monitor.score_file import ScoreFile
-from sfr_loc_map.replay.message_store import ExternalDrive, ReceivedDrive
+from sfr_loc_map.replay.message_store import ReceivedDrive
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.scoring.live.live_maps import LiveMaps
 from sfr_loc_map.scoring.live.live_score import DiscardedInterval, LiveRun
@@ -70,8 +70,8 @@ def in_bag(path: Path, rows: Sequence[OdometryRow], calls: Sequence[CallRecord])
     return load_estimates(write_messages(path, entries))
 
 
-def in_replay(rows: Sequence[OdometryRow], calls: Sequence[CallRecord], *, is_external: bool) -> Estimates:
-    results = ExternalDrive() if is_external else ReceivedDrive()
+def in_replay(rows: Sequence[OdometryRow], calls: Sequence[CallRecord]) -> Estimates:
+    results = ReceivedDrive()
     for stamp_ns, position, quat, covariance in rows:
         results.add_pose((stamp_ns, tuple(position), tuple(quat)), covariance)
     results.calls = {call.stamp_ns: call for call in calls}
@@ -97,7 +97,7 @@ def test_bag_replay_and_monitor_have_one_rule_for_the_covariance_of_a_pose(tmp_p
     for k in range(COUNT):
         if k % 5 == 1 and rows[k][0] not in called_ns:
             expected[k][:] = np.nan
-    found = in_bag(tmp_path / "bag", rows, calls), in_replay(rows, calls, is_external=is_external)
+    found = in_bag(tmp_path / "bag", rows, calls), in_replay(rows, calls)
     figures = [in_order(of_file(score_trajectory(item, truth, CONFIG))) for item in found]
     for item in found:
         np.testing.assert_array_equal(item.covariance, expected)
