@@ -259,7 +259,7 @@ def ghost(image: GreyImage, earlier: GreyImage, at: Affected) -> GreyImage:
 
 @with_previous
 def torn(image: GreyImage, earlier: GreyImage, at: Affected) -> GreyImage:
-    """Return the image with its lower rows replaced by those of the previous image."""
+    """Return the image with its lower rows replaced by the rows of the previous image."""
     rows = np.arange(len(image)) >= round((1.0 - at.amount) * len(image))
     return np.where(rows[:, None], earlier, image)
 

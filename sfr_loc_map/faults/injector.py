@@ -27,7 +27,7 @@ class PlannedFault:
 
     The selection, each pair and the drive have random generators of their own, which differ in a number: 0 for the
     selection, the index for a pair, and the number of pairs of the drive for the drive. The first pair has the next
-    number, because its index 0 is that of the selection.
+    number, because the selection uses the number 0.
     """
 
     fault: Fault

@@ -1,6 +1,6 @@
 """Faults of the view, such as occlusions, dirt and shadows, as functions of the affected pair.
 
-Each function draws both images. The pair receives those of the affected cameras (`Affected.with_images`).
+Each function draws both images. Only the images of the affected cameras are changed (`Affected.with_images`).
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def with_dirt(at: Affected) -> StereoPair:
 
 
 def with_shadow(at: Affected) -> StereoPair:
-    """Darken a rectangle at the bottom, with a penumbra; its disparity is that of ground at `SHADOW_DEPTH`."""
+    """Darken a rectangle at the bottom, with a penumbra, at the disparity of ground at `SHADOW_DEPTH`."""
     rig = at.rig
     side = np.sqrt(at.amount)
     width = round(min(side, 0.9) * rig.width)

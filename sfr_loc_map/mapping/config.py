@@ -43,7 +43,7 @@ class CalibrationPrior:
 
 @dataclass(frozen=True, slots=True)
 class TerrainConfig:
-    """Parameters of the elevation and hazard grids; the defaults are those of a medium rover with six wheels."""
+    """Parameters of the elevation and hazard grids; the defaults suit a medium rover with six wheels."""
 
     cell_m: float = param(0.1, unit="m", doc="Side of a cell of the elevation and hazard grids.", low=0.01, high=10.0)
     range_m: float = param(

@@ -175,7 +175,7 @@ class Mapper:
         The poses of the result are in the order of the maps.
 
         Raises MappingError if the argument is not a sequence of maps that `process` returned, for zero or more than
-        three maps, and for a map of other cameras than those of this mapper.
+        three maps, and for a map of other cameras.
         """
         check_maps(maps, self._rig)
         views, findings = without_fixed_content([item.view for item in maps], self._rig)

@@ -18,8 +18,8 @@ def point_covariances(cloud: PointCloud, poses_lm_left: Sequence[Transform], foc
     """Return the covariance of each point in LM `(N, 3, 3)`, square metres.
 
     The variance along the ray is the point's `sigma^2`. Across the ray a point represents its pixel: a uniform
-    distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. The pair index of a point is that of
-    its pose.
+    distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. The pair index of a point is the
+    index of its pose.
 
     Raises MappingError if a pose is missing or has a wrong type, if a point is at its camera, if a coordinate is not
     finite, if a sigma is negative or not finite, or if the focal length f, `focal_px`, is not positive and finite.

@@ -59,7 +59,8 @@ from sfr_loc_map.mapping.filters import local_variance
 class DisparityMap:
     """Disparities of the left image, and what the images of the pair show about their cameras.
 
-    The disparities are those of a right camera without roll. If the camera has a roll, they do not fit its image.
+    The effect of a roll of the right camera is removed from the disparities. If the camera has a roll, the disparities
+    therefore do not fit its image.
     """
 
     px: FloatImage  #: `(H, W)` float32, pixels; NaN where invalid.

@@ -1,9 +1,9 @@
 """The matching cost of a window: truncated absolute differences with adaptive support weights.
 
-The weight of a pixel increases with the similarity of its grey level to that of the centre and with its proximity to
-the centre (Yoon and Kweon 2006), so that mostly pixels on the surface of the centre contribute. Beside jumps, the
-disparity is assumed to be constant over the window (`constant_cost`), as in the training of the network
-(`validity/jump_network`). In holes, the disparity is assumed to be a plane (`plane_cost`).
+The weight of a pixel increases with its similarity to the centre in grey level and with its proximity to the centre
+(Yoon and Kweon 2006), so that mostly pixels on the surface of the centre contribute. Beside jumps, the disparity is
+assumed to be constant over the window (`constant_cost`), as in the training of the network (`validity/jump_network`).
+In holes, the disparity is assumed to be a plane (`plane_cost`).
 
 The mapper uses three matching costs: the cost of OpenCV's matcher for the initial disparity (`semi_global_matching`),
 squared residuals for the refinement (`photometric_residual`), and the cost of this window for later tests of single
@@ -34,7 +34,7 @@ DISTANCE_SCALE_PX = 3.0
 """Distance at which the weight has decreased to 1/e, pixels. At the middle of the window's edge the weight is 0.26."""
 
 WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
-"""Weight of a pixel by the absolute difference of its grey level from that of the centre."""
+"""Weight of a pixel by the absolute difference of grey levels from the centre."""
 _OFFSETS = np.arange(-WINDOW_RADIUS, WINDOW_RADIUS + 1, dtype=np.float64)
 WEIGHT_BY_DISTANCE = np.exp(-np.hypot(_OFFSETS[:, None], _OFFSETS[None]) / DISTANCE_SCALE_PX).astype(F)
 """Weight of a pixel by its row and column in the window."""

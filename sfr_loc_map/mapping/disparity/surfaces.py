@@ -66,7 +66,7 @@ def slope_along_columns(disparity: FloatImage) -> FloatImage:
 
 
 def depth_ratio(disparity: FloatImage, reach: int) -> FloatImage:
-    """Return the ratio `(H, W)` of each depth to that of the nearest surface within `reach` rows and columns."""
+    """Return the ratio `(H, W)` of each depth to the smallest depth within `reach` rows and columns."""
     clipped = np.maximum(disparity, MIN_DIVISOR_DISPARITY_PX)
     return np.asarray(cv2.dilate(clipped, square_element(2 * reach + 1)) / clipped, F)
 

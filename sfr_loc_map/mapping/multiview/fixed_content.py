@@ -33,8 +33,8 @@ MIN_SIMILARITY = F(0.8)
 has half the standard deviation of the content. Chosen by hand: a larger threshold misses fixed content in noisy images,
 and a smaller threshold removes ground that is similar to itself."""
 MIN_WINDOW_FRACTION = F(0.6)
-"""Minimum fraction of the window with points of both pairs. Chosen by hand above one half, so that the similarity is
-that of most of the window. If larger, fixed content beside holes is missed."""
+"""Minimum fraction of the window with points of both pairs. Chosen by hand above one half, so that most of the window
+contributes to the similarity. With a larger value, fixed content beside holes is missed."""
 MIN_MOTION_PX = 8.0
 """Minimum motion of ground in the image, pixels: a third of a window. With less motion, ground is similar to
 itself. With a larger threshold, fixed content is detected only between pairs that differ more."""
@@ -42,8 +42,9 @@ REGION_SAMPLES = 5
 """Side of the smallest region, samples: 15 pixels, about half of the window. Chosen by hand: a smaller region may be
 similar by chance."""
 MIN_REGION_FRACTION = 0.003
-"""Minimum fraction of the image that is removed: a square of 55 pixels in a megapixel, twice the side of the window. If
-smaller, ground that is similar by chance is removed. If larger, small parts of the rover's body are mapped."""
+"""Minimum fraction of the image that is removed: a square of 55 pixels in a megapixel, twice the side of the window.
+With a smaller value, ground that is similar by chance is removed. With a larger value, small parts of the rover's body
+are mapped."""
 
 
 def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> tuple[list[PairView], Findings]:

@@ -30,8 +30,8 @@ class Overlap(NamedTuple):
     common: int  #: Number of points that the other view observes.
     difference: FloatArray32  #: Range differences (`Observations.difference`), metres.
     difference_sigma: FloatArray32  #: Standard deviations of the range differences, metres.
-    grey_difference: FloatArray32  #: Grey level of the other view minus that of the point.
-    shifted_difference: FloatArray32  #: The same with the grey level of the other view at the offset of `SHIFT_PX`.
+    grey_difference: FloatArray32  #: Grey level of the other view minus the grey level of the point.
+    shifted_difference: FloatArray32  #: The same difference with the other view at the offset of `SHIFT_PX`.
 
 
 def overlap_of(points: ViewPoints, observed: Observations) -> Overlap:

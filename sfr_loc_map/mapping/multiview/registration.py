@@ -43,9 +43,10 @@ MAX_TRANSLATION_M = 0.1
 """Maximum translation, metres: five standard deviations of the prior. A larger translation is reported but not
 applied."""
 PRIOR_SIGMAS = np.array([np.deg2rad(0.5)] * 3 + [0.02] * 3)
-"""Standard deviations of the error of a given pose, rad and m: 0.5 deg and 0.02 m. Chosen by hand. If larger, a correct
-pose is moved where little texture determines the motion. If smaller, an error is corrected only in part. If a rotation
-and a translation explain the residuals equally well, the ratio of their standard deviations decides between them."""
+"""Standard deviations of the error of a given pose, rad and m: 0.5 deg and 0.02 m. Chosen by hand. With larger values,
+a correct pose is moved where little texture determines the motion. With smaller values, an error is corrected only in
+part. If a rotation and a translation explain the residuals equally well, the ratio of their standard deviations decides
+between them."""
 POSE_HALF_WEIGHT_SIGMAS = 3.0
 """Residuals of this many standard deviations have half the weight (`cauchy_weight`). The value exceeds 2.385, which has
 an efficiency of 95 %, because the residuals of a wrong pose are large."""
@@ -71,7 +72,7 @@ def register_views(views: Sequence[PairView], rig: StereoRig) -> tuple[list[Pair
 
 
 def _apply_motion(motion: Transform | None, view: PairView, index: int) -> tuple[PairView, Findings]:
-    """Return the view moved by a motion; unchanged if the motion is unknown or exceeds the limits."""
+    """Return the view moved by a motion. The view is unchanged if the motion is unknown or exceeds the limits."""
     if motion is None:
         warning = (
             f"pair {index} has too few points in common with the earlier pairs to be registered: its pose is left as "
@@ -93,8 +94,8 @@ def _apply_motion(motion: Transform | None, view: PairView, index: int) -> tuple
 def _estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) -> Transform | None:
     """Return the motion of a view, in its left optical frame, that aligns the view best with the fixed views.
 
-    The points of the fixed views are projected into the moved view, where ranges and grey levels are compared. None is
-    returned if the views have too few common points, at the given pose or at one of the steps.
+    The points of the fixed views are projected into the moved view, where ranges and grey levels are compared. Returns
+    None if the views have too few common points, at the given pose or at one of the steps.
     """
     overlapping: list[ViewPoints] = []
     for view in fixed:

@@ -59,9 +59,9 @@ def elevation_model(
     shape than the sigma of the cloud or exceeds this sigma, or if the pose of a point is missing.
 
     `cell_of_point` `(N,)` is the cell of each point, -1 outside (`CellGrid.cell_of`). The caller passes the cells,
-    because other layers of the grid use them, too. The pair index of a point is that of its left camera's pose;
-    without poses, the sigma of heights is overestimated. `random_sigma` `(N,)` is the part of the points' sigma that
-    differs from point to point; None if this is the whole sigma.
+    because other layers of the grid use them, too. The pair index of a point is the index of its left camera's pose.
+    Without poses, the sigma of heights is overestimated. `random_sigma` `(N,)` is the part of the points' sigma that
+    differs from point to point; None if the complete sigma differs from point to point.
 
     The height of a cell is the weighted mean of its n points' heights. The weight w is the inverse of the random
     variance of a height (`_height_variance_ratio`). The variance of a cell is the sum of three parts:

@@ -17,8 +17,9 @@ from sfr_loc_map.mapping.terrain.planes import Planes
 MIN_POINTS = 3
 """Minimum number of points of a cell with a height: one point remains if the lowest and the highest are excluded."""
 OUTLIER_FRACTION = 0.15
-"""Fraction of a cell's points above its high height, and below its low height; at least one point of each cell. A rock
-that covers a smaller fraction of a cell does not cause a step. Chosen by hand."""
+"""Fraction of a cell's points that are above the high height of the cell, and fraction that are below its low height.
+At least one point is above and one point is below. A rock that covers a smaller fraction of a cell does not cause a
+step. Chosen by hand."""
 
 
 class OuterHeights(NamedTuple):
@@ -121,8 +122,8 @@ def _largest_steps(
 ) -> FloatArray:
     """Return the step of each cell `(R, C)`, metres, NaN without heights; the arguments are as in `steps_of_cells`.
 
-    `raw` contains the outer heights of the points as they are, and `level` those of the points without the slope of
-    their cell (`_level_heights`).
+    `raw` contains the outer heights of the points. `level` contains the outer heights without the slopes of the cells
+    (`_level_heights`).
     """
     rows, columns = raw.low.shape
     step = np.full((rows, columns), np.nan)

@@ -80,9 +80,9 @@ def terrain_grid(
 ) -> TerrainGrid:
     """Return the terrain of a cloud in LM, with z upwards.
 
-    The pair index of a point is that of its left camera's pose. Without poses, points at all ranges are used and the
-    sigma of heights is overestimated. `random_sigma` `(N,)`, metres, is the part of sigma that differs from point to
-    point; None if this is the whole sigma.
+    The pair index of a point is the index of its left camera's pose. Without poses, points at all ranges are used and
+    the sigma of heights is overestimated. `random_sigma` `(N,)`, metres, is the part of sigma that differs from point
+    to point; None if the complete sigma differs from point to point.
 
     The computation has four stages: heights of the cells (`elevation`), planes fitted to these heights (`planes`:
     slope, roughness), steps relative to these planes (`steps`), and hazards from the ratios of slope, roughness and

@@ -1,7 +1,7 @@
 """The noise of photometric residuals, measured in each pair.
 
-A photometric residual is a grey level of the warped right image minus that of the left image. Its noise is the sum of
-the noise of both images, and of the rounding of their grey levels. The functions and their uses:
+A photometric residual is the warped right image minus the left image at a pixel, in grey levels. Its noise is the sum
+of the noise of both images and of the rounding of their grey levels. The functions and their uses:
 
 ========================  ============================================  ===============================================
 function                  what                                          used for
@@ -105,7 +105,7 @@ def noise_variance(
 
 
 def block_variance_ratio(means: FloatImage, offset: FloatImage, variance: FloatImage) -> np.float32:
-    """Return the ratio of the variance of means of 4 x 4 residuals to that of white noise, at least 1.
+    """Return the variance of means of 4 x 4 residuals relative to the same variance for white noise, at least 1.
 
     The ratio exceeds 1 if the noise is correlated between pixels, for example after filtering or compression.
 

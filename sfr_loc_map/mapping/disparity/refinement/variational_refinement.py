@@ -157,7 +157,7 @@ def _prepare_left(left: FloatImage) -> LeftImage:
 
 
 def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearisation:
-    """Return the data term at a field; the slopes are those of the mean of both images.
+    """Return the data term at a field; slopes are measured in the mean of both images.
 
     The variance in the information is inflated where residuals exceed it (means over `WINDOW_CELLS`), and everywhere if
     the residuals are correlated between pixels (`block_variance_ratio`).
@@ -184,8 +184,8 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
 def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> tuple[FloatImage, SmoothnessWeights]:
     """Return the field after one linearised solve on all grids, coarse to fine, and the weights of the finest grid.
 
-    The weights are those of the field before the last step. The data term of a block is the sum over its cells. After
-    each coarse step, the information vector of the remaining change is reduced by the information times the step.
+    The weights are computed from the field before the last step. The data term of a block is the sum over its cells.
+    After each coarse step, the information vector of the remaining change is reduced by the information times the step.
     """
     scale = cauchy_scale_of(cells)
     information = data_term.information

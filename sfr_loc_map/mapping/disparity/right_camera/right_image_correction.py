@@ -29,7 +29,7 @@ EXPOSURE_STRIDE = 4  #: Exposures are compared on every fourth pixel of every fo
 MIN_GREY = 2.0
 """Pixels up to this grey level may be saturated and are excluded from the exposure. Pixels count as saturated only at 0
 and 255 (`saturation`). Chosen by hand."""
-MAX_GREY = 253.0  #: Pixels from this grey level on may be saturated and are excluded as well. Chosen by hand.
+MAX_GREY = 253.0  #: Pixels from this grey level on may be saturated and are also excluded. Chosen by hand.
 EXPOSURE_QUANTILES = (0.1, 0.5, 0.9)
 """Quantiles of the grey levels that are compared. Chosen by hand: outer quantiles that are nearer to 0 and 1 include
 outliers, and outer quantiles that are nearer to the median determine the gain less accurately."""
@@ -56,7 +56,7 @@ is valid."""
 class Exposure(NamedTuple):
     """Linear relation `right = gain left + offset` of the grey levels of two images."""
 
-    gain: float  #: Ratio of the contrast of the right image to that of the left image.
+    gain: float  #: Ratio of the contrasts of the right and the left image.
     offset_grey: float  #: Grey level of the right image where the left image is 0.
 
 
@@ -111,7 +111,7 @@ def _vertical_step(
 
 
 def _largest_px(vertical: VerticalPolynomial, shape: tuple[int, ...], camera: StereoCamera) -> float:
-    """Return the largest absolute value of a linear vertical disparity within the image: that of a corner."""
+    """Return the largest absolute value of a linear vertical disparity within the image, which is at a corner."""
     height, width = shape
     columns = np.array([[0.0, width - 1.0]])
     rows = np.array([[0.0], [height - 1.0]])
@@ -121,7 +121,7 @@ def _largest_px(vertical: VerticalPolynomial, shape: tuple[int, ...], camera: St
 def _exposure_by_disparity(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> Exposure:
     """Return the exposure of the right image `(H, W)` relative to the left image, from corresponding grey levels.
 
-    Pixels that may be saturated are excluded. Equal exposures are returned if too few pixels are usable.
+    Pixels that may be saturated are excluded. If too few pixels are usable, the exposures count as equal.
     """
     left_rows, right_rows, disparity_rows = (
         np.ascontiguousarray(image[::EXPOSURE_STRIDE]) for image in (left, right, disparity_px)

@@ -38,8 +38,8 @@ from sfr_loc_map.mapping.disparity.right_camera.vertical_disparity import (
 from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
 
 MIN_ROTATION_COUNT = 5000
-"""Minimum number of valid samples for measuring the rotation: five times that of the correction, because there are five
-coefficients, of which the saddle is the least observable."""
+"""Minimum number of valid samples for measuring the rotation: five times `MIN_VERTICAL_COUNT` of the correction,
+because there are five coefficients, of which the saddle is the least observable."""
 MIN_ROTATION_PX = 0.05
 """Minimum vertical disparity that counts as a rotation, pixels. Smaller values are measurement noise (about 0.02
 pixels) or residual distortion. The threshold applies to the standard deviation over the image for a yaw, to the shift
@@ -57,8 +57,8 @@ that the root mean square of a linear vertical disparity is 6 % larger than over
 class CameraRotation:
     """Rotation of the right camera relative to its calibration, and the underlying vertical disparity.
 
-    The angles are those of the rotation `w` of the camera about its axes. `FaultKind` compares their signs with those
-    of injected faults.
+    The angles are the components of the rotation `w` of the camera about its axes. `FaultKind` compares their signs
+    with the signs of injected faults.
     """
 
     yaw_rad: float  #: About y; a positive yaw turns the camera to the right. 0 if too few pixels are valid.
@@ -141,8 +141,8 @@ def _rotation_of(vertical: VerticalPolynomial, yaw_sigma_rad: float, rig: Stereo
 def roll_error_px(rotation: CameraRotation, rig: StereoRig) -> FloatImage:
     """Return the error `-roll fx y` that a roll of the right camera causes in the disparities of each row `(H, 1)`.
 
-    A roll that shifts the rows by less than `MIN_ROTATION_PX` at the image edge counts as 0. Disparities without this
-    error are those of a right camera without roll, and no longer fit the right image.
+    A roll that shifts the rows by less than `MIN_ROTATION_PX` at the image edge counts as 0. After this error is
+    subtracted, the disparities are correct for depths but no longer fit the right image.
     """
     rows_below_centre = (np.arange(rig.height, dtype=np.float64) - rig.cy).astype(F)[:, None]
     if abs(rotation.roll_rad) * 0.5 * rig.width * (rig.fy / rig.fx) < MIN_ROTATION_PX:

@@ -149,7 +149,7 @@ def fit_jointly_with_disparity(
 def _terms(column: FloatArray, row: FloatArray, camera: StereoCamera, count: int) -> FloatArray:
     """Return the first terms of a `VerticalPolynomial` without their coefficients `(N, count)`.
 
-    The N columns and rows are those of pixels of the right image.
+    The columns and rows `(N,)` are positions in the right image.
     """
     x, y = _normalised(column, row, camera)
     return np.column_stack((np.ones(len(x)), x, y, x * y, y * y)[:count])
@@ -211,7 +211,7 @@ def shift_rows(image: FloatImage, shift: FloatImage) -> FloatImage:
 def _sampled_slopes(image: FloatImage) -> FloatImage:
     """Return the slope along the column at the samples, grey levels per pixel.
 
-    The slopes are those of the Sobel operator, computed only on the rows of the samples.
+    The Sobel operator is applied only to the rows of the samples.
     """
     rows = np.pad(np.arange(len(image)), 1, mode="reflect")  # the image is mirrored at its border
     rows_above = rows[:-2:SAMPLING_STRIDE]

@@ -165,7 +165,7 @@ def jump_features(scene: DisparityScene, flat_indices: IntArray) -> JumpFeatures
 
 @jit_rows
 def _features(scene: DisparityScene, slope_x: FloatImage, slope_y: FloatImage, flat_indices: IntArray) -> JumpFeatures:
-    """Return the features of pixels; the slopes `(H, W)` are those of the disparity along rows and along columns."""
+    """Return the features of pixels, given the slopes `(H, W)` of the disparity along rows and along columns."""
     cols = scene.disparity.shape[1]
     count = len(flat_indices)
     window_margin = np.empty(count, F)
@@ -268,7 +268,7 @@ def _neighbourhood(scene: DisparityScene, y: int, x: int) -> Neighbourhood:
 
 @jit_rows_inline
 def _occluder(disparity: FloatImage, y: int, x: int) -> np.float32:
-    """Return the disparity of the nearest surface at the same right pixel minus that of the pixel, at least 0."""
+    """Return by how much the disparity of the nearest surface at the same right pixel exceeds that of the pixel."""
     cols = disparity.shape[1]
     own = disparity[y, x]
     right_column = np.rint(F(x) - own)

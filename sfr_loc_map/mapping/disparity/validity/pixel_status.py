@@ -67,12 +67,12 @@ the density by 0.001 (measurements/mapper_trials.md)."""
 class PixelStatus(IntEnum):
     """Status of a pixel. The reason for an invalid pixel is the first test that it fails.
 
-    The order of the tests is that of the values, with the exceptions that the docstring of the module names. If a
-    saturated pixel also fails an earlier test, the earlier test is the reason. The pixel is not filled, like all
-    saturated pixels. A filled pixel does not keep the reason for which it was invalid.
+    The tests are in the order of the values, with the exceptions that the docstring of the module names. If a saturated
+    pixel also fails an earlier test, the earlier test is the reason. The pixel is not filled, like all saturated
+    pixels. A filled pixel does not keep the reason for which it was invalid.
 
-    The status is that of one pair, and the fusion does not change it. A valid pixel may therefore have no point in a
-    fused cloud: `multiview.fixed_content` removes content that is fixed to the image, and `multiview.fusion` drops
+    The status describes one pair, and the fusion does not change the status. A valid pixel may therefore have no point
+    in a fused cloud: `multiview.fixed_content` removes content that is fixed to the image, and `multiview.fusion` drops
     points that conflict with a point of another pair or duplicate it. `multiview.projection` compares points only with
     pixels whose neighbours are valid and on one surface.
     """
