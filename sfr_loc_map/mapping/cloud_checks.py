@@ -36,7 +36,7 @@ def check_sigma(sigma: FloatArray32, name: str) -> None:
 
 
 def check_random_sigma(random: FloatArray32, total: FloatArray32) -> None:
-    """Raise MappingError unless the random sigma is a part `(N,)` of the total sigma `(N,)` of a cloud."""
+    """Raise MappingError unless each point has a random sigma `(N,)` that does not exceed its total sigma `(N,)`."""
     if np.shape(random) != total.shape:
         raise MappingError(
             f"random_sigma has the shape {np.shape(random)}: {total.shape}, a value for each point of the cloud, is "

@@ -23,8 +23,8 @@ MIN_TEXTURED_FRACTION = 0.02
 pixels. Fewer may all be on one object, which does not show how the images match."""
 TEXTURE_SIGMAS = 2.0
 """A neighbourhood is textured if its standard deviation exceeds this many standard deviations of the noise. The
-standard deviation of 49 pixels of pure noise is accurate to 10 %. In this module, the noise is the noise of the image.
-In `multiview`, the noise is the noise of a photometric residual, which is larger."""
+standard deviation of 49 pixels of pure noise is accurate to 10 %. This module uses the noise of the image. `multiview`
+uses the noise of a photometric residual, which is larger."""
 MIN_TEXTURE_GREY = 1.0
 """Minimum standard deviation of a textured neighbourhood, grey levels; rounding alone causes 0.3."""
 MIN_MEASURED_FRACTION = 0.3

@@ -20,8 +20,8 @@ MAX_RANGE_RATIO = 1.8
 """Poses disagree if the ratio of measured to expected range differences exceeds this. Correct poses have a ratio of 1
 or less (docs/mapping.md)."""
 MAX_GREY_RATIO = 0.45
-"""Poses disagree if the ratio of grey level differences to those at an offset of `SHIFT_PX` exceeds this. Correct poses
-have a ratio of 0.1 to 0.3, and poses with an error of 0.3 deg have 0.45 (docs/mapping.md)."""
+"""Poses disagree if the ratio of grey level differences to grey level differences at an offset of `SHIFT_PX` exceeds
+this. Correct poses have a ratio of 0.1 to 0.3, and poses with an error of 0.3 deg have 0.45 (docs/mapping.md)."""
 
 
 class Overlap(NamedTuple):
@@ -35,7 +35,7 @@ class Overlap(NamedTuple):
 
 
 def overlap_of(points: ViewPoints, observed: Observations) -> Overlap:
-    """Return the overlap of the view of the points with the view that observes them."""
+    """Return the overlap of a view, given its points, with the view that has observed these points."""
     indices = observed.indices
     sampled = indices[::OVERLAP_STRIDE]
     samples = observed.select(sampled)

@@ -45,7 +45,7 @@ UNKNOWN = -1  #: Value of a cell that is unknown, as in nav_msgs/OccupancyGrid.
 class Discs(NamedTuple):
     """Discs of cells around a cell: rows and columns relative to the cell `(K, 2)` each."""
 
-    #: Cells to which a plane is fitted: the footprint, or within `MIN_RADIUS_CELLS` if this is larger.
+    #: Cells to which a plane is fitted: the footprint, or the cells within `MIN_RADIUS_CELLS` if this radius is larger.
     plane_disc: IntArray
     step_disc: IntArray  #: Cells within `STEP_RADIUS_M`, whose heights are compared relative to the plane.
     footprint: IntArray  #: Cells within the rover's footprint, in which a step is a hazard.
@@ -174,9 +174,9 @@ def _hazards(
 ) -> NDArray[np.int8]:
     """Return the hazard of each cell `(R, C)`: 100 for a hazard, otherwise 0 to 99, -1 where unknown.
 
-    A cell is a hazard if a criterion reaches its limit under a rover at that cell. A step counts anywhere in the
-    footprint `(K, 2)`, even if other cells of the footprint are unknown. Otherwise the value is the largest ratio to a
-    limit in percent. Slope, roughness and step are NaN where unknown.
+    A cell is a hazard if a criterion reaches its limit for a rover whose centre is at this cell. A step counts anywhere
+    in the footprint `(K, 2)`, even if other cells of the footprint are unknown. Otherwise the value is the largest
+    ratio to a limit in percent. Slope, roughness and step are NaN where unknown.
     """
     slope_ratio = slope_rad / np.radians(config.max_slope_deg)
     roughness_ratio = roughness_m / config.max_roughness_m

@@ -110,9 +110,8 @@ def block_variance_ratio(means: FloatImage, offset: FloatImage, variance: FloatI
     The ratio exceeds 1 if the noise is correlated between pixels, for example after filtering or compression.
 
     `means`, `offset` and `variance` `(H/2, W/2)` are the mean residual, the brightness offset and the variance of a
-    residual in each cell. The value of a block without residuals is 0 if the offset is 0, too. Such a block is
-    excluded. In blocks that are nearer to residuals than half the window of the offset, the offset is not 0, and the
-    blocks are included.
+    residual in each cell. A block without residuals is excluded if its brightness offset is 0. If residuals are within
+    the window of the offset, the offset is not 0, and the block is included.
     """
     blocks = downsample_mean(np.asarray((means - offset) / np.sqrt(variance), F), 2)
     known = blocks[blocks != 0]  # exactly 0: beyond the window of the offset

@@ -46,7 +46,7 @@ MAX_VERTICAL_STEPS = 3
 `MAX_VERTICAL_STEP_PX`. The removed vertical disparity is therefore at most the product of both values."""
 MIN_VERTICAL_COUNT = 1000
 """Minimum number of pixels for measuring the vertical disparity. With residuals of 3 grey levels and slopes of 5 grey
-levels per pixel, its standard deviation is then 0.02 pixels, equal to `MIN_VERTICAL_PX`."""
+levels per pixel, the standard deviation of the vertical disparity is then 0.02 pixels, equal to `MIN_VERTICAL_PX`."""
 MIN_VERTICAL_PX = 0.02  #: Minimum vertical disparity that is corrected, pixels, because resampling blurs the image.
 MAX_VERTICAL_STEP_PX = 1.0
 """Maximum change of the vertical disparity within the image in one step, pixels: the range in which the linearisation
