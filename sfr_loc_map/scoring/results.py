@@ -197,8 +197,8 @@ def calls_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detai
 def measurements_of(stats: Sequence[CallStats], node: ExternalScore | None) -> dict[CallKind, Measurement]:
     """Return how each kind of call was measured; `node` is the external node of a replay, None without one.
 
-    The times of a task come from the node itself if its messages stated them (`CallStats.stated_tasks`). The calls of
-    an external node have the place `stated`, because nobody measured them from outside.
+    The times of a task come from the node itself if its messages stated them (`CallStats.stated_tasks`). The calls that
+    an external node states have the place `stated`, because they were not measured from outside.
     """
     found: dict[CallKind, Measurement] = {}
     for task in Task:

@@ -31,8 +31,9 @@ from sfr_loc_map.metrics.frames.motion import least_by_rate, moving_steps, typic
 
 NOISES = 5.0  #: A true displacement is a motion if it exceeds this multiple of the scatter of the truth.
 DRIFT_SHARE = 0.02
-"""Fraction of the typical true speed up to which a displacement is a drift of the tracking, not a motion. A stationary
-rover with a zero-velocity update repeats its pose while the truth drifts, for instance by 3 mm in 90 s."""
+"""Fraction of the typical true speed up to which a displacement is a drift of the tracking, not a motion. A localiser
+with a zero-velocity update repeats its pose while the rover is stationary and the truth drifts, for instance by 3 mm in
+90 s."""
 EXACT_SHARE = 1e-5  #: Relative error of a motion that no odometry reaches: 10 um per metre.
 RESOLUTIONS_M = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  #: Resolutions of positions that are recognised, m.
 FINEST_M = RESOLUTIONS_M[-1]  #: Resolution that is assumed for files with more decimals than are recognised, m.

@@ -4,8 +4,8 @@ The source defines the expected items, never the item under test. The row `judge
 expected items (`n`, null if it is unknown) and the fraction of them that is judged (`value`).
 docs/metrics.md, "Completeness", has the table of the expected, judged, missing and extra items of each subject.
 
-During a run, images and pairs are expected as soon as their result is due (`due_stamps`). A call for a set of pairs is
-expected once, at any pair.
+During a run, images and pairs are expected as soon as their result is due (`due_stamps`). One call for
+a set of pairs is expected, at the stamp of any pair.
 
 Items that are expected and have a result, but no ground truth, are neither judged nor missing (`images_without_truth`,
 `points_without_truth`). The module `drive` counts the items of the drive. This file has one section for each of the

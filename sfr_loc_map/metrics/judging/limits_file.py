@@ -121,8 +121,8 @@ def _check_unique(limits: Sequence[Limit], origin: str) -> None:
 def _limits_of(section: LimitSection, block: object, origin: str, condition: str | None) -> list[Limit]:
     """Return the limits of a block of a section.
 
-    `id`, `text` and `certain` of the block apply to all its limits, with the exception that `certain` does not apply to
-    tolerance bounds. A limit `{limit: ...}` can override them.
+    `id` and `text` of the block apply to all its limits, and `certain` to all except tolerance bounds. An entry
+    `{limit: ...}` of a limit can override them.
     """
     if not isinstance(block, Mapping):
         raise ConfigError(f"{origin} contains {block!r:.40}: limits as NAME: NUMBER are required")
