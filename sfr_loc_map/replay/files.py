@@ -31,14 +31,14 @@ class ReplayFiles:
         """The paths of all outputs."""
         return tuple(path for name, path in vars(self).items() if name != "folder")
 
-    def remove(self) -> None:
-        """Remove the files of an earlier replay; other files are kept."""
-        for path in self.all:
-            path.unlink(missing_ok=True)
-
 
 def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
-    """Write the available results of a replay. The calls name the method of their task."""
+    """Write the available results of a replay. The calls name the method of their task.
+
+    The files of an earlier replay are removed first, because it may have written more files. Other files are kept.
+    """
+    for path in files.all:
+        path.unlink(missing_ok=True)
     node = result.external
     if len(result.estimate):
         save_trajectory(files.estimate, result.estimate)

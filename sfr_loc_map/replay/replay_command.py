@@ -54,7 +54,7 @@ def replay_and_score(
             raise KeyboardInterrupt
         result = _converted_or_saved(result, source, options, files)
         if files is not None:
-            _save(result, files)
+            save_replay(result, files)
         _check_map(result)
     score = score_replay(
         source, result, options.request.config, options.request.limits, read=read, files=files, command=command
@@ -92,14 +92,8 @@ def _converted_or_saved(
     except SfrError as error:
         if files is None or result.is_empty:
             raise
-        _save(result, files)
+        save_replay(result, files)
         raise type(error)(f"{error}; the received results are in '{files.folder}'") from error
-
-
-def _save(result: ReplayResult, files: ReplayFiles) -> None:
-    """Write the results, after the files of an earlier replay are removed: it may have written more files."""
-    files.remove()
-    save_replay(result, files)
 
 
 def _remarks(result: ReplayResult) -> Iterator[str]:
