@@ -227,7 +227,7 @@ def of_junit(run_name: str) -> str:
 def of_suite(run_name: str) -> str | None:
     drives = [ScoredJob(JOB, scored(run_name))]
     groups = tuple(groups_of(drives, LIMITS))
-    return Summary(jobs=1, waiting=0, groups=groups, results=tuple(drives), failures=(), refusals=(), code="").verdict
+    return Summary(groups=groups, results=tuple(drives), failures=(), refusals=(), code="").verdict
 
 
 def of_comparison(run_name: str) -> str:

@@ -92,7 +92,7 @@ def _localise(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     source = _source_with_faults(job, path)
     if source.loc is None:
         raise InputError(f"'{job.source.path}' has no drive (localisation pairs): give a source that has one")
-    parameters = _parameters_of(job, "localisation")
+    parameters = values_in_section(job.parameters, "localisation")
     method = chosen_method(parameters, Task.LOCALISATION)
     localiser = build(LocalisationConfig, parameters) if method is None else _under_test(method, source, cache)
     drive = run_localiser(source.loc, localiser, start_pose(source.loc, job.start))
@@ -111,7 +111,7 @@ def _map(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     source = _source_with_faults(job, path)
     if source.nav is None:
         raise InputError(f"'{job.source.path}' has no mapping pairs: give a source that has them")
-    parameters = _parameters_of(job, "mapping")
+    parameters = values_in_section(job.parameters, "mapping")
     method = chosen_method(parameters, Task.MAPPING)
     mapper = build(MappingConfig, parameters) if method is None else _under_test(method, source, cache)
     run = run_mapper(source.nav, mapper)
@@ -133,7 +133,7 @@ def _score(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
 
 
 def _replay(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
-    if any(METHOD in _parameters_of(job, section) for section in SECTIONS):
+    if any(METHOD in values_in_section(job.parameters, section) for section in SECTIONS):
         raise ConfigError(
             "the task replay always runs the nodes of sfr_loc_map, not another method: omit 'method' in the "
             "configuration, or omit replay in 'tasks'"
@@ -172,7 +172,7 @@ def replay_options(job: Job, scratch: Path) -> list[str]:
     """
     options = ["--out", str(scratch / REPLAY_FOLDER), "--start", job.start]
     if job.parameters:
-        parameters = {section: to_plain(_parameters_of(job, section)) for section in SECTIONS}
+        parameters = {section: to_plain(values_in_section(job.parameters, section)) for section in SECTIONS}
         nested = {section: values for section, values in parameters.items() if values}
         config = scratch / "config.yaml"
         config.write_text(yaml.safe_dump(nested), encoding="utf-8")
@@ -218,11 +218,6 @@ def _under_test(method: Method, source: Source, cache: Path) -> UnderTest:
 
 def _scored(job: Job, run: Run) -> Score:
     return score_run(run, ScoreConfig(trajectory=job.scoring), kept_errors=job.kept_errors)
-
-
-def _parameters_of(job: Job, section: str) -> Mapping[str, object]:
-    """Return the parameters of a section by their names within the section."""
-    return values_in_section(job.parameters, section)
 
 
 def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Provenance:

@@ -37,7 +37,8 @@ def suite_junit(summary: Summary) -> str:
         for number, refusal in enumerate(summary.refusals, 1)
     }
     judged = {f"all drives, {group.key.text}": summary.score_of(group) for group in summary.groups}
-    waiting = {"jobs": f"{summary.waiting} of {summary.jobs} have no result yet"} if summary.waiting else {}
+    counts = summary.counts
+    waiting = {"jobs": f"{counts.waiting} of {counts.jobs} have no result yet"} if counts.waiting else {}
     scores = {unique_name(result.job.label, result.job.key): result.score for result in summary.results}
     of_all = [f"{item.text} ({counted(item.results, 'result')})" for item in summary.deviations]
     return junit(judged | scores, failed | refused | waiting, dict.fromkeys(judged, of_all))

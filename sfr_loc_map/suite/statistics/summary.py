@@ -55,8 +55,6 @@ class JobCounts(Struct, frozen=True, kw_only=True):
 class Summary:
     """The summary of a suite's results."""
 
-    jobs: int  #: Number of planned jobs.
-    waiting: int  #: Number of jobs that were not run yet.
     groups: tuple[Group, ...]
     results: tuple[ScoredJob, ...]  #: Scores of the finished jobs: drives, maps and repeats.
     failures: tuple[JobFailure, ...]
@@ -75,8 +73,8 @@ class Summary:
     @property
     def counts(self) -> JobCounts:
         """Numbers of all, done, failed and waiting jobs."""
-        done, failed = len(self.results), len(self.failures)
-        return JobCounts(jobs=self.jobs, done=done, failed=failed, waiting=self.waiting)
+        done, failed, waiting = len(self.results), len(self.failures), len(self.waiting_jobs)
+        return JobCounts(jobs=done + failed + waiting, done=done, failed=failed, waiting=waiting)
 
     @property
     def is_judged(self) -> bool:
@@ -122,9 +120,10 @@ class Summary:
 
         Waiting jobs are not required once sequential tests have decided all limits.
         """
-        needed = self.jobs - self.waiting if self.is_decided else self.jobs
+        counts = self.counts
+        needed = counts.done + counts.failed if self.is_decided else counts.jobs
         planned = needed + len(self.refusals)
-        return suite_completeness(len(self.results), planned or None)
+        return suite_completeness(counts.done, planned or None)
 
     @property
     def compared_figures(self) -> tuple[ComparedFigure, ...]:
@@ -160,8 +159,6 @@ def summarise(store: Store, reader: ResultReader | None = None) -> Summary:
     results = reader.results_of(in_state[JobState.DONE])
     unfinished = [*in_state[JobState.FAILED], *in_state[JobState.WAITING]]
     return Summary(
-        jobs=len(jobs),
-        waiting=len(in_state[JobState.WAITING]),
         groups=tuple(groups_of(results, reader.limits, unfinished)),
         results=tuple(results),
         failures=tuple(store.failure(job) for job in in_state[JobState.FAILED]),

@@ -34,12 +34,13 @@ class VerdictTexts:
 def verdict_texts_of(summary: Summary) -> VerdictTexts:
     """Return the outcome of a suite."""
     verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
-    is_waiting = summary.waiting > 0 and summary.is_judged and not summary.is_decided
+    counts = summary.counts
+    is_waiting = counts.waiting > 0 and summary.is_judged and not summary.is_decided
     return VerdictTexts(
         failures=tuple(_failures(summary)),
         without_result=tuple(_without_result(summary)),
         without_drives=tuple(_without_drives(summary)),
-        waiting=(f"{summary.waiting} of {summary.jobs} jobs have no result yet",) if is_waiting else (),
+        waiting=(f"{counts.waiting} of {counts.jobs} jobs have no result yet",) if is_waiting else (),
         incomplete=tuple(
             _incomplete_text(summary, *pair) for pair in verdicts if pair[1].state is VerdictState.INCOMPLETE
         ),

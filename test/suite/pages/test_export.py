@@ -29,7 +29,7 @@ def summary(score: Score) -> Summary:
     drives = [ScoredJob(replace(JOB, source=recording(name)), judged_by(score, limits)) for name in ("first", "other")]
     failed = JobFailure("k", "localise third", "third.mcap", FailureCause.TIME, "not done after 5 s", JOB.description)
     return Summary(
-        jobs=3, waiting=0, groups=tuple(groups_of(drives, limits)), results=tuple(drives), failures=(failed,),
+        groups=tuple(groups_of(drives, limits)), results=tuple(drives), failures=(failed,),
         refusals=(Refusal("gone.mcap", "nothing there"),), code="c", run={"host": "h", "git": {"commit": "abc"}},
     )  # fmt: skip
 
@@ -49,7 +49,7 @@ def test_an_undecided_limit_states_the_numbers_that_the_suite_requires(score: Sc
     )
     drives = [ScoredJob(replace(JOB, faults="black"), judged_by(score, limits))]
     found = Summary(
-        jobs=1, waiting=0, groups=tuple(groups_of(drives, limits)), results=(), failures=(), refusals=(), code="c",
+        groups=tuple(groups_of(drives, limits)), results=(), failures=(), refusals=(), code="c",
         limits=limits,
     )  # fmt: skip
     (undecided,) = verdict_texts_of(found).undecided

@@ -56,9 +56,7 @@ def summary_of(drive_errors: list[float | None], map_errors: list[float | None])
             rows += (figure_row("point_error", n=9, mean_plus_3sigma=error, p50=error, p95=error),)
         found.append((f"map{number}", Score(figures=rows)))
     results = tuple(ScoredJob(replace(JOB, source=recording(name, sha256=name)), score) for name, score in found)
-    return Summary(
-        jobs=len(results), waiting=0, groups=(), results=results, failures=(), refusals=(), code="", waiting_jobs=()
-    )
+    return Summary(groups=(), results=results, failures=(), refusals=(), code="")
 
 
 def names_of(results: Sequence[ScoredJob]) -> list[str]:

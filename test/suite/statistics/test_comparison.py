@@ -37,7 +37,7 @@ def summary(score: Score, factors: dict[str, float]) -> Summary:
         ScoredJob(replace(JOB, source=recording(name, sha256=name)), scaled(score, factor))
         for name, factor in factors.items()
     )
-    return Summary(jobs=len(drives), waiting=0, groups=(), results=drives, failures=(), refusals=(), code="")
+    return Summary(groups=(), results=drives, failures=(), refusals=(), code="")
 
 
 def names(count: int) -> list[str]:
@@ -122,7 +122,7 @@ def test_lost_and_degraded_frames_are_added_over_the_common_results(score: Score
 def test_the_deviations_and_missing_results_of_both_suites_are_listed(score: Score) -> None:
     first, other = (summary(score, dict.fromkeys(names(3), 1.0)) for _ in range(2))
     deviation = CommonDeviation(text="The truth has gaps.", results=3, of="all results")
-    other = replace(other, jobs=5, waiting=2, deviations=(deviation,))
+    other = replace(other, waiting_jobs=("a", "b"), deviations=(deviation,))
     result = compare_suites(first, other, ("a", "b"))
     assert [suite.without_result for suite in result.suites] == [0, 2]
     assert [suite.deviations for suite in result.suites] == [(), (deviation,)]
