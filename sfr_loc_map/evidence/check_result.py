@@ -36,8 +36,8 @@ class Check:
     pairs: int  #: Number of pairs that were checked.
     pairs_of_source: int  #: Number of pairs that the source has.
     disagreements: tuple[str, ...]
-    """Differences that exceed the prediction, one phrase each: for a drive the least probable difference, for maps
-    all."""
+    """Descriptions of differences that exceed the prediction: the least probable difference of a drive, and all of
+    the maps."""
     shortage: str = ""  #: Why there is not enough data; empty for other results.
 
     @property

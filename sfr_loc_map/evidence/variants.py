@@ -66,7 +66,7 @@ class ComparedRun:
     estimates: Estimates
     statistics: tuple[TrackingStatistics, ...] = ()  #: Figures of the calls.
     is_backward: bool = False  #: Whether the pairs were processed in reverse order.
-    mirror_ns: int = 0  #: Sum of the stamps of a pair and its estimate in a backward run.
+    mirror_ns: int = 0  #: Stamp of a pair plus stamp of its estimate in a backward run; equal for all pairs.
 
     def own_stamps(self, stamps_ns: IntArray) -> IntArray:
         """Return the stamps of the estimates at the stamps of pairs."""

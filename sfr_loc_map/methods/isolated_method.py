@@ -54,7 +54,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
 
     @property
     def is_running(self) -> bool:
-        """Whether the process is running; the next call starts an ended process, unless it was started too often."""
+        """Whether the process is running. The next call starts an ended process, if a restart is left."""
         return self._process is not None
 
     def close(self) -> None:

@@ -96,7 +96,7 @@ class ScratchFolder(AbstractContextManager["ScratchFolder"]):
         return Path(f"{self.output}.{suffix}.npy")
 
     def memory_bytes(self) -> int:
-        """Return the memory of files that the method can write, which no process's resident memory includes.
+        """Return the memory of the files that the method can write. The resident memory of processes excludes it.
 
         OSError if a file cannot be examined.
         """

@@ -107,10 +107,10 @@ class Channel:
     def exchange(
         self, message: Rules | Setup | Order | None, kind: type[T], timeout_s: float, check: Callable[[], object]
     ) -> T:
-        """Send a message and return the answer; `check` is called periodically meanwhile, and may raise an error.
+        """Send a message, and return the answer of the process.
 
-        Without a message, the next line of the process is awaited. MethodFailureError if the answer is late or not of
-        this kind.
+        Without a message, return the next line of the process. While the answer is awaited, `check` is called
+        periodically, and may raise an error. MethodFailureError if the answer is late or not of this kind.
         """
         request = b"" if message is None else json.dumps(message).encode() + b"\n"
         line = self._answer(request, timeout_s, check)

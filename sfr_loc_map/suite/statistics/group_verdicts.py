@@ -97,8 +97,8 @@ def verdict_over_drives(
 ) -> GroupVerdict:
     """Return the verdict over drives on a limit: by the pooled value, or by the worst drive if none can be pooled.
 
-    A drive without a value of the figure makes the verdict incomplete. A result that is not of the limited task does
-    not count, unless it has calls of this task.
+    A drive without a value of the figure makes the verdict incomplete. Only results of the limited task, or with calls
+    of this task, count.
     """
     of_task = [result for result in results if has_task(result.score, task_of(limit))]
     scores = [result.score for result in of_task]
@@ -138,8 +138,8 @@ def independent_of_drives(limit: Limit, results: Sequence[DriveScore]) -> float:
 def samples_by_drive(limit: Limit, results: Sequence[DriveScore]) -> tuple[dict[str, list[Sample]], set[str]]:
     """Return, for each drive, the errors to which a limit applies. Also return the drives for which errors are missing.
 
-    Errors are missing if a result has no sub-trajectory, if one of its errors is unknown, or if it contains only a part
-    of its errors. A result that is not of the limited task does not count, unless it has calls of this task.
+    Errors are missing if a result has no sub-trajectory, has an unknown error, or contains only a part of its errors.
+    Only results of the limited task, or with calls of this task, count.
     """
     samples: dict[str, list[Sample]] = {}
     without_errors: set[str] = set()

@@ -98,7 +98,8 @@ class Summary:
     def score_of(self, group: Group) -> Score:
         """Return the pooled figures and verdicts of a group as a score.
 
-        Its rules have the minimum counts of the suite's limits but not the limits, so that `on_limits` is empty.
+        The rules of this score have the minimum counts of the suite's limits but not the limits, so that `on_limits` of
+        the score is empty.
         """
         limits = self.limits or Limits()
         rules = Limits(minimum_count=limits.minimum_count, minimum_independent=limits.minimum_independent)
