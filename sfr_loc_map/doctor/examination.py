@@ -294,7 +294,7 @@ def _extrinsics(seen: Observation) -> Issues:
         text = "no parameter gives the extrinsics, and /tf_static cannot be read without tf2_msgs"
     if seen.base_frame:
         text = f"/tf_static does not connect frames.base, '{seen.base_frame}', to the left camera"
-    alternative = "add them to rig.json" if is_files else f"publish {transform} on /tf_static"
+    alternative = "give them in a rig.json" if is_files else f"publish {transform} on /tf_static"
     fix = f"set T_rb_locsb.translation_m and quat_xyzw of localisation_node (--config), or {alternative}"
     if not seen.is_live:
         other = "correct frames.base" if seen.base_frame else alternative
@@ -351,7 +351,9 @@ def _truth_of_rig(seen: Observation, rig: str, name: str) -> Issues:
         # true points are published with the pairs, and are absent as long as there is no pair
         comes_with_pairs = rig == "nav" and topic is not None and topic.is_published
         if not (comes_with_pairs and (seen.is_live or seen.is_idle(rig))):
-            fix = "add it" if seen.kind is SourceKind.FILES else "record or publish it"
+            fix = "record or publish it"
+            if seen.kind is SourceKind.FILES:
+                fix = "name its file by --set truth.source=FILE" if rig == "loc" else "add it to pairs.csv"
             yield Issue(Cause.TRUTH, name, "there is no truth: nothing can be scored", fix, is_blocking=False)
     else:
         yield from _truth_clock(topic, seen.image_stamps(rig))

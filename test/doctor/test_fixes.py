@@ -37,3 +37,7 @@ def test_a_bag_of_poses_alone_is_not_fixed_by_the_proposal_of_its_truth(tmp_path
     assert "no topic has images" in result.out
     assert "--write; still missing" not in result.out
     assert "give a bag with images of both cameras" in result.out
+    result = sfr("init", tmp_path / "rover", "--from", bag)
+    assert result.code == 1
+    assert "sfr info" not in result.err
+    assert "give a bag with images of both cameras" in result.err

@@ -39,6 +39,7 @@ from sfr_loc_map.io.source_config import DEFAULT_SOURCE, CalibrationConfig, Sour
 from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.read import truth_of_bag
+from sfr_loc_map.message_types import COMPRESSED, IMAGE
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import NAV_POSE, RAW, TRUE_POSES
 
@@ -170,9 +171,12 @@ def open_bag(path: Path, config: SourceConfig = DEFAULT_SOURCE) -> Source:
     bag = Bag(path, config.topics, config.sync.stamps)
     kinds = {task: image_name(bag, task.rig) for task in Task}
     if not any(kinds.values()):
+        advice = "give a bag with images of both cameras"
+        if {IMAGE, COMPRESSED} & {*bag.topics.values()}:
+            advice = f"name the topics of the images by --remap FOUND:=EXPECTED, or by sfr info '{path}' --write"
         raise InputError(
             f"bag '{path}' has neither loc/left/image_rect nor nav/left/image_rect: it has "
-            f"{', '.join(sorted(bag.topics))}; sfr info '{path}' --write proposes the topics"
+            f"{', '.join(sorted(bag.topics))}; {advice}"
         )
     if len(namespaces := bag.names.namespaces()) > 1:
         listed = "; ".join(f"/{namespace}: {', '.join(names)}" for namespace, names in namespaces.items())
