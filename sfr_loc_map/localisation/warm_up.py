@@ -14,6 +14,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.patch import SIDE
 from sfr_loc_map.localisation.frontend.patch_slopes import refine_slopes
+from sfr_loc_map.localisation.frontend.plane_warp import plane_homographies
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL, mixture_of
 from sfr_loc_map.localisation.ground.rigid_motion import image_motion
 
@@ -44,7 +45,8 @@ def call_kernels_of_two_motions(landmarks: Landmarks) -> None:
     camera = RIG.camera
     image = np.zeros((RIG.height >> MIXTURE_LEVEL, RIG.width >> MIXTURE_LEVEL), np.float32)
     image_motion(pose, pose, landmarks.estimates, camera)
-    mixture_of(image, landmarks, pose, pose, camera)
+    homographies = plane_homographies(pose, landmarks.planes, camera, 0.0)
+    mixture_of(image, landmarks, homographies, homographies)
 
 
 def call_kernels_of_large_images() -> None:

@@ -21,11 +21,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, median
-from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.jit import jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.patch import COARSE_SAMPLED_PX, sample
-from sfr_loc_map.localisation.frontend.plane_warp import plane_homographies
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4
 
 MIXTURE_LEVEL: Final = 1
@@ -231,22 +229,19 @@ def _weights(image: FloatImage, hosted: _Hosted) -> FloatArray:
     return weights
 
 
-def mixture_of(image: FloatImage, landmarks: Landmarks, shown: Pose, other: Pose, camera: StereoCamera) -> Mixture:
+def mixture_of(image: FloatImage, landmarks: Landmarks, to_shown: FloatArray, to_other: FloatArray) -> Mixture:
     """Return the weight of another exposure in an image.
 
     Args:
         image: Level `MIXTURE_LEVEL` of a left image.
-        landmarks: Landmarks that were tracked in the image.
-        shown: Pose of the left camera at which the landmarks were tracked.
-        other: Pose of the left camera at the other exposure.
-        camera: The camera.
+        landmarks: The N landmarks that were tracked in the image.
+        to_shown: `(N, 3, 3)` homographies (`plane_homographies`) to the image at which the landmarks were tracked.
+        to_other: `(N, 3, 3)` homographies to the image at the pose of the other exposure.
     """
-    planes = landmarks.planes
-    to_shown = plane_homographies(shown, planes, camera, 0.0)
-    to_other = plane_homographies(other, planes, camera, 0.0)
+    uv = landmarks.planes.uv
     found = []
     for host_image, rows in landmarks.patches.hosts(MIXTURE_LEVEL):
-        found.append(_weights(image, _Hosted(host_image, planes.uv[rows], to_shown[rows], to_other[rows])))
+        found.append(_weights(image, _Hosted(host_image, uv[rows], to_shown[rows], to_other[rows])))
     weights = np.concatenate(found) if found else np.zeros(0)
     weights = weights[np.isfinite(weights)]
     if not len(weights):
@@ -257,14 +252,14 @@ def mixture_of(image: FloatImage, landmarks: Landmarks, shown: Pose, other: Pose
 
 
 def shows_second_exposure(
-    image: FloatImage, landmarks: Landmarks, shown: Pose, other: Pose, camera: StereoCamera, min_tracked: int
+    image: FloatImage, landmarks: Landmarks, to_shown: FloatArray, to_other: FloatArray, min_tracked: int
 ) -> bool:
-    """Return whether an image at the pose `shown` also shows some landmarks from another pose.
+    """Return whether an image also shows landmarks from another pose than that at which they were tracked.
 
     A second exposure requires `MIXTURE_PATCHES` patches, or `min_tracked` if smaller. The other arguments are those of
     `mixture_of`.
     """
-    mixture = mixture_of(image, landmarks, shown, other, camera)
+    mixture = mixture_of(image, landmarks, to_shown, to_other)
     lower_bound = mixture.weight - MIXTURE_SIGMAS * mixture.standard_error
     has_enough_patches = mixture.patches >= min(min_tracked, MIXTURE_PATCHES)
     return has_enough_patches and lower_bound > MIN_MIXTURE_WEIGHT

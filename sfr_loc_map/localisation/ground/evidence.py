@@ -20,6 +20,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.localisation.frontend.plane_warp import plane_homographies
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL, shows_second_exposure
 from sfr_loc_map.localisation.ground.memory import MIN_EXCESS, NEARLY_HALF, Consistency, GroundMemory
@@ -235,14 +236,14 @@ def _is_double_exposure(pair: ComparedPair, main: Motion, last_image: FloatImage
         return False
     tracks = main.tracks
     landmarks = tracks.landmarks.subset(tracks.inliers).thinned(MIXTURE_LANDMARKS)
-    now = tracks.pose
-    last = pair.prediction.standstill
-    image = pair.frame.left[MIXTURE_LEVEL].image
     camera = pair.tools.camera
+    to_now = plane_homographies(tracks.pose, landmarks.planes, camera, 0.0)
+    to_last = plane_homographies(pair.prediction.standstill, landmarks.planes, camera, 0.0)
+    image = pair.frame.left[MIXTURE_LEVEL].image
     min_tracked = pair.tools.min_tracked
-    if shows_second_exposure(image, landmarks, now, last, camera, min_tracked):
+    if shows_second_exposure(image, landmarks, to_now, to_last, min_tracked):
         return True
-    return last_image is not None and shows_second_exposure(last_image, landmarks, last, now, camera, min_tracked)
+    return last_image is not None and shows_second_exposure(last_image, landmarks, to_last, to_now, min_tracked)
 
 
 def _image_motion_between(pair: ComparedPair, main: Motion, other: Motion) -> float:

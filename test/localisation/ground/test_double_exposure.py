@@ -11,7 +11,7 @@ from helpers.wall import wall_view
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.frontend.landmarks import NO_PATCHES, HostPatches, Patches
-from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes
+from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes, plane_homographies
 from sfr_loc_map.localisation.frontend.pyramid import build_pyramid
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL, Mixture, mixture_of, shows_second_exposure
 from sfr_loc_map.localisation.ground.evidence import MIXTURE_LANDMARKS
@@ -49,9 +49,14 @@ def grey(image: np.ndarray, noise: float = 0.0) -> np.ndarray:
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
+def homographies(found: Any, pose: Pose) -> np.ndarray:
+    return plane_homographies(pose, found.planes, CAMERA, 0.0)
+
+
 def mixture(image: np.ndarray, other: Pose = OTHER, noise: float = 0.0) -> Mixture:
     level = build_pyramid(grey(image, noise))[MIXTURE_LEVEL].image
-    return mixture_of(level, landmarks(), SHOWN, other, CAMERA)
+    found = landmarks()
+    return mixture_of(level, found, homographies(found, SHOWN), homographies(found, other))
 
 
 @pytest.mark.parametrize("weight", [0.0, 0.1, 0.3, 0.7, 1.0])
@@ -68,7 +73,8 @@ def test_a_second_exposure_is_found_however_many_landmarks_a_pose_requires(min_t
     few = landmarks(MIXTURE_LANDMARKS)
     for weight in (0.0, 0.5):
         image = build_pyramid(grey((1.0 - weight) * view(SHOWN) + weight * view(OTHER)))[MIXTURE_LEVEL].image
-        assert shows_second_exposure(image, few, SHOWN, OTHER, CAMERA, min_tracked) == (weight > 0.0)
+        found = shows_second_exposure(image, few, homographies(few, SHOWN), homographies(few, OTHER), min_tracked)
+        assert found == (weight > 0.0)
 
 
 def test_brightness_and_contrast_do_not_change_the_weight() -> None:
