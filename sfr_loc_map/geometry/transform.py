@@ -154,6 +154,8 @@ def propagated_covariance(
     `rotation` takes components in the frame of P to the frame of the result. `displacement` `(3,)`, metres, points from
     the pose with the covariance P to the attached pose, in the frame of the result.
     """
+    if not covariance.any():
+        return np.zeros((6, 6))  # many terms of a covariance are usually zero
     jacobian = np.zeros((6, 6))
     jacobian[:3, :3] = rotation
     jacobian[3:, 3:] = rotation

@@ -596,11 +596,14 @@ class Localiser:
 
 def _median_residual_px(tracks: Tracks) -> float:
     """Return the median residual of the inliers, px, from chi-square and the mean variance of each landmark."""
-    found = np.isfinite(tracks.observations[:, ::2])
-    mean_variance = 0.5 * (tracks.variance[:, :, 0] + tracks.variance[:, :, 2])
-    total: FloatArray = np.where(found, mean_variance, 0.0).sum(axis=1)
-    residuals = np.sqrt(tracks.chi2_per_dof * (total / np.maximum(found.sum(axis=1), 1)))
-    return median(residuals[tracks.inliers])
+    observations = tracks.observations[tracks.inliers]
+    variance = tracks.variance[tracks.inliers]
+    mean_variance = 0.5 * (variance[:, :, 0] + variance[:, :, 2])
+    in_left = np.isfinite(observations[:, 0])
+    in_right = np.isfinite(observations[:, 2])
+    total: FloatArray = np.where(in_left, mean_variance[:, 0], 0.0) + np.where(in_right, mean_variance[:, 1], 0.0)
+    image_count = in_left.astype(np.int64) + in_right  # at least 1 for an inlier
+    return median(np.sqrt(tracks.chi2_per_dof[tracks.inliers] * (total / image_count)))
 
 
 def _displayed(tracks: Tracks) -> LandmarkTracks:
