@@ -21,6 +21,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.robust_statistics import cauchy_weight
+from sfr_loc_map.jit import jit
 from sfr_loc_map.localisation.backend.bundle_adjustment import OffsetEstimate
 from sfr_loc_map.localisation.frontend.right_camera import PairYaw, RightCameraOffset
 
@@ -129,23 +130,30 @@ class LensResidual(NamedTuple):
         Independent residuals would give the expected value `within` for each block with residuals. A landmark, however,
         has the same error in each pair that observes it, in about `SIGHTINGS` pairs.
         """
-        height, width = shape
-        rows, columns = LENS_BLOCKS
-        row = np.int64(uv[:, 1] * rows / (height - 1.0))
-        column = np.int64(uv[:, 0] * columns / (width - 1.0))
-        row = np.minimum(np.maximum(row, 0), rows - 1)  # faster than `clip` for short arrays
-        column = np.minimum(np.maximum(column, 0), columns - 1)
-        block = row * columns + column
-        size = rows * columns
-        count = self.sums[0] + np.bincount(block, None, size)
-        total = self.sums[1] + np.bincount(block, disparity, size)
-        squares = self.sums[2] + np.bincount(block, disparity**2, size)
+        sums = self.sums + _block_sums(uv, disparity, shape)
+        count, total, squares = sums
         pairs = self.pairs + 1
         between_blocks = float(np.sum(total**2 / np.maximum(count, 1.0)))
         number = max(float(count.sum()), 1.0)
         by_chance = (squares.sum() - between_blocks) / number * min(pairs, SIGHTINGS) * np.count_nonzero(count)
         rms_px = float(np.sqrt(max(between_blocks - by_chance, 0.0) / number))
-        return LensResidual(np.stack((count, total, squares)), pairs, rms_px)
+        return LensResidual(sums, pairs, rms_px)
+
+
+@jit
+def _block_sums(uv: FloatArray, disparity: FloatArray, shape: tuple[int, int]) -> FloatArray:
+    """Return `LensResidual.sums` of residual disparities `(N,)` at pixels `(N, 2)` of an image (height, width)."""
+    height, width = shape
+    rows, columns = LENS_BLOCKS
+    sums = np.zeros((3, rows * columns))
+    for n in range(len(disparity)):
+        row = min(max(int(uv[n, 1] * rows / (height - 1.0)), 0), rows - 1)
+        column = min(max(int(uv[n, 0] * columns / (width - 1.0)), 0), columns - 1)
+        block = row * columns + column
+        sums[0, block] += 1.0
+        sums[1, block] += disparity[n]
+        sums[2, block] += disparity[n] * disparity[n]
+    return sums
 
 
 class YawEstimate(NamedTuple):

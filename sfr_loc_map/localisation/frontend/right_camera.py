@@ -15,6 +15,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.jit import jit
 from sfr_loc_map.localisation.frontend.pose_solver import (
     LandmarkEstimates,
     Linearisation,
@@ -46,10 +47,22 @@ class RightCameraOffset(NamedTuple):
 
     def at(self, uv: FloatArray, camera: StereoCamera) -> FloatArray:
         """Return the offsets `(N, 2)` at pixels `(N, 2)` of the right image: the flow field of a small rotation."""
-        x, y = camera.normalised(uv).T
-        along_u = self.yaw_px * (1.0 + x * x) + self.pitch_px * x * y - self.roll_px * y
-        along_v = self.pitch_px * (1.0 + y * y) + self.yaw_px * x * y + self.roll_px * x
-        return np.column_stack((along_u, along_v))
+        return _offsets_at(self, np.ascontiguousarray(uv), camera)  # the kernel is compiled for this order
+
+
+@jit
+def _offsets_at(offset: RightCameraOffset, uv: FloatArray, camera: StereoCamera) -> FloatArray:
+    """Return `offset.at(uv, camera)`; a kernel, because each pair calls it for all landmarks."""
+    yaw_px = offset.yaw_px
+    pitch_px = offset.pitch_px
+    roll_px = offset.roll_px
+    offsets = np.empty((len(uv), 2))
+    for n in range(len(uv)):
+        x = (uv[n, 0] - camera.cx) / camera.fx
+        y = (uv[n, 1] - camera.cy) / camera.fy
+        offsets[n, 0] = yaw_px * (1.0 + x * x) + pitch_px * x * y - roll_px * y
+        offsets[n, 1] = pitch_px * (1.0 + y * y) + yaw_px * x * y + roll_px * x
+    return offsets
 
 
 class PairYaw(NamedTuple):
