@@ -30,9 +30,22 @@ class ExitCode(IntEnum):
 
 
 class SfrError(Exception):
-    """Root of every error that the suite raises deliberately."""
+    """Root of every error that the suite raises deliberately.
+
+    The message is the finding, followed by the advice if there is one. Such a finding ends in a colon or a semicolon.
+    """
 
     exit_code: ClassVar[ExitCode] = ExitCode.BAD_INPUT
+
+    def __init__(self, finding: str = "", advice: str = "") -> None:
+        super().__init__(f"{finding} {advice}" if advice else finding)
+        self.finding = finding
+        self.advice = advice
+
+    @property
+    def problem(self) -> str:
+        """The finding without the punctuation before the advice."""
+        return self.finding.rstrip(":;")
 
 
 class ConfigError(SfrError):
@@ -93,12 +106,6 @@ class InterruptedRunError(SfrError):
     exit_code = ExitCode.INTERRUPTED
 
 
-def split_advice(message: str) -> tuple[str, str]:
-    """Return the message of an error without its advice, and the advice, which follows the last colon."""
-    found, _, advice = message.rpartition(": ")
-    return found, advice
-
-
 @contextmanager
 def naming(source: Path | str) -> Iterator[None]:
     """Add the name of a source to the errors that it causes, unless they contain the name.
@@ -111,7 +118,7 @@ def naming(source: Path | str) -> Iterator[None]:
         if str(source) in str(error):
             raise
         where = f"'{source}'" if isinstance(source, Path) else source
-        raise type(error)(f"{where}: {error}") from error
+        raise type(error)(f"{where}: {error.finding}", error.advice) from error
 
 
 @contextmanager
@@ -123,4 +130,4 @@ def naming_key(origin: str) -> Iterator[None]:
     try:
         yield
     except (ConfigError, MetricsError) as error:
-        raise ConfigError(f"{origin}: {error}" if origin else str(error)) from error
+        raise ConfigError(f"{origin}: {error.finding}" if origin else error.finding, error.advice) from error

@@ -34,7 +34,7 @@ def refusing(where: str, advice: str = "correct the file") -> Iterator[None]:
         yield
     except REFUSED as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise InputError(f"{where}: {reason}; {advice}") from error
+        raise InputError(f"{where}: {reason};", advice) from error
 
 
 def missing(path: Path) -> str:
@@ -45,7 +45,7 @@ def missing(path: Path) -> str:
 def check_exists(path: Path, advice: str) -> None:
     """Raise InputError if an input does not exist."""
     if not path.exists():
-        raise InputError(f"{missing(path)}; {advice}")
+        raise InputError(f"{missing(path)};", advice)
 
 
 # ---- files

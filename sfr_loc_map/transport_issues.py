@@ -7,7 +7,7 @@ less reliability than requested; no message arrives, because none is sent or a c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -49,9 +49,7 @@ def silence_of(
         return Issue(Cause.NO_PUBLISHER, topic, "no publisher", fix)
     of_type = [publisher for publisher in publishers if publisher.msgtype in wanted]
     if not of_type:
-        found = ", ".join(sorted({publisher.msgtype for publisher in publishers}))
-        text = f"the type is {found}: {alternatives(wanted)} is required"
-        return Issue(Cause.WRONG_TYPE, topic, text, _fix_of_type(topic, wanted, found))
+        return wrong_type(topic, wanted, [publisher.msgtype for publisher in publishers])
     names = ", ".join(sorted({publisher.node for publisher in of_type}))
     offered = {publisher.reliability for publisher in of_type}
     if requested is Reliability.RELIABLE and offered == {Reliability.BEST_EFFORT}:
@@ -66,6 +64,13 @@ def silence_of(
         "/dev/shm"
     )
     return Issue(Cause.SILENT, topic, text, fix)
+
+
+def wrong_type(topic: str, wanted: Sequence[str], types: Iterable[str]) -> Issue:
+    """Return the issue of a topic that has other types than those wanted."""
+    found = ", ".join(sorted(set(types)))
+    text = f"the type is {found}: {alternatives(wanted)} is required"
+    return Issue(Cause.WRONG_TYPE, topic, text, _fix_of_type(topic, wanted, found))
 
 
 def doubled_publishers(topic: str, publishers: Sequence[Publisher]) -> Issue | None:

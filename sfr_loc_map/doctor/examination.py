@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from sfr_loc_map.doctor.observation import EXPECTED, Observation, ObservedTopic, SourceKind, allowed_types
 from sfr_loc_map.doctor.swapped_images import StampedImage, are_swapped
-from sfr_loc_map.errors import InputError, split_advice
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.image_codec import SampleDepth, samples_of
@@ -24,11 +23,11 @@ from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
 from sfr_loc_map.transport_issues import (
     COMPARABLE_NS,
     MUCH_LOST,
-    Publisher,
     Reliability,
     doubled_publishers,
     loss_fix,
     silence_of,
+    wrong_type,
 )
 
 VIDEO = {
@@ -48,7 +47,7 @@ Issues = Iterator[Issue]
 def examine(seen: Observation) -> list[Issue]:
     """Return the issues of all checks, blocking issues first."""
     checks = [_source]
-    if seen.topics or not seen.broken:
+    if seen.topics or seen.broken is None:
         checks += [_names, _waiting, _rigs, _extrinsics, _order, _poses, _truth, _nodes, _host_clock]
     issues = [issue for check in checks for issue in check(seen)]
     return sorted(issues, key=lambda issue: not issue.is_blocking)
@@ -66,9 +65,9 @@ def _rigs(seen: Observation) -> Issues:
 
 
 def _source(seen: Observation) -> Issues:
-    if seen.broken:
-        text, fix = _found_and_fix(seen.broken)
-        yield Issue(Cause.BROKEN, seen.subject, _without_subject(text, seen.subject), fix)
+    if seen.broken is not None:
+        fix = seen.broken.advice or "correct, record or copy it again"
+        yield Issue(Cause.BROKEN, seen.subject, _without_subject(seen.broken.problem, seen.subject), fix)
     if seen.skipped_pairs:
         pairs = counted(seen.skipped_pairs, "pair")
         text = f"{pairs} skipped because images, or poses of mapping pairs, are missing"
@@ -79,12 +78,6 @@ def _source(seen: Observation) -> Issues:
         yield Issue(
             Cause.UNFINISHED, seen.subject, text, "rewrite it for other readers: sfr convert", is_blocking=False
         )
-
-
-def _found_and_fix(message: str) -> tuple[str, str]:
-    """Return the message of an error without its advice, and the advice, which follows the last colon or semicolon."""
-    parts = re.fullmatch(r"(.+)[:;] ((?:[^()]|\([^()]*\))+)", message)  # not within parentheses
-    return (parts[1], parts[2]) if parts else (message, "correct, record or copy it again")
 
 
 def _without_subject(text: str, subject: str) -> str:
@@ -133,7 +126,7 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Issues:
     if topic is None or not topic.is_published:
         yield _missing(seen, name, topic)
         return
-    issue = _silence(seen, name, topic)
+    issue = _silence(name, topic)
     is_silent = not topic.messages and not seen.is_idle(name.partition("/")[0])
     if is_silent or issue.cause in (Cause.WRONG_TYPE, Cause.QOS):
         yield issue
@@ -151,22 +144,24 @@ def _missing(seen: Observation, name: str, topic: ObservedTopic | None) -> Issue
     return Issue(Cause.NO_TOPIC, where, "the topic is not in the bag", fix)
 
 
-def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Issue:
+def _silence(name: str, topic: ObservedTopic) -> Issue:
     """Return why no message of a topic is received, by the doctor or by a node that requests more reliability."""
-    publishers = topic.publishers
-    if publishers is None:  # a recording has no publishers, but states the types of its messages
-        publishers = tuple(Publisher("", kind) for kind in topic.types)
+    if topic.publishers is None:
+        return _silence_in_recording(topic, allowed_types(name))
     strict = Reliability.RELIABLE in topic.requests.values()
     requested = Reliability.RELIABLE if strict else Reliability.BEST_EFFORT
-    issue = silence_of(topic.source_name, allowed_types(name), publishers, requested)
-    if issue.cause is Cause.SILENT and not seen.is_live:
-        return Issue(Cause.SILENT, topic.source_name, "the bag has no message on this topic", "record it again")
-    return issue
+    return silence_of(topic.source_name, allowed_types(name), topic.publishers, requested)
 
 
-def _is_refused(seen: Observation, name: str, topic: ObservedTopic) -> bool:
+def _silence_in_recording(topic: ObservedTopic, wanted: tuple[str, ...]) -> Issue:
+    if not set(topic.types) & set(wanted):
+        return wrong_type(topic.source_name, wanted, topic.types)
+    return Issue(Cause.SILENT, topic.source_name, "the bag has no message on this topic", "record it again")
+
+
+def _is_refused(name: str, topic: ObservedTopic) -> bool:
     """Return whether a node receives no message of a topic because the publishers offer less reliability."""
-    return topic.is_published and _silence(seen, name, topic).cause is Cause.QOS
+    return topic.is_published and _silence(name, topic).cause is Cause.QOS
 
 
 def _camera_topics(seen: Observation, rig: str) -> Issues:
@@ -230,8 +225,8 @@ def _stereo(seen: Observation, rig: str) -> Issues:
             cameras, rectifier = describe([topic.messages[0] for topic in infos], rig)
             size = cameras.width, cameras.height
         except InputError as error:
-            text, fix = split_advice(str(error))
-            yield Issue(Cause.CAMERA_INFO, f"{rig}/left/camera_info, {rig}/right/camera_info", text, fix)
+            where = f"{rig}/left/camera_info, {rig}/right/camera_info"
+            yield Issue(Cause.CAMERA_INFO, where, error.problem, error.advice)
     images: list[list[StampedImage]] = []
     depth = SampleDepth(lambda _: None, rig)
     for side in SIDES:
@@ -283,7 +278,7 @@ def _rectified(
 def _extrinsics(seen: Observation) -> Issues:
     node = seen.node("loc")
     given = seen.extrinsics_given or seen.extrinsics_in_tf or (node is not None and node.extrinsics_given)
-    unknown = seen.broken or (node is not None and not node.state)  # the node may have the extrinsics
+    unknown = seen.broken is not None or (node is not None and not node.state)  # the node may have the extrinsics
     if "loc" not in seen.rigs or given or unknown:
         return
     transform = "the transform from rb to locsb"
@@ -318,10 +313,10 @@ def _poses(seen: Observation) -> Issues:
     if "nav" not in seen.rigs:
         return
     topic, images = seen.topics.get(NAV_POSE), seen.image_stamps("nav")
-    if topic is None and seen.head_problem is not None:
-        if seen.head_problem:
-            text, fix = split_advice(seen.head_problem)
-            yield Issue(Cause.NO_TOPIC, NAV_POSE, _without_subject(text, seen.subject), fix)
+    if topic is None and seen.poses_from_head:
+        if seen.head_problem is not None:
+            text = _without_subject(seen.head_problem.problem, seen.subject)
+            yield Issue(Cause.NO_TOPIC, NAV_POSE, text, seen.head_problem.advice)
         return
     yield from _topic(seen, NAV_POSE, topic)
     if topic is None or not len(topic.stamps_ns) or not len(images):
@@ -345,7 +340,7 @@ def _truth(seen: Observation) -> Issues:
 
 def _truth_of_rig(seen: Observation, rig: str, name: str) -> Issues:
     topic = seen.topics.get(name)
-    if topic is not None and (set(topic.types) - set(EXPECTED[name]) or _is_refused(seen, name, topic)):
+    if topic is not None and (set(topic.types) - set(EXPECTED[name]) or _is_refused(name, topic)):
         yield from _topic(seen, name, topic)
     elif topic is None or not topic.is_published or not len(topic.stamps_ns):
         # true points are published with the pairs, and are absent as long as there is no pair

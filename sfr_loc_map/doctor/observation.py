@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from functools import partial
@@ -106,12 +106,12 @@ class Observation:
     has_clock: bool = False  #: /clock is published.
     now_ns: int | None = None  #: Host time at the end of the observation; None for a recording.
     export_line: str = ""  #: Shell command that gives a publisher enough shared memory.
-    broken: str = ""  #: Error that ended the reading; empty if complete.
+    broken: InputError | None = None  #: Error that ended the reading; None if complete.
     truth_has_attitude: bool = False
     base_frame: str = ""  #: Configured frame of the rover of a bag; empty: a frame with a known name.
-    head_problem: str | None = None
-    """Why frames and joints do not give the poses of mapping pairs in a bag without nav/pose; empty if they give them.
-    None if the poses are those of nav/pose."""
+    poses_from_head: bool = False
+    """Whether a bag without nav/pose has frames or joints, which may give the poses of the mapping pairs."""
+    head_problem: InputError | None = None  #: Why these frames or joints do not give the poses; None if they do.
     unfinished: bool = False  #: The bag was not closed; its last second may be missing.
     skipped_pairs: int = 0  #: `Source.skipped_pairs`.
 
@@ -201,18 +201,20 @@ def observe(source: Path, config: SourceConfig, progress: Callable[[], None] = l
     return observe_source(source, config, progress)
 
 
-def _collected(stream: Iterable[tuple[str, int, Callable[[], Any]]]) -> tuple[dict[str, ObservedTopic], str]:
+def _collected(
+    stream: Iterable[tuple[str, int, Callable[[], Any]]],
+) -> tuple[dict[str, ObservedTopic], InputError | None]:
     """Return the topics in a stream of names, stamps and messages, and the error that ended the stream early."""
     stamps = defaultdict[str, list[int]](list)
     kept = defaultdict[str, list[Any]](list)
-    broken = ""
+    broken: InputError | None = None
     try:
         for name, stamp_ns, make in stream:
             stamps[name].append(stamp_ns)
             if len(kept[name]) < MESSAGES_KEPT:
                 kept[name].append(make())
     except InputError as error:
-        broken = str(error)
+        broken = error
     return {
         name: ObservedTopic(name, EXPECTED[name], stamps_ns=np.array(found, np.int64), messages=tuple(kept[name]))
         for name, found in stamps.items()
@@ -225,17 +227,22 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
     try:
         bag = Bag(path, config.topics)
     except InputError as error:
-        return Observation(subject, broken=str(error))
+        return Observation(subject, broken=error)
     matches = {name: tuple(bag.matches(name)) for name in EXPECTED}
     topics, broken = _topics_of(bag, {name: found[0] for name, found in matches.items() if len(found) == 1})
     in_tf = False
-    head_problem = None
-    try:
-        if not broken:
+    if broken is None:
+        try:
             in_tf = read_extrinsics(bag, _camera_frame(topics, "loc"), 0.0, config.frames.base) is not None
-            head_problem = _head_problem(bag, topics, config.frames)
-    except InputError as error:
-        broken = str(error)
+        except InputError as error:
+            broken = error
+    nav_ns = _left_nav_stamps(topics)
+    poses_from_head = (
+        broken is None
+        and not bag.matches(NAV_POSE)
+        and bool(nav_ns)
+        and not {TF, JOINTS}.isdisjoint(bag.topics.values())
+    )
     truth = topics.get(TRUE_POSES)
     return Observation(
         subject,
@@ -248,12 +255,13 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
         truth_has_attitude=truth is not None and bool(truth.messages) and not {FIX, POINT} & set(truth.types),
         broken=broken,
         base_frame=config.frames.base,
-        head_problem=head_problem,
+        poses_from_head=poses_from_head,
+        head_problem=_head_problem(bag, topics, nav_ns, config.frames) if poses_from_head else None,
         unfinished=bag.unfinished,
     )
 
 
-def _topics_of(bag: Bag, source_names: Mapping[str, str]) -> tuple[dict[str, ObservedTopic], str]:
+def _topics_of(bag: Bag, source_names: Mapping[str, str]) -> tuple[dict[str, ObservedTopic], InputError | None]:
     """Return the topics of a bag by suite name, and the error that ended the reading early.
 
     `source_names` are the names in the bag by suite name. A topic of a type that is not allowed has no messages.
@@ -277,16 +285,21 @@ def _camera_frame(topics: Mapping[str, ObservedTopic], rig: str) -> str:
     return str(infos.messages[0].header.frame_id) if infos is not None and infos.messages else ""
 
 
-def _head_problem(bag: Bag, topics: Mapping[str, ObservedTopic], frames: FramesConfig) -> str | None:
-    """Return `Observation.head_problem` of a bag with these topics."""
+def _left_nav_stamps(topics: Mapping[str, ObservedTopic]) -> list[int]:
+    """Return the ascending stamps of the left images for mapping, ns; empty without images."""
     images = [topic for name, topic in topics.items() if name.startswith("nav/left/image_") and topic.messages]
-    if bag.matches(NAV_POSE) or not images or not {TF, JOINTS} & set(bag.topics.values()):
-        return None
+    return np.unique(images[0].stamps_ns).tolist() if images else []
+
+
+def _head_problem(
+    bag: Bag, topics: Mapping[str, ObservedTopic], stamps_ns: Sequence[int], frames: FramesConfig
+) -> InputError | None:
+    """Return why the frames or joints of a bag do not give the poses of the mapping cameras; None if they do."""
     try:
-        head_poses(bag, _camera_frame(topics, "nav"), 0.0, np.unique(images[0].stamps_ns).tolist(), frames)
+        head_poses(bag, _camera_frame(topics, "nav"), 0.0, stamps_ns, frames)
     except InputError as error:
-        return str(error)
-    return ""
+        return error
+    return None
 
 
 def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None] = lambda: None) -> Observation:
@@ -297,7 +310,7 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
         truth = None if source.loc is None else source.loc.ground_truth
     except InputError as error:
         subject = f"bag '{path}'" if kind is SourceKind.BAG else f"'{path}'"
-        return Observation(subject, kind, broken=str(error))
+        return Observation(subject, kind, broken=error)
 
     def stream() -> Iterator[tuple[str, int, Callable[[], Any]]]:
         for message in messages_of(source):

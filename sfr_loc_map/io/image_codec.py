@@ -137,7 +137,7 @@ def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr", bits: int =
     if image.dtype == np.uint16:
         image = cv2.convertScaleAbs(image, alpha=255 / (2**bits - 1))
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
-        raise InputError(f"the image is {image.dtype} {image.shape}: 8 or 16 bit grey or colour is required")
+        raise InputError(f"the image is {image.dtype} {image.shape}:", "8 or 16 bit grey or colour is required")
     if image.ndim == 3:
         code = cv2.COLOR_BGR2GRAY if order == "bgr" else cv2.COLOR_RGB2GRAY
         image = cv2.cvtColor(np.ascontiguousarray(image[:, :, :3]), code)
@@ -163,14 +163,14 @@ def decoded(raw: bytes) -> Samples:
     if size is None:
         codec = codec_of(raw)
         found = f"it is {codec}, which is not supported" if codec else "its data is corrupt or has another format"
-        raise InputError(f"{found}; {FORMATS} is required: restore or convert it")
+        raise InputError(f"{found}; {FORMATS} is required:", "restore or convert it")
     try:
         check_image_size(*size, "it")
     except GeometryError as error:
         raise InputError(str(error)) from error
     if size[0] * size[1] * _decoded_pixel_bytes(raw) > MAX_DECODED_BYTES:
         raise InputError(
-            f"it is {size[0]} x {size[1]} and exceeds {MAX_DECODED_BYTES} bytes when decoded: reduce the image"
+            f"it is {size[0]} x {size[1]} and exceeds {MAX_DECODED_BYTES} bytes when decoded:", "reduce the image"
         )
     if raw.startswith(JPEG_MAGIC):
         with refusing("its JPEG data is corrupt", "restore the original"):
@@ -183,11 +183,11 @@ def decoded(raw: bytes) -> Samples:
     try:
         image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise InputError(f"its data is corrupt ({error.err}); restore the original") from error
+        raise InputError(f"its data is corrupt ({error.err});", "restore the original") from error
     finally:
         cv2.utils.logging.setLogLevel(level)
     if image is None:
-        raise InputError("its data is corrupt; restore the original")
+        raise InputError("its data is corrupt;", "restore the original")
     binary = _BINARY_PNM.match(raw[:4096])
     if binary and (white := int(binary[1])) < 255:  # OpenCV scales text, but not binary samples
         image = np.minimum(image.astype(np.uint32) * 255 // white, 255).astype(np.uint8)
@@ -226,7 +226,7 @@ def samples_of(message: Any) -> Samples:  # noqa: ANN401 - a message of any libr
     stamp = stamp_of(message)
     if message.encoding not in ENCODINGS:
         known = ", ".join(ENCODINGS)
-        raise InputError(f"image of stamp {stamp} has encoding '{message.encoding}': one of {known} is required")
+        raise InputError(f"image of stamp {stamp} has encoding '{message.encoding}':", f"one of {known} is required")
     kind, samples = ENCODINGS[message.encoding]
     dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
     height, width, step = int(message.height), int(message.width), int(message.step)
@@ -235,7 +235,7 @@ def samples_of(message: Any) -> Samples:  # noqa: ANN401 - a message of any libr
     if height <= 0 or width <= 0 or step < row or len(data) < step * (height - 1) + row:
         raise InputError(
             f"image of stamp {stamp} is {width} x {height} {message.encoding} with step {step} and {len(data)} bytes, "
-            f"which are too few: the message is corrupt"
+            "which are too few: the message is corrupt"
         )
     rows = np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
     image = np.ascontiguousarray(rows).view(dtype).astype(kind, copy=False)
@@ -259,7 +259,7 @@ def _samples_of_compressed(message: Any) -> Samples:  # noqa: ANN401 - a sensor_
     data = bytes(message.data)
     with naming(f"image of stamp {stamp_of(message)}"):
         if claimed_size(data) is None:
-            raise InputError(f"{unread_codec(message)}: publish raw images, PNG or JPEG")
+            raise InputError(f"{unread_codec(message)}:", "publish raw images, PNG or JPEG")
         image = decoded(data)
         if _has_colour(data):
             return image
@@ -268,7 +268,7 @@ def _samples_of_compressed(message: Any) -> Samples:  # noqa: ANN401 - a sensor_
             return _mosaic(np.ascontiguousarray(pixels), FIRST_TWO.get(mosaic[1], mosaic[1]), "it")
         if "bayer" in form and not form.partition("compressed")[2].strip():
             raise InputError(
-                f"its format '{form[:40]}' is a Bayer mosaic of unknown order: name the order, such as bayer_rggb8"
+                f"its format '{form[:40]}' is a Bayer mosaic of unknown order:", "name the order, such as bayer_rggb8"
             )
         return image
 
@@ -318,11 +318,11 @@ def _critical_chunks(raw: bytes) -> bytes:
     while kind != b"IEND":
         head = raw[offset : offset + 8]
         if len(head) < 8:
-            raise InputError("its PNG data is truncated; restore the original")
+            raise InputError("its PNG data is truncated;", "restore the original")
         (length,), kind = struct.unpack(">I", head[:4]), head[4:]
         end = offset + 8 + length
         if len(raw) < end + 4 or zlib.crc32(raw[offset + 4 : end]) != struct.unpack(">I", raw[end : end + 4])[0]:
-            raise InputError("its PNG data is corrupt (checksum or length wrong); restore the original")
+            raise InputError("its PNG data is corrupt (checksum or length wrong);", "restore the original")
         if not kind[0] & 0x20:  # an upper case letter: critical (5.4)
             kept.append(raw[offset : end + 4])
         offset = end + 4

@@ -121,8 +121,8 @@ def format_of(path: Path) -> SourceFormat:
     raise InputError(
         f"'{path}' has no supported format: looked for pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "
         f"*.mcap, *.db3 (ROS 2 bag), *.bag (ROS 1 bag), image_0/ or image_2/ and calib.txt (KITTI), mav0/ (EuRoC), "
-        f"left/ and right/ with images (and --calibration FILE); found {found}; "
-        f"give the folder that contains such files"
+        f"left/ and right/ with images (and --calibration FILE); found {found};",
+        "give the folder that contains such files",
     )
 
 
@@ -134,7 +134,8 @@ def _check_image_formats(path: Path) -> None:
         found = sorted({suffix_of(file) for side in (left, right) for file in side.iterdir()} - {""})
         raise InputError(
             f"'{path}' has {left.name.lower()}/ and {right.name.lower()}/ without images that end in "
-            f"{alternatives(IMAGE_ENDINGS)}: found {', '.join(found) or 'no file'}; convert the images"
+            f"{alternatives(IMAGE_ENDINGS)}: found {', '.join(found) or 'no file'};",
+            "convert the images",
         )
 
 

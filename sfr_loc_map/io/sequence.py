@@ -173,20 +173,20 @@ def _listed_ns(sequence: LocSequence | NavSequence | None) -> IntArray:
 def drive_of(source: Source) -> LocSequence:
     """Return the localisation pairs of a source."""
     if source.loc is None or not len(source.loc):
-        raise InputError(f"'{source.path}' has no drive (localisation pairs): give a source that has one")
+        raise InputError(f"'{source.path}' has no drive (localisation pairs):", "give a source that has one")
     return source.loc
 
 
 def without_truth(path: Path) -> InputError:
     """Return the error of a source without true poses."""
     return InputError(
-        f"'{path}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth, or name "
-        "the truth by truth.source in sfr.yaml"
+        f"'{path}' has no true poses (groundtruth.csv, ground_truth/odometry):",
+        "give a source with truth, or name the truth by truth.source in sfr.yaml",
     )
 
 
 def panorama_of(source: Source) -> NavSequence:
     """Return the mapping pairs of a source."""
     if source.nav is None or not len(source.nav):
-        raise InputError(f"'{source.path}' has no mapping pairs: give a source that has them")
+        raise InputError(f"'{source.path}' has no mapping pairs:", "give a source that has them")
     return source.nav

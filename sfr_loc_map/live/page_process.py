@@ -11,7 +11,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from sfr_loc_map.errors import NodeError, SfrError, split_advice
+from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.live.run_end import EndFile, RunEnd
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.ros.processes import WATCH_S, end_processes, node_process
@@ -90,10 +90,9 @@ def shown_on(page: PageProcess | None) -> Iterator[None]:
         yield
     except SfrError as error:
         if page is not None:
-            text = one_line(str(error))
+            problem = one_line(error.problem)
             # the error of a node that has ended also has its last log line
-            found = text.partition(": ")[0] if isinstance(error, NodeError) else split_advice(text)[0]
-            page.aborted(found or text)
+            page.aborted(problem.partition(": ")[0] if isinstance(error, NodeError) else problem)
         raise
 
 

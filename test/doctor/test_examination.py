@@ -9,6 +9,7 @@ import pytest
 
 from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.observation import EXPECTED, RIG_OF_NODE, Observation, ObservedNode, ObservedTopic, SourceKind
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.message_types import IMAGE
 from sfr_loc_map.transport_issues import Publisher, Reliability
 
@@ -109,24 +110,20 @@ def test_stamps_are_compared_within_the_tolerance_of_the_node_or_of_the_configur
 
 
 @pytest.mark.parametrize(
-    ("message", "text", "fix"),
+    ("error", "text", "fix"),
     [
         (
-            "bag 'x' has no topic 'a': the topics are /b; correct this name",
+            InputError("bag 'x' has no topic 'a': the topics are /b;", "correct this name"),
             "it has no topic 'a': the topics are /b",
             "correct this name",
         ),
-        ("bag 'x': no stamps: run sfr info x", "no stamps", "run sfr info x"),
-        (
-            "'x/rig.json': is raw: give rect (nodes: input.rectify)",
-            "'x/rig.json': is raw",
-            "give rect (nodes: input.rectify)",
-        ),
-        ("bag 'x' is empty", "it is empty", "correct, record or copy it again"),
+        (InputError("bag 'x': no stamps:", "run sfr info x"), "no stamps", "run sfr info x"),
+        (InputError("bag 'x': a loop: a > b > a;", "record it again"), "a loop: a > b > a", "record it again"),
+        (InputError("bag 'x' is empty"), "it is empty", "correct, record or copy it again"),
     ],
 )
-def test_the_fix_of_an_unreadable_source_is_the_advice_of_its_error(message: str, text: str, fix: str) -> None:
+def test_the_fix_of_an_unreadable_source_is_the_advice_of_its_error(error: InputError, text: str, fix: str) -> None:
     """The name of the source is not repeated in the text."""
     for subject in ("bag 'x'", "'x'"):
-        (issue,) = examine(Observation(subject, broken=message))
+        (issue,) = examine(Observation(subject, broken=error))
         assert (issue.where, issue.text, issue.fix) == (subject, text, fix)

@@ -86,7 +86,7 @@ class Bag:
                 raise TypeError("the name or the type of a topic is not text")
             self.counts = {name: sum(c.msgcount for c in connections if c.topic == name) for name in self.topics}
         if not any(self.counts.values()):
-            raise InputError(f"bag '{path}' has no messages: record it again")
+            raise InputError(f"bag '{path}' has no messages:", "record it again")
         self.names = TopicNames.of(self.topics, topics or {}, path)
 
     def renamed(self, topics: Mapping[str, str]) -> Bag:
@@ -117,17 +117,17 @@ class Bag:
             return None
         if len(matching) > 1:
             several = ", ".join(matching)
-            raise InputError(f"bag '{self.path}' has several topics '{name}': {several}; choose one with --remap")
+            raise InputError(f"bag '{self.path}' has several topics '{name}': {several};", "choose one with --remap")
         if types := self._types_of_mixed.get(matching[0]):
             raise InputError(
-                f"topic '{matching[0]}' of bag '{self.path}' has messages of several types, {' and '.join(types)}: "
-                "record one type on each topic"
+                f"topic '{matching[0]}' of bag '{self.path}' has messages of several types, {' and '.join(types)}:",
+                "record one type on each topic",
             )
         msgtype = self.topics[matching[0]]
         if msgtypes and msgtype not in msgtypes:
             raise InputError(
-                f"topic '{matching[0]}' of bag '{self.path}' is {msgtype}: {alternatives(msgtypes)} is required "
-                f"for '{name}'"
+                f"topic '{matching[0]}' of bag '{self.path}' is {msgtype}:",
+                f"{alternatives(msgtypes)} is required for '{name}'",
             )
         relative = name.strip("/")
         return Topic(f"{relative}{COMPRESSED_END}" if msgtype == COMPRESSED else relative, matching[0], msgtype)
@@ -171,8 +171,8 @@ class Bag:
             where = f"a message on '{topic.bag_name}' of bag '{self.path}'"
             if raw.startswith(ZSTD_MAGIC):
                 raise InputError(
-                    f"{where} is compressed by zstd, which only metadata.yaml states: restore metadata.yaml beside the "
-                    "files, or run 'ros2 bag reindex'"
+                    f"{where} is compressed by zstd, which only metadata.yaml states:",
+                    "restore metadata.yaml beside the files, or run 'ros2 bag reindex'",
                 ) from error
             raise InputError(f"{where} is corrupt: {_line(error)}") from error
 
@@ -191,7 +191,7 @@ class Bag:
         """Raise InputError if fewer messages than expected were found."""
         if count < expected:
             raise InputError(
-                f"bag '{self.path}' is truncated: {count} of {expected} messages could be read; copy it again"
+                f"bag '{self.path}' is truncated: {count} of {expected} messages could be read;", "copy it again"
             )
 
     @contextmanager
@@ -205,8 +205,8 @@ class Bag:
                 raise
             except Exception as error:
                 raise InputError(
-                    f"bag '{self.path}' cannot be read: {_line(error)}; it is corrupt or truncated: record or copy it "
-                    "again"
+                    f"bag '{self.path}' cannot be read: {_line(error)}; it is corrupt or truncated:",
+                    "record or copy it again",
                 ) from error
 
 

@@ -31,8 +31,8 @@ def readable(connections: Sequence[Connection]) -> list[Connection]:
     if connections and not of_ros:
         written = ", ".join(sorted({_encoding(each) for each in connections}))
         raise InputError(
-            f"its messages are encoded as {written}: messages of ROS 2 (cdr) or ROS 1 (ros1) are required; record or "
-            "convert it as a ROS bag"
+            f"its messages are encoded as {written}: messages of ROS 2 (cdr) or ROS 1 (ros1) are required;",
+            "record or convert it as a ROS bag",
         )
     return of_ros
 

@@ -98,15 +98,15 @@ def _files_of_metadata(metadata: Path, stored: Sequence[Path]) -> BagFiles:
         names = [PurePath(name).name for name in about.relative_file_paths]
         if not names:
             raise InputError(
-                f"bag '{folder}': its metadata.yaml does not name the files of the bag: run 'ros2 bag reindex'"
+                f"bag '{folder}': its metadata.yaml does not name the files of the bag:", "run 'ros2 bag reindex'"
             )
         if missing := [name for name in names if not (folder / name).exists()]:
             raise ValueError(f"metadata.yaml names '{missing[0]}', which is missing")
         mode = (about.compression_mode or "none").lower()
         if mode not in ("none", "file", "message") or (mode != "none" and about.compression_format != "zstd"):
             raise InputError(
-                f"bag '{folder}': its {mode}s are compressed by '{about.compression_format}', which is not supported: "
-                "compress them by zstd, or not at all"
+                f"bag '{folder}': its {mode}s are compressed by '{about.compression_format}', which is not supported:",
+                "compress them by zstd, or not at all",
             )
     return BagFiles(
         tuple(folder / name for name in names),

@@ -162,7 +162,8 @@ def check_one_body(bodies: Collection[tuple[str, str]], where: str) -> None:
         found = sorted(f"'{body}' in '{frame}'" if body else f"'{frame}'" for frame, body in bodies)
         raise InputError(
             f"{where} has poses of several bodies or frames: {', '.join(found[:MAX_NAMED])}: one body in one frame is "
-            "required; record each of them on its own topic, or use truth.frame for frames on /tf"
+            "required;",
+            "record each of them on its own topic, or use truth.frame for frames on /tf",
         )
 
 

@@ -413,8 +413,8 @@ def _chunk_content(file: BinaryIO, offset: int) -> bytes:
         content = packed
     else:
         raise InputError(
-            f"its chunks are compressed by '{compression}', which is not supported: compress them by zstd or lz4, or "
-            "not at all"
+            f"its chunks are compressed by '{compression}', which is not supported:",
+            "compress them by zstd or lz4, or not at all",
         )
     if len(content) != unpacked_size:
         raise ReaderError(f"the chunk at byte {offset} contains {len(content)} bytes but declares {unpacked_size}")
@@ -433,8 +433,8 @@ def _check_overlaps(chunks: Collection[Chunk]) -> None:
         at_once += size
         if at_once > limit:
             raise InputError(
-                f"chunks that overlap in time require more than {limit} bytes of memory: sort the messages of the bag "
-                "by time, or record with smaller chunks"
+                f"chunks that overlap in time require more than {limit} bytes of memory:",
+                "sort the messages of the bag by time, or record with smaller chunks",
             )
 
 

@@ -70,8 +70,8 @@ class Ros1Reader(rosbag1.Reader):
         for each in wanted.values():
             if not _has_known_fields(each):
                 raise InputError(
-                    f"the definition of {each.msgtype} on '{each.topic}' differs from ROS Noetic: "
-                    "record the topic with the definition of Noetic"
+                    f"the definition of {each.msgtype} on '{each.topic}' differs from ROS Noetic:",
+                    "record the topic with the definition of Noetic",
                 )
         for each, time_ns, data in super().messages(connections, start, stop):
             connection = wanted[each.id]
@@ -119,7 +119,7 @@ def _reader_of(path: Path, *, is_finished: bool) -> BagReader:
         return McapFile(path, recovers=not is_finished)
     if suffix_of(path) == ".db3":
         return Sqlite3Reader(path)
-    raise InputError(f"'{path.name}' ends in '{path.suffix}': .mcap, .db3 or .bag is required")
+    raise InputError(f"'{path.name}' ends in '{path.suffix}':", ".mcap, .db3 or .bag is required")
 
 
 def messages_of_readers(

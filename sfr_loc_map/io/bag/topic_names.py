@@ -37,8 +37,8 @@ class TopicNames:
                         f"exchange both names (--remap {new}:={old}, or {old}: {new} in the section topics)"
                     )
                 raise InputError(
-                    f"bag '{path}' has no topic '{old}' to remap to '{new}': {_near(old, sorted(recorded))}; correct "
-                    "this name"
+                    f"bag '{path}' has no topic '{old}' to remap to '{new}': {_near(old, sorted(recorded))};",
+                    "correct this name",
                 )
             if not _is_read(new):
                 raise ConfigError(

@@ -49,7 +49,7 @@ def read_calibration(path: Path, size: tuple[int, int] | None = None, baseline_m
             pair = pair._replace(right=replace(pair.right, p=tuple(p_right.tolist())))
         return calibrated(pair, where)
     except InputError as error:
-        raise CalibrationError(str(error)) from error
+        raise CalibrationError(error.finding, error.advice) from error
 
 
 def _cameras_in(path: Path, size: tuple[int, int] | None, where: str) -> CameraPair:
@@ -61,11 +61,13 @@ def _cameras_in(path: Path, size: tuple[int, int] | None, where: str) -> CameraP
         if reader is None:
             *known, last = (reader.shown for reader in READERS)
             found = ", ".join(opened.shown_names[:8]) or "no known structure"
-            raise InputError(f"{where}: the file has {found}; a file of {', '.join(known)} or {last} is required")
+            raise InputError(f"{where}: the file has {found};", f"a file of {', '.join(known)} or {last} is required")
         pair = reader.read(opened)
     if len(sizes := {pair.left.size, pair.right.size, size or pair.left.size}) > 1:
         shown = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
-        raise InputError(f"{where} and the images differ in size, {shown} px: calibrate both cameras at the image size")
+        raise InputError(
+            f"{where} and the images differ in size, {shown} px:", "calibrate both cameras at the image size"
+        )
     return pair
 
 
@@ -78,7 +80,7 @@ def _only_file(folder: Path) -> Path:
         names = (
             ", ".join(str(file.relative_to(folder.absolute())) for file in calibrations[:8]) or "no calibration file"
         )
-        raise InputError(f"calibration '{folder}': the folder has {names}; give the path of one calibration file")
+        raise InputError(f"calibration '{folder}': the folder has {names};", "give the path of one calibration file")
     return calibrations[0]
 
 

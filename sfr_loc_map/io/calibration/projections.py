@@ -62,8 +62,8 @@ def with_baseline(p_left: ArrayLike, p_right: ArrayLike, baseline_m: float, text
     stated_m = left_m - right_m
     if stated_m and abs(stated_m - baseline_m) > BASELINE_TOLERANCE * abs(stated_m):
         raise InputError(
-            f"calibration.baseline_m is {baseline_m:g} m, but P of {text} states {stated_m:g} m: omit "
-            "calibration.baseline_m, or correct the calibration"
+            f"calibration.baseline_m is {baseline_m:g} m, but P of {text} states {stated_m:g} m:",
+            "omit calibration.baseline_m, or correct the calibration",
         )
     right[3] = right[0] * (left_m - baseline_m)
     return right
@@ -84,7 +84,8 @@ def check_centre(cx: float, cy: float, size: tuple[int, int], where: str) -> Non
         width, height = size
         raise InputError(
             f"{where}: the principal point is ({cx:g}, {cy:g}) px, far from the centre of images of {width} x {height} "
-            "px: scale the calibration to the size of the images"
+            "px:",
+            "scale the calibration to the size of the images",
         )
 
 
@@ -93,8 +94,8 @@ def check_baseline(baseline_m: float, where: str) -> None:
     shortest_m, longest_m = BASELINES_M
     if not shortest_m <= baseline_m <= longest_m:
         raise InputError(
-            f"{where}: the baseline is {baseline_m:g} m: {shortest_m:g} to {longest_m:g} m is required; give the "
-            "baseline in metres (P[3] and Camera.bf: in metres times fx)"
+            f"{where}: the baseline is {baseline_m:g} m: {shortest_m:g} to {longest_m:g} m is required;",
+            "give the baseline in metres (P[3] and Camera.bf: in metres times fx)",
         )
 
 
@@ -112,8 +113,8 @@ def rig_from_projections(
     """
     if not have_one_camera_matrix(p_left, p_right):
         raise InputError(
-            f"{where}: P of {names[0]} and {names[1]} differ in more than P[3]: rectify both cameras to one camera "
-            "matrix"
+            f"{where}: P of {names[0]} and {names[1]} differ in more than P[3]:",
+            "rectify both cameras to one camera matrix",
         )
     fx, cx, fy, cy = (float(p_left[i]) for i in (0, 2, 5, 6))
     shift = float(p_right[3] - p_left[3])
@@ -125,7 +126,8 @@ def rig_from_projections(
             hint = f"P[3] = 0 is required for the {names[0]} camera unless both P refer to a third camera"
         raise InputError(
             f"{where}: {found}, so the baseline is {-shift / (fx or 1.0) + 0.0:g} m: P[3] = -fx * baseline < 0 is "
-            f"required for the {names[1]} camera; {hint}"
+            f"required for the {names[1]} camera;",
+            hint,
         )
     with refusing(where, "correct the calibration"):
         baseline_m = baseline_from_projection(fx, shift) if fx else 0.0
@@ -142,4 +144,4 @@ def check_projection(p: FloatArray, where: str, advice: str = "correct the calib
     elif np.abs(p_matrix[[0, 1, 2, 2, 2, 1, 2], [1, 0, 0, 1, 3, 3, 2]] - [0, 0, 0, 0, 0, 0, 1]).max() > TOLERANCE:
         problem = "projection p is not that of a rectified left or right camera"
     if problem:
-        raise InputError(f"{where} is non-rectified ({problem}): {advice}")
+        raise InputError(f"{where} is non-rectified ({problem}):", advice)

@@ -84,13 +84,13 @@ class RectifiableCamera:
         model = self.model or ("" if any(self.d) else "plumb_bob")
         if model not in COEFFICIENTS:
             known = ", ".join(COEFFICIENTS)
-            raise InputError(f"{name} has distortion model '{model[:40]}': one of {known} can be rectified")
+            raise InputError(f"{name} has distortion model '{model[:40]}':", f"one of {known} can be rectified")
         d = self.d or (0.0,) * COEFFICIENTS[model][0]
         check_coefficients(model, d, name)
         is_complete = (len(self.k), len(self.r), len(self.p)) == (9, 9, 12)
         is_finite = np.isfinite([*d, *self.k, *self.r, *self.p]).all()
         if not (is_complete and is_finite) or self.k[0] <= 0.0 or self.k[4] <= 0.0 or self.p[0] <= 0.0:
-            raise InputError(f"{name} has no k or p, or contains a non-finite number: calibrate the camera")
+            raise InputError(f"{name} has no k or p, or contains a non-finite number:", "calibrate the camera")
         r = self.r if any(self.r) else tuple(np.eye(3).reshape(-1).tolist())
         check_camera_matrix(self.k, name)
         _check_scale(_intrinsics_of_k(self.k), _intrinsics_of_p(self.p), f"{name}: P has", "those of K")
@@ -98,8 +98,8 @@ class RectifiableCamera:
         defect = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         if defect > MAX_ROTATION_DEFECT or np.linalg.det(rotation) < 0.0:
             raise InputError(
-                f"{name}: r is not a rotation: an orthonormal matrix with determinant +1 is required: calibrate the "
-                "pair"
+                f"{name}: r is not a rotation: an orthonormal matrix with determinant +1 is required:",
+                "calibrate the pair",
             )
         return replace(self, model=model, d=d, r=r)
 
@@ -135,7 +135,7 @@ def _size_of_full_images(name: str, info: Any) -> tuple[int, int]:  # noqa: ANN4
     has_full_size = (roi.width, roi.height) in ((0, 0), (info.width, info.height))
     is_cropped = not has_full_size or roi.x_offset or roi.y_offset
     if is_cropped or info.binning_x > 1 or info.binning_y > 1:
-        raise InputError(f"{name} has binning or a region of interest: send full images without binning")
+        raise InputError(f"{name} has binning or a region of interest:", "send full images without binning")
     return int(info.width), int(info.height)
 
 
@@ -164,7 +164,8 @@ def _check_scale(one: FloatArray, other: FloatArray, which: str, reference: str)
         factor = float(np.exp(ratio))
         raise InputError(
             f"{which} focal lengths and a principal point that are {factor:.3g} times {reference}, as of another image "
-            "size: give a calibration for one image size"
+            "size:",
+            "give a calibration for one image size",
         )
 
 
@@ -172,7 +173,7 @@ def check_coefficients(model: str, coefficients: Sequence[float], name: str) -> 
     """Raise InputError if a distortion model does not have this number of coefficients."""
     if len(coefficients) not in COEFFICIENTS[model]:
         wanted = alternatives(map(str, COEFFICIENTS[model]))
-        raise InputError(f"{name} has {len(coefficients)} coefficients d: model {model} requires {wanted}")
+        raise InputError(f"{name} has {len(coefficients)} coefficients d:", f"model {model} requires {wanted}")
 
 
 def check_camera_matrix(k: Sequence[float], name: str) -> None:
@@ -180,7 +181,8 @@ def check_camera_matrix(k: Sequence[float], name: str) -> None:
     if len(k) != 9 or not _largest_difference(np.take(k, (1, 3, 6, 7, 8)), (0, 0, 0, 0, 1)) <= SAME_PX:
         raise InputError(
             f"{name}: the camera matrix is {', '.join(f'{number:g}' for number in k)}: fx, 0, cx, 0, fy, cy, 0, 0, 1 "
-            "is required; calibrate without skew, and write the matrix row by row (that of MATLAB is transposed)"
+            "is required;",
+            "calibrate without skew, and write the matrix row by row (that of MATLAB is transposed)",
         )
 
 
@@ -210,8 +212,8 @@ class StereoRectifier:
                 continue
             raise InputError(
                 f"{name}: with its R and P {problem} (focal length {camera.p[0]:g} px, principal point ({cx:g}, "
-                f"{cy:g}) of {width} x {height}): calibrate the pair again, or give a calibration whose R and P fit "
-                "the images"
+                f"{cy:g}) of {width} x {height}):",
+                "calibrate the pair again, or give a calibration whose R and P fit the images",
             )
 
     def rectify(self, left: GreyImage, right: GreyImage) -> tuple[GreyImage, GreyImage]:
@@ -261,7 +263,7 @@ def rig_of_cameras(
         check_projection(p, name)
     if left.size != right.size:
         sizes = " and ".join(f"{width} x {height}" for width, height in (left.size, right.size))
-        raise InputError(f"{where}: the images of left and right are {sizes}: equal sizes are required")
+        raise InputError(f"{where}: the images of left and right are {sizes}:", "equal sizes are required")
     _check_scale(
         _intrinsics_of_k(left.k),
         _intrinsics_of_k(right.k),

@@ -55,7 +55,8 @@ class CameraPair(NamedTuple):
         if left_words & right_camera or right_words & left_camera:
             raise InputError(
                 f"'{left}' is read as the left and '{right}' as the right images, but {self.names[0]} is the left "
-                f"camera of the calibration ({self.text}): are left and right swapped? {fix}"
+                f"camera of the calibration ({self.text}):",
+                f"are left and right swapped? {fix}",
             )
 
 
@@ -131,11 +132,11 @@ def with_rectification(name: str, left: PosedCamera, right: PosedCamera) -> tupl
     """Return both cameras with the R and P that rectify them; R = I if the pair is already rectified."""
     if left.size != right.size:
         sizes = " and ".join(f"{width} x {height}" for width, height in (left.size, right.size))
-        raise InputError(f"{name}: the sizes of the left and right camera are {sizes} px: equal sizes are required")
+        raise InputError(f"{name}: the sizes of the left and right camera are {sizes} px:", "equal sizes are required")
     if (left.model in FISHEYE) != (right.model in FISHEYE):
         raise InputError(
-            f"{name}: the lens models of the left and right camera are {left.model} and {right.model}: calibrate both "
-            "cameras with one model"
+            f"{name}: the lens models of the left and right camera are {left.model} and {right.model}:",
+            "calibrate both cameras with one model",
         )
     T_right_left = right.T_body_cam.inverse() @ left.T_body_cam
     right_m = -T_right_left.rotation.T @ T_right_left.translation  # position in the frame of the left camera
@@ -158,7 +159,8 @@ def _not_side_by_side(name: str, right_m: FloatArray) -> InputError:
     place = ", ".join(f"{value + 0.0:.4g}" for value in right_m)
     return InputError(
         f"{name}: the right camera is at ({place}) m in the frame of the left camera (x right, y down): a position to "
-        "the right is required; are the cameras swapped, or one above the other? Correct the calibration"
+        "the right is required;",
+        "are the cameras swapped, or one above the other? Correct the calibration",
     )
 
 
@@ -195,7 +197,7 @@ def _bouguet(
     if _coverage_problem(cameras, rotations, projections):
         projections = [*_kept_projections(cameras, rotations, float(projections[1][0, 3] / projections[1][0, 0]))]
         if problem := _coverage_problem(cameras, rotations, projections):
-            raise InputError(f"{name}: the cameras cannot be rectified: {problem}; correct the calibration")
+            raise InputError(f"{name}: the cameras cannot be rectified: {problem};", "correct the calibration")
     return rotations, projections
 
 

@@ -109,13 +109,13 @@ def _check_coordinates(xyz: FloatArray, path: Path) -> None:
     farthest = float(np.abs(xyz).max(initial=0.0))
     if farthest > MAX_POSITION_M:
         raise InputError(
-            f"cloud '{path}' has a coordinate of {farthest:g} m: at most {MAX_POSITION_M:g} m is allowed; check the "
-            "byte order and the unit of the coordinates"
+            f"cloud '{path}' has a coordinate of {farthest:g} m: at most {MAX_POSITION_M:g} m is allowed;",
+            "check the byte order and the unit of the coordinates",
         )
     if 0.0 < farthest < SMALLEST_CLOUD_M:
         raise InputError(
-            f"cloud '{path}': the largest coordinate is {farthest:g} m: at least {SMALLEST_CLOUD_M:g} m is required; "
-            "check the byte order and the unit of the coordinates"
+            f"cloud '{path}': the largest coordinate is {farthest:g} m: at least {SMALLEST_CLOUD_M:g} m is required;",
+            "check the byte order and the unit of the coordinates",
         )
 
 
@@ -139,7 +139,7 @@ def _read_fields(path: Path) -> CloudFields:
     """
     cloud_format = FORMATS.get(suffix_of(path))
     if cloud_format is None:
-        raise InputError(f"cannot read cloud '{path}': a name that ends in {NAMES} is required; convert the cloud")
+        raise InputError(f"cannot read cloud '{path}': a name that ends in {NAMES} is required;", "convert the cloud")
     with refusing(f"cannot read cloud '{path}'", f"give a {NAMES} file"):
         data = read_bytes(path, MAX_CLOUD_BYTES)
         if suffix_of(path) != ARCHIVE:
@@ -151,7 +151,8 @@ def _read_fields(path: Path) -> CloudFields:
     if stated := next(filter(unit_in_comment, fields.comments), ""):
         raise InputError(
             f"cloud '{path}' has the comment '{stated[:60]}', which states the unit {unit_in_comment(stated)}: "
-            "coordinates in metres are required; convert the cloud"
+            "coordinates in metres are required;",
+            "convert the cloud",
         )
     columns = _without_prefix(fields.columns)
     if missing := [name for name in "xyz" if name not in columns]:
@@ -205,12 +206,13 @@ def _records(columns: Columns, kept: Mask, path: Path) -> NDArray[np.void]:
 def _check_values(cloud: PointCloud, path: Path) -> None:
     """Raise InputError if a sigma is negative, or if a point belongs to a pair without a stamp."""
     if (cloud.sigma < 0.0).any():
-        raise InputError(f"cloud '{path}' has a sigma of {np.nanmin(cloud.sigma):g} m: at least 0 m is required")
+        raise InputError(f"cloud '{path}' has a sigma of {np.nanmin(cloud.sigma):g} m:", "at least 0 m is required")
     stamps_ns = cloud.pair_stamps_ns
     if stamps_ns is not None and len(cloud) and cloud.pair.max() >= len(stamps_ns):
         raise InputError(
             f"cloud '{path}' has points of the pair number {cloud.pair.max()}, but the stamps of "
-            f"{counted(len(stamps_ns), 'pair')}: a stamp for each pair is required"
+            f"{counted(len(stamps_ns), 'pair')}:",
+            "a stamp for each pair is required",
         )
 
 

@@ -20,8 +20,8 @@ def points_image(message: Any, size: tuple[int, int]) -> NDArray[np.float32]:  #
     size_ok = (shape[1], shape[0]) == size and row >= step * shape[1] and len(message.data) >= row * shape[0]
     if not size_ok or any(name not in offsets or offsets[name] + 4 > step for name in "xyz"):
         raise InputError(
-            f"ground_truth/points is {shape[1]} x {shape[0]} with float32 fields {sorted(offsets)}: an organised cloud "
-            f"of {size[0]} x {size[1]} with x, y, z is required"
+            f"ground_truth/points is {shape[1]} x {shape[0]} with float32 fields {sorted(offsets)}:",
+            f"an organised cloud of {size[0]} x {size[1]} with x, y, z is required",
         )
     order = ">f4" if message.is_bigendian else "<f4"
     layout = np.dtype(
@@ -39,5 +39,5 @@ def checked_points(points: NDArray[np.floating], name: str) -> NDArray[np.float3
     known = np.isfinite(points)
     points[~known] = np.nan
     if np.abs(points[known]).max(initial=0.0) > MAX_POSITION_M:
-        raise InputError(f"{name} has a coordinate beyond {MAX_POSITION_M:g} m; use NaN for a missing truth")
+        raise InputError(f"{name} has a coordinate beyond {MAX_POSITION_M:g} m;", "use NaN for a missing truth")
     return points

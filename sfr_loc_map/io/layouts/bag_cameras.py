@@ -48,8 +48,8 @@ def require_topic(bag: Bag, name: str, *msgtypes: str) -> Topic:
     topic = bag.find(name, *msgtypes)
     if topic is None:
         raise InputError(
-            f"bag '{bag.path}' has no topic '{name}': it has {', '.join(sorted(bag.topics))}; record it, or name it "
-            f"with --remap old:=new"
+            f"bag '{bag.path}' has no topic '{name}': it has {', '.join(sorted(bag.topics))};",
+            "record it, or name it with --remap old:=new",
         )
     return topic
 
@@ -90,7 +90,8 @@ class CameraTopics:
         if image.shape[axis] % 2:
             raise InputError(
                 f"bag '{self.bag.path}': joint images ({self.layout}) of {image.shape[1]} x {image.shape[0]} "
-                "px cannot be divided into equal halves: correct the layout or the images"
+                "px cannot be divided into equal halves:",
+                "correct the layout or the images",
             )
         left, right = np.split(image, 2, axis)
         return np.ascontiguousarray(left), np.ascontiguousarray(right)
@@ -104,8 +105,8 @@ class CameraTopics:
             cameras = [self._camera_of(topic, self.bag.deserialise(topic, raw)) for raw in sorted(messages)]
         if not all(camera.is_same(cameras[0]) for camera in cameras):
             raise InputError(
-                f"bag '{self.bag.path}', '{topic.bag_name}': the calibration changes within the bag: divide the bag "
-                "at the change, or give a constant calibration by --calibration FILE"
+                f"bag '{self.bag.path}', '{topic.bag_name}': the calibration changes within the bag:",
+                "divide the bag at the change, or give a constant calibration by --calibration FILE",
             )
 
     def _camera_of(self, topic: Topic, info: Any) -> RectifiableCamera:  # noqa: ANN401 - types of rosbags
@@ -159,7 +160,7 @@ def _by_camera_info(topics: CameraTopics, baseline_m: float) -> BagCameras:
     for topic in topics.infos:
         if topic.name not in infos:
             raise InputError(
-                f"bag '{bag.path}' has no message on '{topic.bag_name}': the rig is unknown; record this topic"
+                f"bag '{bag.path}' has no message on '{topic.bag_name}': the rig is unknown;", "record this topic"
             )
     left, right = (infos[topic.name] for topic in topics.infos)
     describe = rig_of_rectified_infos if topics.are_rectified else rig_of_raw_infos

@@ -158,6 +158,6 @@ def _matching_poses(bag: Bag, pairs_ns: Sequence[int], poses_ns: Collection[int]
         f"with stamp {without[0]}"
     )
     if not pose_of_pair:
-        raise InputError(f"{text}: record a pose with the stamp of each pair")
+        raise InputError(f"{text}:", "record a pose with the stamp of each pair")
     _log.warning(f"{text}: these pairs are skipped")
     return pose_of_pair

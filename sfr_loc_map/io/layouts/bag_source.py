@@ -113,8 +113,9 @@ class _BagPairs:
             if len(waiting) > LOOK_AHEAD:
                 raise InputError(
                     f"bag '{bag.path}': the messages of the {self.topics.task.rig} pair of stamp {next_ns} ns were "
-                    f"recorded more than {LOOK_AHEAD} pairs apart: record all topics of the pairs with the same delay, "
-                    "or write the bag again with the header stamps as times of recording"
+                    f"recorded more than {LOOK_AHEAD} pairs apart:",
+                    "record all topics of the pairs with the same delay, "
+                    "or write the bag again with the header stamps as times of recording",
                 )
 
     def _decoded(self, stamp_ns: int, raw: Mapping[str, bytes], depth: SampleDepth) -> StereoPair:
@@ -176,7 +177,8 @@ def open_bag(path: Path, config: SourceConfig = DEFAULT_SOURCE) -> Source:
             advice = f"name the topics of the images by --remap FOUND:=EXPECTED, or by sfr info '{path}' --write"
         raise InputError(
             f"bag '{path}' has neither loc/left/image_rect nor nav/left/image_rect: it has "
-            f"{', '.join(sorted(bag.topics))}; {advice}"
+            f"{', '.join(sorted(bag.topics))};",
+            advice,
         )
     if len(namespaces := bag.names.namespaces()) > 1:
         listed = "; ".join(f"/{namespace}: {', '.join(names)}" for namespace, names in namespaces.items())

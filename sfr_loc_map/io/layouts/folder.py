@@ -83,8 +83,8 @@ def open_folder(path: Path, config: SourceConfig) -> Source:
         loc, nav = (_read_pairs_folder(path / name) if (path / name).is_dir() else None for name in ("loc", "nav"))
     if nav is not None and not nav.has_poses:
         raise InputError(
-            f"'{nav.folder / 'pairs.csv'}' has no poses of the mapping cameras in the local map (LM): add the columns "
-            f"{', '.join(NAV_COLUMNS[len(LOC_COLUMNS) :])} to the pairs"
+            f"'{nav.folder / 'pairs.csv'}' has no poses of the mapping cameras in the local map (LM):",
+            f"add the columns {', '.join(NAV_COLUMNS[len(LOC_COLUMNS) :])} to the pairs",
         )
     drive = None
     if loc is not None:
@@ -107,16 +107,18 @@ def _read_pairs_folder(folder: Path) -> _PairsFolder:
     header, *rows = [[word.strip() for word in line.split(",")] for line in split_lines(text)] or [[""]]
     if tuple(header) not in HEADERS:
         headers = alternatives(f"'{','.join(names)}'" for names in HEADERS)
-        raise InputError(f"'{table}' line 1 is '{','.join(header)}': one of the headers {headers} is required")
+        raise InputError(f"'{table}' line 1 is '{','.join(header)}':", f"one of the headers {headers} is required")
     pairs = []
     for number, row in enumerate(rows, start=2):
         if row == [""]:  # a blank line
             continue
         if len(row) != len(header):
-            raise InputError(f"'{table}' line {number} has {counted(len(row), 'column')}: {len(header)} are required")
+            raise InputError(
+                f"'{table}' line {number} has {counted(len(row), 'column')}:", f"{len(header)} are required"
+            )
         pairs.append(_parse_pair(table, number, dict(zip(header, row, strict=True))))
     if not pairs:
-        raise InputError(f"'{table}' lists no pair: at least one is required")
+        raise InputError(f"'{table}' lists no pair:", "at least one is required")
     check_unit([pair.stamp_ns for pair in pairs], f"'{table}'", shortest_ns=SHORTEST_IMAGE_STEP_NS)
     complete, missing_ns = complete_pairs(pairs, f"'{table}'")
     return _PairsFolder(folder, rig, len(header) > len(LOC_COLUMNS), complete, missing_ns)
@@ -132,7 +134,7 @@ def _parse_pair(table: Path, number: int, row: Mapping[str, str]) -> ImagePair:
             T_lm_navsb = Transform.from_origin_and_attitude(numbers[:3], numbers[3:])
     points = table.parent / row[TRUTH_COLUMN] if row.get(TRUTH_COLUMN) else None
     if points is not None and not points.is_file():  # reported before the pairs are processed
-        raise InputError(f"'{table}' names a missing truth: {points}; restore the file or remove its name")
+        raise InputError(f"'{table}' names a missing truth: {points};", "restore the file or remove its name")
     return ImagePair(stamp_ns, table.parent / row["left"], table.parent / row["right"], T_lm_navsb, points)
 
 
@@ -143,8 +145,8 @@ def _read_truth(folder: Path) -> RecordedTruth | None:
         return None
     if not is_suite_table(file):
         raise InputError(
-            f"'{file}' does not have '{CSV_HEADER}', the header of the truth of a data set folder: convert the file by "
-            "sfr convert, or rename it and set truth.source"
+            f"'{file}' does not have '{CSV_HEADER}', the header of the truth of a data set folder:",
+            "convert the file by sfr convert, or rename it and set truth.source",
         )
     loaded = read_trajectory_file(file)
     check_truth_order(loaded.trajectory.stamps_ns, f"'{file}'")
@@ -156,7 +158,7 @@ def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:
         points = parse_npy(read_bytes(path, 24 * rig.height * rig.width + 2 * MAX_HEADER))
     if points.shape != (rig.height, rig.width, 3) or points.dtype.newbyteorder("=") != np.float32:
         raise InputError(
-            f"truth '{path}' is {points.dtype} {points.shape}: float32 ({rig.height}, {rig.width}, 3) is required"
+            f"truth '{path}' is {points.dtype} {points.shape}:", f"float32 ({rig.height}, {rig.width}, 3) is required"
         )
     return checked_points(points, f"truth '{path}'")
 

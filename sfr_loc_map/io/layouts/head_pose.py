@@ -64,12 +64,14 @@ def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, 
         if rig_at_stamp is None:
             raise InputError(
                 f"bag '{bag.path}': at stamp {stamp} the transforms on /tf from {rig.read_from}, which give the pose "
-                f"of the cameras, are incomplete: record /tf {RECORDING}"
+                f"of the cameras, are incomplete:",
+                f"record /tf {RECORDING}",
             )
         if rig_at_stamp.text != rig.text:
             raise InputError(
                 f"bag '{bag.path}': the pose of the cameras is given by the transforms on /tf from {rig.text}, but at "
-                f"stamp {stamp} by those from {rig_at_stamp.text}: record /tf {RECORDING}"
+                f"stamp {stamp} by those from {rig_at_stamp.text}:",
+                f"record /tf {RECORDING}",
             )
     return [found.T_rb_sb for found in rigs if found is not None]
 
@@ -84,8 +86,9 @@ def _by_joints(bag: Bag, camera_frame: str, stamps_ns: IntArray, config: FramesC
     T_head_navsb = config.head_transform()
     if T_head_navsb is None:
         raise InputError(
-            f"bag '{bag.path}': the cameras are moved by joints: give their pose on the head by "
-            "--set 'frames.head_to_navsb_m=[X, Y, Z]' --set 'frames.head_to_navsb_quat_xyzw=[X, Y, Z, W]'"
+            f"bag '{bag.path}': the cameras are moved by joints:",
+            "give their pose on the head by "
+            "--set 'frames.head_to_navsb_m=[X, Y, Z]' --set 'frames.head_to_navsb_quat_xyzw=[X, Y, Z, W]'",
         )
     return [mast_head_in_rb(float(pan), float(tilt)) @ T_head_navsb for pan, tilt in zip(*angles, strict=True)]
 
@@ -107,8 +110,8 @@ def _joint_name(names: Collection[str], kind: str, wanted: str, where: str, came
     if len(matching) != 1:
         raise InputError(
             f"{where} has no transforms from the rover to '{camera_frame}', and {len(matching)} joints match "
-            f"'{wanted or kind}' among {', '.join(sorted(names)) or '(none)'}: one joint is required; record /tf, "
-            f"nav/pose or sensor_msgs/JointState, or set frames.base, frames.pan_joint, frames.tilt_joint"
+            f"'{wanted or kind}' among {', '.join(sorted(names)) or '(none)'}: one joint is required;",
+            "record /tf, nav/pose or sensor_msgs/JointState, or set frames.base, frames.pan_joint, frames.tilt_joint",
         )
     return matching[0]
 
@@ -118,5 +121,5 @@ def _angles_at(stamps_ns: IntArray, recorded: Sequence[tuple[int, float]], where
     known_ns, angles = (np.array(column) for column in zip(*recorded, strict=True))
     check_stamp_order(known_ns, where, strict=False)
     for stamp in stamps_ns[~covered(known_ns, stamps_ns)]:
-        raise InputError(f"{where} at stamp {stamp} is unknown: record it {RECORDING}")
+        raise InputError(f"{where} at stamp {stamp} is unknown:", f"record it {RECORDING}")
     return np.asarray(np.interp(stamps_ns - known_ns[0], known_ns - known_ns[0], np.unwrap(angles)))

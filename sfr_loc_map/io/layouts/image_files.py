@@ -57,7 +57,7 @@ def complete_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImageP
     """
     check_stamp_order([entry.stamp_ns for entry in entries], name, strict=True)
     if same := next((entry for entry in entries if entry.left == entry.right), None):
-        raise InputError(f"{name} lists '{same.left}' as the left and the right image of one pair: two are required")
+        raise InputError(f"{name} lists '{same.left}' as the left and the right image of one pair:", "two are required")
     files = [file for entry in entries for file in (entry.left, entry.right)]
     missing = [file for file in files if not file.is_file()]
     if not missing:
@@ -69,7 +69,7 @@ def complete_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImageP
     rest = f" and {len(missing) - NAMED_FILES} more" if len(missing) > NAMED_FILES else ""
     shown = f"{', '.join(map(str, missing[:NAMED_FILES]))}{rest}"
     if not complete:
-        raise InputError(f"{name} lists missing images: {shown}; restore them")
+        raise InputError(f"{name} lists missing images: {shown};", "restore them")
     _log.warning("%s: %d of %d pairs skipped, missing images: %s", name, len(incomplete_ns), len(entries), shown)
     _report_unlisted(files, name)
     return complete, tuple(sorted(incomplete_ns))

@@ -32,8 +32,9 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
         raise InputError(f"'{path}' has no folders of left and right images")
     if not config.calibration.file:
         raise InputError(
-            f"'{path}' has images in {folders[0].name}/ and {folders[1].name}/ but no calibration: sfr init DIR --from "
-            f"'{path}' --calibration FILE (Kalibr, OpenCV, ROS, COLMAP, EuRoC, ORB-SLAM or rig.json)"
+            f"'{path}' has images in {folders[0].name}/ and {folders[1].name}/ but no calibration:",
+            f"sfr init DIR --from "
+            f"'{path}' --calibration FILE (Kalibr, OpenCV, ROS, COLMAP, EuRoC, ORB-SLAM or rig.json)",
         )
     (left, unit), (right, _) = (_by_stamp(folder) for folder in folders)
     if unit != "ns":
@@ -69,15 +70,15 @@ def _by_stamp(folder: Path) -> tuple[dict[int, Path], str]:
     if not unit:
         shown = wrong[0] if wrong else ", ".join(stems[:3])
         raise InputError(
-            f"images of '{folder}' are named {shown}: stamps in one unit (s, ms, us, ns) are required as names; "
-            "rename them, or write a pairs.csv and rig.json (docs/formats.md)"
+            f"images of '{folder}' are named {shown}: stamps in one unit (s, ms, us, ns) are required as names;",
+            "rename them, or write a pairs.csv and rig.json (docs/formats.md)",
         )
     by_stamp: dict[int, Path] = {}
     for file in files:
         with refusing(f"'{file}'", "rename the image"):
             stamp_ns = parse_decimal(file.stem, TIMES[unit])
         if stamp_ns in by_stamp:
-            raise InputError(f"'{file}' and '{by_stamp[stamp_ns].name}' have the same stamp: remove one of them")
+            raise InputError(f"'{file}' and '{by_stamp[stamp_ns].name}' have the same stamp:", "remove one of them")
         by_stamp[stamp_ns] = file
     _check_one_unit(by_stamp)
     return by_stamp, unit
@@ -91,5 +92,6 @@ def _check_one_unit(by_stamp: Mapping[int, Path]) -> None:
         raise InputError(
             f"'{by_stamp[first]}' is read as {first / NS_PER_S:.9g} s (a time since a start), but "
             f"'{by_stamp[last].name}' as {last / NS_PER_S:.0f} s (a time of a clock): names in one unit and of one "
-            "clock are required; rename the images of one of the two kinds"
+            "clock are required;",
+            "rename the images of one of the two kinds",
         )

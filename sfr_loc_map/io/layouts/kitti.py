@@ -49,7 +49,7 @@ def open_kitti(path: Path, config: SourceConfig) -> Source:
     times, calibration = path / "times.txt", path / "calib.txt"
     stamps = read_times(times).tolist()
     if not stamps:
-        raise InputError(f"'{times}' has no times: one line for each pair is required")
+        raise InputError(f"'{times}' has no times:", "one line for each pair is required")
     entries = [
         ImagePair(stamp, path / f"image_{left}" / f"{i:06d}.png", path / f"image_{right}" / f"{i:06d}.png")
         for i, stamp in enumerate(stamps)
@@ -60,7 +60,7 @@ def open_kitti(path: Path, config: SourceConfig) -> Source:
     cameras = _read_projections(calibration)
     if left not in cameras or right not in cameras:
         found = sorted(f"P{i}" for i in cameras)
-        raise InputError(f"'{calibration}' has {', '.join(found) or 'no P'}: P{left} and P{right} are required")
+        raise InputError(f"'{calibration}' has {', '.join(found) or 'no P'}:", f"P{left} and P{right} are required")
     size, where, names = (width, height), f"'{calibration}'", (f"P{left}", f"P{right}")
     rig = rig_from_projections(cameras[left], cameras[right], size, where, names)
     check_centre(rig.cx, rig.cy, size, where)
@@ -80,7 +80,8 @@ def _check_names(entries: Sequence[ImagePair]) -> None:
     if found:
         raise InputError(
             f"'{folder}' has images such as '{found[0]}': names like '{entries[0].left.name}', with the numbers of "
-            "their lines in times.txt, are required; rename the images, or link them by such names"
+            "their lines in times.txt, are required;",
+            "rename the images, or link them by such names",
         )
 
 
@@ -92,7 +93,7 @@ def _read_projections(calibration: Path) -> dict[int, FloatArray]:
         if name not in ("P0", "P1", "P2", "P3"):
             continue
         if int(name[1]) in cameras:
-            raise InputError(f"'{calibration}' has {name} twice: one line {name} is required")
+            raise InputError(f"'{calibration}' has {name} twice:", f"one line {name} is required")
         with refusing(f"'{calibration}' {name}: 12 finite numbers are required"):
             cameras[int(name[1])] = np.array([parse_number(word) for word in rest.split()]).reshape(12)
     return cameras
@@ -112,7 +113,9 @@ def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) 
         read_table(file), f"'{file}'", RowForm("the first three rows of a pose matrix", range(12))
     ).values
     if len(rows) != len(stamps):
-        raise InputError(f"'{file}' has {len(rows)} poses for {len(stamps)} times: one pose for each time is required")
+        raise InputError(
+            f"'{file}' has {len(rows)} poses for {len(stamps)} times:", "one pose for each time is required"
+        )
     T_cam0_left = Transform(np.eye(3), np.array([offset_m, 0.0, 0.0]))
     with refusing(f"'{file}'"):
         matrices = [Transform.from_matrix(row.reshape(3, 4)) for row in rows]

@@ -26,8 +26,8 @@ def stereo_pairs(left_ns: Sequence[int], right_ns: Sequence[int], sync: SyncConf
     if not matched:
         raise InputError(
             f"{where}: none of the {len(left_ns)} left images has a stamp within {within} of any of the "
-            f"{len(right_ns)} right images: trigger both cameras together, or set sync.stamp_tolerance_s or "
-            "sync.right_offset_s in sfr.yaml"
+            f"{len(right_ns)} right images:",
+            "trigger both cameras together, or set sync.stamp_tolerance_s or sync.right_offset_s in sfr.yaml",
         )
     if differences := [abs(right - left) for left, right in matched.items() if right != left]:
         typical, largest = (f"{value / NS_PER_MS:.3g}" for value in (median_low(differences), max(differences)))

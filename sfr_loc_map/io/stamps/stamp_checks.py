@@ -42,7 +42,8 @@ def check_fractions_are_padded(texts: Sequence[str], name: str) -> None:
         example = next(text for text in texts if text.strip().endswith(shorter[0]))
         raise InputError(
             f"{name}: the fractions of seconds have different lengths and no leading zeros, such as "
-            f"'{example.strip()}', and are probably whole nanoseconds or microseconds: write leading zeros"
+            f"'{example.strip()}', and are probably whole nanoseconds or microseconds:",
+            "write leading zeros",
         )
 
 
@@ -74,7 +75,8 @@ def check_no_times_of_day(texts: Sequence[str], name: str) -> None:
     if is_over_minute.any() and 0.0 < typical <= LONGEST_SENSOR_STEP and are_typical.all():
         raise InputError(
             f"{name}: the stamps, such as {texts[int(np.argmax(is_over_minute)) + 1].strip()}, are probably times of "
-            "day (hhmmss.s): seconds are required; convert the stamps"
+            "day (hhmmss.s): seconds are required;",
+            "convert the stamps",
         )
 
 
@@ -96,12 +98,14 @@ def check_unit(
     if factor:
         raise InputError(
             f"{name}: the stamps are {step_ns:g} ns apart, but would be times of a clock if they were {factor:g} times "
-            "as large: their unit is probably larger than stated; correct the unit or the stamps"
+            "as large: their unit is probably larger than stated;",
+            "correct the unit or the stamps",
         )
     if is_stated and step_ns > 0.0:
         raise InputError(
             f"{name}: the stamps are {step_ns:g} ns apart, but at least {shortest_ns:g} ns are required: their unit is "
-            "probably larger than stated; correct the unit or the stamps"
+            "probably larger than stated;",
+            "correct the unit or the stamps",
         )
 
 
@@ -113,8 +117,8 @@ def check_stamp_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:
         first = int(np.argmax(wrong))
         word = "is not later than" if strict else "is earlier than"
         raise InputError(
-            f"{name}: stamp {stamps[first + 1]} (entry {first + 2}) {word} {stamps[first]}: stamps in increasing "
-            "order are required"
+            f"{name}: stamp {stamps[first + 1]} (entry {first + 2}) {word} {stamps[first]}:",
+            "stamps in increasing order are required",
         )
 
 
@@ -122,7 +126,8 @@ def increasing_stamps(stamps_ns: Sequence[int], where: str) -> list[int]:
     """Return the stamps that are later than all earlier stamps; InputError if many are not, or if all are 0."""
     if len(stamps_ns) > 1 and not any(stamps_ns):
         raise InputError(
-            f"{where}: all header stamps are 0: set 'sync.stamps: record' in sfr.yaml, which uses the recording times"
+            f"{where}: all header stamps are 0:",
+            "set 'sync.stamps: record' in sfr.yaml, which uses the recording times",
         )
     stamps = np.asarray(stamps_ns, np.int64)
     is_later = np.ones(len(stamps), np.bool_)

@@ -90,8 +90,9 @@ def _with_unit_of_stamps(head: TableHead, columns: PoseColumns) -> PoseColumns:
     unit = inferred_time_unit(texts, is_seconds=is_seconds)
     if not unit:
         raise InputError(
-            f"{head.name}: the unit of the stamps {', '.join(texts[:3])} is ambiguous: replace UNIT by s, ms, us or "
-            f"ns in {head.option_with(columns_text(columns.index_of, {**columns.units, STAMP: 'UNIT'}))}"
+            f"{head.name}: the unit of the stamps {', '.join(texts[:3])} is ambiguous:",
+            f"replace UNIT by s, ms, us or "
+            f"ns in {head.option_with(columns_text(columns.index_of, {**columns.units, STAMP: 'UNIT'}))}",
         )
     origin = UnitOrigin.PRESCRIBED if is_seconds and unit == "s" else UnitOrigin.INFERRED
     return replace(columns, units={**columns.units, STAMP: unit}, unit_origin=origin)
@@ -110,7 +111,8 @@ def _check_are_complete(head: TableHead, columns: PoseColumns) -> None:
         if 0 < len(named) < len(parts):
             raise InputError(
                 f"{head.name} has only the columns {', '.join(named)} of {of_what}: either {', '.join(complete)}, or "
-                f"only x, y, z are required; {head.named_by_number(complete)}"
+                f"only x, y, z are required;",
+                head.named_by_number(complete),
             )
     missing = [] if columns.is_matrix else [keys[0] for keys in REQUIRED if not any(key in columns for key in keys)]
     if missing:
@@ -123,8 +125,8 @@ def _check_units_are_supported(head: TableHead, columns: PoseColumns) -> None:
     without_unit = [key for key in columns.position_keys if key in columns and not columns.units.get(key)]
     if scaled and without_unit:
         raise InputError(
-            f"{head.name}: {scaled[0]} is in {columns.units[scaled[0]]}, but {without_unit[0]} has no unit: add this "
-            f"unit to the header, or {head.named_by('t=...,x=...[mm],y=...[mm],z=...[mm]')}"
+            f"{head.name}: {scaled[0]} is in {columns.units[scaled[0]]}, but {without_unit[0]} has no unit:",
+            f"add this unit to the header, or {head.named_by('t=...,x=...[mm],y=...[mm],z=...[mm]')}",
         )
     fractions = [unit for unit, unit_ns in TIMES.items() if unit_ns < NS_PER_S]
     supported = {STAMP: (*TIMES, UTC_UNIT, ""), NANOSECONDS: (*fractions, "")}
@@ -134,8 +136,8 @@ def _check_units_are_supported(head: TableHead, columns: PoseColumns) -> None:
         if key in supported and unit not in supported[key]:
             units = ", ".join(unit for unit in supported[key] if unit)
             raise InputError(
-                f"{head.name}: the unit of {key} is '{unit[:20]}', which is not supported: convert the column to "
-                f"one of {units}"
+                f"{head.name}: the unit of {key} is '{unit[:20]}', which is not supported:",
+                f"convert the column to one of {units}",
             )
 
 
@@ -152,7 +154,7 @@ def _check_comments_state_metres(head: TableHead, columns: PoseColumns) -> None:
         with_unit = {**columns.units, **dict.fromkeys(columns.position_keys, unit)}
         advice = head.named_by(columns_text(columns.index_of, with_unit))
     raise InputError(
-        f"{head.name} line {number} states the unit {unit}, but the columns of the position have no unit: {advice}"
+        f"{head.name} line {number} states the unit {unit}, but the columns of the position have no unit:", advice
     )
 
 

@@ -49,7 +49,7 @@ def _check_names_differ(titles: Sequence[str], named: Mapping[str, int], head: T
         if len(indices) > 1:
             numbers = " and ".join(f"#{other + 1}" for other in indices)
             raise InputError(
-                f"{head.name} line {number + 1}: columns {numbers} are both '{titles[index]}': {head.named_by_number()}"
+                f"{head.name} line {number + 1}: columns {numbers} are both '{titles[index]}':", head.named_by_number()
             )
 
 
@@ -68,7 +68,7 @@ def _check_names_are_complete(titles: Sequence[str], named: Mapping[str, int], h
     if filled and min(filled) > len(titles) and not set(QUATERNION) <= named.keys():
         problem = f"has {len(titles)} names, and the rows have {min(filled)} columns"
     if problem:
-        raise InputError(f"{head.name} line {number + 1}: the header {problem}: {head.named_by_number()}")
+        raise InputError(f"{head.name} line {number + 1}: the header {problem}:", head.named_by_number())
 
 
 def _of_header(titles: Sequence[str], named: Mapping[str, int], below: Sequence[str], head: TableHead) -> PoseColumns:
@@ -120,14 +120,15 @@ def without_names(head: TableHead, number: int, problem: str = "") -> InputError
     if not problem and all(key in named for key in required):
         return InputError(
             f"{head.name} line {number + 1} names {len(titles)} columns, but the rows have at most {head.width}: a "
-            "value for each column is required; complete the rows, or correct the header"
+            "value for each column is required;",
+            "complete the rows, or correct the header",
         )
     problem = problem or f"{', '.join(key for key in required if key not in named)} not found"
     if not header:
-        return InputError(f"{head.name}: {problem} among the columns: {head.named_by_number()}")
+        return InputError(f"{head.name}: {problem} among the columns:", head.named_by_number())
     own = [titles[named[key]] if key in named else "HEADER" for key in required]
     example = ",".join(f"{key}={title}" for key, title in zip(required, own, strict=True))
     return InputError(
-        f"{head.name} line {number + 1} is '{header[:80]}': the header has no known names for t, x, y, z "
-        f"({problem}): {head.named_by(example)}"
+        f"{head.name} line {number + 1} is '{header[:80]}': the header has no known names for t, x, y, z ({problem}):",
+        head.named_by(example),
     )

@@ -83,8 +83,8 @@ class LoadedTrajectory:
         """The trajectory with the stamps of the file; InputError if the file has no stamps."""
         if self.by_index:
             raise InputError(
-                f"'{self.path}' has no stamps ({len(self.trajectory)} poses, numbered by line): write the time of each "
-                f"pose in seconds into '{times_beside(self.path)}'"
+                f"'{self.path}' has no stamps ({len(self.trajectory)} poses, numbered by line):",
+                f"write the time of each pose in seconds into '{times_beside(self.path)}'",
             )
         return self.trajectory
 
@@ -101,11 +101,12 @@ class LoadedTrajectory:
         if own_count != other_count:
             raise InputError(
                 f"'{self.path}' has no stamps ({own_count} rows of KITTI poses) and '{other.path}' has {other_count} "
-                f"rows: write the time of each pose in seconds into '{times_beside(self.path)}'"
+                f"rows:",
+                f"write the time of each pose in seconds into '{times_beside(self.path)}'",
             )
         _, own, others = np.intersect1d(own_rows, other_rows, assume_unique=True, return_indices=True)
         if not len(own):
-            raise InputError(f"'{self.path}' and '{other.path}' have no pose in the same row: correct the files")
+            raise InputError(f"'{self.path}' and '{other.path}' have no pose in the same row:", "correct the files")
         poses = self.trajectory
         stamped = Trajectory(other.trajectory.stamps_ns[others], poses.positions[own], poses.quats_xyzw[own])
         missing = len(poses) - len(own)

@@ -62,8 +62,8 @@ def check_titles_are_lengths(head: TableHead) -> None:
         titles = {re.sub(r"[^a-z]", "", split_unit(cell)[0].lower()) for cell in header_cells(line, separator_in(line))}
         if all(titles & names for names in _DEGREES):
             raise InputError(
-                f"{head.name} line {number} names latitude and longitude: positions in metres are required; convert "
-                "them to columns east, north and height"
+                f"{head.name} line {number} names latitude and longitude: positions in metres are required;",
+                "convert them to columns east, north and height",
             )
 
 
@@ -76,15 +76,16 @@ def check_positions_are_lengths(head: TableHead, columns: PoseColumns) -> None:
     if not columns.are_named and _are_degrees(rows[:, 1:3]):
         raise InputError(
             f"{head.name} has four columns and no header, and the second and the third are probably latitude and "
-            "longitude in degrees: positions in metres are required; convert them, or "
-            f"{head.named_by(f't[{head.time_unit}],x,y,z')}"
+            "longitude in degrees: positions in metres are required;",
+            f"convert them, or {head.named_by(f't[{head.time_unit}],x,y,z')}",
         )
     column = indices[-1]
     unit = _unit_of_headings(rows[:, 1:3], rows[:, 3]) if _may_be_heading(head, columns, column) else ""
     if unit:
         raise InputError(
             f"{head.name}: column #{column + 1} is the heading of the path in {unit}, not a height: a position "
-            f"with a height is required; add a column of heights, and {head.named_by_number()}"
+            f"with a height is required;",
+            f"add a column of heights, and {head.named_by_number()}",
         )
 
 
@@ -142,7 +143,8 @@ def _check_comments(
     if other != order:
         raise InputError(
             f"{head.name} line {number} states that quaternions have the scalar {_ORDERS[other]}, unlike "
-            f"{columns.name}: name the columns: {options[other]}"
+            f"{columns.name}:",
+            f"name the columns: {options[other]}",
         )
 
 
@@ -164,8 +166,8 @@ def _check_motion(
     other = next(place for each, place in _ORDERS.items() if each != order)
     raise InputError(
         f"{head.name} has {origin}, and its attitudes are {problem} if read as {columns.name}, but level and along the "
-        f"path if the scalar of the quaternions is {other}: name the columns by {options[SCALAR_FIRST]} if it is "
-        f"first, or by {options[QUATERNION]} if it is last"
+        f"path if the scalar of the quaternions is {other}:",
+        f"name the columns by {options[SCALAR_FIRST]} if it is first, or by {options[QUATERNION]} if it is last",
     )
 
 

@@ -49,8 +49,8 @@ def _whole_numbers(rows: TableRows, frames: FloatArray) -> IntArray:
     if is_invalid.any():
         first = int(np.argmax(is_invalid))
         raise InputError(
-            f"{rows.name} line {rows.lines[first]}: the frame number is {frames[first]:.9g}: a whole number from 0 to "
-            f"{MAX_FRAME} is required"
+            f"{rows.name} line {rows.lines[first]}: the frame number is {frames[first]:.9g}:",
+            f"a whole number from 0 to {MAX_FRAME} is required",
         )
     return frames.astype(np.int64)
 
@@ -69,8 +69,8 @@ def _stamps_of_numbers(path: Path, numbers: IntArray, numbers_of: str, count: in
     stamps_ns = read_times(times, count)
     if len(numbers) and int(numbers.max()) >= len(stamps_ns):
         raise InputError(
-            f"'{times}' has {counted(len(stamps_ns), 'time')}, but '{path}' has a pose of image {int(numbers.max())}: "
-            "give the times of all images"
+            f"'{times}' has {counted(len(stamps_ns), 'time')}, but '{path}' has a pose of image {int(numbers.max())}:",
+            "give the times of all images",
         )
     return PoseStamps(stamps_ns[numbers], str(times))
 
@@ -85,11 +85,13 @@ def read_times(path: Path, count: int | None = None) -> IntArray:
     blocks = read_table(path, "give the seconds of each pose")
     rows = parse_table(blocks, f"'{path}'", RowForm("seconds", (0,), StampParser.of("s")))
     if count not in (None, len(rows.lines)):
-        raise InputError(f"'{path}' has {len(rows.lines)} times for {count} poses: one time for each pose is required")
+        raise InputError(
+            f"'{path}' has {len(rows.lines)} times for {count} poses:", "one time for each pose is required"
+        )
     steps_ns = np.diff(rows.stamps_ns)
     if len(steps_ns) > 1 and np.median(steps_ns) > LONGEST_TIME_STEP_NS and not (rows.stamps_ns % NS_PER_S).any():
         raise InputError(
-            f"'{path}' has whole numbers that are {np.median(steps_ns) / NS_PER_S:g} apart: seconds are required; are "
-            "the times in milliseconds or microseconds?"
+            f"'{path}' has whole numbers that are {np.median(steps_ns) / NS_PER_S:g} apart: seconds are required;",
+            "are the times in milliseconds or microseconds?",
         )
     return rows.stamps_ns

@@ -124,7 +124,8 @@ def _without_layout(head: TableHead, width: int, fitting: Sequence[RowLayout]) -
             advice = "a stamp and three coordinates are required in each row"
     return InputError(
         f"{head.name} has {width} columns and no header{problem} (line {len(head.before) + 1}: "
-        f"'{head.first_row[:60]}'): {advice}"
+        f"'{head.first_row[:60]}'):",
+        advice,
     )
 
 

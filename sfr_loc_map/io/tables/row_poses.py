@@ -111,13 +111,14 @@ def joined_stamps(rows: TableRows, fractions_ns: FloatArray) -> IntArray:
         stamp = seconds_text(int(rows.stamps_ns[first]))
         raise InputError(
             f"{rows.name} line {rows.lines[first]}: the column of seconds contains {stamp}, although another column "
-            f"contains the fraction of a second: whole seconds are required; if {stamp} is the complete stamp, name "
-            "only this column, as t"
+            f"contains the fraction of a second: whole seconds are required;",
+            f"if {stamp} is the complete stamp, name only this column, as t",
         )
     if (is_outside := (fractions_ns < 0.0) | (fractions_ns >= NS_PER_S)).any():
         first = int(np.argmax(is_outside))
         raise InputError(
             f"{rows.name} line {rows.lines[first]}: the fraction of a second is {fractions_ns[first]:g} ns: 0 to "
-            f"{NS_PER_S - 1} ns is required; name the column of the complete stamp as t, or correct the unit"
+            f"{NS_PER_S - 1} ns is required;",
+            "name the column of the complete stamp as t, or correct the unit",
         )
     return rows.stamps_ns + np.rint(fractions_ns).astype(np.int64)

@@ -31,7 +31,8 @@ def _check_stamps_differ(name: str, stamps_ns: IntArray) -> None:
     if count > MAX_EQUAL * different:
         raise InputError(
             f"{name}: the number of different stamps is {different} for {count} poses: one stamp for each pose "
-            "is required; write the stamps with all their digits"
+            "is required;",
+            "write the stamps with all their digits",
         )
 
 
@@ -55,8 +56,8 @@ def _check_one_run(name: str, lines: IntArray, stamps_ns: IntArray) -> None:
     if overlaps.any():
         row = int(starts[order][1:][overlaps].max())
         raise InputError(
-            f"{name} line {lines[row]}: the stamps begin again within the time of other rows: one run is required; "
-            "give each run a file of its own"
+            f"{name} line {lines[row]}: the stamps begin again within the time of other rows: one run is required;",
+            "give each run a file of its own",
         )
 
 
@@ -78,6 +79,6 @@ def _check_one_body(name: str, lines: IntArray, stamps_ns: IntArray, positions: 
         line = lines[order[1:][is_equal][0]]
         raise InputError(
             f"{name} line {line} and {len(apart_m) - 1} more have the stamp of another line, but positions that "
-            f"are typically {typical_m:.3g} m apart: the poses of one body are required; give each body a file of its "
-            "own"
+            f"are typically {typical_m:.3g} m apart: the poses of one body are required;",
+            "give each body a file of its own",
         )

@@ -49,8 +49,8 @@ class TableHead:
         found = ", ".join(f"line {number} is '{line}'" for number, line in filled[:2]) or "it is empty"
         raise InputError(
             f"{name} has no pose: at least one line with a pose is required, with numbers separated by commas, "
-            f"semicolons, tabs or spaces, and stamps as numbers or as 2026-05-04T10:22:01.25; {found}: give a csv, "
-            "TUM, KITTI or EuRoC file"
+            f"semicolons, tabs or spaces, and stamps as numbers or as 2026-05-04T10:22:01.25; {found}:",
+            "give a csv, TUM, KITTI or EuRoC file",
         )
 
     @property
@@ -166,5 +166,5 @@ def unit_of_column(head: TableHead, key: str, title: str, below: str, given: str
     units = {origin: unit for origin, unit in stated.items() if unit}
     if len(set(units.values())) > 1:
         states = " and ".join(f"{unit} by {origin}" for origin, unit in units.items())
-        raise InputError(f"{head.name}: the unit of {key} is {states}: one unit is required; correct the wrong one")
+        raise InputError(f"{head.name}: the unit of {key} is {states}: one unit is required;", "correct the wrong one")
     return next(iter(units.values()), below)

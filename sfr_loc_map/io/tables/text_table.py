@@ -97,7 +97,7 @@ class TableRows:
         rows = len(self.lines) + count
         if count > MAX_INVALID * rows:
             several = f" ({count} of {rows} lines are invalid)" if count > 1 else ""
-            raise InputError(f"{self.name} {self.invalid[0]}; correct or remove the line{several}")
+            raise InputError(f"{self.name} {self.invalid[0]};", f"correct or remove the line{several}")
         return self
 
     @property
@@ -232,7 +232,7 @@ class _BlockReader:
         results = [(line, self._one(row, line)) for line, row in zip(lines.tolist(), rows.splitlines(), strict=True)]
         invalid = [result for _, result in results if isinstance(result, str)]
         if invalid and not self.tolerant:
-            raise InputError(f"{self.name} {invalid[0]}; correct or remove the line")
+            raise InputError(f"{self.name} {invalid[0]};", "correct or remove the line")
         valid = [(line, result) for line, result in results if isinstance(result, tuple)]
         return _BlockRows(
             np.array([line for line, _ in valid], np.int64),
@@ -321,6 +321,6 @@ class DecimalMarks:
         if other:
             numbers = f"the numbers '{self._with_comma}' and '{other}'"
         raise InputError(
-            f"{name} has {numbers}: the comma may separate thousands or decimals: write numbers with a decimal point "
-            "and without separators of thousands"
+            f"{name} has {numbers}: the comma may separate thousands or decimals:",
+            "write numbers with a decimal point and without separators of thousands",
         )

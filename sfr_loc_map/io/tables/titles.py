@@ -157,7 +157,7 @@ def are_conjugates(titles: Sequence[str], index_of: Mapping[str, int], name: str
     if of_suite and len(of_suite) < len(read):
         other = next(title for title in read if title not in of_suite)
         raise InputError(
-            f"{name}: the columns '{of_suite[0]}' and '{other}' belong to quaternions of two conventions: name "
-            "the four columns of one quaternion"
+            f"{name}: the columns '{of_suite[0]}' and '{other}' belong to quaternions of two conventions:",
+            "name the four columns of one quaternion",
         )
     return bool(of_suite)

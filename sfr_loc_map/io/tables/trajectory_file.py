@@ -72,7 +72,7 @@ def _loaded(path: Path, rows: TableRows, columns: PoseColumns) -> LoadedTrajecto
     valid = rows.without(is_valid, problems).checked()
     if not len(valid.lines):
         reason = f" ({valid.skipped})" if valid.skipped else ""
-        raise InputError(f"{rows.name} has no pose{reason}: at least one line with a pose is required")
+        raise InputError(f"{rows.name} has no pose{reason}:", "at least one line with a pose is required")
     trajectory = Trajectory(stamps.stamps_ns[is_valid], positions[is_valid], quats[is_valid])
     check_unit(trajectory.stamps_ns, rows.name, is_stated=columns.unit_origin is UnitOrigin.STATED)
     check_one_run_of_one_body(rows.name, valid.lines, trajectory.stamps_ns, trajectory.positions)

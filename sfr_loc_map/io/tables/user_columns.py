@@ -83,18 +83,20 @@ def _checked_columns(head: TableHead, columns: str, items: Sequence[_Item], head
     for text, key, index, _ in items:
         if key in index_of:
             raise InputError(
-                f"{head.name}: {head.option_with(columns)} names {key} twice, the second time by '{text}': name it once"
+                f"{head.name}: {head.option_with(columns)} names {key} twice, the second time by '{text}':",
+                "name it once",
             )
         if key not in KEYS or index is None or not 0 <= index < width:
             shown = ", ".join(header) or f"{head.width} columns without a header"
             raise InputError(
-                f"{head.name}: no column for '{text}': give NAME=HEADER, where NAME is t, sec, nsec, x, y, z, qx, qy, "
+                f"{head.name}: no column for '{text}':",
+                "give NAME=HEADER, where NAME is t, sec, nsec, x, y, z, qx, qy, "
                 f"qz or qw (_: a column that is not read), and HEADER is the title of a column or its number (#1: the "
-                f"first column); found {shown[:200]}"
+                f"first column); found {shown[:200]}",
             )
         if index in index_of.values():
             other = next(name for name, place in index_of.items() if place == index)
-            raise InputError(f"{head.name}: column #{index + 1} is named as {other} and as {key}: name it once")
+            raise InputError(f"{head.name}: column #{index + 1} is named as {other} and as {key}:", "name it once")
         index_of[key] = index
     return index_of
 

@@ -41,7 +41,7 @@ def truth_of_rb(
         variances = np.full((len(poses), 6), np.nan)
     has_attitude = {"yes": True, "no": False}.get(config.attitude, poses.has_attitude and _is_stated(variances[:, 3:]))
     if has_attitude and not poses.has_attitude:
-        raise InputError(f"truth {recorded.read_from} has no attitudes: set truth.attitude to auto or no")
+        raise InputError(f"truth {recorded.read_from} has no attitudes:", "set truth.attitude to auto or no")
     positions = poses.positions
     quats = poses.quats_xyzw if has_attitude else np.zeros((len(poses), 4))
     lever = np.array(config.lever_arm_m)

@@ -83,7 +83,7 @@ class TruthReader:
         first_ns, last_ns = stamp_of(message.poses[0]), stamp_of(message.poses[-1])
         if len(message.poses) > 1 and not last_ns > first_ns:
             found = "all poses of a path have the same stamp" if last_ns == first_ns else "a path ends before it begins"
-            raise InputError(f"{self._where}: {found}: give each pose its own stamp, in increasing order")
+            raise InputError(f"{self._where}: {found}:", "give each pose its own stamp, in increasing order")
         known_ns = self._path_end_ns
         if known_ns is not None and jumped_back(known_ns, last_ns):
             known_ns = None

@@ -49,17 +49,17 @@ def recorded_in_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> RecordedTr
     topic = bag.find(config.source or TRUE_POSES, *TRUTH_TYPES)
     if topic is None:
         text = f"bag '{bag.path}' has no true poses on '{TRUE_POSES}'"
-        raise InputError(f"{text}: name their topic with --set truth.source=TOPIC{could_be_truth(bag)}")
+        raise InputError(f"{text}:", f"name their topic with --set truth.source=TOPIC{could_be_truth(bag)}")
     if uses_record and topic.msgtype not in HEADER_FIRST:
         raise _no_times_of_recording(f"'{topic.bag_name}' ({topic.msgtype}) of bag '{bag.path}'")
     with refusing(f"'{topic.bag_name}' of bag '{bag.path}'", "record it again"):
         poses, variances = _topic_poses(bag, topic)
     if not len(poses):
-        raise InputError(f"'{topic.bag_name}' of bag '{bag.path}' has no true pose: record it again")
+        raise InputError(f"'{topic.bag_name}' of bag '{bag.path}' has no true pose:", "record it again")
     if len(poses) > 1 and not poses.stamps_ns.any():
         raise InputError(
-            f"'{topic.bag_name}' of bag '{bag.path}': all stamps of its headers are 0: --set truth.stamps=record uses "
-            "the times of recording"
+            f"'{topic.bag_name}' of bag '{bag.path}': all stamps of its headers are 0:",
+            "--set truth.stamps=record uses the times of recording",
         )
     check_truth_order(poses.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'")
     kind = topic.msgtype.rpartition("/")[2]
@@ -71,8 +71,8 @@ def recorded_in_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> RecordedTr
 def _no_times_of_recording(where: str) -> InputError:
     """Return the error for messages of several poses, each with its own stamp."""
     return InputError(
-        f"truth.stamps=record does not apply to {where}, because each pose of a message has its own stamp: omit the "
-        "setting"
+        f"truth.stamps=record does not apply to {where}, because each pose of a message has its own stamp:",
+        "omit the setting",
     )
 
 
@@ -157,8 +157,8 @@ def _tf_poses(bag: Bag, frame: str) -> Trajectory:
     if not moving or (parent and frames[chain[-1]].parent != parent):
         known = ", ".join(sorted(f"{item.parent}:{name}" for name, item in frames.items() if not item.is_static))
         raise InputError(
-            f"bag '{bag.path}' has no moving transform '{frame}' on /tf: it has {known or 'none'}; choose one with "
-            "truth.frame=PARENT:CHILD"
+            f"bag '{bag.path}' has no moving transform '{frame}' on /tf: it has {known or 'none'};",
+            "choose one with truth.frame=PARENT:CHILD",
         )
     where = f"/tf of bag '{bag.path}'"
     with refusing(where, "record it again"):
@@ -176,7 +176,7 @@ def _tf_poses(bag: Bag, frame: str) -> Trajectory:
         f"before and after them within {LONGEST_GAP_S:g} s"
     )
     if not len(poses):
-        raise InputError(f"{text}: record all transforms together")
+        raise InputError(f"{text}:", "record all transforms together")
     if skipped:
         _log.warning(text)
     return poses

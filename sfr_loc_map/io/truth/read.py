@@ -65,7 +65,7 @@ def _configured_truth(path: Path, config: TruthConfig) -> Truth:
     file = config.file
     if file is None:
         topic = f"a topic of '{path}'" if is_bag(path) else f"a topic, because '{path}' is not a bag"
-        raise InputError(f"truth '{config.source}' is neither a file nor {topic}: give a file, or a topic of a bag")
+        raise InputError(f"truth '{config.source}' is neither a file nor {topic}:", "give a file, or a topic of a bag")
     if is_bag(file):
         from sfr_loc_map.io.bag.bag import Bag  # rosbags is imported only for bags
 

@@ -48,7 +48,8 @@ def two_files(opened: OpenedFile, one: str, other: str) -> list[Path]:
         if one not in names and other not in names:
             advice = f"and name the files by {one} and {other}"
         raise InputError(
-            f"calibration '{opened.file}' has one camera: add the file of the other camera at the same path, {advice}"
+            f"calibration '{opened.file}' has one camera:",
+            f"add the file of the other camera at the same path, {advice}",
         )
     return opened.files
 
