@@ -54,8 +54,6 @@ NO_STAMP = "the {part} have no stamps, so their pairs are unknown"
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
 STATES_OF_POSES = ("lost", "degraded")  #: Figures of the states of poses, which only a limit requires to be known.
-UNKNOWN_STATES = RowPart("states of poses")
-"""Part of the shortfalls for unknown states of poses, which affect only the limits on these states."""
 
 
 class Shortfall(NamedTuple):
@@ -106,7 +104,7 @@ def shortfalls_of(scope: RowPart, score: Score) -> Iterator[Shortfall]:
         if kind.scope != scope.what:
             continue
         if kind.figure in STATES_OF_POSES:
-            yield from unknown_states(kind, score)
+            yield from unknown_states(kind, scope, score)
         elif (most := largest_complete(kind, score)) is not None:
             evaluate = OF_EACH_LIMIT.get(kind.figure, above_most)
             yield from evaluate(kind, scope, score, most)
@@ -161,14 +159,15 @@ def unknown_items(scope: RowPart, score: Score) -> Iterator[Shortfall]:
         yield Shortfall(UNKNOWN_ITEMS, scope, 1.0, None, why_unknown(scope, row), score.index_of(row))
 
 
-def unknown_states(kind: ShortfallKind, score: Score) -> Iterator[Shortfall]:
+def unknown_states(kind: ShortfallKind, scope: RowPart, score: Score) -> Iterator[Shortfall]:
     """Yield a shortfall for each limit on a state of poses, if the state of a pose is unknown."""
     row = score.figure(kind.figure, part=None)
     if row is None or not row.n or row.value is not None:
         return
     for limit in score.active_rules.limits:
         if limit.limited.figure == kind.figure:
-            yield Shortfall(kind, UNKNOWN_STATES, limit.limit, None, NO_STATE.format(figure=kind.figure))
+            text = NO_STATE.format(figure=kind.figure)
+            yield Shortfall(kind, scope, limit.limit, None, text, limit=limit)
 
 
 # ---- the shortfalls of one kind and scope; `most` is the largest complete value

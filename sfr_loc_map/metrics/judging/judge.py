@@ -5,7 +5,7 @@ estimate and truth contradict each other. The data of the plots affect no verdic
 
 1. `with_bounds` judges the limits with a fraction and a confidence, and adds their tolerance bounds to the table.
 2. `incomplete.incompleteness` returns the shortfalls: what is missing or wrong.
-3. `verdicts_on_limits` judges each limit, first by the limited number alone (`state_of`), then by the shortfalls.
+3. `verdicts_on_limits` judges each limit, first by the limited number alone (`verdict_on`), then by the shortfalls.
 4. `overall_verdict` combines these verdicts with those on findings and on shortfalls.
 
 `metrics.stored.score_json` derives the verdicts of a file again when the file is read, and refuses a file whose
@@ -17,6 +17,7 @@ the limits that apply to it, and names the other limits (`several_scores.each_by
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from enum import Enum, auto
 
 from msgspec.structs import replace as struct_replace
 
@@ -25,13 +26,13 @@ from sfr_loc_map.metrics.completeness.shortfall_kinds import OF_LIMIT
 from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
 from sfr_loc_map.metrics.figures.catalogue import JUDGED, KINDS
 from sfr_loc_map.metrics.figures.rows import Figure
-from sfr_loc_map.metrics.figures.subjects import LimitSection
+from sfr_loc_map.metrics.figures.subjects import LimitSection, Subject
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, incompleteness, text_of
 from sfr_loc_map.metrics.judging.limited import LimitedValue, fault_of_data_set, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
 from sfr_loc_map.metrics.score.limits import BOUND, Limit, Limits, margin_of, meets
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.score.verdict import ProofRecord, Verdict, is_within_error
+from sfr_loc_map.metrics.score.verdict import ProofRecord, Verdict
 
 
 def judged_by(score: Score, limits: Limits | None, *, partial: bool = False) -> Score:
@@ -146,29 +147,51 @@ def plain_verdict(name: str, limit: float, value: float | None, state: VerdictSt
 # ---- the verdict on a limited number
 
 
-def verdict_on(limit: Limit, figure: LimitedValue, limits: Limits) -> Verdict:
-    """Return the verdict on the limited number, which is certain only if the number has enough values."""
-    certain = is_certain(limit, figure) if is_enough(limit, figure, limits) else None
-    return verdict_of(limit, figure, state_of(limit, figure, limits), certain=certain)
+class OpenCause(Enum):
+    """Why the numbers of a verdict do not decide between pass and fail (`not enough data`)."""
+
+    NO_VALUE = auto()  #: The limited number is undefined.
+    TOO_FEW_VALUES = auto()
+    TOO_FEW_INDEPENDENT = auto()
+    TRUTH_ERROR = auto()  #: The margin is within the error of the ground truth.
+    NOT_CERTAIN = auto()  #: The value meets the limit, but the 95 % interval does not show the required certainty.
 
 
-def state_of(limit: Limit, figure: LimitedValue, limits: Limits) -> VerdictState:
-    """Return the state of the verdict on the limited number, by the first rule that applies.
+def verdict_on(limit: Limit, figure: LimitedValue, rules: Limits) -> Verdict:
+    """Return the verdict on the limited number: pass or fail if its numbers decide, otherwise `not enough data`.
 
-    A figure that equals its limit passes. A signed mean (heading) is compared by its absolute value (`meets`).
+    A figure that equals its limit passes. A signed mean (heading) is compared by its absolute value (`margin_of`).
     """
+    verdict = verdict_of(limit, figure, VerdictState.NOT_ENOUGH_DATA, certain=is_certain(limit, figure))
     if has_no_items(limit, figure.row):
-        return VerdictState.PASS
-    if figure.value is None or not is_enough(limit, figure, limits):
-        return VerdictState.NOT_ENOUGH_DATA
-    if is_within_error(margin_of(limit.name, limit.limit, figure.value), figure.truth_error):
-        return VerdictState.NOT_ENOUGH_DATA
-    if not meets(limit, figure.value):
-        return VerdictState.FAIL
-    is_counted = limit.section is LimitSection.COMPLETENESS  # a count has no uncertainty
-    if limit.certain and not is_counted and not is_certain(limit, figure):
-        return VerdictState.NOT_ENOUGH_DATA
-    return VerdictState.PASS
+        return struct_replace(verdict, state=VerdictState.PASS)
+    match open_cause(verdict, rules):
+        case None:
+            return struct_replace(verdict, state=VerdictState.PASS if verdict.is_met else VerdictState.FAIL)
+        case OpenCause.TOO_FEW_VALUES | OpenCause.TOO_FEW_INDEPENDENT:
+            return struct_replace(verdict, certain=None)
+        case _:
+            return verdict
+
+
+def open_cause(verdict: Verdict, rules: Limits) -> OpenCause | None:
+    """Return the first cause for which the numbers of a verdict do not decide; None if they decide.
+
+    `reasons.why_open` puts the cause into words. A proof has a rule of its own (`proof.prove`).
+    """
+    is_enough = rules.has_enough_values(verdict.n)
+    if verdict.value is None and (is_enough or not verdict.n):
+        return OpenCause.NO_VALUE
+    if not is_enough:
+        return OpenCause.TOO_FEW_VALUES
+    if verdict.condition is not None and not rules.has_enough_independent(verdict.independent):
+        return OpenCause.TOO_FEW_INDEPENDENT
+    if verdict.is_within_truth_error:
+        return OpenCause.TRUTH_ERROR
+    is_counted = verdict.subject is Subject.COMPLETENESS  # a count has no uncertainty
+    if verdict.is_met and verdict.needs_certainty and not is_counted and not verdict.certain:
+        return OpenCause.NOT_CERTAIN
+    return None
 
 
 def has_no_items(limit: Limit, row: Figure | None) -> bool:
@@ -176,12 +199,6 @@ def has_no_items(limit: Limit, row: Figure | None) -> bool:
     if limit.section is not LimitSection.COMPLETENESS or row is None or row.n != 0:
         return False
     return OF_LIMIT[limit.name].is_complete_without_items
-
-
-def is_enough(limit: Limit, figure: LimitedValue, limits: Limits) -> bool:
-    """Return whether the limited number has enough values, and for an error enough independent values."""
-    independent = figure.independent if limit.section is LimitSection.TRAJECTORY else None
-    return limits.has_enough_values(figure.n) and limits.has_enough_independent(independent)
 
 
 def is_certain(limit: Limit, figure: LimitedValue) -> bool | None:

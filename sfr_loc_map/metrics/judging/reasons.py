@@ -16,6 +16,7 @@ from sfr_loc_map.metrics.figures.subjects import Scope
 from sfr_loc_map.metrics.formulas import DISTANCE_TOLERANCE_M
 from sfr_loc_map.metrics.frames.association import unique_rows
 from sfr_loc_map.metrics.judging.incomplete import incompleteness
+from sfr_loc_map.metrics.judging.judge import OpenCause, open_cause
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
@@ -62,31 +63,41 @@ def names_of_incomplete_scopes(score: Score) -> str:
 
 def why_open(item: Verdict, score: Score) -> str:
     """Return why there is not enough data for the verdict on a limit."""
-    if item.is_within_truth_error:
-        unit = "" if item.figure is None or KINDS[item.figure].unit == "1" else f" {KINDS[item.figure].unit}"
-        return f"its margin, {item.margin:.3g}{unit}, is within the error of the truth, {item.truth_error:.3g}{unit}"
     if item.proof is not None:
-        return words_of(item.proof, item.state, item.n)
+        return why_within_error(item) if item.is_within_truth_error else words_of(item.proof, item.state, item.n)
     rules = score.active_rules
+    match open_cause(item, rules):
+        case OpenCause.NO_VALUE:
+            return why_without_value(item, score)
+        case OpenCause.TOO_FEW_VALUES:
+            return f"too few values: {item.n} ({rules.minimum_count} are required)"
+        case OpenCause.TOO_FEW_INDEPENDENT:
+            required = f"{rules.minimum_independent:g} are required"
+            return f"{item.n} values, of which {item.independent:.3g} are independent ({required})"
+        case OpenCause.TRUTH_ERROR:
+            return why_within_error(item)
+        case _ if item.interval is None:
+            return "'certain' requires a 95 % interval, which this figure does not have"
+        case _:
+            return "'certain' requires the complete 95 % interval to be within the limit"
+
+
+def why_within_error(item: Verdict) -> str:
+    """Return the reason of a verdict whose margin is within the error of the ground truth."""
+    unit = "" if item.figure is None or KINDS[item.figure].unit == "1" else f" {KINDS[item.figure].unit}"
+    return f"its margin, {item.margin:.3g}{unit}, is within the error of the truth, {item.truth_error:.3g}{unit}"
+
+
+def why_without_value(item: Verdict, score: Score) -> str:
+    """Return why the limited number of a verdict is undefined."""
+    if not item.n and (unknown := unknown_of_truth(item.figure or "", score)) is not None:
+        return unknown
     row = score.row_of(item)
-    if item.n and not rules.has_enough_values(item.n):
-        return f"too few values: {item.n} ({rules.minimum_count} are required)"
-    if item.value is None:
-        if not item.n and (unknown := unknown_of_truth(item.figure or "", score)) is not None:
-            return unknown
-        if row is None or not row.unknown:
-            return unmet_conditions(score).get(item.condition, "no data")
-        if not item.n:
-            return f"all {row.unknown} values are unknown"
-        return f"{row.unknown} of {item.n + row.unknown} values are unknown"
-    independent = item.independent
-    if not rules.has_enough_independent(independent):
-        return (
-            f"{item.n} values, of which {independent:.3g} are independent ({rules.minimum_independent:g} are required)"
-        )
-    if item.interval is None:
-        return "'certain' requires a 95 % interval, which this figure does not have"
-    return "'certain' requires the complete 95 % interval to be within the limit"
+    if row is None or not row.unknown:
+        return unmet_conditions(score).get(item.condition, "no data")
+    if not item.n:
+        return f"all {row.unknown} values are unknown"
+    return f"{row.unknown} of {item.n + row.unknown} values are unknown"
 
 
 def unknown_of_truth(figure: str, score: Score) -> str | None:

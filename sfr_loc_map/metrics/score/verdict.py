@@ -51,7 +51,7 @@ class LimitCounts(NamedTuple):
 
 
 class Verdict(Record, frozen=True, kw_only=True):
-    """The verdict on one limit of the limits file, or on failed calls or incomplete results, which have no figure."""
+    """The verdict on one limit of the limits file, on a shortfall, or on a finding, which has no figure."""
 
     id: str | None = None  #: Identifier of the requirement in the limits file.
     text: str | None = None  #: Text of the requirement in the limits file.
@@ -98,12 +98,12 @@ class Verdict(Record, frozen=True, kw_only=True):
     @property
     def is_within_truth_error(self) -> bool:
         """Whether the margin is within the error of the ground truth, so that the verdict is undecided."""
-        return self.margin is not None and is_within_error(self.margin, self.truth_error or 0.0)
+        return self.margin is not None and self.truth_error is not None and abs(self.margin) <= self.truth_error
 
-
-def is_within_error(margin: float, truth_error: float) -> bool:
-    """Return whether a margin is within the error of the ground truth, which is 0 for an exact truth."""
-    return truth_error > 0.0 and abs(margin) <= truth_error
+    @property
+    def is_met(self) -> bool:
+        """Whether the value meets the limit; a value that equals the limit meets it."""
+        return self.margin is not None and self.margin >= 0.0
 
 
 def counts_of(verdicts: Iterable[Verdict]) -> LimitCounts:
