@@ -135,6 +135,7 @@ METRICS_FLOORS = (
     {"score"},
     {"judging"},
     {"stored"},
+    {"comparison"},
 )
 """Folders of `metrics`, and the modules beside them, from the bottom."""
 SUITE_FLOORS = ({"jobs"}, {"planning"}, {"store", "workers"}, {"statistics"}, {"history", "search"}, {"pages"}, {"run"})

@@ -260,7 +260,7 @@ MUTATIONS = (
     ),
     Mutation("metrics/statistics/intervals.py", "1.0 - lags / float(block * size)", "1.0 - lags / float(block)"),
     Mutation("metrics/statistics/intervals.py", "share *= 1.0 - 1.0 / independent\n    return", "return"),
-    Mutation("metrics/stored/comparison.py", "difference = other - first", "difference = first - other"),
+    Mutation("metrics/comparison.py", "difference = other - first", "difference = first - other"),
     Mutation("metrics/figures/catalogue.py", 'return kind.clause if part == ON_TARGET else ""', "return kind.clause"),
     Mutation("metrics/figures/catalogue.py", 'CallKind.MAPPING_CALL: "4.3.2"}', 'CallKind.MAPPING: "4.3.2"}'),
     Mutation("report/deviations.py", "item.figure in STAGES or (", "("),
@@ -291,7 +291,7 @@ MUTATIONS = (
     Mutation(EXPECTED_ITEMS, "not_finite, points + not_finite)", "not_finite, points)"),
     Mutation(EXPECTED_ITEMS, "np.isfinite(measured)", "~np.isinf(measured)"),
     Mutation(EXPECTED_ITEMS, "counts[~is_of_drive].sum()", "(~is_of_drive).sum()"),
-    Mutation("scoring/results.py", "MAX_EXCESS = 0.05", "MAX_EXCESS = 0.2"),
+    Mutation("scoring/results.py", "MAX_UNEVEN = 0.05", "MAX_UNEVEN = 0.2"),
     Mutation("scoring/results.py", "(of_parts - 1.0 / parts, 0.0).sum()", "(of_parts - 1.0 / parts, 0.0).min()"),
     Mutation(EXPECTED_ITEMS, "(counts[is_of_drive] - 1).sum()", "(counts[is_of_drive] - 2).sum()"),
     Mutation(EXPECTED_ITEMS, "repeated_stamps + len(pairs) - len(np.unique(pairs))", "repeated_stamps"),
@@ -408,7 +408,7 @@ MUTATIONS = (
     Mutation(GAPS, "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
     Mutation(INCOMPLETE, "value is None and kind.text_of_nothing", "value is None and not kind.text_of_nothing"),
     Mutation(INCOMPLETE, "share.value <= most or moving", "share.value <= 1.0 or moving"),
-    Mutation(INCOMPLETE, " or not meets(limit, value):\n            over =", ":\n            over ="),
+    Mutation(INCOMPLETE, " or not meets(limit, value):\n            count =", ":\n            count ="),
     Mutation(
         "metrics/trajectory/standing.py", "farthest_m > least_by_rate(farthest_m, durations_s)", "farthest_m >= 0.0"
     ),

@@ -295,7 +295,7 @@ def _write_control_document(scores: dict[str, Score], control: Path, report: tup
 
 def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, json_path: str | None) -> None:
     """Compare scores of the same data, of one method or of several, paired by sub-trajectory."""
-    from sfr_loc_map.metrics.stored.comparison import compare_scores
+    from sfr_loc_map.metrics.comparison import compare_scores
     from sfr_loc_map.report.comparison import FIRST_TABLES, comparison_tables, summary_of
     from sfr_loc_map.report.methods_page import methods_plots, methods_tables, names_of
     from sfr_loc_map.report.page import render_overview

@@ -8,20 +8,21 @@
     times, memory ────────────────────────────► calls ──────┘              ▲
     limits file ───────────────────────────────────────────────────────────┘
 
-Each subject has one function that returns its rows: `trajectory.trajectory_score.score_trajectory`,
-`map.map_score.score_map` and `calls.call_score.score_calls`. These functions take the statistics of their rows from
-`formulas` and `statistics`, and the rows of completeness from `completeness`. The package `scoring` reads the inputs,
-calls these functions and makes a `Score` of their results. `judging.judge.judged_by` adds the verdicts. The score of a
-suite is judged by the same functions (`suite.statistics`), from the rows of its drives.
+The rows of each subject are those of `trajectory.trajectory_score.score_trajectory`, of `map.map_score.score_map` (of
+`score_nearest` if the pixels of the points are unknown), and of `calls.call_score.score_calls`. These functions take
+the statistics of their rows from `formulas` and `statistics`, and the rows of completeness from `completeness`. The
+package `scoring` reads the inputs, calls these functions and makes a `Score` of their results.
+`judging.judge.judged_by` adds the verdicts. The score of a suite is judged by the same functions
+(`suite.statistics`), from the rows of its drives.
 
 Everything that can be missing or wrong is a line of `completeness.shortfall_kinds`, which `judging.incomplete`
 evaluates; `completeness` has the drawing. `figures.subjects` states which figures, expected items and task
 belong together.
 
 The modules outside of the folders: `formulas` contains the formulas of the specification in the order of its
-clauses. `other_formulas` has the formulas of figures that the specification does not define. `conditions` defines
-where a sub-trajectory ends, `sub_trajectories` its errors, and `config` the settings and the enumerations of all
-folders.
+clauses. `other_formulas` has the formulas of figures that the specification does not define. `conditions` parses
+the conditions that end a sub-trajectory, and `sub_trajectories` has the class of selected sub-trajectories with their
+errors. `config` has the settings and the enumerations of all folders. `comparison` compares scores of the same data.
 
 The folders, from the bottom (`METRICS_FLOORS` in `test/test_layers.py`). A folder imports only lower folders:
 
@@ -33,7 +34,7 @@ The folders, from the bottom (`METRICS_FLOORS` in `test/test_layers.py`). A fold
 - `trajectory`, `map`, `calls`: the score of each subject as rows.
 - `score`: the table with its limits, verdicts and caveats.
 - `judging`: the verdicts, as a function of a score and its limits.
-- `stored`: scores as files, the check of a file, and the comparison of scores.
+- `stored`: scores as files, and the check of a file. `comparison` is above this folder.
 
 This package imports none of its modules, so that its import is fast.
 """

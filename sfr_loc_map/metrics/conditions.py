@@ -68,12 +68,13 @@ class Condition:
         """Whether the condition also ends a sub-trajectory in which the rover is stationary."""
         return all(each.kind in (ConditionKind.TIME, ConditionKind.FRAMES) for each in self.components)
 
-    @property
-    def standing(self) -> str:
-        """How a stationary rover adds sub-trajectories, as the rest of a sentence about them."""
+    def added_by_standing(self, sub_trajectories: str) -> str:
+        """Return the sentence that a stationary rover adds sub-trajectories, which the argument counts."""
         if self.is_of_time:
-            return "have a stationary rover"
-        return "begin where the previous one begins, because the rover is stationary"
+            are_added = "have a stationary rover"
+        else:
+            are_added = "begin where the previous one begins, because the rover is stationary"
+        return f"{sub_trajectories} over {self.label} {are_added}"
 
     @property
     def label(self) -> str:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison, Outcome, PairedDifference
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.figures.catalogue import title_of
-from sfr_loc_map.metrics.stored.comparison import SIGNIFICANT, Comparison, Outcome, PairedDifference
 from sfr_loc_map.report.verdict_view import limited_name, unit_of_numbers
 from sfr_loc_map.tables.model import ABSENT, NONE, Cell, Column, Row, Table, Unit, fitting
 

@@ -305,7 +305,7 @@ def _standing(score: Score) -> Iterator[str]:
         moving = score.number("position", TOTAL, condition=row.condition, part=MOVING)
         condition = Condition.parse(row.condition or "")
         share = f"{100.0 * row.value:.3g} %"
-        text = f"{share} of the {row.n} sub-trajectories over {condition.label} {condition.standing}."
+        text = f"{condition.added_by_standing(f'{share} of the {row.n} sub-trajectories')}."
         if moving is not None:
             unit = fitting(METRE, moving)
             text += f" Over the others, mean + 3 sigma is {number(moving, unit=unit)} {unit.symbol}."

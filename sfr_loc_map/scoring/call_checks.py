@@ -21,7 +21,7 @@ from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.calls.calls import Calls
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.figures.records import MethodRecord
-from sfr_loc_map.metrics.frames.association import nearness_ns
+from sfr_loc_map.metrics.frames.association import nearness_ns, unique_rows
 from sfr_loc_map.stamp_pairing import nearest_stamps
 from sfr_loc_map.suite_names import Task
 
@@ -53,7 +53,7 @@ def check_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> list[s
     """
     if not len(trajectory) or not any(map(_has_positions, stats)):
         return []
-    poses = _last_poses(trajectory)
+    poses = trajectory.at_rows(unique_rows(trajectory.stamps_ns))
     has_call = np.zeros(len(poses), np.bool_)
     found: list[Differences] = []
     for item in stats:
@@ -68,13 +68,6 @@ def check_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> list[s
 def _has_positions(item: CallStats) -> bool:
     """Return whether there are calls of a localiser in a file with positions."""
     return item.identity.positions is not None and len(item.localised_ns) > 0
-
-
-def _last_poses(trajectory: Trajectory) -> Trajectory:
-    """Return the poses in the order of their stamps; of several poses with one stamp, the last, which is scored."""
-    stamps_ns, from_end = np.unique(trajectory.stamps_ns[::-1], return_index=True)
-    rows = len(trajectory) - 1 - from_end
-    return Trajectory(stamps_ns, trajectory.positions[rows], trajectory.quats_xyzw[rows])
 
 
 def _poses_of_calls(stamps_ns: IntArray, called_ns: IntArray) -> tuple[NDArray[np.intp], Mask]:

@@ -43,7 +43,7 @@ from sfr_loc_map.suite_names import Task
 
 FEW_TRUE_POSES = 1.0 / SPARSER  #: A truth is reported as sparse up to this ratio of true poses to images.
 ESTIMATES_OF_PART = 20  #: Mean number of estimates in a part of a drive whose rate of estimates is compared.
-MAX_EXCESS = 0.05
+MAX_UNEVEN = 0.05
 """Largest accepted fraction of the estimates by which the denser parts of a drive exceed their fraction of the time. A
 rate that doubles in half of the drive has an excess of 1/6."""
 MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Matching errors are smaller.
@@ -100,11 +100,11 @@ def _uneven_estimates(drive: DriveToScore, association: Association) -> Iterator
     if association.images is not None:
         return
     excess = excess_of_dense_parts(drive.estimates.trajectory.stamps_ns)
-    if excess > MAX_EXCESS:
+    if excess > MAX_UNEVEN:
         yield (
-            "the rate of the estimates varies over the drive and the images are unknown: the denser parts of the drive "
-            f"contain {100.0 * excess:.3g} % of the estimates in excess of their fraction of the time, so that frames "
-            "of denser parts have more weight in the figures; score against the source with its images"
+            "the rate of the estimates varies over the drive and the images are unknown: its denser parts contain a "
+            f"fraction of the estimates that exceeds their fraction of the time by {100.0 * excess:.3g} %, so that "
+            "frames of denser parts have more weight in the figures; score against the source with its images"
         )
 
 

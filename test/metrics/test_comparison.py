@@ -9,10 +9,10 @@ from msgspec.structs import replace
 
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.metrics.comparison import Comparison, compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.stored.comparison import Comparison, compare_scores
 from sfr_loc_map.report.comparison import comparison_tables, summary_of
 
 

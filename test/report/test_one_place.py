@@ -19,6 +19,7 @@ from rich.console import Console
 import sfr_loc_map
 from helpers.made_scores import drive, json_of
 from helpers.made_suites import JOB
+from sfr_loc_map.metrics.comparison import compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.figures import catalogue
 from sfr_loc_map.metrics.figures.catalogue import OF_ERRORS, TOTAL, FigureKind
@@ -28,7 +29,6 @@ from sfr_loc_map.metrics.figures.subjects import LimitSection, Subject
 from sfr_loc_map.metrics.judging import judge, limits_file
 from sfr_loc_map.metrics.score import limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.stored.comparison import compare_scores
 from sfr_loc_map.metrics.stored.file_check import checked_score
 from sfr_loc_map.metrics.stored.score_json import from_dict
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory

@@ -27,13 +27,13 @@ from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PublishedScore
 from sfr_loc_map.live.values import state_json
+from sfr_loc_map.metrics.comparison import compare_scores
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.map.pair_truth import truths_of
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.stored.comparison import compare_scores
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 from sfr_loc_map.replay.replay_score import score_replay
 from sfr_loc_map.replay.result import ReplayedMap, ReplayResult

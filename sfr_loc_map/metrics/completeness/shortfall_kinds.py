@@ -258,7 +258,7 @@ SHORTFALLS = (
         Scope.DRIVE,
         "sub-trajectories",
         STANDING_MOST,
-        "{percent} % of the sub-trajectories over {condition} {standing}; of the others, {independent} are "
+        "{added_by_standing}; of the others, {independent} are "
         "independent, and {statistic} of their {figure} is {value}; these alone do not suffice to meet limit {limit}: "
         "record a longer drive in motion, or allow the fraction by standing_max_share",
         partial=False,

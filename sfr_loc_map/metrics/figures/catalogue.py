@@ -80,7 +80,9 @@ class FigureKind:
     tested: tuple[str, ...] = ()
     topic: str = ""  #: Topic below `metrics/` on which the monitor publishes the shown statistics; empty for none.
     is_unsigned: bool = False  #: Whether the errors cannot be negative, so their distribution is skewed.
-    is_one_number: bool = False  #: Whether its rows have one number (`value`) instead of the statistics of many values.
+    #: Whether its rows have one number (`value`) instead of the statistics of many values. Not stated for evidence,
+    #: whose rows show it (`Figure.is_one_number`).
+    is_one_number: bool = False
     is_count: bool = False  #: Whether a figure of unit `1` is a count instead of a fraction.
     is_better_if_larger: bool = False  #: Whether a larger value is better, unlike errors, times and memory.
     #: Errors of sub-trajectories, `(M,)` or vectors `(M, d)`, that the figure is about; None for any other figure.

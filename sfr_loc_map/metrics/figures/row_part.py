@@ -1,4 +1,4 @@
-"""The parts of the rows of the table of figures. Every kind of part is stated here.
+"""The parts of the rows of the table of figures.
 
 A row has a `RowPart`, or None if the row is about the complete figure. The JSON of a score has its text, and only this
 module parses such texts.

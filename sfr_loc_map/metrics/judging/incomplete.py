@@ -255,11 +255,9 @@ def met_by_standing(kind: ShortfallKind, scope: RowPart, score: Score, most: flo
         value = moving.statistic(statistic_of(limit))
         is_enough = score.active_rules.has_enough_independent(moving.independent or 0.0)
         if value is None or not is_enough or not meets(limit, value):
-            over = Condition.parse(condition)
+            count = f"{percent_of(share)} % of the sub-trajectories"
             text = kind.text.format(
-                percent=percent_of(share),
-                condition=over.label,
-                standing=over.standing,
+                added_by_standing=Condition.parse(condition).added_by_standing(count),
                 independent=f"{moving.independent or 0.0:.3g}",
                 statistic=statistic_title(statistic_of(limit)),
                 figure=title_of(figure),

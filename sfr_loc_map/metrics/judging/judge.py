@@ -8,7 +8,7 @@ estimate and truth contradict each other. The data of the plots affect no verdic
 3. `verdicts_on_limits` judges each limit, first by the limited number alone (`verdict_on`), then by the shortfalls.
 4. `overall_verdict` combines these verdicts with those on findings and on shortfalls.
 
-`metrics.stored.score_json` derives the verdicts of a file again when the file is read, and refuses a file whose
+`metrics.stored.file_check` derives the verdicts of a file again when the file is read, and refuses a file whose
 verdicts do not follow from its figures. Views show the stored verdicts. A report of several scores judges each score by
 the limits that apply to it, and names the other limits (`several_scores.each_by_its_limits`). See docs/metrics.md,
 "Verdicts".

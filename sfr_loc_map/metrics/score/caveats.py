@@ -12,7 +12,7 @@ from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.figures.records import TruthRecord
 from sfr_loc_map.metrics.score.score import Score
 
-MAX_EXCESS = 0.05  #: Maximum fraction of the true path that is noise without a warning.
+MAX_PATH_EXCESS = 0.05  #: Largest fraction by which noise lengthens the true path without a warning.
 
 
 def caveats_of(score: Score) -> Iterator[str]:
@@ -37,7 +37,7 @@ def truth_caveats(about: TruthRecord) -> Iterator[str]:
         judged = [] if about.height else ["horizontal position errors are judged in place of position errors"]
         judged += [] if about.tilt else ["attitude errors are unknown, and roll and pitch are those of the estimate"]
         yield f"the truth has no {' and no '.join(names)}: {'; '.join(judged)}"
-    if about.path_excess is not None and about.path_excess > MAX_EXCESS:
+    if about.path_excess is not None and about.path_excess > MAX_PATH_EXCESS:
         yield (
             f"the noise of the truth ({about.sigma_m or 0.0:.3g} m) lengthens its path by about "
             f"{100.0 * about.path_excess:.3g} %: a sub-trajectory distance=METRES ends too early; give the condition "

@@ -22,8 +22,8 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.statistics.intervals import Interval
-from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.history.night import Night
 from sfr_loc_map.suite.history.night_changes import FoundChange, changes_of

@@ -22,9 +22,9 @@ from msgspec import Struct
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.statistics.intervals import Interval, holm
-from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.jobs.job import PairKey, have_one_configuration
 from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation

@@ -12,7 +12,7 @@ import pytest
 from helpers.cli_result import Sfr
 from helpers.json_mutations import mutations
 from sfr_loc_map.errors import InputError, MetricsError
-from sfr_loc_map.metrics.stored.comparison import Outcome
+from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.stored.score_json import json_line, to_plain
 from sfr_loc_map.suite.history.history import FALSE_ALARM_RATE, Change, History, find_changes
 from sfr_loc_map.suite.history.night import Night

@@ -11,10 +11,10 @@ from msgspec.structs import replace as struct_replace
 
 from helpers.made_suites import JOB, recording
 from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import holm
-from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.suite.pages.tables import comparison_tables
 from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation
 from sfr_loc_map.suite.statistics.comparison import compare_suites, ratio_interval, sign_flip_p

@@ -236,7 +236,9 @@ def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) 
         columns, other_columns = mine.error_columns(kind.name), theirs.error_columns(kind.name)
         if TOTAL not in kind.tested or not columns or not other_columns:
             continue
-        found = PairedDifference(
+        errors, other_errors = _errors_at(columns, rows.first), _errors_at(other_columns, rows.other)
+        test = TestedDifference.of(errors, other_errors, overlap, is_unsigned=kind.is_unsigned)
+        yield PairedDifference(
             name=name,
             condition=mine.condition,
             figure=kind.name,
@@ -244,8 +246,8 @@ def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) 
             every=rows.every,
             count=len(rows.first),
             left_out=rows.left_out,
+            **test._asdict(),
         )
-        yield _compared(found, _errors_at(columns, rows.first), _errors_at(other_columns, rows.other), overlap)
 
 
 def _overlap(starts: IntArray, ends: IntArray) -> float:
@@ -259,25 +261,38 @@ def _errors_at(columns: Sequence[Values], rows: Sequence[int]) -> FloatArray:
     return np.column_stack([np.array(column, np.float64)[rows] for column in columns])
 
 
-def _compared(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: float) -> PairedDifference:
-    """Return a paired difference with the figures of both errors `(N, d)`, their difference and the outcome."""
-    first, other = statistics(a).mean_plus_3sigma, statistics(b).mean_plus_3sigma
-    if first is None or other is None:  # too few errors, or unknown attitudes
-        return pair
-    difference = other - first
-    pair = replace(pair, first=first, other=other, difference=difference)
-    if np.array_equal(a, b):
-        return replace(pair, ci95=(0.0, 0.0), outcome=Outcome.EQUAL)
-    scatter = scatter_of_difference(a, b, overlap, unsigned=KINDS[pair.figure].is_unsigned)
-    if scatter is None:
-        return pair
-    half = scatter.half_width + _PRECISION
-    p = None
-    if scatter.sigma > 0.0:
-        p = 2.0 * float(stdtr(scatter.freedom, -max(abs(difference) - _PRECISION, 0.0) / scatter.sigma))
-    outcome = Outcome.BETTER if difference < 0 else Outcome.WORSE
-    outcome = Outcome.NO_DIFFERENCE if abs(difference) <= half else outcome
-    return replace(pair, ci95=(difference - half, difference + half), outcome=outcome, p=p)
+class TestedDifference(NamedTuple):
+    """The difference of two mean + 3 sigma over common sub-trajectories; see the fields of `PairedDifference`."""
+
+    first: float | None
+    other: float | None
+    difference: float | None
+    ci95: Interval | None
+    outcome: Outcome
+    p: float | None
+
+    @classmethod
+    def of(cls, errors: FloatArray, others: FloatArray, overlap: float, *, is_unsigned: bool) -> TestedDifference:
+        """Return the difference of the errors `(N, d)` of the other score from those of the first, and its outcome."""
+        first = statistics(errors).mean_plus_3sigma
+        other = statistics(others).mean_plus_3sigma
+        if first is None or other is None:  # too few errors, or unknown attitudes
+            return cls(None, None, None, None, Outcome.NOT_ENOUGH_DATA, None)
+        difference = other - first
+        if np.array_equal(errors, others):
+            return cls(first, other, difference, (0.0, 0.0), Outcome.EQUAL, None)
+        scatter = scatter_of_difference(errors, others, overlap, unsigned=is_unsigned)
+        if scatter is None:
+            return cls(first, other, difference, None, Outcome.NOT_ENOUGH_DATA, None)
+        half = scatter.half_width + _PRECISION
+        p = None
+        if scatter.sigma > 0.0:
+            p = 2.0 * float(stdtr(scatter.freedom, -max(abs(difference) - _PRECISION, 0.0) / scatter.sigma))
+        if abs(difference) <= half:
+            outcome = Outcome.NO_DIFFERENCE
+        else:
+            outcome = Outcome.BETTER if difference < 0 else Outcome.WORSE
+        return cls(first, other, difference, (difference - half, difference + half), outcome, p)
 
 
 def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
