@@ -484,7 +484,7 @@ MUTATIONS = (
     Mutation("metrics/judging/several_scores.py", " or value_of(item, score).value is not None", ""),
     Mutation("scoring/call_checks.py", "if len(here) > 1:", "if len(here) > 2:"),
     Mutation("metrics/score/limits.py", "independent >= self.minimum", "independent > self.minimum"),
-    Mutation("metrics/score/verdict.py", "<= truth_error", "<= 0.1 * truth_error"),
+    Mutation("metrics/score/verdict.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
     Mutation("metrics/judging/limited.py", "TOTAL: math.sqrt(1.0 + 3.0**2)", "TOTAL: 3.0"),
     Mutation(
         "metrics/stored/file_check.py",

@@ -38,11 +38,10 @@ from sfr_loc_map.metrics.completeness.gaps import (
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import AssociationMode
 from sfr_loc_map.metrics.figures.catalogue import HIDDEN_CONDITIONS, IN_GAPS
-from sfr_loc_map.metrics.figures.records import Association
 from sfr_loc_map.metrics.figures.row_part import DISTANCE, TIME, RowPart
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.figures.subjects import Scope
-from sfr_loc_map.metrics.frames.association import nearness_ns
+from sfr_loc_map.metrics.frames.association import MatchedStamps, nearness_ns
 from sfr_loc_map.metrics.frames.placement import PlacedFrames
 
 DOUBLED_SHARE = 0.1  #: A file contains two runs if the fraction of repeated stamps with another position exceeds this.
@@ -71,7 +70,7 @@ def drive_completeness(
     estimates_ns = single_run_stamps(estimate, "estimate")
     single_run_stamps(placed.truth, "ground truth")
     path = true_path(placed.truth, estimates_ns, in_flight_ns)
-    truth = TruthCoverage.of(path.stamps_ns, placed.association)
+    truth = TruthCoverage.of(path.stamps_ns, placed.matched)
     expected_ns = expected_stamps(image_stamps_ns, estimates_ns, truth, in_flight_ns)
     coverage = coverage_of(expected_ns, estimates_ns, placed.frames.stamps_ns, truth)
     if image_stamps_ns is None:
@@ -115,10 +114,10 @@ class TruthCoverage(NamedTuple):
     max_gap_ns: int  #: Longest gap of the truth that is interpolated.
 
     @classmethod
-    def of(cls, stamps_ns: IntArray, association: Association) -> TruthCoverage:
-        """Return the coverage by true poses with the settings of an association."""
-        tolerance_ns = round(association.tolerance_s * NS_PER_S)
-        return cls(stamps_ns, association.mode, tolerance_ns, round(association.max_gap_s * NS_PER_S))
+    def of(cls, stamps_ns: IntArray, matched: MatchedStamps) -> TruthCoverage:
+        """Return the coverage by true poses with the settings of the association."""
+        tolerance_ns = round(matched.tolerance_s * NS_PER_S)
+        return cls(stamps_ns, matched.mode, tolerance_ns, round(matched.max_gap_s * NS_PER_S))
 
     def spans(self, expected_ns: IntArray, near_ns: int) -> Mask:
         """Return which ascending stamps the ground truth covers.
@@ -244,12 +243,12 @@ def coverage_rows(coverage: Coverage) -> Iterator[Figure]:
 
 def pose_rows(placed: PlacedFrames, unique_estimates: int) -> Iterator[Figure]:
     """Yield the rows of frames and estimates; `unique_estimates` is the number of distinct stamps of the estimates."""
-    association = placed.association
+    frames = len(placed.frames.stamps_ns)
     states = placed.states
-    yield from share_rows("lost", states.lost, association.matched)
-    yield from share_rows("degraded", states.degraded, association.matched)
-    yield from share_rows("unmatched", unique_estimates - association.matched, unique_estimates)
-    yield from share_rows("doubled", association.estimate_duplicates, association.estimate_poses)
+    yield from share_rows("lost", states.lost, frames)
+    yield from share_rows("degraded", states.degraded, frames)
+    yield from share_rows("unmatched", unique_estimates - frames, unique_estimates)
+    yield from share_rows("doubled", placed.matched.estimate_duplicates, len(placed.estimates.trajectory))
 
 
 def rows_without_poses(images: int) -> Iterator[Figure]:

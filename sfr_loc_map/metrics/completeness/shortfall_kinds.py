@@ -80,8 +80,8 @@ class ShortfallKind(NamedTuple):
     expected: str  #: What the figure is a fraction of.
     #: Largest value of the figure for which the scope is complete, if the score has limits; None for any value.
     most: float | None
-    #: Why the scope is incomplete; empty if every value is complete. `percent`, `value`, the calls (`part`) and the
-    #: missing estimates (`gaps`) are inserted, and other values into the texts of `OF_LIMITS` (`judging.incomplete`).
+    #: Why the scope is incomplete; empty if every value is complete. `judging.incomplete` inserts `percent`,
+    #: `value`, the calls (`part`) and the missing estimates (`gaps`), and other values into the texts of `OF_LIMITS`.
     text: str = ""
     is_required_without_limits: bool = False  #: Whether `most` also applies to a score without limits.
     accepted_by: tuple[AcceptedBy, ...] = ()  #: Limits that accept the shortfall, besides the limit on its figure.

@@ -18,7 +18,6 @@ from sfr_loc_map.geometry.trajectory import Trajectory, horizontal
 from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
-from sfr_loc_map.metrics.figures.records import Association
 from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, STEP_SIZE
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
@@ -151,13 +150,27 @@ class Matches(NamedTuple):
     alone: Rows  #: Rows of the estimates without a true pose.
 
 
+class MatchedStamps(NamedTuple):
+    """How the stamps of estimates and of true poses were matched; the fields are those of `records.Association`."""
+
+    mode: AssociationMode
+    tolerance_s: float
+    max_gap_s: float
+    estimate_duplicates: int
+    truth_duplicates: int
+    exact: int
+    near: int
+    interpolated: int
+    largest_difference_ns: int
+    beside_images: int
+    largest_image_difference_ns: int
+    largest_gap_ns: int
+
+
 def associate(
     estimate: Trajectory, truth: Trajectory, config: AssociationConfig, images_ns: IntArray | None = None
-) -> tuple[Frames, Association]:
-    """Return the frames, and the mode and the numbers of poses in each category.
-
-    The score of the trajectory adds the states, the images, the reading and the path to this record
-    (`trajectory_score.association_record`).
+) -> tuple[Frames, MatchedStamps]:
+    """Return the frames, and how their stamps were matched.
 
     If the stamps of the images are given, only the nearest estimate to each image can be a frame. MetricsError for an
     estimate without attitudes.
@@ -165,6 +178,7 @@ def associate(
     check_attitudes(estimate)
     estimate_rows, true_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
     estimate_duplicates = len(estimate.stamps_ns) - len(estimate_rows)
+    truth_duplicates = len(truth.stamps_ns) - len(true_rows)
     tolerance_ns = round(config.tolerance_s * NS_PER_S)
     if images_ns is not None and len(images_ns):
         images_ns = np.unique(images_ns)
@@ -184,17 +198,12 @@ def associate(
     from_images = np.empty(0, np.int64)
     if images_ns is not None and len(images_ns):
         _, from_images = nearest_stamps(estimate.stamps_ns[frames.estimate_rows], images_ns)
-    association = Association(
+    matched = MatchedStamps(
         mode=mode,
         tolerance_s=config.tolerance_s,
         max_gap_s=config.max_gap_s,
-        matched=len(frames.estimate_rows),
-        estimate_poses=len(estimate.stamps_ns),
-        truth_poses=len(truth.stamps_ns),
         estimate_duplicates=estimate_duplicates,
-        truth_duplicates=len(truth.stamps_ns) - len(true_rows),
-        estimate_unordered=unordered(estimate.stamps_ns),
-        truth_unordered=unordered(truth.stamps_ns),
+        truth_duplicates=truth_duplicates,
         exact=int(np.count_nonzero(difference == 0)),
         near=int(np.count_nonzero(difference)),
         interpolated=len(gaps),
@@ -203,7 +212,7 @@ def associate(
         largest_image_difference_ns=int(from_images.max(initial=0)),
         largest_gap_ns=int(gaps.max(initial=0)),
     )
-    return frames, association
+    return frames, matched
 
 
 def check_attitudes(estimate: Trajectory) -> None:

@@ -20,9 +20,15 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth, at_poin
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.conditions import Condition, ConditionKind
 from sfr_loc_map.metrics.config import AssociationConfig, Reading, TrajectoryScoreConfig
-from sfr_loc_map.metrics.figures.records import Association
 from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses
-from sfr_loc_map.metrics.frames.association import Estimates, Frames, StateCounts, associate, check_attitudes
+from sfr_loc_map.metrics.frames.association import (
+    Estimates,
+    Frames,
+    MatchedStamps,
+    StateCounts,
+    associate,
+    check_attitudes,
+)
 from sfr_loc_map.metrics.frames.true_attitudes import check_true_attitudes, known_attitudes
 from sfr_loc_map.metrics.frames.umeyama import umeyama
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
@@ -65,7 +71,7 @@ class PlacedFrames(NamedTuple):
     """
 
     frames: Frames
-    association: Association  #: Mode of the association, and the numbers of poses in each category.
+    matched: MatchedStamps
     estimates: Estimates
     truth: Truth
     configured_reading: Reading  #: Reading of the setting `rebase`, which judges estimates that were not aligned.
@@ -124,17 +130,17 @@ def placed_frames(
         check_true_attitudes(truth, "a condition turn=DEG", "omit it")
     if truth.has_attitude:
         placement = None
-        frames, association = associate(estimates.trajectory, truth, config.association, images_ns)
+        frames, matched = associate(estimates.trajectory, truth, config.association, images_ns)
         frames = frames._replace(true_attitude=known_attitudes(truth, frames.true_attitude, frames.attitude))
     else:
-        estimates, frames, association, placement = associate_positions(estimates, truth, config.association, images_ns)
+        estimates, frames, matched, placement = associate_positions(estimates, truth, config.association, images_ns)
     true_position = frames.true_position
     if not truth.has_height:
         true_position = true_position.copy()
         true_position[:, 2] = np.nan
     return PlacedFrames(
         frames=frames,
-        association=association,
+        matched=matched,
         estimates=estimates,
         truth=truth,
         configured_reading=Reading(config.rebase),
@@ -146,7 +152,7 @@ def placed_frames(
 
 def associate_positions(
     estimates: Estimates, truth: Truth, config: AssociationConfig, images_ns: IntArray | None = None
-) -> tuple[Estimates, Frames, Association, Placement]:
+) -> tuple[Estimates, Frames, MatchedStamps, Placement]:
     """Return estimates of the point that the truth tracks, their frames, and the alignment with the truth.
 
     Yaw and translation are fitted by least squares, because neither vision nor gravity observes them (Zhang, Scaramuzza
@@ -156,7 +162,7 @@ def associate_positions(
     """
     check_attitudes(estimates.trajectory)
     poses = at_point(estimates.trajectory, truth.lever_arm_m)
-    frames, association = associate(poses, truth, config, images_ns)
+    frames, matched = associate(poses, truth, config, images_ns)
     turn, translation, tilt_deg = np.eye(3), np.zeros(3), None
     if len(frames.stamps_ns):
         middle, true_middle = frames.position.mean(axis=0), frames.true_position.mean(axis=0)
@@ -167,7 +173,7 @@ def associate_positions(
         frames = frames._replace(position=frames.position @ turn.T + translation, attitude=attitude)
     known = replace(estimates, trajectory=poses, covariance=None, steps=None)  # neither applies to the aligned poses
     yaw_deg = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
-    return known, frames, association, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
+    return known, frames, matched, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
 
 
 def fitted_rotation(

@@ -9,7 +9,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
@@ -26,7 +25,7 @@ from sfr_loc_map.metrics.figures.details import ErrorRows, SubTrajectoryRows, Tr
 from sfr_loc_map.metrics.figures.records import Association, TruthRecord
 from sfr_loc_map.metrics.figures.results import ScoredTrajectory
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
-from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.frames.association import Estimates, unordered
 from sfr_loc_map.metrics.frames.placement import PlacedFrames, placed_frames
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.trajectory.consistency import StepSums, nees_rows, sums_of_steps
@@ -70,7 +69,7 @@ def score_trajectory(
     # associate
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)
-    if not placed.association.matched and not is_live:
+    if not len(placed.frames.stamps_ns) and not is_live:
         raise MetricsError(nothing_matched(estimates.trajectory, truth))
     stamps_ns = placed.frames.stamps_ns
     drive = drive_completeness(estimates.trajectory, placed, conditions, image_stamps_ns, in_flight_ns)
@@ -161,7 +160,7 @@ def rows_over_conditions(of_conditions: Sequence[Figure]) -> Iterator[Figure]:
 def interpolated_stamps(placed: PlacedFrames, frames: IntArray | slice = slice(None)) -> IntArray:
     """Return the stamps of frames at which the truth has an error of interpolation: none without interpolation."""
     stamps_ns = placed.frames.stamps_ns[frames]
-    return stamps_ns if placed.association.interpolated else stamps_ns[:0]
+    return stamps_ns if placed.matched.interpolated else stamps_ns[:0]
 
 
 def consistency_rows(
@@ -192,7 +191,7 @@ def error_columns(
 def rows_of_copies(placed: PlacedFrames, selected: Collection[SubTrajectories]) -> Iterator[Figure]:
     """Yield the rows of the poses and of the selected motions that are copies of the truth or of the previous pose."""
     frames = placed.frames if placed.truth.has_height else placed.frames.without_heights()
-    yield from copy_rows(frames, placed.truth, placed.is_reported, interpolated=placed.association.interpolated > 0)
+    yield from copy_rows(frames, placed.truth, placed.is_reported, interpolated=placed.matched.interpolated > 0)
     yield judged_of_truth(frames, [(each.starts, each.ends) for each in selected])
 
 
@@ -215,9 +214,15 @@ def association_record(placed: PlacedFrames, spacing: int, images: int | None) -
     """Return how the estimates were associated with the truth; `images` is None if they are unknown."""
     stamps_ns = placed.frames.stamps_ns
     has_frames = len(stamps_ns) > 0
-    return replace(
-        placed.association,
+    estimates_ns = placed.estimates.trajectory.stamps_ns
+    return Association(
+        **placed.matched._asdict(),
         **placed.states._asdict(),
+        matched=len(stamps_ns),
+        estimate_poses=len(estimates_ns),
+        truth_poses=len(placed.truth.stamps_ns),
+        estimate_unordered=unordered(estimates_ns),
+        truth_unordered=unordered(placed.truth.stamps_ns),
         images=images,
         spacing_frames=spacing,
         reading=placed.reading,
