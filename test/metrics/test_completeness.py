@@ -20,12 +20,10 @@ from sfr_loc_map.metrics.completeness.expected_items import (
     map_completeness,
 )
 from sfr_loc_map.metrics.completeness.gaps import TruePath, path_without_images, true_path
-from sfr_loc_map.metrics.completeness.shortfall_kinds import OF_LIMITS
 from sfr_loc_map.metrics.config import AssociationConfig, CallKind, TrajectoryScoreConfig
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.figures.subjects import Scope
 from sfr_loc_map.metrics.frames.association import Estimates, associate
-from sfr_loc_map.metrics.judging.incomplete import OF_EACH_LIMIT
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.limits import INDEPENDENT_FOR_VERDICT
@@ -556,7 +554,3 @@ def test_a_gap_of_the_estimate_does_not_make_a_moving_rover_stationary(gap_m: in
     copied = scored.figure("errors_of_truth")
     judged = scored.figure("position", condition=condition)
     assert (copied.n, copied.value) == (judged.n, 1.0)
-
-
-def test_the_rules_that_depend_on_limits_on_errors_belong_to_the_figures_that_state_it() -> None:
-    assert set(OF_EACH_LIMIT) == set(OF_LIMITS)

@@ -68,10 +68,6 @@ class AcceptedBy(NamedTuple):
     only_without_images: bool = False  #: Whether the limit accepts the shortfall only if the images are unknown.
 
 
-OF_LIMITS = (ERRORS_BEYOND, STANDING)
-"""Figures whose shortfall depends on the limits on errors: each of these limits can have a shortfall."""
-
-
 class ShortfallKind(NamedTuple):
     """A kind of missing, unjudged or unexpected data of one scope."""
 
@@ -81,7 +77,8 @@ class ShortfallKind(NamedTuple):
     #: Largest value of the figure for which the scope is complete, if the score has limits; None for any value.
     most: float | None
     #: Why the scope is incomplete; empty if every value is complete. `judging.incomplete` inserts `percent`,
-    #: `value`, the calls (`part`) and the missing estimates (`gaps`), and other values into the texts of `OF_LIMITS`.
+    #: `value`, the calls (`part`) and the missing estimates (`gaps`), and other values into the texts of
+    #: shortfalls that each limit on errors can have (`judging.incomplete.OF_EACH_LIMIT`).
     text: str = ""
     is_required_without_limits: bool = False  #: Whether `most` also applies to a score without limits.
     accepted_by: tuple[AcceptedBy, ...] = ()  #: Limits that accept the shortfall, besides the limit on its figure.
@@ -101,14 +98,6 @@ class ShortfallKind(NamedTuple):
     def most_without_limits(self) -> float | None:
         """The largest complete value if the score has no limits; None for any value."""
         return self.most if self.is_required_without_limits else None
-
-    @property
-    def is_complete_without_items(self) -> bool:
-        """Whether the scope is complete if the figure is a fraction of 0 items.
-
-        A fraction that depends on the sub-trajectories is unknown without sub-trajectories.
-        """
-        return not self.text_of_nothing and self.figure not in OF_LIMITS
 
     def allowed_fraction(self, limit_name: str, bound: float, *, has_images: bool) -> float:
         """Return the largest complete value of the figure by a limit, infinity for any value.

@@ -66,8 +66,7 @@ class Placement(NamedTuple):
 class PlacedFrames(NamedTuple):
     """Stamps with an estimate and a true pose in common axes, and the reading of the specification that judges them.
 
-    If the truth has no heights (`truth.has_height`), its heights are 0 in `truth` and `frames`, so that lengths are
-    horizontal. They are NaN in `poses`, so that errors of the height are unknown.
+    If the truth has no heights (`truth.has_height`), its heights are 0, so that lengths are horizontal.
     """
 
     frames: Frames
@@ -76,13 +75,20 @@ class PlacedFrames(NamedTuple):
     truth: Truth
     configured_reading: Reading  #: Reading of the setting `rebase`, which judges estimates that were not aligned.
     placement: Placement | None  #: The alignment with a truth without attitudes; None for other truths.
-    poses: Poses  #: Poses of all frames, by which the errors are computed.
     length_m: Lengths  #: Length of the true path up to each frame.
 
     @property
     def reading(self) -> Reading:
         """The reading of the specification by which limits are judged."""
         return self.configured_reading if self.placement is None else self.placement.reading
+
+    @property
+    def poses(self) -> Poses:
+        """The poses of all frames, by which errors are computed; unknown true heights are NaN, as are their errors."""
+        true_position = self.frames.true_position
+        if not self.truth.has_height:
+            true_position = true_position * [1.0, 1.0, np.nan]
+        return Poses(true_position, self.frames.true_attitude, self.frames.position, self.frames.attitude)
 
     @property
     def states(self) -> StateCounts:
@@ -107,10 +113,11 @@ class PlacedFrames(NamedTuple):
 
         Attitude errors are unknown (NaN) if roll and pitch of the truth are unknown.
         """
-        errors = ERROR_FUNCTIONS[reading or self.reading](self.poses, starts, ends)
+        poses = self.poses
+        errors = ERROR_FUNCTIONS[reading or self.reading](poses, starts, ends)
         if not self.truth.has_tilt:
             errors = errors._replace(attitude_deg=np.full_like(errors.attitude_deg, np.nan))
-        return SubTrajectories(starts, ends, self.poses, errors)
+        return SubTrajectories(starts, ends, poses, errors)
 
 
 def placed_frames(
@@ -134,10 +141,6 @@ def placed_frames(
         frames = frames._replace(true_attitude=known_attitudes(truth, frames.true_attitude, frames.attitude))
     else:
         estimates, frames, matched, placement = associate_positions(estimates, truth, config.association, images_ns)
-    true_position = frames.true_position
-    if not truth.has_height:
-        true_position = true_position.copy()
-        true_position[:, 2] = np.nan
     return PlacedFrames(
         frames=frames,
         matched=matched,
@@ -145,7 +148,6 @@ def placed_frames(
         truth=truth,
         configured_reading=Reading(config.rebase),
         placement=placement,
-        poses=Poses(true_position, frames.true_attitude, frames.position, frames.attitude),
         length_m=formulas.path_length_m(frames.true_position),
     )
 

@@ -268,7 +268,10 @@ def met_by_standing(kind: ShortfallKind, scope: RowPart, score: Score, most: flo
 
 
 OF_EACH_LIMIT = {ERRORS_BEYOND: missed_at_other_frames, STANDING: met_by_standing}
-"""The figures whose shortfall depends on the limits on errors (`shortfall_kinds.OF_LIMITS`), and their rules."""
+"""The rules of figures whose shortfall depends on the limits on errors: each of these limits can have a shortfall.
+
+These figures are fractions that depend on the sub-trajectories, and are unknown without sub-trajectories.
+"""
 
 
 # ---- numbers and texts

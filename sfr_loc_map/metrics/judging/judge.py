@@ -27,7 +27,7 @@ from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
 from sfr_loc_map.metrics.figures.catalogue import JUDGED, KINDS
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.figures.subjects import LimitSection, Subject
-from sfr_loc_map.metrics.judging.incomplete import Shortfall, incompleteness, text_of
+from sfr_loc_map.metrics.judging.incomplete import OF_EACH_LIMIT, Shortfall, incompleteness, text_of
 from sfr_loc_map.metrics.judging.limited import LimitedValue, fault_of_data_set, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
 from sfr_loc_map.metrics.score.limits import BOUND, Limit, Limits, margin_of, meets
@@ -198,7 +198,8 @@ def has_no_items(limit: Limit, row: Figure | None) -> bool:
     """Return whether a limit on completeness is on a fraction of 0 items, of which none can be missing or wrong."""
     if limit.section is not LimitSection.COMPLETENESS or row is None or row.n != 0:
         return False
-    return OF_LIMIT[limit.name].is_complete_without_items
+    kind = OF_LIMIT[limit.name]
+    return not kind.text_of_nothing and kind.figure not in OF_EACH_LIMIT
 
 
 def is_certain(limit: Limit, figure: LimitedValue) -> bool | None:

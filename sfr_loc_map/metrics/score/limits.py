@@ -182,7 +182,8 @@ class Limit(Record, frozen=True, kw_only=True):
     id: str | None = None  #: Identifier of the requirement.
     text: str | None = None  #: Text of the requirement.
     certain: bool = False  #: Whether a pass requires the complete 95 % interval to be within the limit.
-    prob: float | None = None  #: Fraction of the errors for a tolerance bound; null for other limits.
+    # the terms of a tolerance bound (`Terms`), which the file has beside the other keys; null for other limits
+    prob: float | None = None  #: Fraction of the errors that must be within the limit.
     confidence: float | None = None  #: Confidence with which this fraction must be proved.
     interpretation: Population | None = None  #: Population of this fraction.
     normal: bool | None = None  #: Whether the errors are declared to be normal.
@@ -205,12 +206,13 @@ class Limit(Record, frozen=True, kw_only=True):
                 f"'{self.name}' of the section '{self.section}' has the condition '{self.condition}': only limits of "
                 f"the section '{LimitSection.TRAJECTORY}' may have one"
             )
-        given = {name: value for name in Terms.__struct_fields__ if (value := getattr(self, name)) is not None}
+        given = self.given_terms
         is_bound = self.limited.statistic == BOUND
-        if is_bound != (self.terms is not None) or is_bound != bool(given):
-            terms = "prob, confidence and interpretation"
-            rule = f"requires {terms}" if is_bound else f"does not accept {terms}; only a tolerance bound has them"
-            raise ValueError(f"'{self.name}': the limit {rule}")
+        terms = "prob, confidence and interpretation"
+        if is_bound and not {"prob", "confidence", "interpretation"} <= given.keys():
+            raise ValueError(f"'{self.name}': the limit requires {terms}")
+        if given and not is_bound:
+            raise ValueError(f"'{self.name}': the limit does not accept {terms}; only a tolerance bound has them")
         if (fault := fault_of_terms(given)) is not None:
             raise ValueError(f"'{self.name}': {fault}")
         if is_bound and self.certain:
@@ -222,18 +224,14 @@ class Limit(Record, frozen=True, kw_only=True):
         return LIMITED_NUMBERS[self.section][self.name]
 
     @property
+    def given_terms(self) -> dict[str, Any]:
+        """The terms that are not null, by name."""
+        return {name: value for name in Terms.__struct_fields__ if (value := getattr(self, name)) is not None}
+
+    @property
     def terms(self) -> Terms | None:
         """The terms of a limit on a tolerance bound; None for other limits."""
-        if self.prob is None or self.confidence is None or self.interpretation is None:
-            return None
-        return Terms(
-            prob=self.prob,
-            confidence=self.confidence,
-            interpretation=self.interpretation,
-            normal=bool(self.normal),
-            good=self.good,
-            power=self.power,
-        )
+        return Terms(**self.given_terms) if self.given_terms else None
 
     @property
     def is_lower_bound(self) -> bool:
