@@ -18,8 +18,7 @@ cause an inferred one. The published reason is therefore not always that of the 
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED` | `guards.check_order` in a new window, `guards.check_sides` in a pair with a pose |
 | `UNTEXTURED_SIDE`, `ONE_SIDED` | `guards.check_sides` |
-| `AFTER_GAP` | `guards.check_gap` |
-| `DIVERGED` | `guards.check_divergence`, after an adjustment diverged (`State.has_diverged`) |
+| `AFTER_GAP`, `DIVERGED` | `guards.check_window` |
 | `CALIBRATION`, `SHEARED_ROWS` | `guards.check_calibration`, `guards.check_shear` |
 
 A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, and a call in the localiser:
@@ -73,7 +72,7 @@ class Finding(Enum):
     FROZEN_IMAGE = auto()  #: One image repeats that of the previous pair and is blanked.
     STALE_ROWS = auto()  #: Some rows repeat those of the previous pair and are blanked.
     UNTEXTURED_SIDE = auto()  #: One image has no texture (covered, black or overexposed), and the other was tracked.
-    DIVERGED = auto()  #: An adjustment diverged, its map was discarded, and the pair is the first to begin a window.
+    DIVERGED = auto()  #: The window begins with this pair because the adjustment of the previous window diverged.
     AFTER_GAP = auto()  #: The window began after an unobserved motion.
     CALIBRATION = auto()  #: The right camera drifts, or its yaw is not yet corrected.
     SHEARED_ROWS = auto()  #: The rows of the images were exposed at different times (rolling shutter).
@@ -187,6 +186,9 @@ because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). `U
 nothing is tracked in an image without texture. `AT_REST_UNCERTAIN` adds nothing because an image without motion shows a
 rover at rest, whichever of its parts is the ground. The covariance of a kept pose (`Action.KEEP`) always grows by the
 unobserved motion since the pose was estimated (`PathState.kept`).
+
+The localiser contains two further consequences: a pair that is refused as `REPEATED_PAIR` has the statistic `repeated`,
+and if a new window is refused because of `FEW_LANDMARKS`, the excluded cells age (`State.window_failed`).
 """
 
 assert RULES.keys() == set(Finding), "each finding requires a rule"

@@ -1,11 +1,13 @@
 """Guards: checks of a pair and of its pose.
 
-Each guard is a function `check_*` that takes values, returns findings, and changes nothing. `findings.RULES` lists the
-consequences of all findings. Findings about the ground's motion come from `ground.selection`.
+Each guard is a function `check_*` that returns findings and changes nothing. Two guards make a further measurement, but
+only if the earlier evidence leaves the order of the images open (`check_order`, `check_sides`). `findings.RULES` lists
+the consequences of all findings. Findings about the ground's motion come from `ground.selection`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -76,16 +78,20 @@ def check_landmarks(frame: StereoFrame, landmarks: Landmarks, min_tracked: int) 
     return frozenset() if len(landmarks.rows) >= min_tracked else _too_few(frame)
 
 
-def check_order(landmarks: Landmarks, count_if_swapped: int, min_tracked: int) -> frozenset[Finding]:
-    """Report swapped images at the start of a window.
+def check_order(
+    count: int, count_if_swapped: Callable[[], int], min_tracked: int, max_corners: int
+) -> frozenset[Finding]:
+    """Report swapped images at the start of a window. The order is tested only if the window has few landmarks.
 
     Args:
-        landmarks: Landmarks that were triangulated from the images.
-        count_if_swapped: Number of landmarks that are triangulated after an exchange of left and right.
+        count: Number of landmarks that were triangulated from the images.
+        count_if_swapped: Returns the number of landmarks that are triangulated after an exchange of left and right.
         min_tracked: Minimum number of landmarks of a window.
+        max_corners: Number of cells in which corners are detected.
     """
-    enough = max(min_tracked, SWAPPED_FACTOR * len(landmarks.rows))
-    return _found(Finding.SWAPPED, count_if_swapped >= enough)
+    if count >= max(min_tracked, ORDER_TESTED_RATIO * max_corners):
+        return frozenset()
+    return _found(Finding.SWAPPED, count_if_swapped() >= max(min_tracked, SWAPPED_FACTOR * count))
 
 
 def check_tracks(frame: StereoFrame, tracks: Tracks) -> frozenset[Finding]:
@@ -136,14 +142,13 @@ def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: Ri
     return frozenset({Finding.ONE_SIDED}) | _found(Finding.SWAPPED, is_swapped)
 
 
-def check_gap(gap_keyframes: int) -> frozenset[Finding]:
-    """Report a window that began after an unobserved motion, while `State.gap_keyframes` keyframes are missing."""
-    return _found(Finding.AFTER_GAP, gap_keyframes > 0)
+def check_window(gap_keyframes: int, *, has_diverged: bool) -> frozenset[Finding]:
+    """Report a window that began after an unobserved motion, or that begins after an adjustment diverged.
 
-
-def check_divergence(*, has_diverged: bool) -> frozenset[Finding]:
-    """Report a window that begins because an adjustment was singular or diverged (`State.has_diverged`)."""
-    return _found(Finding.DIVERGED, has_diverged)
+    The arguments are `State.gap_keyframes` and `State.has_diverged`. Once the window has begun, `has_diverged` is
+    False, but `gap_keyframes` remains positive until the window is full.
+    """
+    return _found(Finding.AFTER_GAP, gap_keyframes > 0) | _found(Finding.DIVERGED, has_diverged)
 
 
 # ---- the right camera

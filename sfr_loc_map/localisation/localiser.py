@@ -10,8 +10,8 @@ the stage adds to the values of the previous stages:
 | 3 predict | last motion, wheel odometry | `Prediction`: guesses of the pose | `motion_model` |
 | 4 track | frame, map, guesses | `Tracks` of any motion, and its pose | `frontend.tracking` |
 | 5 relocalise, if not trusted | recovery images | other `Tracks` | `relocalisation` |
-| 6 select the ground | tracks, earlier images | `Ground`: tracks of the ground, findings | `ground.selection` |
-| 7 correct the right camera | tracks of the ground | `Candidate`: corrected tracks | `frontend.right_camera` |
+| 6 select the ground | tracks, earlier images | `Candidate`: tracks of the ground; findings | `ground.selection` |
+| 7 correct the right camera | tracks of the ground | corrected tracks | `frontend.right_camera` |
 | 8 judge | all findings, candidate | `Verdict`: action, reason | `guards`, `findings.RULES` |
 | 9 complete | accepted candidate | tracks of all landmarks, if a keyframe | `keyframes` |
 | 10 accept | final tracks | `State` after the pair, `StepEstimate` | `state`, `path`, `uncertainty` |
@@ -32,32 +32,40 @@ Before and after the stages, `Localiser.process`
 - starts a keyframe in the background: the pair is added to the window, and the window is adjusted (bundle adjustment
   with marginalisation as in OKVIS, Leutenegger et al. 2015; `keyframes`).
 
-**Where a pair is refused, and which reason wins.** A pair has up to five verdicts, in this order. Each verdict takes
-all findings so far. The first verdict that refuses the pair decides, and the later stages are skipped:
+**Where a pair is refused, and which reason wins.** A pair has at most four verdicts. Each verdict takes all findings so
+far, except that a new window takes only the findings about the images and its own. The first verdict that refuses the
+pair decides, and the later stages are skipped:
 
-| verdict | on findings about | a refused pair is |
-|---|---|---|
-| stage 1 | its images | kept or lost |
-| stage 2, no map | | first of a window, or lost |
-| stage 2 | the number of landmarks of the map | lost, or first of a window |
-| stage 8, first | tracks and pose (`_refusals_of_pose`), the ground's motion | kept, lost, or first of a window |
-| stage 8, second | swapped images (`check_sides`); gap, calibration and shear only degrade | lost |
-| new window | images, gap, number and order of its landmarks | lost |
+    pair
+     |-- 1 the images repeat the previous pair, or show one image twice -----> keep or lose?
+     |-- 2 there is no map --------------------------------------------------> may a window begin?
+     |     the map has too few landmarks ------------------------------------> may a window begin?
+     |-- 8 tracks, pose or the ground's motion are refused ------------------> may a window begin?
+     |     the images are swapped (`check_sides`) ---------------------------> may a window begin? (never)
+     '-- accepted; degraded if there is a finding
+
+    may a window begin? (`_begin_or_refuse`)
+     |-- yes: first pair of a window (`_begin_window`), with findings about the images, a gap, a divergence, and the
+     |        number and order of the landmarks of the window
+     |         |-- refused: lost, with the reason of the window instead of the earlier reason
+     |         '-- first pair of the window; degraded if there is a finding
+     '-- no: keep or lose? (`_keep_or_lose`)
+               |-- action `KEEP`, and the localiser is not lost: kept, until the motion since the last pose is as
+               |   uncertain as an unknown pose
+               '-- otherwise: lost; a localiser that is lost already publishes its earlier reason for `KEEP`
 
 *Kept*: the last pose is published again with a larger covariance. *Lost*: the pose is unknown. Within a verdict, the
 first finding in the order of `findings.RULES` gives action and reason. Findings that refuse the pair come first: a
 repeated pair; identical or swapped images; too few landmarks, with a cause in the images before the number; a pose that
 the image contradicts, or that is impossible. Then follow findings that degrade the pose: images with stale parts that
 are known, or one image without texture; a diverged adjustment; a gap; the calibration; sheared rows; other stale parts;
-two motions. `_without_pose` and `_begin_window` decide what becomes of a refused pair:
+two motions.
 
-- A pair may begin a window if there is no map, or if `MAX_FAILED_RECOVERIES` good images were refused since the last
-  pair that was accepted or began a window. Images refused by stage 2 or 8 count, but swapped images never count, and
-  images that contradict the pose (`Action.KEEP`) count only while the localiser is lost.
-- The findings about the pose in the map are discarded if the pair begins a window, because the window replaces the map.
-- A pair whose images cannot be a reference for later pairs begins no window and is lost.
-- A pair that would otherwise be kept is lost if the localiser is lost already, and the earlier reason is published
-  again. The pair is also lost once the kept pose is as uncertain as an unknown pose.
+A window may begin if there is no map, or if `MAX_FAILED_RECOVERIES` good images were refused since the last pair that
+was accepted or began a window. Images that stage 2 or 8 refused count, but swapped images never count, and images that
+contradict the pose (`Action.KEEP`) count only while the localiser is lost. A pair whose images cannot be a reference
+for later pairs begins no window. The findings about the pose in the map do not concern a new window, because the window
+replaces the map.
 
 **Where the state changes.** The state between two pairs is one immutable value, and its methods are all of its changes
 (`state.State` has the table). The localiser learns from a pose in `State.accepted` only, except that the memory
@@ -102,7 +110,6 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig, check_rig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance, symmetric
 from sfr_loc_map.localisation import guards, stale_images, warm_up
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
-from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import (
     LandmarkTracks,
@@ -158,8 +165,8 @@ class StageClock:
 class Localiser:
     """Estimates the pose of RB (the rover's body frame) in DS (the frame of the datum) at each stereo pair.
 
-    Keyframes are processed in a background thread after the call returns. The next call waits for the result, so that
-    results do not depend on timing.
+    A background thread processes the keyframe of a call, and may continue after the call has returned. The next call
+    waits for the result, so that results do not depend on timing.
 
     An instance is not thread-safe: one call at a time is required, from any thread.
     """
@@ -292,44 +299,52 @@ class Localiser:
         findings = guards.check_images(pair, images, has_map=landmark_map is not None)
         verdict = decide(findings)
         if verdict.refuses:
-            return self._without_pose(state, verdict, pair.stamp_ns)
+            return self._keep_or_lose(state, verdict, pair.stamp_ns, None)
         with clock.stage("pyramid"):
             frame = StereoFrame.of(images.pair, pair, has_frozen_image=images.is_one_frozen)
         # 2 check the map
         if landmark_map is None:
-            return self._without_pose(state, verdict, pair.stamp_ns, frame=frame, of_images=findings)
+            return self._begin_or_refuse(state, verdict, frame, findings, None)
         verdict = decide(findings | guards.check_landmarks(frame, landmark_map.landmarks, self._config.min_tracked))
         if verdict.refuses:
-            return self._without_pose(state, verdict, pair.stamp_ns, frame=frame, of_images=findings)
+            return self._begin_or_refuse(state, verdict, frame, findings, None)
         # 3 predict
-        prediction = state.path.last.predict(pair.stamp_ns, odometry, state.calibration.offset, self._model)
+        prediction = state.path.last.predict(pair.stamp_ns, odometry, self._model.T_rb_left)
+        offset = state.calibration.offset
         # 4 track; beside it, stage 6 begins with a comparison of images, which requires no pose
         change = beside(changed_cells, frame, state.ground_memory)
         with clock.stage("align"):
             coarse = self._tracker.align(frame.left, landmark_map.aligned, prediction.guesses)
         with clock.stage("refine"):
-            tracks = self._tracker.refine(frame, landmark_map.tracked, coarse, prediction.offset)
+            tracks = self._tracker.refine(frame, landmark_map.tracked, coarse, offset)
         # 5 relocalise
         if not tracks.is_trusted:
             with clock.stage("relocate"):
-                found = self._relocaliser.relocalise(frame, landmark_map.tracked, state.recovery, prediction.offset)
+                found = self._relocaliser.relocalise(frame, landmark_map.tracked, state.recovery, offset)
             tracks = found or tracks
-        # 6 select the ground's motion
+        # 6 select the ground's motion; landmarks that do not move with the ground are no longer tracked
         changed = change.result()
         if images.is_left_frozen or images.has_stale_rows:
             ground = Ground.unselected(tracks, state.ground_memory)
         else:
             tools = self._motion_tools
-            ground = select_ground(tools, frame, tracks, prediction, state.ground_memory, state.recovery, changed)
+            ground = select_ground(
+                tools, frame, tracks, prediction, offset, state.ground_memory, state.recovery, changed
+            )
+        candidate = Candidate(
+            frame=frame,
+            landmark_map=landmark_map.deactivated(ground.not_ground),
+            ground=ground,
+            tracks=ground.tracks,
+            calibration=state.calibration,
+            shear_mean=state.shear_mean,
+        )
         # 7 correct the right camera
-        candidate = self._with_right_camera(state, frame, landmark_map, ground)
+        candidate = self._with_right_camera(candidate)
         # 8 judge
         verdict = self._judge(state, candidate, findings | ground.findings)
         if verdict.refuses:
-            state = state.refused(candidate, verdict)
-            return self._without_pose(
-                state, verdict, pair.stamp_ns, frame=frame, of_images=findings, tracks=candidate.tracks
-            )
+            return self._begin_or_refuse(state.refused(candidate, verdict), verdict, frame, findings, candidate.tracks)
         # 9 complete: later pairs are compared with the left image of a reference, which must show enough landmarks
         has_landmarks = candidate.tracks.left_inlier_count >= self._config.min_tracked
         is_reference = verdict.can_be_reference and has_landmarks
@@ -340,42 +355,30 @@ class Localiser:
         # 10 accept
         return self._accept(state, candidate, verdict, is_reference=is_reference, is_keyframe=is_keyframe)
 
-    def _with_right_camera(
-        self, state: State, frame: StereoFrame, landmark_map: LandmarkMap, ground: Ground
-    ) -> Candidate:
+    def _with_right_camera(self, candidate: Candidate) -> Candidate:
         """Estimate the yaw of the right camera, and correct the right observations for a drift of the right camera.
 
-        Return the candidate, in whose map the landmarks that do not move with the ground are no longer tracked. Tracks
-        that are not trusted remain unchanged, because stage 8 refuses them.
+        Tracks that are not trusted remain unchanged, because stage 8 refuses them.
         """
-        tracks = ground.tracks
-        calibration = state.calibration
-        uncorrected = Candidate(
-            frame=frame,
-            landmark_map=landmark_map.deactivated(ground.not_ground),
-            ground=ground,
-            tracks=tracks,
-            calibration=calibration,
-            shear_mean=state.shear_mean,
-        )
+        tracks = candidate.tracks
         if not tracks.is_trusted:
-            return uncorrected
+            return candidate
         camera = self._rig.camera
         shape = (self._rig.height, self._rig.width)
-        lens_px = calibration.lens.likely_px
+        lens_px = candidate.calibration.lens.likely_px
         yaw = pair_yaw(tracks.pose, tracks.landmarks.estimates, tracks.observed, camera, shape, lens_px)
         if yaw is None:
-            return uncorrected
-        calibration, drift_px = calibration.with_pair(yaw)
+            return candidate
+        calibration, drift_px = candidate.calibration.with_pair(yaw)
         if drift_px != 0.0:
             observations = tracks.observations.copy()
             observations[:, 2:] -= RightCameraOffset(yaw_px=drift_px).at(observations[:, 2:], camera)
             observed = tracks.observed._replace(uv=observations)
             tracks = self._tracker.solve(tracks.landmarks, observed, tracks.pose)
-        return uncorrected._replace(
+        return candidate._replace(
             tracks=tracks,
             calibration=calibration,
-            shear_mean=state.shear_mean.with_pair(yaw.shear_chi2),
+            shear_mean=candidate.shear_mean.with_pair(yaw.shear_chi2),
             shear_chi2=yaw.shear_chi2,
         )
 
@@ -388,7 +391,7 @@ class Localiser:
         if verdict.refuses:  # the other guards require a valid pose
             return verdict
         findings |= guards.check_sides(frame, tracks, self._tracker, candidate.calibration.offset)
-        findings |= guards.check_gap(state.gap_keyframes)
+        findings |= guards.check_window(state.gap_keyframes, has_diverged=state.has_diverged)
         findings |= guards.check_calibration(candidate.calibration)
         findings |= guards.check_shear(candidate.shear_chi2, candidate.shear_mean)
         return decide(findings)
@@ -444,54 +447,52 @@ class Localiser:
 
     # ---- pairs without an accepted pose
 
-    def _without_pose(
-        self,
-        state: State,
-        verdict: Verdict,
-        stamp_ns: int,
-        *,
-        frame: StereoFrame | None = None,
-        of_images: frozenset[Finding] = frozenset(),
-        tracks: Tracks | None = None,
+    def _begin_or_refuse(
+        self, state: State, verdict: Verdict, frame: StereoFrame, of_images: frozenset[Finding], tracks: Tracks | None
     ) -> Outcome:
-        """Continue with a pair that has no pose in the map: the pair begins a window, is kept, or is lost.
+        """Continue with a pair that has no pose in the map. The pair begins a window if it may, or else is refused.
 
         A pair begins a window if there is no map, or if several good images were refused. A pair that would be kept
         (`KEEP`) counts only while the localiser is lost: without this count, a localiser whose map contradicts all
         images would stay lost. No window begins with a pair that cannot be a reference. This includes a pair in which
         the selection of the ground found stale parts, because new landmarks in these parts would have wrong positions.
 
-        The last pose is kept, with a larger covariance, until the motion since this pose is as uncertain as an unknown
-        pose. While the localiser is lost, a pair that would be kept is lost, too, with the earlier reason.
-
         Args:
             state: State before the consequences of the verdict.
             verdict: Verdict on the pair. Without a map, the verdict on its images.
-            stamp_ns: Stamp of the pair.
-            frame: Images of the pair; None if the images themselves are refused, so that no window begins.
+            frame: Images of the pair.
             of_images: Findings about the images, which also hold for a new window.
-            tracks: Tracked landmarks, for display.
+            tracks: Tracked landmarks, for display; None if nothing was tracked.
         """
         landmark_map = state.landmark_map
-        is_lost = state.status is TrackingState.LOST
         may_begin = landmark_map is None
+        is_lost = state.status is TrackingState.LOST
         counts = verdict.action is Action.LOSE_OR_BEGIN or (verdict.action is Action.KEEP and is_lost)
-        if frame is not None and landmark_map is not None and counts:
+        if landmark_map is not None and counts:
             is_good_image = self._relocaliser.is_good_image(frame, len(landmark_map.landmarks.rows))
             if is_good_image:
                 state = state.recovery_failed()
                 may_begin = state.failed_recoveries >= MAX_FAILED_RECOVERIES
-        if frame is not None and may_begin and verdict.can_be_reference:
+        if may_begin and verdict.can_be_reference:
             return self._begin_window(state, frame, of_images, tracks)
+        return self._keep_or_lose(state, verdict, frame.stamp_ns, tracks)
+
+    def _keep_or_lose(self, state: State, verdict: Verdict, stamp_ns: int, tracks: Tracks | None) -> Outcome:
+        """Keep the last pose if the verdict permits this (`KEEP`). Otherwise, the localiser is lost.
+
+        The last pose is kept, with a larger covariance, until the motion since this pose is as uncertain as an unknown
+        pose. While the localiser is lost, a pair that would be kept is lost, too, with the earlier reason.
+        """
         is_repeated = verdict.finding is Finding.REPEATED_PAIR
         statistics = TrackingStatistics(repeated=1) if is_repeated else TrackingStatistics(inliers=0)
         reason = verdict.reason
-        if verdict.action is Action.KEEP and is_lost:
-            reason = state.reason
-        elif verdict.action is Action.KEEP:
-            kept, step = state.kept(reason, stamp_ns, self._model)
-            if kept.path.errors.kept_motion.max() < LOST_VARIANCE:
-                return Outcome(kept, statistics, tracks, step)
+        if verdict.action is Action.KEEP:
+            if state.status is TrackingState.LOST:
+                reason = state.reason
+            else:
+                kept, step = state.kept(reason, stamp_ns, self._model)
+                if kept.path.errors.kept_motion.max() < LOST_VARIANCE:
+                    return Outcome(kept, statistics, tracks, step)
         return Outcome(state.lost(reason), statistics, tracks)
 
     def _begin_window(
@@ -509,12 +510,13 @@ class Localiser:
         landmarks = window.landmark_map.landmarks
         min_tracked = self._config.min_tracked
         gap_keyframes = state.gap_keyframes_at_window(frame.stamp_ns, self._config.window_keyframes)
-        findings = of_images | guards.check_gap(gap_keyframes)
-        findings |= guards.check_divergence(has_diverged=state.has_diverged)
+
+        def count_if_swapped() -> int:
+            return self._keyframes.landmark_count(frame.swapped(), pose, state.calibration, mask)
+
+        findings = of_images | guards.check_window(gap_keyframes, has_diverged=state.has_diverged)
         findings |= guards.check_landmarks(frame, landmarks, min_tracked)
-        if len(landmarks.rows) < max(min_tracked, guards.ORDER_TESTED_RATIO * self._max_corners):
-            count_if_swapped = self._keyframes.landmark_count(frame.swapped(), pose, state.calibration, mask)
-            findings |= guards.check_order(landmarks, count_if_swapped, min_tracked)
+        findings |= guards.check_order(len(landmarks.rows), count_if_swapped, min_tracked, self._max_corners)
         statistics = TrackingStatistics(features=len(landmarks.rows))
         verdict = decide(findings)
         if verdict.refuses:

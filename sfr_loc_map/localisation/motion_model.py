@@ -9,9 +9,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform, interpolated
-from sfr_loc_map.localisation.frontend.right_camera import RightCameraOffset
 from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
-from sfr_loc_map.localisation.uncertainty.error_sources import RoverModel
 from sfr_loc_map.message_stamps import NS_PER_S
 
 MAX_MISSED_PAIRS = 4
@@ -31,7 +29,7 @@ in any case."""
 
 
 class Prediction(NamedTuple):
-    """Prediction of a pair: initial guesses of the left camera's pose in the world, and the right camera's offset."""
+    """Prediction of a pair: initial guesses of the left camera's pose in the world."""
 
     #: The last pose, moved again by the last motion, however long that motion lasted (`LastPose.motion_ns`).
     repeated_motion: Pose
@@ -39,7 +37,6 @@ class Prediction(NamedTuple):
     #: If pairs are missing: the last pose, moved by the last motion once for each interval up to this pair. If given:
     #: the pose by wheel odometry.
     others: tuple[Pose, ...]
-    offset: RightCameraOffset  #: Offset of the right camera.
 
     @property
     def guesses(self) -> list[Pose]:
@@ -108,10 +105,8 @@ class LastPose:
         """
         return self.known_ns is not None and stamp_ns - self.known_ns > MAX_JITTER_NS
 
-    def predict(
-        self, stamp_ns: int, odometry: Transform | None, offset: RightCameraOffset, model: RoverModel
-    ) -> Prediction:
-        """Return the prediction of the next pair, with the present offset of the right camera.
+    def predict(self, stamp_ns: int, odometry: Transform | None, T_rb_left: Transform) -> Prediction:
+        """Return the prediction of the next pair.
 
         The odometry is the motion `T_before_now` of RB since the last known pose (`known_ns`), from another source.
         """
@@ -125,8 +120,8 @@ class LastPose:
                 further = further @ self.T_before_last
             others.append(further)
         if odometry is not None:
-            others.append(last @ model.T_left_rb @ odometry @ model.T_rb_left)
-        return Prediction(Pose.of(repeated), Pose.of(last), tuple(map(Pose.of, others)), offset)
+            others.append(last @ T_rb_left.inverse() @ odometry @ T_rb_left)
+        return Prediction(Pose.of(repeated), Pose.of(last), tuple(map(Pose.of, others)))
 
     def since_last(self, stamp_ns: int, T_world_left: Transform) -> MotionSince:
         """Return the motion from the last known pose to a pose at a stamp."""

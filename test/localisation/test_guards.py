@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -33,8 +31,15 @@ def torn(new: StereoPair, old: StereoPair, row: int) -> StereoPair:
 def test_images_are_swapped_if_an_exchange_gives_enough_and_many_more_landmarks(
     landmarks: int, if_swapped: int, *, is_swapped: bool
 ) -> None:
-    of_window: Any = SimpleNamespace(rows=np.zeros(landmarks))
-    assert (Finding.SWAPPED in check_order(of_window, if_swapped, min_tracked=25)) == is_swapped
+    findings = check_order(landmarks, lambda: if_swapped, min_tracked=25, max_corners=2400)
+    assert (Finding.SWAPPED in findings) == is_swapped
+
+
+def test_the_order_of_the_images_is_not_tested_if_a_window_has_many_landmarks() -> None:
+    def count_if_swapped() -> int:
+        raise AssertionError("the measurement takes the time of a keyframe")
+
+    assert not check_order(240, count_if_swapped, min_tracked=25, max_corners=2400)
 
 
 def test_frozen_pair_with_new_noise_is_degraded_with_a_covariance_that_contains_the_motion() -> None:

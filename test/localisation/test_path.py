@@ -22,7 +22,6 @@ from sfr_loc_map.localisation.backend.online_calibration import (
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.findings import Inflation
-from sfr_loc_map.localisation.frontend.right_camera import RightCameraOffset
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS, Prediction
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
@@ -174,7 +173,7 @@ def test_lens_distortion_bends_the_path_to_a_circle_whenever_a_pose_from_outside
 
 def predicted(path: PathState, stamp_ns: int, odometry: Transform | None = None) -> Prediction:
     """Return the prediction of the pair after a path."""
-    return path.last.predict(stamp_ns, odometry, RightCameraOffset(), model_of(RIG))
+    return path.last.predict(stamp_ns, odometry, RIG.T_rb_left)
 
 
 def guesses(stamp_ns: int, odometry: Transform | None = None) -> list[np.ndarray]:

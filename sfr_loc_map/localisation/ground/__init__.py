@@ -7,28 +7,28 @@ distinguish two motions, the pose is ambiguous.
 
 The folder consists of five boxes, one module each:
 
-    left image, earlier image      tracks of the landmarks
-            |                                |
-            v                                v
-    +---------------+   cells   +---------------------+
-    | 1 cell_change |---------->| 2 rigid_motion      |  landmarks and cells that agree with a motion;
-    | moved or not  |           | track, search, agree|  search for the motion of some landmarks
-    +---------------+           +---------------------+
-                                             | main motion, further motions
-                                             v
-    +---------------+  earlier  +---------------------+
-    | 5 memory      |---------->| 3 evidence          |  is the main motion contradicted or unusual? is there
-    | between pairs |   pairs   | what the pair shows |  a body, a second exposure, a second motion?
-    +---------------+           +---------------------+
-            ^                                | Evidence
-            | what the pair shows            v
-            | (`Shown`)         +---------------------+
-            +-------------------| 4 selection         |  the first case of `selection.CASES` whose condition is true
-                                | table of cases      |
-                                +---------------------+
-                                             |
-                                             v
-                Ground: tracks of the ground, at most one finding, excluded landmarks
+                           left image              tracks of the landmarks
+                               |                              |
+                               v                              v
+                       +---------------+   cells   +---------------------+
+            +--------->| 1 cell_change |---------->| 2 rigid_motion      |  landmarks and cells that agree with a
+            | earlier  | moved or not  |           | track, search, agree|  motion; search for further motions
+            | image    +---------------+           +---------------------+
+            |                                                 | main motion, further motions
+            |                                                 v
+    +---------------+          earlier pairs       +---------------------+
+    | 5 memory      |----------------------------->| 3 evidence          |  is the main motion contradicted or unusual?
+    | between pairs |                              | what the pair shows |  is there a body, a second exposure, a
+    +---------------+                              +---------------------+  second motion?
+            ^                                                 | Evidence, which contains the memory
+            | `GroundMemory.after_pair`:                      v
+            | what the pair shows (`Shown`),       +---------------------+
+            | agreement of the main motion, and <--| 4 selection         |  the first case of `selection.CASES` whose
+            | the selected motion                  | table of cases      |  condition is true
+                                                   +---------------------+
+                                                              |
+                                                              v
+                                  Ground: tracks of the ground, at most one finding, excluded landmarks
 
 `double_exposure` is the kernel of box 3 that detects a second exposure. `selection` also has examples of pairs in
 succession. `GroundMemory` is the only state. It is an immutable value, which the localiser keeps and replaces after its
@@ -40,22 +40,22 @@ The memory has one state machine, whose state is the phase and two counters (`me
        v                                   |
     LEARNING -- third consistent pair --> IDENTIFIED
        |  ^                                |
-       |  |                                | uncertain motion (for 3 pairs)
+       |  |                                | uncertain ground (for 3 pairs)
        |  |                                v
        |  +-- last of these pairs ------- UNCERTAIN
        |      is consistent                ^
        |                                   |
-       +-- uncertain motion (for 10) ------+
+       +-- uncertain ground (for 10) ------+
 
     transfers       number of partially transferred pairs in a row
     recovery_pairs  number of pairs with motion until earlier faults have no effect
 
-A pair shows an *uncertain motion* if two motions compete, if the image contradicts the motion, or if about half of the
+A pair shows an *uncertain ground* if two motions compete, if the image contradicts the motion, or if about half of the
 landmarks are unexplained. A pair is *consistent* with the earlier pairs if one motion explains the pair, if the image
 moved, and if few cells are excluded as dynamic. In addition, landmarks must follow the motion in the cells that were
-unexplained earlier. Two motions are `DECIDED` only if the ground is identified. One motion is `UNCONFIRMED` while the
-ground stays uncertain. `TRANSFERRED` requires that few pairs in a row were transferred. During a recovery, a pair whose
-case has no finding is `RECOVERING`.
+unexplained earlier. Three cases depend on the memory: `DECIDED` requires an identified ground, `GROUND_UNCERTAIN`
+requires a ground that stays uncertain, and `PARTIAL_TRANSFER` requires that few pairs in a row were transferred. During
+a recovery, a pair whose case has no finding is `RECOVERING`.
 
 While the ground is not identified, the motion that is not selected may be the ground's. Each pair with a second motion,
 or with an unexplained part of the image, is therefore degraded. Unexplained landmarks in the first tracked pair of a
@@ -89,7 +89,7 @@ The method has four known limits:
 | contradicted motion | motion that predicts a standstill in cells that changed |
 | unusual motion | motion with more unexplained landmarks than usual on this ground |
 
-Each module contains the thresholds that it uses. Thresholds that were chosen by hand were chosen on rendered drives
-with injected faults. With these values, clean drives have no findings, and no error of a faulty drive exceeds five
-times the stated 3 sigma without a finding.
+Each module contains the thresholds that it uses. A threshold without another source was chosen by hand on rendered
+drives with injected faults. With these values, clean drives have no findings, and no error of a faulty drive exceeds
+five times the stated 3 sigma without a finding.
 """

@@ -23,7 +23,7 @@ from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.localisation.frontend.plane_warp import plane_homographies
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL, shows_second_exposure
-from sfr_loc_map.localisation.ground.memory import MIN_EXCESS, NEARLY_HALF, Consistency, GroundMemory
+from sfr_loc_map.localisation.ground.memory import MIN_EXCESS, NEARLY_HALF, GroundMemory, Shown
 from sfr_loc_map.localisation.ground.rigid_motion import CONVINCING, MOVED_PX, ComparedPair, Motion
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 
@@ -82,7 +82,7 @@ class Evidence(NamedTuple):
     is_contradicted: bool  #: Whether many cells changed although the main motion predicts no change.
     is_unusual: bool  #: Whether more landmarks than usual do not follow the main motion.
     is_half_unexplained: bool  #: Whether nearly half of the landmarks do not follow the main motion.
-    consistency: Consistency  #: Consistency with the earlier pairs if the main motion is the only motion.
+    shown_by_main: Shown  #: What the pair shows if the main motion is the only motion.
     memory: GroundMemory  #: Memory of the earlier pairs, before this pair.
     # results of the searches: by default nothing was found or searched for. Whether a search is made depends only on
     # the fields above
@@ -129,7 +129,7 @@ class Evidence(NamedTuple):
     @property
     def stays_uncertain(self) -> bool:
         """Whether the ground is uncertain after the pair if the main motion is the only motion."""
-        return self.memory.stays_uncertain(self.consistency)
+        return self.memory.stays_uncertain(self.shown_by_main)
 
 
 def evidence_of(pair: ComparedPair, tracks: Tracks, memory: GroundMemory) -> Evidence:
@@ -162,7 +162,7 @@ def evidence_of_main(main: Motion, memory: GroundMemory) -> Evidence:
         is_contradicted=agreement.contradicting_fraction > max_contradicting,
         is_unusual=not memory.is_usual(agreement.unexplained_fraction),
         is_half_unexplained=agreement.unexplained_fraction >= NEARLY_HALF,
-        consistency=memory.consistency_of(agreement, main.tracks.inliers),
+        shown_by_main=memory.shown_by_one_motion(agreement, main.tracks.inliers),
         memory=memory,
     )
 

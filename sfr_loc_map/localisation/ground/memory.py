@@ -8,13 +8,14 @@ cell means no change.
 |---|---|---|---|
 | `after_pair`, the pair shows | | | |
 | ... `NOTHING` | | 0 | - 1 |
-| ... `ONE_MOTION` and is consistent | `LEARNING` n to n - 1, 1 to `IDENTIFIED` | 0 | - 1 |
+| ... `AT_REST` | `LEARNING`, `IDENTIFIED` | 0 | - 1 |
+| | `UNCERTAIN` | 0 | at least 3 |
+| ... `CONSISTENT` | `LEARNING` n to n - 1, 1 to `IDENTIFIED` | 0 | - 1 |
 | | `UNCERTAIN` n to n - 1 | 0 | at least 3 |
 | | `UNCERTAIN` 1 to `LEARNING` 3 | 0 | - 1 |
-| ... `ONE_MOTION`, and is partly consistent or at rest | `LEARNING` n to `LEARNING` 3 (partly consistent) | 0 | - 1 |
+| ... `PARTLY_CONSISTENT` | `LEARNING` n to `LEARNING` 3 | 0 | - 1 |
 | | `UNCERTAIN` | 0 | at least 3 |
-| ... `ONE_MOTION`, and is inconsistent | as for `UNCERTAIN_MOTION` | 0 | at least 3 |
-| ... `UNCERTAIN_MOTION` | `IDENTIFIED` to `UNCERTAIN` 3 | 0 | at least 3 |
+| ... `UNCERTAIN_GROUND` | `IDENTIFIED` to `UNCERTAIN` 3 | 0 | at least 3 |
 | | `LEARNING` to `UNCERTAIN` 10 | 0 | at least 3 |
 | | `UNCERTAIN` n to `UNCERTAIN` 3 (n at most 3) or 10 | 0 | at least 3 |
 | ... `DOUBLE_EXPOSURE` | | 0 | at least 3 |
@@ -197,21 +198,16 @@ class Phase(Enum):
     UNCERTAIN = auto()
 
 
-class Consistency(Enum):
-    """Whether a pair is consistent with a single rigid motion of the ground, as seen in the earlier pairs."""
-
-    AT_REST = auto()  #: The image did not move, so that the pair shows nothing about the motion.
-    CONSISTENT = auto()  #: One motion explains a pair with motion, also where landmarks were unexplained earlier.
-    PARTIAL = auto()  #: One motion is found, but a dynamic object is in view, or earlier cells stay unexplained.
-    INCONSISTENT = auto()  #: As `PARTIAL`, and more landmarks than usual are unexplained while the ground is uncertain.
-
-
 class Shown(Enum):
     """What a pair shows about the ground's motion and about faults of the images."""
 
     NOTHING = auto()  #: Nothing about the ground's motion, and no fault.
-    ONE_MOTION = auto()  #: One motion, which is consistent with the earlier pairs or not (`Consistency`).
-    UNCERTAIN_MOTION = auto()  #: Two motions compete, the image contradicts the motion, or about half is unexplained.
+    AT_REST = auto()  #: One motion, but the image did not move.
+    CONSISTENT = auto()  #: One motion explains a pair with motion, also where landmarks were unexplained earlier.
+    PARTLY_CONSISTENT = auto()  #: One motion, but a dynamic object is in view, or earlier cells stay unexplained.
+    #: Two motions compete, the image contradicts the motion, or about half of the landmarks are unexplained. While the
+    #: ground is uncertain: as `PARTLY_CONSISTENT`, and more landmarks than usual are unexplained.
+    UNCERTAIN_GROUND = auto()
     DOUBLE_EXPOSURE = auto()  #: Two exposures are blended. The next pairs may be faulty, too.
     PARTIAL_TRANSFER = auto()  #: Parts of the images were exposed at different times.
 
@@ -225,7 +221,7 @@ class GroundMemory:
 
     | event | `excluded` | `earlier` | `last_image` | `typical` |
     |---|---|---|---|---|
-    | `after_pair`: the ground's motion was selected | as shown | pair, or older | pair | if `ONE_MOTION` |
+    | `after_pair`: the ground's motion was selected | as shown | pair, or older | pair | if it shows one motion |
     | `unselected`: the left image is frozen, or rows are stale | | older | None | |
     | `window_begun`: the pair begins a window | | first image | None | None |
     | `adjusted`: the adjustment of a keyframe has ended | | pose | | |
@@ -292,19 +288,19 @@ class GroundMemory:
         margin = AFTER_TRANSFER * MIN_EXCESS if self.transfers else MIN_EXCESS
         return unexplained < min(margin + TYPICAL_FACTOR * (self.typical or 0.0), NEARLY_HALF)
 
-    def consistency_of(self, main: Agreement, inliers: Mask) -> Consistency:
-        """Return whether a pair is consistent with the earlier pairs, if the main motion is the only motion.
+    def shown_by_one_motion(self, main: Agreement, inliers: Mask) -> Shown:
+        """Return what a pair shows if the main motion is the only motion.
 
-        A pair with motion is consistent if few cells are excluded as dynamic, and if inliers cover the cells that were
-        unexplained earlier. An unusual pair that is not consistent prolongs an uncertainty.
+        A pair with motion is consistent with the earlier pairs if few cells are excluded as dynamic, and if inliers
+        cover the cells that were unexplained earlier. An unusual pair that is not consistent prolongs an uncertainty.
         """
         if not main.moves_image:
-            return Consistency.AT_REST
+            return Shown.AT_REST
         if self.excluded.dynamic_fraction < MAX_DYNAMIC and self._are_covered(main.cells(inliers)):
-            return Consistency.CONSISTENT
+            return Shown.CONSISTENT
         if self.is_uncertain and not self.is_usual(main.unexplained_fraction):
-            return Consistency.INCONSISTENT
-        return Consistency.PARTIAL
+            return Shown.UNCERTAIN_GROUND
+        return Shown.PARTLY_CONSISTENT
 
     def _are_covered(self, inliers: Mask) -> bool:
         """Return whether inlier cells `(R, C)` are in or beside at least half of the uncertain cells."""
@@ -313,74 +309,76 @@ class GroundMemory:
         beside = cv2.dilate(inliers.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         return bool((beside & self.uncertain_cells).sum() >= MIN_COVERED * self.uncertain_cells.sum())
 
-    def stays_uncertain(self, consistency: Consistency) -> bool:
-        """Return whether the ground is uncertain before and after a pair that shows one motion."""
-        is_last = consistency is Consistency.CONSISTENT and self.pairs_left == 1
+    def stays_uncertain(self, shown: Shown) -> bool:
+        """Return whether the ground is uncertain before and after a pair with one motion (`shown_by_one_motion`)."""
+        is_last = shown is Shown.CONSISTENT and self.pairs_left == 1
         return self.is_uncertain and not is_last
 
     # ---- a pair in the map
 
-    def after_pair(
-        self, pair: ComparedPair, main: Agreement, shown: Shown, consistency: Consistency, selection: Selection
-    ) -> GroundMemory:
+    def after_pair(self, pair: ComparedPair, main: Agreement, shown: Shown, selection: Selection) -> GroundMemory:
         """Return the memory after a pair in which the ground's motion was selected.
 
         Args:
             pair: The pair.
             main: Agreement of the main motion.
             shown: What the pair shows.
-            consistency: Consistency of the pair, for a pair that shows one motion.
             selection: The motion that is used as the ground's, and what does not follow this motion.
         """
-        learnt = self
-        if shown is Shown.UNCERTAIN_MOTION:
-            learnt = self._uncertain(main)
-        elif shown is Shown.ONE_MOTION:
-            learnt = self._after_one_motion(main, consistency)
-        is_transfer = shown is Shown.PARTIAL_TRANSFER
-        transfers = self.transfers + 1 if is_transfer else 0
-        recovery_pairs = self.recovery_pairs
-        is_learnt_uncertain = learnt.is_uncertain and shown in (Shown.ONE_MOTION, Shown.UNCERTAIN_MOTION)
-        if is_transfer:
-            recovery_pairs = max(recovery_pairs, min(transfers, CONSISTENT_PAIRS))
-        elif shown is Shown.DOUBLE_EXPOSURE or is_learnt_uncertain:
-            recovery_pairs = max(recovery_pairs, CONSISTENT_PAIRS)
-        elif selection.motion.is_moving:
-            recovery_pairs = max(recovery_pairs - 1, 0)
-        # the compared image stays until most of its cells have moved, and while the present image may be faulty
-        earlier = self.earlier.older()
-        shows_fixed = selection.motion.agreement.motion_px > COMPARED_PX
-        is_replaced = shows_fixed or not selection.is_main or self.earlier.age > COMPARED_PAIRS
-        if is_replaced and not is_transfer:
-            earlier = EarlierImage(pair.frame.left[LEVEL].image, selection.motion.tracks.pose)
+        learnt = self._in_next_phase(main, shown)
+        learnt = replace(learnt, transfers=self.transfers + 1 if shown is Shown.PARTIAL_TRANSFER else 0)
+        least = learnt._least_recovery_after(shown)
+        recovery_pairs = max(self.recovery_pairs, least)
+        if least == 0 and selection.motion.is_moving:
+            recovery_pairs = max(self.recovery_pairs - 1, 0)
         return replace(
             learnt,
             excluded=self.excluded.after_pair(selection.exclusion, pair.change.stationary, pair.tools.shape),
-            earlier=earlier,
+            earlier=self._earlier_after(pair, shown, selection),
             last_image=pair.frame.left[MIXTURE_LEVEL].image,
-            transfers=transfers,
             recovery_pairs=recovery_pairs,
         )
 
-    def _after_one_motion(self, main: Agreement, consistency: Consistency) -> GroundMemory:
-        """Return the memory with the phase and the typical fraction after a pair that shows one motion."""
+    def _in_next_phase(self, main: Agreement, shown: Shown) -> GroundMemory:
+        """Return the memory with the phase and the typical fraction after a pair."""
+        if shown is Shown.UNCERTAIN_GROUND:
+            return self._uncertain(main)
+        if shown not in (Shown.AT_REST, Shown.CONSISTENT, Shown.PARTLY_CONSISTENT):
+            return self
         learnt = replace(self, typical=self._typical_after(main.unexplained_fraction))
-        match consistency, self.phase:
-            case (Consistency.INCONSISTENT, _):
-                return learnt._uncertain(main)
-            case (Consistency.CONSISTENT, Phase.LEARNING | Phase.UNCERTAIN) if self.pairs_left > 1:
+        match shown, self.phase:
+            case (Shown.CONSISTENT, Phase.LEARNING | Phase.UNCERTAIN) if self.pairs_left > 1:
                 return replace(learnt, pairs_left=self.pairs_left - 1)
-            case (Consistency.CONSISTENT, Phase.LEARNING):
+            case (Shown.CONSISTENT, Phase.LEARNING):
                 return learnt._in_phase(Phase.IDENTIFIED)
-            case (Consistency.CONSISTENT, Phase.UNCERTAIN) | (Consistency.PARTIAL, Phase.LEARNING):
+            case (Shown.CONSISTENT, Phase.UNCERTAIN) | (Shown.PARTLY_CONSISTENT, Phase.LEARNING):
                 return learnt._in_phase(Phase.LEARNING)
         return learnt
+
+    def _least_recovery_after(self, shown: Shown) -> int:
+        """Return the minimum of `recovery_pairs` after a pair. This memory has the phase and transfers after it."""
+        if shown is Shown.NOTHING:
+            return 0
+        if shown is Shown.PARTIAL_TRANSFER:
+            return min(self.transfers, CONSISTENT_PAIRS)
+        return CONSISTENT_PAIRS if shown is Shown.DOUBLE_EXPOSURE or self.is_uncertain else 0
+
+    def _earlier_after(self, pair: ComparedPair, shown: Shown, selection: Selection) -> EarlierImage:
+        """Return the image with which the next pair is compared.
+
+        The earlier image stays until most of its cells have moved, and while the present image may have stale parts.
+        """
+        has_moved = selection.motion.agreement.motion_px > COMPARED_PX
+        is_replaced = has_moved or not selection.is_main or self.earlier.age > COMPARED_PAIRS
+        if is_replaced and shown is not Shown.PARTIAL_TRANSFER:
+            return EarlierImage(pair.frame.left[LEVEL].image, selection.motion.tracks.pose)
+        return self.earlier.older()
 
     def _typical_after(self, unexplained: float) -> float | None:
         """Return the typical fraction of unexplained landmarks, updated by a pair that one motion explains.
 
         The fraction changes only while the ground is not uncertain. Once there is a typical fraction, an unusual pair
-        is not learnt (`selection.UNUSUAL`).
+        is not learnt (`selection.UNEXPLAINED`).
         """
         if self.is_uncertain:
             return self.typical

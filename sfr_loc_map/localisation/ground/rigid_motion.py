@@ -20,6 +20,7 @@ from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, BORDER, MIN_INVERSE_DEPTH, Landmarks
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 from sfr_loc_map.localisation.frontend.projection import MIN_SCALED_DEPTH, component, point_from
+from sfr_loc_map.localisation.frontend.right_camera import RightCameraOffset
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.ground.cell_change import CELL, Change
@@ -350,6 +351,7 @@ class ComparedPair(NamedTuple):
     tools: MotionTools
     frame: StereoFrame
     prediction: Prediction
+    offset: RightCameraOffset  #: Offset of the right camera.
     recovery: RecoveryImages
     change: Change  #: Cells that changed, and cells that stayed, since the earlier image.
     earlier_pose: Pose  #: Pose of the earlier image.
@@ -373,7 +375,7 @@ class ComparedPair(NamedTuple):
 
     def tracked_from(self, landmarks: Landmarks, start: Pose) -> Motion:
         """Track landmarks from a pose, and return their motion."""
-        return self.motion(self.tools.tracker.refine(self.frame, landmarks, start, self.prediction.offset))
+        return self.motion(self.tools.tracker.refine(self.frame, landmarks, start, self.offset))
 
     def search(self, landmarks: Landmarks) -> Motion | None:
         """Search for one motion of some landmarks, from the guesses, then by optical flow; None if too few agree."""
@@ -382,13 +384,12 @@ class ComparedPair(NamedTuple):
         count = len(landmarks.rows)
         if count < min_tracked:
             return None
-        offset = self.prediction.offset
         start = tracker.align(self.frame.left, landmarks.thinned(ALIGNED_LANDMARKS), self.prediction.guesses)
-        tracks = tracker.refine(self.frame, landmarks, start, offset)
+        tracks = tracker.refine(self.frame, landmarks, start, self.offset)
         if tracks.inlier_count < CONVINCING * count:
             pose = self.tools.relocaliser.pose_by_flow(self.frame, self.recovery, landmarks)
             if pose is not None:
-                by_flow = tracker.refine_from_afar(self.frame, landmarks, pose, offset)
+                by_flow = tracker.refine_from_afar(self.frame, landmarks, pose, self.offset)
                 if by_flow.inlier_count > tracks.inlier_count:
                     tracks = by_flow
         if tracks.inlier_count < max(min_tracked, MIN_AGREEMENT * count):

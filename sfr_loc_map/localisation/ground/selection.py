@@ -19,8 +19,8 @@ The same object is in view for one pair before the ground is identified:
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
-| 1 | two motions | `UNDECIDED` | `AMBIGUOUS` | uncertain for ten consistent pairs; recovery takes three pairs |
-| 2 to 10 | one motion, also where the object was | `UNCONFIRMED` | `GROUND_UNCERTAIN` | one to nine consistent pairs |
+| 1 | two motions | `AMBIGUOUS` | `AMBIGUOUS` | uncertain for ten consistent pairs; recovery takes three pairs |
+| 2 to 10 | one motion in all cells | `GROUND_UNCERTAIN` | `GROUND_UNCERTAIN` | one to nine consistent pairs |
 | 11 | one motion | `ONE_MOTION` | `RECOVERING` | learning; recovery takes two more pairs |
 | 12 | one motion | `ONE_MOTION` | `RECOVERING` | one consistent pair; recovery takes one more pair |
 | 13 | one motion | `ONE_MOTION` | none | two consistent pairs; the next one identifies the ground |
@@ -29,7 +29,7 @@ The lower half of one image repeats the previous image, with new noise, while th
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
-| 1 | two motions, one of them a standstill | `TRANSFERRED` | `PARTIAL_TRANSFER` | one transfer |
+| 1 | two motions, one of them a standstill | `PARTIAL_TRANSFER` | `PARTIAL_TRANSFER` | one transfer |
 | 2 | one motion; half the usual excess would be unusual | `ONE_MOTION` | none | no transfer |
 """
 
@@ -44,6 +44,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.findings import Finding
+from sfr_loc_map.localisation.frontend.right_camera import RightCameraOffset
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.cell_change import LEVEL, Change, change_of
@@ -102,6 +103,7 @@ def select_ground(
     frame: StereoFrame,
     tracks: Tracks,
     prediction: Prediction,
+    offset: RightCameraOffset,
     memory: GroundMemory,
     recovery: RecoveryImages,
     change: Change,
@@ -109,14 +111,14 @@ def select_ground(
     """Return the ground's motion in a pair. The tracks may follow any motion, trusted or not."""
     earlier = memory.earlier
     far_px = FAR_RATIO * tools.shape[1] * earlier.age if memory.is_clear else np.inf
-    pair = ComparedPair(tools, frame, prediction, recovery, change, earlier.pose, far_px)
+    pair = ComparedPair(tools, frame, prediction, offset, recovery, change, earlier.pose, far_px)
     evidence = evidence_of(pair, tracks, memory)
     case = case_of(evidence)
     selection = case.select(pair, evidence)
-    learnt = memory.after_pair(pair, evidence.main.agreement, case.shown, evidence.consistency, selection)
+    learnt = memory.after_pair(pair, evidence.main.agreement, case.shown or evidence.shown_by_main, selection)
     return Ground(
         tracks=selection.motion.tracks,
-        findings=findings_of(case, before=memory, after=learnt, is_trusted=selection.motion.tracks.is_trusted),
+        findings=findings_of(case, evidence, after=learnt, is_trusted=selection.motion.tracks.is_trusted),
         not_ground=selection.exclusion.rows,
         other_distance=selection.other_distance,
         learnt=learnt,
@@ -205,11 +207,13 @@ class Case(NamedTuple):
 
     condition: Callable[[Evidence], bool]  #: Whether the case applies, if no earlier case does.
     select: Callable[[ComparedPair, Evidence], Selection]  #: Selects the motion, and what to exclude.
-    shown: Shown  #: What the pair shows to the memory.
+    #: What the pair shows to the memory; None for what the main motion alone shows (`Evidence.shown_by_main`).
+    shown: Shown | None
     finding: Finding | None = None  #: The finding of the pair.
     #: The finding while the ground is not identified, if it differs. The motion that is not selected may then be the
     #: ground's.
     finding_unidentified: Finding | None = None
+    finding_at_rest: Finding | None = None  #: The finding if the image did not move, if it differs.
 
 
 OWN_BODY: Final = Case(
@@ -222,7 +226,7 @@ OWN_BODY: Final = Case(
 the unobserved motion and not the ambiguity, because the cells of the body are excluded from the next pairs."""
 UNTRUSTED: Final = Case(lambda evidence: not evidence.is_trusted, select_main_with_all, Shown.NOTHING)
 """No motion is trusted, and the pose is refused."""
-TRANSFERRED: Final = Case(
+PARTIAL_TRANSFER: Final = Case(
     lambda evidence: evidence.is_transfer,
     select_main_with_all,
     Shown.PARTIAL_TRANSFER,
@@ -230,25 +234,25 @@ TRANSFERRED: Final = Case(
     finding_unidentified=Finding.TRANSFER_OR_MOTION,
 )
 """Parts of the images come from different exposures."""
-BLENDED: Final = Case(
+DOUBLE_EXPOSURE: Final = Case(
     lambda evidence: evidence.is_double_exposure, select_main_with_all, Shown.DOUBLE_EXPOSURE, Finding.DOUBLE_EXPOSURE
 )
 """Two exposures are blended. The main motion is that of the dominant exposure."""
 DECIDED: Final = Case(lambda evidence: evidence.is_decided, select_heavier, Shown.NOTHING)
 """There are two motions, and the motion with more weight is clearly the ground's."""
-UNDECIDED: Final = Case(
-    lambda evidence: evidence.two is not None, select_heavier_with_all, Shown.UNCERTAIN_MOTION, Finding.AMBIGUOUS
+AMBIGUOUS: Final = Case(
+    lambda evidence: evidence.two is not None, select_heavier_with_all, Shown.UNCERTAIN_GROUND, Finding.AMBIGUOUS
 )
 """Either of two motions may be the ground's."""
-FALSE_STANDSTILL: Final = Case(
-    lambda evidence: evidence.is_contradicted, select_main_with_all, Shown.UNCERTAIN_MOTION, Finding.CONTRADICTED
+CONTRADICTED: Final = Case(
+    lambda evidence: evidence.is_contradicted, select_main_with_all, Shown.UNCERTAIN_GROUND, Finding.CONTRADICTED
 )
 """The image changed where the only motion predicts no change. The pose is refused."""
 HALF_UNEXPLAINED: Final = Case(
-    lambda evidence: evidence.is_half_unexplained, select_main, Shown.UNCERTAIN_MOTION, Finding.GROUND_UNCERTAIN
+    lambda evidence: evidence.is_half_unexplained, select_main, Shown.UNCERTAIN_GROUND, Finding.GROUND_UNCERTAIN
 )
 """About half of the landmarks, or more, do not follow the only motion."""
-UNUSUAL: Final = Case(
+UNEXPLAINED: Final = Case(
     lambda evidence: evidence.is_unusual and evidence.memory.has_typical,
     select_main,
     Shown.NOTHING,
@@ -256,35 +260,35 @@ UNUSUAL: Final = Case(
     finding_unidentified=Finding.GROUND_UNCERTAIN,
 )
 """More landmarks than on earlier ground do not follow the only motion."""
-UNCONFIRMED_AT_REST: Final = Case(
-    lambda evidence: evidence.stays_uncertain and not evidence.main.agreement.moves_image,
+GROUND_UNCERTAIN: Final = Case(
+    lambda evidence: evidence.stays_uncertain,
     select_main,
-    Shown.ONE_MOTION,
-    Finding.AT_REST_UNCERTAIN,
-)
-"""As `UNCONFIRMED`, but the image did not move, so that it shows a rover at rest."""
-UNCONFIRMED: Final = Case(
-    lambda evidence: evidence.stays_uncertain, select_main, Shown.ONE_MOTION, Finding.GROUND_UNCERTAIN
+    shown=None,
+    finding=Finding.GROUND_UNCERTAIN,
+    finding_at_rest=Finding.AT_REST_UNCERTAIN,
 )
 """There is one motion, but too few consistent pairs have followed the pairs that made the ground uncertain."""
-ONE_MOTION: Final = Case(lambda _: True, select_main, Shown.ONE_MOTION)
+ONE_MOTION: Final = Case(lambda _: True, select_main, shown=None)
 """There is one motion, and the ground is not uncertain after the pair."""
 
 CASES: Final = (
     OWN_BODY,
     UNTRUSTED,
-    TRANSFERRED,
-    BLENDED,
+    PARTIAL_TRANSFER,
+    DOUBLE_EXPOSURE,
     DECIDED,
-    UNDECIDED,
-    FALSE_STANDSTILL,
+    AMBIGUOUS,
+    CONTRADICTED,
     HALF_UNEXPLAINED,
-    UNUSUAL,
-    UNCONFIRMED_AT_REST,
-    UNCONFIRMED,
+    UNEXPLAINED,
+    GROUND_UNCERTAIN,
     ONE_MOTION,
 )
-"""The cases in the order of precedence."""
+"""The cases in the order of precedence.
+
+A case with a finding has the name of this finding. There are two exceptions: `OWN_BODY` has a finding only while the
+ground is not identified, and the finding of `HALF_UNEXPLAINED` is `GROUND_UNCERTAIN`.
+"""
 
 
 def case_of(evidence: Evidence) -> Case:
@@ -292,18 +296,20 @@ def case_of(evidence: Evidence) -> Case:
     return next(case for case in CASES if case.condition(evidence))
 
 
-def findings_of(case: Case, *, before: GroundMemory, after: GroundMemory, is_trusted: bool) -> frozenset[Finding]:
+def findings_of(case: Case, evidence: Evidence, *, after: GroundMemory, is_trusted: bool) -> frozenset[Finding]:
     """Return the finding of a case, or else `RECOVERING` if faults of earlier pairs degrade this pair.
 
     Args:
         case: Case of the pair.
-        before: Memory before the pair.
+        evidence: Evidence of the pair, with the memory before the pair.
         after: Memory after the pair.
         is_trusted: Whether the pose of the selected tracks is trusted.
     """
     finding = case.finding
-    if not before.is_identified and case.finding_unidentified is not None:
+    if case.finding_unidentified is not None and not evidence.memory.is_identified:
         finding = case.finding_unidentified
+    if case.finding_at_rest is not None and not evidence.main.agreement.moves_image:
+        finding = case.finding_at_rest
     if finding is not None:
         return frozenset({finding})
     return frozenset({Finding.RECOVERING} if is_trusted and after.recovery_pairs > 0 else ())

@@ -22,7 +22,6 @@ from sfr_loc_map.localisation.ground.memory import (
     CONSISTENT_PAIRS,
     LONG_RECOVERY_PAIRS,
     MAX_TRANSFERS,
-    Consistency,
     EarlierImage,
     GroundMemory,
     Phase,
@@ -30,17 +29,17 @@ from sfr_loc_map.localisation.ground.memory import (
 )
 from sfr_loc_map.localisation.ground.rigid_motion import Exclusion, Motion
 from sfr_loc_map.localisation.ground.selection import (
-    BLENDED,
+    AMBIGUOUS,
+    CONTRADICTED,
     DECIDED,
-    FALSE_STANDSTILL,
+    DOUBLE_EXPOSURE,
+    GROUND_UNCERTAIN,
     HALF_UNEXPLAINED,
     ONE_MOTION,
     OWN_BODY,
-    TRANSFERRED,
-    UNCONFIRMED,
-    UNDECIDED,
+    PARTIAL_TRANSFER,
+    UNEXPLAINED,
     UNTRUSTED,
-    UNUSUAL,
     Case,
     Ground,
     case_of,
@@ -87,7 +86,7 @@ def after(memory: GroundMemory, case: Case, *, moves_image: bool = True) -> Grou
     """Return the memory after a pair of a case that one motion explains, by default a pair with motion."""
     memory = replace(memory, earlier=EarlierImage(IMAGE, HERE))
     evidence = evidence_without_outliers(memory, moves_image=moves_image)
-    return after_shown(memory, case.shown, evidence)
+    return after_shown(memory, case.shown or evidence.shown_by_main, evidence)
 
 
 def after_shown(memory: GroundMemory, shown: Shown, evidence: Evidence) -> GroundMemory:
@@ -97,7 +96,7 @@ def after_shown(memory: GroundMemory, shown: Shown, evidence: Evidence) -> Groun
     frame = SimpleNamespace(left=[SimpleNamespace(image=IMAGE)] * 3)
     tools = SimpleNamespace(shape=(32, 32))
     pair: Any = SimpleNamespace(frame=frame, tools=tools, change=SimpleNamespace(stationary=nothing.fixed))
-    return memory.after_pair(pair, evidence.main.agreement, shown, evidence.consistency, selected)
+    return memory.after_pair(pair, evidence.main.agreement, shown, selected)
 
 
 NOT_TRUSTED = Motion(SimpleNamespace(is_trusted=False), None)  # type: ignore[arg-type]
@@ -113,20 +112,20 @@ AFTER_TRANSFER = replace(IDENTIFIED, transfers=1)
         (IDENTIFIED, {}, ONE_MOTION),
         (IDENTIFIED, {"off_body": NOT_TRUSTED, "main": NOT_TRUSTED}, OWN_BODY),
         (IDENTIFIED, {"main": NOT_TRUSTED, "is_contradicted": True}, UNTRUSTED),
-        (AFTER_TRANSFER, {"is_unusual": True}, TRANSFERRED),
-        (AFTER_TRANSFER, {"is_unusual": True, "is_contradicted": True}, FALSE_STANDSTILL),
-        (IDENTIFIED, {"is_double_exposure": True, "is_unusual": True}, BLENDED),
-        (IDENTIFIED, {"is_contradicted": True, "is_half_unexplained": True}, FALSE_STANDSTILL),
-        (IDENTIFIED, {"is_half_unexplained": True, "is_unusual": True}, TRANSFERRED),
+        (AFTER_TRANSFER, {"is_unusual": True}, PARTIAL_TRANSFER),
+        (AFTER_TRANSFER, {"is_unusual": True, "is_contradicted": True}, CONTRADICTED),
+        (IDENTIFIED, {"is_double_exposure": True, "is_unusual": True}, DOUBLE_EXPOSURE),
+        (IDENTIFIED, {"is_contradicted": True, "is_half_unexplained": True}, CONTRADICTED),
+        (IDENTIFIED, {"is_half_unexplained": True, "is_unusual": True}, PARTIAL_TRANSFER),
         (IN_A_ROW, {"is_half_unexplained": True, "is_unusual": True}, HALF_UNEXPLAINED),
-        (IDENTIFIED, {"is_unusual": True}, UNUSUAL),
+        (IDENTIFIED, {"is_unusual": True}, UNEXPLAINED),
         (LEARNING, {"is_unusual": True}, ONE_MOTION),
-        (replace(LEARNING, phase=Phase.UNCERTAIN), {}, UNCONFIRMED),
+        (replace(LEARNING, phase=Phase.UNCERTAIN), {}, GROUND_UNCERTAIN),
         (IDENTIFIED, {"two": two_motions(2.0), "is_unusual": True}, DECIDED),
         (IDENTIFIED, {"two": two_motions(0.5), "is_contradicted": True}, DECIDED),
-        (IDENTIFIED, {"two": two_motions(1.1), "is_unusual": True}, UNDECIDED),
-        (LEARNING, {"two": two_motions(2.0)}, UNDECIDED),
-        (IDENTIFIED, {"two": two_motions(2.0, has_standstill=True)}, TRANSFERRED),
+        (IDENTIFIED, {"two": two_motions(1.1), "is_unusual": True}, AMBIGUOUS),
+        (LEARNING, {"two": two_motions(2.0)}, AMBIGUOUS),
+        (IDENTIFIED, {"two": two_motions(2.0, has_standstill=True)}, PARTIAL_TRANSFER),
         (IN_A_ROW, {"two": two_motions(2.0, has_standstill=True)}, DECIDED),
     ],
 )
@@ -140,7 +139,7 @@ def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
     memory = LEARNING
     for _ in range(MAX_TRANSFERS):
         assert evidence_without_outliers(memory).memory.may_be_transfer
-        memory = after(memory, TRANSFERRED)
+        memory = after(memory, PARTIAL_TRANSFER)
     assert not evidence_without_outliers(memory).memory.may_be_transfer
     assert after(memory, DECIDED).transfers == 0
 
@@ -166,15 +165,15 @@ def test_a_second_motion_before_the_ground_is_identified_degrades_twelve_pairs()
     """The example in the docstring of `selection`: ten pairs of uncertainty and recovery follow, then clean pairs."""
     memory = LEARNING
     found = []
-    case = UNDECIDED
+    case = AMBIGUOUS
     for _ in range(14):
         before = memory
         memory = after(before, case)
-        found.append((case, findings_of(case, before=before, after=memory, is_trusted=True)))
+        found.append((case, findings_of(case, evidence_without_outliers(before), after=memory, is_trusted=True)))
         case = case_of(evidence_without_outliers(memory))
     assert found == [
-        (UNDECIDED, frozenset({Finding.AMBIGUOUS})),
-        *[(UNCONFIRMED, frozenset({Finding.GROUND_UNCERTAIN}))] * 9,
+        (AMBIGUOUS, frozenset({Finding.AMBIGUOUS})),
+        *[(GROUND_UNCERTAIN, frozenset({Finding.GROUND_UNCERTAIN}))] * 9,
         *[(ONE_MOTION, frozenset({Finding.RECOVERING}))] * 2,
         *[(ONE_MOTION, frozenset())] * 2,
     ]
@@ -192,7 +191,7 @@ def test_uncertainty_lasts_longer_for_a_ground_that_was_not_identified() -> None
     assert after_consistent(LEARNING, CONSISTENT_PAIRS - 1) is Phase.LEARNING
     assert after_consistent(LEARNING, CONSISTENT_PAIRS) is Phase.IDENTIFIED
     for before, pairs in ((IDENTIFIED, CONSISTENT_PAIRS), (LEARNING, LONG_RECOVERY_PAIRS)):
-        uncertain = after(before, UNDECIDED)
+        uncertain = after(before, AMBIGUOUS)
         assert after_consistent(uncertain, pairs - 1) is Phase.UNCERTAIN
         assert after_consistent(uncertain, pairs) is Phase.LEARNING
         assert uncertain.lost() is uncertain
@@ -201,9 +200,8 @@ def test_uncertainty_lasts_longer_for_a_ground_that_was_not_identified() -> None
 
 def test_a_partly_consistent_pair_changes_only_the_phase_of_learning() -> None:
     """Learning starts again. An uncertainty neither ends nor grows, and an identified ground stays identified."""
-    for before in (IDENTIFIED, after(IDENTIFIED, UNDECIDED), after(LEARNING, ONE_MOTION)):
-        evidence = evidence_without_outliers(before)._replace(consistency=Consistency.PARTIAL)
-        later = after_shown(before, Shown.ONE_MOTION, evidence)
+    for before in (IDENTIFIED, after(IDENTIFIED, AMBIGUOUS), after(LEARNING, ONE_MOTION)):
+        later = after_shown(before, Shown.PARTLY_CONSISTENT, evidence_without_outliers(before))
         assert later.phase is before.phase
         is_learning = before.phase is Phase.LEARNING
         assert later.pairs_left == (CONSISTENT_PAIRS if is_learning else before.pairs_left)
@@ -213,9 +211,9 @@ def test_a_second_motion_may_be_the_ground_until_the_ground_is_identified() -> N
     """The selected motion may then be wrong, so that the covariance of all later poses contains the ambiguity."""
 
     def inflation_of(case: Case, memory: GroundMemory) -> Inflation:
-        return decide(findings_of(case, before=memory, after=memory, is_trusted=True)).inflation
+        return decide(findings_of(case, evidence_without_outliers(memory), after=memory, is_trusted=True)).inflation
 
-    for case in (TRANSFERRED, UNUSUAL):
+    for case in (PARTIAL_TRANSFER, UNEXPLAINED):
         assert Inflation.AMBIGUITY in inflation_of(case, LEARNING)
         assert Inflation.AMBIGUITY in inflation_of(case, IDENTIFIED.lost())
         assert Inflation.AMBIGUITY not in inflation_of(case, IDENTIFIED)
@@ -227,8 +225,10 @@ def test_a_pair_at_rest_neither_ends_an_uncertainty_nor_prolongs_it() -> None:
     memory = after(LEARNING, HALF_UNEXPLAINED)
     at_rest = case_of(evidence_without_outliers(memory, moves_image=False))
     later = after(memory, at_rest, moves_image=False)
-    assert at_rest.finding is Finding.AT_REST_UNCERTAIN
-    assert decide(frozenset({at_rest.finding})).inflation is Inflation.NONE
+    evidence = evidence_without_outliers(memory, moves_image=False)
+    found = findings_of(at_rest, evidence, after=later, is_trusted=True)
+    assert found == {Finding.AT_REST_UNCERTAIN}
+    assert decide(found).inflation is Inflation.NONE
     assert later.phase is memory.phase
     assert later.pairs_left == memory.pairs_left
     assert later.typical is None
