@@ -577,7 +577,7 @@ MUTATIONS = (
         "return self if self.is_uncertain else self._in_phase(Phase.LEARNING)",
         "return self._in_phase(Phase.LEARNING)",
     ),
-    Mutation("localisation/path.py", "external=exact if at_ns > last_ns else", "external=exact if True else"),
+    Mutation("localisation/path.py", "if at_ns <= last_ns:", "if False:"),
     Mutation("localisation/path.py", "(stamp_ns - earlier.stamp_ns) /", "(later.stamp_ns - stamp_ns) /"),
     Mutation(
         "localisation/uncertainty/pose_covariance.py",

@@ -1,10 +1,11 @@
 """Frames, rotations, transforms, cameras, trajectories and clouds: the values that all packages share.
 
-The modules in the order in which they use each other:
+The modules, each after the modules that it imports:
 
 | module | contents |
 |---|---|
 | `arrays` | array types, two fast reductions |
+| `robust_statistics` | scale and weight that are insensitive to outliers |
 | `plausibility` | bounds of cameras and poses from files, topics and parameters |
 | `rotation`, `transform` | rotations; rigid transforms `T_a_b`, and the propagation of their covariances |
 | `camera` | cameras and poses as named tuples, which numba kernels accept |
@@ -12,7 +13,6 @@ The modules in the order in which they use each other:
 | `frame_tree`, `extrinsics` | frames of `/tf_static`, and the pose of a rig on the rover from these frames |
 | `trajectory`, `stamped_poses` | stamped poses, and the interpolation between them |
 | `cloud` | point clouds |
-| `robust_statistics` | scale and weight that are insensitive to outliers |
 
 Frames: DS is the frame of the terrain, in which the rover's path is given, and LM the local map. RB is the body of the
 rover, and DMA the base of its mast. NAVSB is the stereo rig for mapping, LOCSB the stereo rig for localisation, and SB

@@ -2,7 +2,8 @@
 
 Rigs, transforms and trajectories are checked when they are created, because compiled code does not check array bounds.
 The limits far exceed the values of any rover. They reject wrong units, swapped columns and corrupt messages, but not
-unusual rigs. A failed check raises GeometryError. Each check is a comparison that must hold, so that NaN is rejected.
+unusual rigs. The functions `check_*` raise GeometryError, and the other functions return what is plausible. Each
+check is a comparison that must hold, so that NaN is rejected.
 """
 
 from __future__ import annotations

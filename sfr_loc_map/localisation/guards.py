@@ -26,9 +26,9 @@ from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 from sfr_loc_map.localisation.stale_images import ImageComparison, show_one_image
 
 SLACK: Final = MotionSize(1.0, 1.0)
-"""Motion, m and rad, that is always accepted, because stamps may jitter. Chosen by hand: at the default
-maximum speed and turn rate, these values correspond to errors of the stamps of 20 ms and 170 ms. If larger, wrong
-poses near the last pose are accepted."""
+"""Motion, m and rad, that is always accepted, because stamps may jitter. At the default maximum speed and turn rate,
+these values correspond to errors of the stamps of 20 ms and 170 ms. If larger, wrong poses near the last pose are
+accepted."""
 
 MIN_STEREO_FRACTION: Final = 0.3
 """Ratio `Tracks.stereo_fraction` up to which a pair is one-sided. Landmarks are triangulated from both

@@ -36,15 +36,14 @@ KEYFRAME_FLOW_RATIO = 0.05
 """Median optical flow since the last keyframe that triggers a new keyframe, as a fraction of the image width. A value
 of 0.08 changes the errors by a few percent (measurements/localiser_trials.md)."""
 KEYFRAME_INLIER_RATIO = 0.65
-"""Minimum ratio of inliers to the landmarks of the last keyframe. Below this ratio, a new keyframe is made. Chosen by
-hand. If larger, more pairs become keyframes, and the errors of keyframes accumulate. If smaller, tracking is lost more
-easily."""
+"""Minimum ratio of inliers to the landmarks of the last keyframe. Below this ratio, a new keyframe is made. If larger,
+more pairs become keyframes, and the errors of keyframes accumulate. If smaller, tracking is lost more easily."""
 ADJUSTMENT_ITERATIONS = 2
 """Gauss-Newton iterations per keyframe. The next keyframe continues from the result. With one iteration, the attitude
 error was 5 % and 12 % larger on two drives (measurements/localiser_trials.md, "Landmarks eliminated by motions")."""
 MIN_DEPTH_M = 0.5
-"""Minimum depth of stereo matching, m. Chosen by hand: rovers rarely see nearer points, and the time of the search is
-inversely proportional to this depth."""
+"""Minimum depth of stereo matching, m. Rovers rarely see nearer points, and the time of the search is inversely
+proportional to this depth."""
 MAX_DISPARITY_RATIO = 0.5  #: Maximum disparity as a fraction of the width: the images then share half of the view.
 MIN_INVERSE_DEPTH_PX = 1e-3
 """Minimum disparity, px, from which an inverse depth is computed, because noise may make the disparity of a distant
@@ -54,13 +53,12 @@ LARGE_IMAGE_PX = 900 * 900
 value is between the sizes that were tried, 512 x 512 and 1024 x 1024 (measurements/localiser_trials.md, "Images of
 a megapixel: the sun and the edges of stones")."""
 MAX_ADJUSTMENT = MotionSize(1.0, 1.0)
-"""A bundle adjustment has diverged if it displaces the newest pose by more than this, m and rad. Chosen by hand, far
-above the usual displacement of millimetres, or of centimetres with a correction of the yaw."""
+"""A bundle adjustment has diverged if it displaces the newest pose by more than this, m and rad. The value is far above
+the usual displacement of millimetres, or of centimetres with a correction of the yaw."""
 MEGAPIXEL = 1024 * 1024  #: Number of pixels from which the number of landmarks grows with `GROWTH`.
 GROWTH = 0.25
-"""Power of the number of pixels with which the number of landmarks grows: the square root of the side of the image.
-Chosen by hand. If larger, the time of a keyframe exceeds the period of the pairs. If smaller, large images improve the
-accuracy less."""
+"""Power of the number of pixels with which the number of landmarks grows: the square root of the side of the image. If
+larger, the time of a keyframe exceeds the period of the pairs. If smaller, large images improve the accuracy less."""
 
 ImageMask = NDArray[np.uint8]
 """`(H, W)` uint8; landmarks are not created where the mask is 0."""

@@ -13,17 +13,17 @@ from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
 from sfr_loc_map.message_stamps import NS_PER_S
 
 MAX_MISSED_PAIRS = 4
-"""Maximum number of missing pairs over which the last motion is repeated. Chosen by hand: 0.5 s at 10 Hz.
-If larger, guesses far from the pose cost the time of an alignment. If smaller, more gaps require relocalisation."""
+"""Maximum number of missing pairs over which the last motion is repeated. The value is 0.5 s at 10 Hz. If larger,
+guesses far from the pose cost the time of an alignment. If smaller, more gaps require relocalisation."""
 
 MAX_UNKNOWN_PERIOD_NS = 500_000_000
-"""Maximum time between two consecutive pairs while the period is unknown, ns. Chosen by hand: the time of
+"""Maximum time between two consecutive pairs while the period is unknown, ns. The value is the time of
 `MAX_MISSED_PAIRS` missing pairs at 10 Hz. If larger, the motion in a gap may be interpolated and its uncertainty
 missed. If smaller, an external pose between the first two pairs of a slow drive is less certain."""
 
 MAX_JITTER_NS = 10_000_000
-"""Maximum difference, ns, of two stamps that count as the same time, because stamps jitter. Chosen by hand: a tenth of
-the period at 10 Hz. If larger, an unobserved motion between two pairs is not reported. If smaller, a start pose that
+"""Maximum difference, ns, of two stamps that count as the same time, because stamps jitter. The value is a tenth of the
+period at 10 Hz. If larger, an unobserved motion between two pairs is not reported. If smaller, a start pose that
 another program computed for the first pair degrades the first window. The covariance contains the motion in this time
 in any case."""
 

@@ -38,19 +38,12 @@ accepted pair (a pair that began a window counts as accepted here):
 Anchoring changes the datum alone: map and path move in DS as one rigid body, so that the path passes through the
 external pose. In case 2, the present pose is the external pose itself. The poses of the next accepted pairs continue
 from the last accepted pair, so that their covariance contains the unobserved motion between that pair and the stamp
-(`Origin.external_of_next`). In case 3, the position of the external pose in the map is unknown. The map is therefore
+(`Origin.added_by_next`). In case 3, the position of the external pose in the map is unknown. The map is therefore
 discarded, and the motion from the stamp to the pair is unobserved.
 
-**Stamps.** Three of the stamps of the path are easily confused, because they answer similar questions:
-
-| stamp | question | changed by |
-|---|---|---|
-| `last.known_ns` | since when is the motion unobserved? | accepted pair, new window, reset; first pair |
-| `last.accepted_ns` | from which pair are missing pairs counted? | accepted pair, new window |
-| `history.last_ns` | what is the last pair to which an external pose can apply? | accepted pair, new window; |
-| | | None after a reset |
-
-The three stamps are equal after an accepted pair and after a pair that begins a window.
+**Stamps.** `last.known_ns` is the stamp since which the motion is unobserved, and `last.accepted_ns` is the stamp of
+the last accepted pair. The stamps differ only after a start pose or a reset, until the next accepted pair. A reset
+changes `known_ns`, and empties the history.
 """
 
 from __future__ import annotations
@@ -77,7 +70,6 @@ from sfr_loc_map.localisation.uncertainty.pose_covariance import (
     LocatedCovariance,
     Origin,
     PathErrors,
-    PathSums,
 )
 from sfr_loc_map.localisation.uncertainty.step_covariance import PublishedPose
 from sfr_loc_map.message_stamps import NS_PER_S
@@ -110,11 +102,6 @@ class History(NamedTuple):
     """Past poses, oldest first, to which external poses with past stamps are applied."""
 
     poses: tuple[PastPose, ...] = ()
-
-    @property
-    def last_ns(self) -> int | None:
-        """Stamp of the last pose; None if there is no past pose."""
-        return self.poses[-1].stamp_ns if self.poses else None
 
     def with_pose(self, pose: PastPose) -> History:
         """Return the history with a further pose. The oldest pose is removed from a full history."""
@@ -177,7 +164,7 @@ class PathState:
     def started(cls, start: StartPose, model: RoverModel) -> PathState:
         """Return the path before the first pair."""
         last = LastPose(Transform.identity(), Transform.identity(), None)
-        errors = PathErrors(Origin.of(NOTHING, PathSums()))
+        errors = PathErrors(Origin(NOTHING))
         return cls(last, Datum(Transform.identity()), errors, PublishedPose()).pose_set(start, model)
 
     # ---- pairs
@@ -294,10 +281,11 @@ class PathState:
         if at_ns > stamp_ns:
             return replace(self, datum=replace(datum, waiting_ns=at_ns)), False
         path = replace(self, datum=replace(datum, waiting=None, waiting_ns=None))
-        last_ns = self.history.last_ns
-        is_far = last_ns is None or at_ns - last_ns > MAX_LATER_PERIODS * self._shortest_period_ns
+        has_past = bool(self.history.poses)
+        later_ns = at_ns - self.last.accepted_ns
+        is_far = not has_past or later_ns > MAX_LATER_PERIODS * self._shortest_period_ns
         path = path._reset(pose, at_ns, model) if is_far else path._anchored(pose, at_ns, model)
-        if last_ns is None or at_ns > last_ns:  # the present pair is kept or lost
+        if not has_past or later_ns > 0:  # the present pair is kept or lost
             path = replace(path, errors=path.errors.kept(path._unobserved(stamp_ns, model)))
         return path, is_far
 
@@ -334,18 +322,17 @@ class PathState:
         present pose is the external pose itself, and these errors count from the next accepted pair on.
         """
         past, apart_s = self.history.at(at_ns)
-        last_ns = self.history.last_ns
-        assert last_ns is not None, "without an accepted pair, the path is reset"
+        last_ns = self.last.accepted_ns
         T_ds_world, covariance = _with_external(past.T_world_left, pose, model)
         unobserved = model.covariance_at(past.T_world_left, unobserved_during(self.last.speed, apart_s, model))
-        exact = LocatedCovariance(past.position, covariance)
-        with_pair = LocatedCovariance(past.position, covariance + (unobserved + past.errors.this_pair))
         origin = Origin(
-            external=exact if at_ns > last_ns else with_pair,
-            external_of_next=with_pair,
+            external=LocatedCovariance(past.position, covariance),
+            added_by_next=unobserved + past.errors.this_pair,
             of_map=past.errors.of_map(past.position),
             sums=past.errors.sums,
         )
+        if at_ns <= last_ns:  # the present pose is that of a pair, too
+            origin = origin.accepted()
         errors = self.errors.anchored(origin, at_last_pair=past.stamp_ns == last_ns)
         return replace(self, datum=replace(self.datum, T_ds_world=T_ds_world, anchored_ns=at_ns), errors=errors)
 

@@ -22,15 +22,15 @@ from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame, is_textu
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 
 MAX_FAILED_RECOVERIES = 3
-"""Number of good images with a refused pose since the last accepted pair, after which a new window begins. Chosen by
-hand. If larger, the localiser stays lost for longer. If smaller, a map is discarded in which the next pair might have
-been relocalised."""
+"""Number of good images with a refused pose since the last accepted pair, after which a new window begins. If larger,
+the localiser stays lost for longer. If smaller, a map is discarded in which the next pair might have been
+relocalised."""
 MIN_BEST_RATIO = 0.5
 """Minimum fraction of the landmarks that are inliers in the best image: the majority."""
 GOOD_IMAGE_RATIO = 0.5
 """Minimum ratio of corners to landmarks of the map in a pair that may begin a window. If a map has more landmarks than
-the grid has cells, the ratio to the number of cells is used. Chosen by hand: half. If larger, no window begins in a
-scene of less texture. If smaller, a window begins with a blurred pair."""
+the grid has cells, the ratio to the number of cells is used. The value is half. If larger, no window begins in a scene
+of less texture. If smaller, a window begins with a blurred pair."""
 MIN_DESCRIPTOR_PX = 8.0  #: Minimum size of a descriptor, px: smaller descriptors are dominated by noise.
 DESCRIPTORS_PER_SIDE = 32  #: Ratio of the shorter image side to the descriptor size: 16 px at 512 x 512.
 NO_POINTS = np.zeros((0, 2))  #: No points.
@@ -39,15 +39,15 @@ FLOW_LEVELS = 6
 """Maximum number of pyramid levels above the image in the optical flow. A motion of 64 px is 1 px at the sixth level.
 OpenCV uses fewer levels if a level is not larger than the window: four at 512 x 512, six from 1345 x 1345 on."""
 CORNERS_RATIO = 2
-"""Ratio of the approximate number of described corners to `max_features`. Chosen by hand above 1, because the order of
+"""Ratio of the approximate number of described corners to `max_features`. The value is above 1, because the order of
 corners by strength changes between images. If smaller, more landmarks have no match. If larger, the search takes
 longer. In images of `keyframes.LARGE_IMAGE_PX` or more, a keyframe has at least twice `max_features` landmarks, so that
 the corners are at most as many as the landmarks."""
 MAX_FLOW_ROUND_TRIP_PX = 1.0
 """Maximum distance between a point and its position after forward and backward flow, px (Kalal et al. 2010)."""
 MAX_REPROJECTION_PX = 3.0
-"""Inlier gate of the PnP pose, px. Chosen by hand: the refinement that follows converges from an error of some pixels.
-If larger, wrong matches bias the pose. If smaller, landmarks of uncertain depth are outliers."""
+"""Inlier gate of the PnP pose, px. The refinement that follows converges from an error of some pixels. If larger, wrong
+matches bias the pose. If smaller, landmarks of uncertain depth are outliers."""
 
 
 class Ransac(NamedTuple):

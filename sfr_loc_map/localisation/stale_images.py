@@ -45,19 +45,18 @@ from sfr_loc_map.geometry.stereo import StereoPair
 
 ROW_STEPS: Final = (16, 1)  #: Row steps of the comparison: all rows are compared if every 16th is not decisive.
 MAX_NOISE: Final = 12.0
-"""Maximum standard deviation of the difference of two images of the same view, grey levels. Chosen by hand: 11.3 grey
-levels is the difference of two exposures with a noise of 8 grey levels. If larger, more pairs require the second test.
-If smaller, frozen images with noise count as new."""
+"""Maximum standard deviation of the difference of two images of the same view, grey levels. Two exposures with a noise
+of 8 grey levels differ by 11.3 grey levels. If larger, more pairs require the second test. If smaller, frozen images
+with noise count as new."""
 NOISE_MARGIN: Final = 1.1
 """Factor on the maximum variance in the first test, which only saves time. The second test does not use this factor.
-Chosen by hand above 1, because images are rounded. If larger, more pairs require the second test."""
+The value is above 1, because images are rounded. If larger, more pairs require the second test."""
 MAX_NEIGHBOUR_CORRELATION: Final = 0.2
 """Maximum correlation of the differences of neighbouring pixels if the scene did not move: 0 for noise, nearly 1 for
-moved texture. Chosen by hand. If larger, blurred motion counts as noise. If smaller, slightly correlated noise hides a
-frozen image."""
+moved texture. If larger, blurred motion counts as noise. If smaller, slightly correlated noise hides a frozen image."""
 EXPOSED: Final = (8, 247)
-"""Grey levels between which noise is not clipped. Chosen by hand: eight grey levels from either end. In a wider
-range, clipped noise biases the slope. A narrower range contains fewer pixels."""
+"""Grey levels between which noise is not clipped. The value is eight grey levels from either end. In a wider range,
+clipped noise biases the slope. A narrower range contains fewer pixels."""
 MIN_PIXELS: Final = 256  #: Minimum number of exposed pixels for a decision: the error of their slope is about 1/16.
 MIDDLE_SLOPE: Final = -0.25  #: Slope midway between that of two exposures (-1/2) and that of a frozen image (0).
 STANDARD_ERRORS: Final = 4.0
@@ -65,21 +64,20 @@ STANDARD_ERRORS: Final = 4.0
 is wrong by chance (normal errors). If larger, all rows are compared more often."""
 CALM_QUANTILE: Final = 0.1
 """Quantile of the texture in neighbouring rows that sets the scale of the weights. Pixels beside more texture have less
-weight. Chosen by hand. If larger, moved texture increases the error of the slope. If smaller, fewer pixels
-contribute."""
+weight. If larger, moved texture increases the error of the slope. If smaller, fewer pixels contribute."""
 MAX_CHANGED: Final = 0.1
 """Maximum fraction of exposed pixels that differ in an image that was not exposed again. With a noise of 0.1 grey
 levels, a tenth of the pixels of two exposures differ."""
 MIN_ROW_RANGE: Final = 8
-"""Minimum range of grey levels of a textured row, because sky and saturated rows are equal in all images. Chosen by
-hand. If larger, stale rows of weak texture are not detected. If smaller, rows without texture count as stale."""
+"""Minimum range of grey levels of a textured row, because sky and saturated rows are equal in all images. If larger,
+stale rows of weak texture are not detected. If smaller, rows without texture count as stale."""
 MIN_STALE_FRACTION: Final = 0.05
 """Fraction of stale rows from which an image is partially transferred: fewer rows contain few landmarks."""
 MIN_TEXTURE_RATIO: Final = 2.0
 """Minimum ratio of the variance of the texture to that of the noise if left and right are the same image. The variances
 are those of the differences between neighbouring pixels in a row. The ratio is 0.5 for two images of equal noise
-without texture. Chosen by hand. If larger, a copy with much noise is not detected. If smaller, images of little texture
-count as identical."""
+without texture. If larger, a copy with much noise is not detected. If smaller, images of little texture count as
+identical."""
 MIN_DEVIATION: Final = 1.0
 """Minimum standard deviation of the grey levels of a textured image at full resolution. Rounding to whole grey levels
 causes at most 0.5."""

@@ -25,5 +25,6 @@ A pair that becomes a keyframe passes through five steps (`keyframes.KeyframeMak
 | `LandmarkMap.right_offset` | yaw of the right camera, with the next keyframe (`YawEstimate.with_window`) |
 | `SlidingWindow.prior` | the next adjustments: information of keyframes and landmarks that have left the window |
 
-All values are immutable, and each step returns a new value.
+No step changes a value, and each step returns a new value. Some values compute a result on its first use and keep this
+result (`cached_property`).
 """

@@ -34,68 +34,66 @@ MAX_YAWS: Final = 16
 """Maximum number of consecutive pairs from which a drift is detected: 1.6 s at 10 Hz, over which a drift is nearly
 linear."""
 DRIFT_SIGMAS: Final = 5.0
-"""Detection threshold of a drift, in standard errors of the yaw. Chosen by hand: noise exceeds 5 standard errors in
-0.25 % of the fits with six degrees of freedom. With a larger threshold, a drift biases the depths for longer. With a
-smaller value, the correction follows noise, which accumulates."""
+"""Detection threshold of a drift, in standard errors of the yaw. Noise exceeds 5 standard errors in 0.25 % of the fits
+with six degrees of freedom. With a larger threshold, a drift biases the depths for longer. With a smaller value, the
+correction follows noise, which accumulates."""
 DRIFT_FLOOR_PX: Final = 0.015
-"""Yaw, px, that is added to the detection threshold of a drift. Chosen by hand near the common error of all disparities
+"""Yaw, px, that is added to the detection threshold of a drift. The value is near the common error of all disparities
 (`ErrorSources.disparity_px`, 0.01 px). With a larger value, slow drifts are left to the yaw of the windows. With a
 smaller value, errors of the landmarks are attributed to a drift."""
 AFTER_DRIFT_PAIRS: Final = 20
-"""Number of pairs after the last correction for which the right camera is still reported as drifting. Chosen by hand,
+"""Number of pairs after the last correction for which the right camera is still reported as drifting. The value is
 above the number of pairs that detect a drift (`MAX_YAWS`). With fewer pairs, the state alternates during a drift. With
 more pairs, good pairs stay degraded."""
 DRIFT_ERROR_RATIO: Final = 0.1
-"""Ratio of the standard deviation of a drift correction to the correction. Chosen by hand, equal to
+"""Ratio of the standard deviation of a drift correction to the correction. The value is equal to
 `ErrorSources.drift_attitude_ratio`. With a larger ratio, windows correct the yaw more after a drift, and covariances
 are larger. With a smaller value, an error of the drift correction remains."""
 FIRST_SIGMA_PX: Final = 0.3
 """Prior standard deviation of the yaw, px. At a focal length of 600 px it is 0.03 deg, as after a shock or a change of
 temperature."""
 YAW_WALK_PX: Final = 0.002
-"""Process noise of the yaw per keyframe, px. Chosen by hand: over a hundred keyframes it adds 0.02 px. With a larger
-value, the yaw variance stays large. With a smaller value, a later change of temperature is tracked too slowly."""
+"""Process noise of the yaw per keyframe, px. Over a hundred keyframes it adds 0.02 px. With a larger value, the yaw
+variance stays large. With a smaller value, a later change of temperature is tracked too slowly."""
 DETECTION_SIGMAS: Final = 4.0
 """Minimum significance of a yaw that is corrected, in standard deviations. With normal errors, a correct calibration is
 changed by chance in one of 16 000 cases. With a larger value, a real yaw scales the path for longer."""
 MAX_CORRECTION_PX: Final = 0.05
-"""Maximum change of the yaw correction per keyframe, px. Each change moves the pose. Chosen by hand: a sixth of the
-prior standard deviation. With a larger value, the path has larger steps. With a smaller value, the path is scaled for
+"""Maximum change of the yaw correction per keyframe, px. Each change moves the pose. The value is a sixth of the prior
+standard deviation. With a larger value, the path has larger steps. With a smaller value, the path is scaled for
 longer."""
 CORRECTION_GAIN: Final = 0.2
-"""Ratio of the maximum change to the remaining yaw, if that change exceeds `MAX_CORRECTION_PX`. Chosen by hand: three
-keyframes halve a large yaw (0.8^3 = 0.51). Larger or smaller values have the same effects as for
-`MAX_CORRECTION_PX`."""
+"""Ratio of the maximum change to the remaining yaw, if that change exceeds `MAX_CORRECTION_PX`. Three keyframes halve a
+large yaw (0.8^3 = 0.51). Larger or smaller values have the same effects as for `MAX_CORRECTION_PX`."""
 UNSETTLED_PX: Final = 0.2
-"""Remaining yaw, px, above which poses are degraded. Chosen by hand below the prior standard deviation of the yaw. With
-a larger value, poses on a bent path are published as good. With a smaller value, more pairs are degraded, although the
+"""Remaining yaw, px, above which poses are degraded. The value is below the prior standard deviation of the yaw. With a
+larger value, poses on a bent path are published as good. With a smaller value, more pairs are degraded, although the
 covariance includes the remaining yaw."""
 MIN_MATCHES: Final = 20
 """Minimum number of stereo matches of a keyframe that updates pitch and roll: ten for each unknown."""
 VERTICAL_SCALE_PX: Final = 0.15
-"""Standard deviation of the vertical disparity of a match, px: the scale of the robust weight. Chosen by hand above the
+"""Standard deviation of the vertical disparity of a match, px: the scale of the robust weight. The value is above the
 usual residual of an inlier (0.1 px). A larger value gives wrong matches more weight. A smaller value lowers the weight
 of correct matches."""
 VERTICAL_ITERATIONS: Final = 5
-"""Iterations of the robust fit of pitch and roll. Chosen by hand. With fewer iterations, wrong matches keep more
-weight. With more iterations, a keyframe takes longer."""
+"""Iterations of the robust fit of pitch and roll. With fewer iterations, wrong matches keep more weight. With more
+iterations, a keyframe takes longer."""
 RETENTION: Final = 0.98
-"""Factor of the earlier information on pitch and roll at each keyframe. About fifty keyframes contribute. Chosen by
-hand. With a larger factor, a change of temperature is tracked more slowly. With a smaller value, noise of the matches
-remains in the correction."""
+"""Factor of the earlier information on pitch and roll at each keyframe. About fifty keyframes contribute. With a larger
+factor, a change of temperature is tracked more slowly. With a smaller value, noise of the matches remains in the
+correction."""
 VERTICAL_PRIOR: Final = (1e-3, 5e-3)
-"""Prior information of zero pitch and of zero roll, relative to that of one keyframe. Chosen by hand far below 1, so
-that the prior determines only what no match shows. With larger values, small rotations are not corrected completely."""
+"""Prior information of zero pitch and of zero roll, relative to that of one keyframe. The value is far below 1, so that
+the prior determines only what no match shows. With larger values, small rotations are not corrected completely."""
 LENS_BLOCKS: Final = (4, 6)
-"""Numbers of rows and columns of image blocks, each with a mean residual disparity. Chosen by hand, because the
-residuals of a lens vary smoothly. With more blocks, each has fewer landmarks. With fewer blocks, the variation within a
-block is missed."""
+"""Numbers of rows and columns of image blocks, each with a mean residual disparity. The residuals of a lens vary
+smoothly. With more blocks, each has fewer landmarks. With fewer blocks, the variation within a block is missed."""
 SIGHTINGS: Final = 8
-"""Number of pairs in which a landmark is assumed to be observed with the same error. Chosen by hand. With a larger
-number, lens errors are attributed to chance. With a smaller value, random errors are reported as lens errors."""
+"""Number of pairs in which a landmark is assumed to be observed with the same error. With a larger number, lens errors
+are attributed to chance. With a smaller value, random errors are reported as lens errors."""
 FIRST_LENS_PX: Final = 0.08  #: Prior RMS of residual disparities due to lens errors, px. KITTI has 0.07 to 0.09 px.
 LENS_PAIRS: Final = 20
-"""Number of initial pairs in which `FIRST_LENS_PX` is the minimum RMS. Chosen by hand: two seconds at 10 Hz. With more
+"""Number of initial pairs in which `FIRST_LENS_PX` is the minimum RMS. The value is two seconds at 10 Hz. With more
 pairs, a shear of the rows at the start is detected later. With fewer pairs, lens errors are reported as a shear."""
 
 

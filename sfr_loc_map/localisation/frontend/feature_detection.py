@@ -15,13 +15,13 @@ BLOCK = 7
 a patch (11 px), so that the corner is near the centre of the patch."""
 MIN_CELL_PX = 8  #: Minimum side of a cell of the grid, px. In smaller cells, neighbouring patches (11 px) overlap more.
 MIN_DISTANCE_RATIO = 0.6
-"""Minimum ratio of the distance between a new corner and a landmark to the side of a cell. Chosen by hand. With a
-larger ratio, the gap that a lost landmark leaves is not filled. With a smaller value, neighbouring patches share more
-pixels and thus more errors."""
+"""Minimum ratio of the distance between a new corner and a landmark to the side of a cell. With a larger ratio, the gap
+that a lost landmark leaves is not filled. With a smaller value, neighbouring patches share more pixels and thus more
+errors."""
 MIN_STRENGTH_RATIO = 0.04
 """Minimum ratio of the strength of a corner to the median strength. The strength is a squared gradient, so 0.04 is a
-fifth of the median gradient. Chosen by hand. With a larger ratio, smooth ground beside stones has no landmarks. With a
-smaller value, image noise in a textureless cell becomes a landmark."""
+fifth of the median gradient. With a larger ratio, smooth ground beside stones has no landmarks. With a smaller value,
+image noise in a textureless cell becomes a landmark."""
 
 
 def find_corners(

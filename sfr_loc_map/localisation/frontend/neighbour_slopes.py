@@ -19,14 +19,14 @@ from sfr_loc_map.parallel import in_halves
 NEIGHBOURS = 9  #: Maximum number of points in the fit of a local plane: a corner and its eight nearest neighbours.
 MIN_NEIGHBOURS = 4  #: Minimum number of points in the fit of a local plane, which has three unknowns.
 PLANE_ITERATIONS = 4
-"""Iterations of reweighted least squares for a local plane. Chosen by hand. With fewer iterations, outliers keep more
-weight; more iterations take more time."""
+"""Iterations of reweighted least squares for a local plane. With fewer iterations, outliers keep more weight; more
+iterations take more time."""
 PLANE_SCALE_PX = 0.3
 """Scale of the Cauchy weight of a disparity's residual from the local plane, px. The scale is ten times the noise of a
 disparity (0.03 px), because the ground between corners is not flat."""
 SLOPE_INFORMATION = 0.02
-"""Information of the zero-slope prior, divided by the squared distance of the farthest neighbour. Chosen by hand: about
-a seventh of the information of the farthest neighbour, whose weight is exp(-2) = 0.14. If all neighbours lie on a line,
+"""Information of the zero-slope prior, divided by the squared distance of the farthest neighbour. The value is about a
+seventh of the information of the farthest neighbour, whose weight is exp(-2) = 0.14. If all neighbours lie on a line,
 the prior determines the slope across that line."""
 NEARNESS = -2.0  #: Exponent of the Gaussian weight at the farthest neighbour, which is at two standard deviations.
 MAX_SLOPE = 0.7  #: Maximum slope, px of disparity per px. At 0.7, a patch has 0.3 of its width in the right image.

@@ -22,8 +22,8 @@ SAMPLED_PX = 1.001
 """Minimum difference between the width or height of the image and a sampled position, px. Interpolation requires the
 next pixel, and rounding to float32 changes a position by less than 0.001 px."""
 COARSE_SAMPLED_PX = 1.01
-"""`SAMPLED_PX` for the coarse levels, used by the alignment and by the estimate of double exposures. Chosen by hand. In
-six runs of the sample with injected faults, 1.001 px changed only the last digits of poses and no state."""
+"""`SAMPLED_PX` for the coarse levels, used by the alignment and by the estimate of double exposures. In six runs of the
+sample with injected faults, 1.001 px changed only the last digits of poses and no state."""
 MIN_WARP_SCALE = 1e-6
 """Minimum ratio of a pixel's depth to the depth at the centre of its patch. The minimum prevents a division by zero."""
 POWER, CONTRAST_X, CONTRAST_Y, XX, XY, YY = range(6)

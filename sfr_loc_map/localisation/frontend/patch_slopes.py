@@ -47,8 +47,8 @@ PRIOR_SIGMA = 0.05
 and 0.03 gave larger attitude errors (measurements/localiser_trials.md)."""
 MIN_SQUARE = 1.0  #: Minimum mean squared residual, grey levels squared, because images have whole grey levels.
 SLOPE_ITERATIONS = 5
-"""Maximum number of iterations. Chosen by hand. With fewer iterations, large slopes keep an error. With more
-iterations, patches that do not converge take longer."""
+"""Maximum number of iterations. With fewer iterations, large slopes keep an error. With more iterations, patches that
+do not converge take longer."""
 MAX_SLOPE_SHIFT_PX = 1.0
 """Maximum shift of a patch, px. A patch that moves farther has lost its texture and keeps its initial slopes."""
 COLUMNS = 5

@@ -13,9 +13,9 @@ SMOOTHING = cv2.getGaussianKernel(3, 0.5, cv2.CV_32F)
 """Gaussian kernel with a standard deviation of 0.5 px, which reduces the errors of bilinear interpolation. Other widths
 were tried: measurements/localiser_trials.md, "What limits it, and what was tried"."""
 LEVELS = 4
-"""Number of levels. Level l is 2^l times smaller; its pixels are `u_l = (u + 0.5) / 2^l - 0.5`. Chosen by hand: a patch
-of 7 x 7 px of the last level covers 56 x 56 px of the image. With fewer levels, prediction errors of about ten pixels
-are not corrected. With more levels, patches do not fit into the last level of a small image."""
+"""Number of levels. Level l is 2^l times smaller; its pixels are `u_l = (u + 0.5) / 2^l - 0.5`. A patch of 7 x 7 px of
+the last level covers 56 x 56 px of the image. With fewer levels, prediction errors of about ten pixels are not
+corrected. With more levels, patches do not fit into the last level of a small image."""
 
 
 class ImageLevel(NamedTuple):

@@ -17,11 +17,11 @@ SEARCH_LEVEL = 1
 """Pyramid level of the search. Level 1 has half as many disparities and a quarter of the pixels of level 0. The
 refinement corrects the remaining error."""
 SEARCH_HALF = 4
-"""Half width of the patches of the search, px of the level. Chosen by hand: 9 x 9 px of the level cover 18 x 18 px of
-the image. In larger patches, slopes and edges lower the correlation. Smaller patches are more ambiguous."""
+"""Half width of the patches of the search, px of the level. 9 x 9 px of the level cover 18 x 18 px of the image. In
+larger patches, slopes and edges lower the correlation. Smaller patches are more ambiguous."""
 MIN_SEARCH_NCC = 0.75
-"""Minimum normalised cross-correlation of the search. Chosen by hand. A larger value loses landmarks on slopes. A
-smaller value leaves more wrong matches to the refinement."""
+"""Minimum normalised cross-correlation of the search. A larger value loses landmarks on slopes. A smaller value leaves
+more wrong matches to the refinement."""
 MAX_AMBIGUITY = 0.85
 """Maximum ratio of the best to the second-best `1 - correlation` of the search (compare Lowe 2004, section 7.1)."""
 MIN_PEAK_DISTANCE = 2

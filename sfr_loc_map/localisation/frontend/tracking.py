@@ -38,7 +38,7 @@ ALIGNED_LEVELS = range(LEVELS - 1, 0, -1)
 error."""
 ALIGNMENT_ITERATIONS = (6, 4)
 """Gauss-Newton iterations of the alignment on the first level and on each further level, which starts closer to the
-solution. Chosen by hand. With fewer iterations, large prediction errors are not corrected; more take more time."""
+solution. With fewer iterations, large prediction errors are not corrected; more take more time."""
 POSE_ITERATIONS = 10
 """Maximum number of Gauss-Newton iterations of the pose. The pose usually converges earlier
 (`pose_solver.CONVERGED_STEP`)."""

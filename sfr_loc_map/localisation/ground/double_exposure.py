@@ -29,13 +29,12 @@ from sfr_loc_map.localisation.small_linalg import fill_inverse_4
 MIXTURE_LEVEL: Final = 1
 """Pyramid level of the comparison. Keyframes keep this level, which has half the noise of the image."""
 MIXTURE_HALF: Final = 3
-"""Half width of a patch, px of the level. Chosen by hand: 49 px of the level determine four factors and cover 14 x 14
-px of the image. Larger patches contain edges of stones more often. Smaller patches give noisier factors."""
+"""Half width of a patch, px of the level. 49 px of the level determine four factors and cover 14 x 14 px of the image.
+Larger patches contain edges of stones more often. Smaller patches give noisier factors."""
 MIXTURE_SIDE: Final = 2 * MIXTURE_HALF + 1  #: Side of a patch, pixels of the level.
 MIN_EXPOSURE_CONTRAST: Final = 2.0
-"""Minimum standard deviation of each exposure and of the image in a patch, grey levels. Chosen by hand above the noise
-of the level (half that of the image). A larger value leaves fewer patches. A smaller value adds noise to the
-weights."""
+"""Minimum standard deviation of each exposure and of the image in a patch, grey levels. The value is above the noise of
+the level (half that of the image). A larger value leaves fewer patches. A smaller value adds noise to the weights."""
 MIN_SEPARATION: Final = 0.2
 """Minimum fraction of the variance of the other exposure that the tracked exposure and its shift leave unexplained. At
 0.2 the variance of the factor b is five times that of a single exposure (variance inflation). The fraction is below 0.2
@@ -48,9 +47,9 @@ DEVIATION_RATIO: Final = 1.858
 """Ratio of the standard error of the median, times the square root of the sample size, to the median absolute deviation
 of a normal sample: 1.4826 (Rousseeuw and Croux 1993) times the square root of pi / 2."""
 MIXTURE_PATCHES: Final = 32
-"""Minimum number of patches for the detection of a second exposure, or `min_tracked` if that is smaller. Chosen by
-hand: half of the patches that are compared (`evidence.MIXTURE_LANDMARKS`). If larger, ghosts in images with little
-contrast are missed. If smaller, the standard error of the weight is estimated from too few patches."""
+"""Minimum number of patches for the detection of a second exposure, or `min_tracked` if that is smaller. The value is
+half of the patches that are compared (`evidence.MIXTURE_LANDMARKS`). If larger, ghosts in images with little contrast
+are missed. If smaller, the standard error of the weight is estimated from too few patches."""
 MIN_MIXTURE_WEIGHT: Final = 0.1
 """An image shows a second exposure if the lower bound of the estimated weight of this exposure exceeds this value. In
 images of one exposure the estimate differs from 0 by a few hundredths at most."""

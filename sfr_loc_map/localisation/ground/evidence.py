@@ -29,50 +29,46 @@ from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 
 MAX_CONTRADICTING_FIRST: Final = 0.05
 """Maximum fraction of cells that contradict a motion while the ground is not identified, and that contradict a motion
-that was found by a search. Chosen by hand, above the 1 % of cells that change by noise alone
+that was found by a search. The value is above the 1 % of cells that change by noise alone
 (`cell_change.NOISE_CORRELATION`). If larger, a fixed reflection is tracked for longer. If smaller, good poses are
 refused because of moving shadows."""
 MAX_CONTRADICTING: Final = 0.4
-"""Maximum fraction of cells that contradict the motion of an identified ground. Chosen by hand below one half, because
-an object may fill much of the view of a rover at rest. If larger, a pose that most of the image contradicts is
-accepted. If smaller, good poses are refused while a large object is in view."""
+"""Maximum fraction of cells that contradict the motion of an identified ground. The value is below one half, because an
+object may fill much of the view of a rover at rest. If larger, a pose that most of the image contradicts is accepted.
+If smaller, good poses are refused while a large object is in view."""
 MIN_STATIONARY_LANDMARKS: Final = 12
-"""Minimum number of landmarks in stationary cells for these cells to show the rover. Chosen by hand: twice the
-minimum of a pose (`pose_solver.MIN_LANDMARKS`). If smaller, more pairs cost the time of a search. If larger, a small
-body is detected only by its cells."""
+"""Minimum number of landmarks in stationary cells for these cells to show the rover. The value is twice the minimum of
+a pose (`pose_solver.MIN_LANDMARKS`). If smaller, more pairs cost the time of a search. If larger, a small body is
+detected only by its cells."""
 MIN_DIFFERENCE_PX: Final = 1.0
-"""Minimum image motion, px, between the poses of two different motions. Chosen by hand: ten times the usual residual of
-an inlier (0.1 px), because two estimates of one motion differ slightly. If larger, slow objects are missed."""
+"""Minimum image motion, px, between the poses of two different motions. The value is ten times the usual residual of an
+inlier (0.1 px), because two estimates of one motion differ slightly. If larger, slow objects are missed."""
 MIN_DIFFERENCE_RATIO: Final = 0.05
 """Minimum ratio of the image motion between the poses of two different motions to the image motion of the main pose.
-Chosen by hand, because errors of the prediction grow with the motion. If larger, objects that move nearly like the
-ground are missed."""
+Errors of the prediction grow with the motion. If larger, objects that move nearly like the ground are missed."""
 SEARCHED_UNEXPLAINED: Final = 0.03
 """Minimum fraction of unexplained landmarks from which a second exposure is searched for. The search takes 0.3 ms. The
 fraction is at least 0.04 with ghosts of 30 to 69 %, and smaller in most pairs of clean drives."""
 MIXTURE_LANDMARKS: Final = 64
-"""Number of landmarks in which a second exposure is searched for. Chosen by hand: the standard error of the weight
-decreases with the square root of this number, and the time increases with it."""
+"""Number of landmarks in which a second exposure is searched for. The standard error of the weight decreases with the
+square root of this number, and the time increases with it."""
 CLEAR_RATIO: Final = 1.4
-"""Minimum ratio of the weights, or of the numbers of inliers, for one of two solutions to be clearly better. Chosen by
-hand. If larger, more pairs are ambiguous and degraded with a larger covariance. If smaller, a wrong motion is accepted
-as clear."""
+"""Minimum ratio of the weights, or of the numbers of inliers, for one of two solutions to be clearly better. If larger,
+more pairs are ambiguous and degraded with a larger covariance. If smaller, a wrong motion is accepted as clear."""
 OLD_WEIGHT: Final = 3.0
-"""Weight of a landmark whose host is older than the newest host; other landmarks have weight 1. Chosen by hand: an
-older landmark has followed the ground over a whole keyframe interval. If larger, a body that was tracked for long
-outweighs the ground. If smaller, a large object with new landmarks does."""
+"""Weight of a landmark whose host is older than the newest host; other landmarks have weight 1. An older landmark has
+followed the ground over a whole keyframe interval. If larger, a body that was tracked for long outweighs the ground. If
+smaller, a large object with new landmarks does."""
 REPEATED_WEIGHT: Final = 1.5
-"""Factor on the weight of a motion that repeats the last motion. Chosen by hand. If larger, a turn of the rover beside
-an object is attributed to the object. If smaller, an object with 1.5 times the landmarks of the ground outweighs the
-ground."""
+"""Factor on the weight of a motion that repeats the last motion. If larger, a turn of the rover beside an object is
+attributed to the object. If smaller, an object with 1.5 times the landmarks of the ground outweighs the ground."""
 REPEATED_RATIO: Final = 0.5
 """A motion repeats the last motion if its distance from the repeated motion (`Prediction.repeated_motion`) is at most
 this fraction of the other motion's distance. Distances are image motions. If the two motions are equally far from the
 repeated motion, neither repeats the last motion."""
 STANDSTILL_RATIO: Final = 0.15
-"""Ratio of the image motion to that of the last motion, below which a motion is a standstill. Chosen by hand. If
-larger, a slow object counts as a stale part of the image. If smaller, a stale part tracked with an error counts as an
-object."""
+"""Ratio of the image motion to that of the last motion, below which a motion is a standstill. If larger, a slow object
+counts as a stale part of the image. If smaller, a stale part tracked with an error counts as an object."""
 
 
 class Evidence(NamedTuple):

@@ -48,40 +48,38 @@ from sfr_loc_map.localisation.ground.rigid_motion import Agreement, ComparedPair
 
 CONSISTENT_PAIRS: Final = 3
 """Number of consistent pairs with motion until the motion counts as the ground's, or until a faulty pair no longer has
-an effect. Chosen by hand. If larger, clean pairs stay degraded for longer after a fault. If smaller, a second faulty
-pair after a good pair is published as good."""
+an effect. If larger, clean pairs stay degraded for longer after a fault. If smaller, a second faulty pair after a good
+pair is published as good."""
 LONG_RECOVERY_PAIRS: Final = 10
 """The larger number that replaces `CONSISTENT_PAIRS` after two motions or a contradiction while the ground was not
-identified, or after a mostly stale image, because these faults may last longer. Chosen by hand, like
-`CONSISTENT_PAIRS`."""
+identified, or after a mostly stale image, because these faults may last longer."""
 MAX_TRANSFERS: Final = 10
-"""Maximum number of consecutive pairs that count as partially transferred. Chosen by hand: such faults are short, and
-a longer sequence has another cause. If larger, an object that covers much of the image prevents keyframes for longer.
-If smaller, a longer fault counts as two motions."""
+"""Maximum number of consecutive pairs that count as partially transferred. Such faults are short, and a longer sequence
+has another cause. If larger, an object that covers much of the image prevents keyframes for longer. If smaller, a
+longer fault counts as two motions."""
 MOSTLY_STALE: Final = 0.5  #: Fraction of stale rows above which all rows of the next images may be stale.
 
 # ---- unexplained landmarks
 
 MIN_EXCESS: Final = 0.12
-"""Minimum excess of the fraction of unexplained landmarks over the typical fraction for an unusual motion. Chosen by
-hand. If larger, small objects and stale parts bias the pose without a report. If smaller, clean pairs with many
-outliers are degraded."""
+"""Minimum excess of the fraction of unexplained landmarks over the typical fraction for an unusual motion. If larger,
+small objects and stale parts bias the pose without a report. If smaller, clean pairs with many outliers are
+degraded."""
 AFTER_TRANSFER: Final = 0.5  #: Factor on `MIN_EXCESS` after a partial transfer: the next pair may be affected, too.
 TYPICAL_FACTOR: Final = 1.25
-"""Factor on the typical fraction of unexplained landmarks, because the scatter of the fraction grows with its value.
-Chosen by hand. If larger, fewer faults are reported on drives with many outliers. If smaller, clean pairs of such
-drives are degraded."""
+"""Factor on the typical fraction of unexplained landmarks, because the scatter of the fraction grows with its value. If
+larger, fewer faults are reported on drives with many outliers. If smaller, clean pairs of such drives are degraded."""
 NEARLY_HALF: Final = 0.47
-"""Fraction of unexplained landmarks from which a motion is always unusual. Chosen by hand, slightly below the half from
+"""Fraction of unexplained landmarks from which a motion is always unusual. The value is slightly below the half from
 which the majority does not follow the motion. If smaller, pairs with large objects are ambiguous more often."""
 RISING_GAIN: Final = 0.1
 """Update gain of the typical fraction if the fraction of a pair is larger, but usual. An unusual fraction is learnt
-only if there is no typical fraction yet. Chosen by hand. If the gain is larger, a fault that grows slowly becomes
-typical before it is reported. If the gain is smaller, ground that becomes rougher is reported more often."""
+only if there is no typical fraction yet. If the gain is larger, a fault that grows slowly becomes typical before it is
+reported. If the gain is smaller, ground that becomes rougher is reported more often."""
 FALLING_GAIN: Final = 0.5
-"""Update gain of the typical fraction if the fraction of a pair is smaller. Chosen by hand, so that a fault at the
-start has no effect after a few pairs. If the gain is larger, one clean pair makes the next pairs unusual. If the gain
-is smaller, later faults are hidden for longer."""
+"""Update gain of the typical fraction if the fraction of a pair is smaller. A fault at the start has no effect after a
+few pairs. If the gain is larger, one clean pair makes the next pairs unusual. If the gain is smaller, later faults are
+hidden for longer."""
 MAX_DYNAMIC: Final = MIN_EXCESS
 """A pair with at least this fraction of cells excluded as dynamic is only partly consistent. The fraction is
 `MIN_EXCESS`, because landmarks of these cells would be unexplained. If larger, an uncertainty ends while a large object
@@ -92,21 +90,21 @@ MIN_COVERED: Final = 0.5
 # ---- compared image and excluded cells
 
 COMPARED_PX: Final = 3.0
-"""Image motion, px, above which cells fixed to the camera are detected, and the compared image is replaced. Chosen by
-hand above `rigid_motion.MOVED_PX`, the motion at which a cell counts as moved, so that most cells have moved."""
+"""Image motion, px, above which cells fixed to the camera are detected, and the compared image is replaced. The value
+is above `rigid_motion.MOVED_PX`, the motion at which a cell counts as moved, so that most cells have moved."""
 COMPARED_PAIRS: Final = 10
-"""Number of pairs after which the compared image is replaced at any speed, because light and exposure change. Chosen by
-hand. If larger, such changes count as changes of the scene. If smaller, fixed cells are not detected in slow motion."""
+"""Number of pairs after which the compared image is replaced at any speed, because light and exposure change. If
+larger, such changes count as changes of the scene. If smaller, fixed cells are not detected in slow motion."""
 FIXED_LIFE: Final = 10
 """Lifetime, in compared pairs, of a cell that was detected as fixed to the camera. Each compared pair, including the
-pair of the detection, reduces the lifetime by one. If the cell is stationary, its lifetime starts again instead. Chosen
-by hand. If larger, ground that an arm has uncovered has no landmarks for longer. If smaller, landmarks are created on a
-body whose illumination changes."""
+pair of the detection, reduces the lifetime by one. If the cell is stationary, its lifetime starts again instead. If
+larger, ground that an arm has uncovered has no landmarks for longer. If smaller, landmarks are created on a body whose
+illumination changes."""
 DYNAMIC_LIFE: Final = 8
 """Lifetime, in compared pairs, of a cell that was detected as dynamic. Each compared pair, including the pair of the
-detection, reduces the lifetime by one, so that the cell is excluded in seven pairs. Chosen by hand: an object leaves
-its cells within a few pairs. If larger, the ground behind the object has no new landmarks for longer. If smaller,
-landmarks are created on the object."""
+detection, reduces the lifetime by one, so that the cell is excluded in seven pairs. An object leaves its cells within a
+few pairs. If larger, the ground behind the object has no new landmarks for longer. If smaller, landmarks are created on
+the object."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

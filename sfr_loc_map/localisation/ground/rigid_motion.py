@@ -45,13 +45,12 @@ FAR_RATIO: Final = 0.06
 does not count as unexplained. Slightly above the optical flow that triggers a keyframe
 (`keyframes.KEYFRAME_FLOW_RATIO`)."""
 MIN_AGREEMENT: Final = 0.3
-"""Minimum fraction of the landmarks searched for that a motion must explain to be found. Chosen by hand. If larger,
-another motion among many outliers is missed. If smaller, chance agreement of outliers counts as a motion and degrades
-good pairs."""
+"""Minimum fraction of the landmarks searched for that a motion must explain to be found. If larger, another motion
+among many outliers is missed. If smaller, chance agreement of outliers counts as a motion and degrades good pairs."""
 CONVINCING: Final = 0.6
-"""Minimum fraction of the landmarks searched for that a motion must explain to be accepted without further tests.
-Chosen by hand above one half: the majority agrees. If smaller, slow motions near the main motion are accepted. If
-larger, fewer motions are accepted by this test alone; the others must also differ from the main motion in the image
+"""Minimum fraction of the landmarks searched for that a motion must explain to be accepted without further tests. The
+value is above one half: the majority agrees. If smaller, slow motions near the main motion are accepted. If larger,
+fewer motions are accepted by this test alone; the others must also differ from the main motion in the image
 (`evidence.MIN_DIFFERENCE_PX`)."""
 
 

@@ -111,8 +111,8 @@ The findings and events of the next pairs add, for 0.1 s, which is one period:
 After `PARTIAL_TRANSFER`, the next accepted pair has 12 mm again. After the ambiguous pairs, all later poses have at
 least 0.30 m until the next external pose.
 
-**The modules** contain pure functions. `path.PathState` holds the two states and updates them with each pair, and
-`Localiser` composes the covariance of a published pose (`pose_terms`):
+**The modules** contain values and functions that change no value. `path.PathState` holds the two states and updates
+them with each pair, and `Localiser` composes the covariance of a published pose (`pose_terms`):
 
 | module | content |
 |---|---|

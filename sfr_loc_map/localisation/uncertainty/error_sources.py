@@ -1,7 +1,7 @@
 """The named error sources of the localiser, the constants of a run, and what unobserved motions and findings add.
 
-The package docstring of `uncertainty` lists the formulas that use the error sources. The values in the table enter the
-covariances, too. They are defined where they are used, because the estimates also depend on them.
+The package docstring of `uncertainty` lists the formulas that use the error sources. The values in the table also enter
+the covariances. They are defined in the modules that use them:
 
 | value | module | enters |
 |---|---|---|

@@ -142,26 +142,24 @@ def sums_after_step(
 class Origin(NamedTuple):
     """The external pose to which the covariance is relative: the start of the run, or a pose that was set later."""
 
-    external: LocatedCovariance  #: Covariance of the external pose, for the present pose.
-    #: Covariance of the external pose, for the pairs that are accepted next. If the external pose is later than the
-    #: last accepted pair, the present pose is the external pose itself, but later poses continue from the last accepted
-    #: pair (`path`). The errors of that pair relative to the external pose are then added here.
-    external_of_next: LocatedCovariance
+    external: LocatedCovariance  #: Covariance of the external pose.
+    #: `(6, 6)` covariance that the next accepted pair adds to `external`; None for nothing. An external pose that is
+    #: later than the last accepted pair is exact for the present pose, but later poses continue from that pair (`path`)
+    #: and contain its errors, and the unobserved motion from that pair to the external pose.
+    added_by_next: FloatArray | None = None
     of_map: LocatedCovariance = NOTHING  #: `PathErrors.of_map` at the external pose.
     sums: PathSums = PathSums()  #: Sums over the steps up to the external pose.
 
-    @classmethod
-    def of(cls, external: LocatedCovariance, sums: PathSums) -> Origin:
-        """Return an external pose at which the map begins."""
-        return cls(external, external, sums=sums)
-
     def accepted(self) -> Origin:
         """Return the external pose after a pair was accepted."""
-        return self._replace(external=self.external_of_next)
+        if self.added_by_next is None:
+            return self
+        external = self.external._replace(covariance=self.external.covariance + self.added_by_next)
+        return self._replace(external=external, added_by_next=None)
 
     def window_begun(self) -> Origin:
         """Return the external pose after a window began at the present pose, from which later poses continue."""
-        return self._replace(external_of_next=self.external)
+        return self._replace(added_by_next=None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,7 +171,7 @@ class PathErrors:
 
     | component | `accepted` | `kept` | `adjusted` | `window_begun` | `reset` | `anchored` |
     |---|---|---|---|---|---|---|
-    | `origin` | `external` = `external_of_next` | | | `external_of_next` = `external` | = new | = new |
+    | `origin` | `external` + `added_by_next` | | | `added_by_next` = None | = new | = new |
     | `before_window` | | | | + `in_window`, `this_pair`, `kept_motion`, first image | 0 | |
     | `in_window` | | | = keyframe | = keyframe | 0 | |
     | `of_landmarks` | = tracks | | 0 | 0 | 0 | 0 at the last pair |
@@ -298,7 +296,7 @@ class PathErrors:
 
     def reset(self, external: LocatedCovariance) -> PathErrors:
         """Return the errors after an external pose was applied to the last pose. Only the sums continue."""
-        return PathErrors(Origin.of(external, self.sums), sums=self.sums)
+        return PathErrors(Origin(external, sums=self.sums), sums=self.sums)
 
     def anchored(self, origin: Origin, *, at_last_pair: bool) -> PathErrors:
         """Return the errors since an external pose to which the map was anchored.
