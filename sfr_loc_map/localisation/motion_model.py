@@ -9,7 +9,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform, interpolated
-from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
+from sfr_loc_map.localisation.motion_size import MotionSize, Speed
 from sfr_loc_map.message_stamps import NS_PER_S
 
 MAX_MISSED_PAIRS = 4
@@ -51,14 +51,6 @@ class Prediction(NamedTuple):
 def _are_equal(first: Pose, second: Pose) -> bool:
     """Return whether two poses are bit-identical."""
     return all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
-
-
-class MotionSince(NamedTuple):
-    """Motion of the left camera since the last known pose."""
-
-    T_last_now: Transform
-    size: MotionSize
-    seconds: float  #: Time since that pose; 0 before the first pair.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,24 +115,19 @@ class LastPose:
             others.append(last @ T_rb_left.inverse() @ odometry @ T_rb_left)
         return Prediction(Pose.of(repeated), Pose.of(last), tuple(map(Pose.of, others)))
 
-    def since_last(self, stamp_ns: int, T_world_left: Transform) -> MotionSince:
-        """Return the motion from the last known pose to a pose at a stamp."""
-        T_last_now = self.T_world_left.inverse() @ T_world_left
-        return MotionSince(T_last_now, size_of(T_last_now), self.unobserved_s(stamp_ns))
-
     def accepted(
-        self, stamp_ns: int, T_world_left: Transform, since: MotionSince, *, period_ns: int, was_known: bool
+        self, stamp_ns: int, T_world_left: Transform, moved: MotionSize, *, period_ns: int, was_known: bool
     ) -> LastPose:
         """Return the pose of an accepted pair. The speed is updated only if the previous pose was known.
 
-        The period is the time between the pair and the previous pair, whether that was refused or not.
+        `moved` is the size of the motion from the last known pose. The period is the time between the pair and the
+        previous pair, whether that was refused or not.
         """
         speed = self.speed
         if was_known:
-            seconds = since.seconds
-            size = since.size
-            speed = Speed(size.metres / seconds, size.radians / seconds) if seconds > 0.0 else Speed(0.0, 0.0)
-        T_before_last = since.T_last_now
+            seconds = self.unobserved_s(stamp_ns)
+            speed = Speed(moved.metres / seconds, moved.radians / seconds) if seconds > 0.0 else Speed(0.0, 0.0)
+        T_before_last = self.T_world_left.inverse() @ T_world_left
         motion_ns = stamp_ns - self.accepted_ns
         # the next pair cannot repeat the motion over a long gap
         if round(motion_ns / period_ns) - 1 > MAX_MISSED_PAIRS:

@@ -185,18 +185,18 @@ class PathState:
 
     def accepted(self, pair: AcceptedPair, model: RoverModel) -> tuple[PathState, StepEstimate]:
         """Return the path with the pose of an accepted pair, and the step to it."""
-        since = self.last.since_last(pair.stamp_ns, pair.T_world_left)
+        moved = size_of(self.last.T_world_left.inverse() @ pair.T_world_left)
         added = inflation_of(
             pair.inflation,
-            unobserved=unobserved_size(self.last.speed, since.seconds, model.bounds),
-            moved=since.size,
+            unobserved=unobserved_size(self.last.speed, self.last.unobserved_s(pair.stamp_ns), model.bounds),
+            moved=moved,
             other_distance=pair.other_distance,
             sources=model.sources,
         )
         errors = self.errors.accepted(pair, self.last.T_world_left, added, model)
         published, step = self.published.accepted(pair, self.last.speed, added, model)
         last = self.last.accepted(
-            pair.stamp_ns, pair.T_world_left, since, period_ns=self.period_ns, was_known=pair.was_known
+            pair.stamp_ns, pair.T_world_left, moved, period_ns=self.period_ns, was_known=pair.was_known
         )
         was_accepted = pair.was_known and not self.published.is_kept  # the previous pair was neither lost nor kept
         follows_directly = was_accepted and self.last.is_followed_by(pair.stamp_ns)

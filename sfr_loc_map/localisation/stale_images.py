@@ -92,7 +92,7 @@ class RepeatedRows(NamedTuple):
     is_fully_repeated: bool  #: Whether the whole image is repeated, textured or not, possibly with new noise.
 
     @property
-    def is_repeated(self) -> bool:
+    def is_stale(self) -> bool:
         """Whether no part of the image was exposed again. Two such images make the pair a repeated pair."""
         return self.is_frozen or self.is_fully_repeated
 
@@ -136,7 +136,7 @@ def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
     before = memory.pair
     left = repeated_rows(before.left, pair.left)
     right = repeated_rows(before.right, pair.right)
-    if is_swapped_repeat(before, pair) or (left.is_repeated and right.is_repeated):
+    if is_swapped_repeat(before, pair) or (left.is_stale and right.is_stale):
         return ImageComparison(pair, memory, nothing, is_repeated=True)
     if not (left.rows.any() or right.rows.any()):
         return ImageComparison(pair, ImageMemory(pair, left, right), nothing)

@@ -23,7 +23,13 @@ from sfr_loc_map.localisation.backend.bundle_adjustment import (
     marginalise_oldest,
 )
 from sfr_loc_map.localisation.config import TRACKED_LANDMARKS
-from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, NO_PATCHES, HostPatches, Landmarks, Patches
+from sfr_loc_map.localisation.frontend.landmarks import (
+    ALIGNED_LANDMARKS,
+    NO_PATCHES,
+    HostPatches,
+    Landmarks,
+    LandmarkTemplates,
+)
 from sfr_loc_map.localisation.frontend.patch import Templates
 from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates, StereoObservations
@@ -107,7 +113,7 @@ class SlidingWindow:
             host=host,
             planes=LocalPlanes(hosts, self.uv.take(rows, axis=0), inverse_depth, self.slopes.take(rows, axis=0)),
             estimates=LandmarkEstimates(hosts, rays, inverse_depth, self.landmark_covariance.take(rows, axis=0)),
-            patches=Patches(self.patches, rows),
+            patches=LandmarkTemplates(self.patches, rows),
             last_seen=problem.observations[rows, -1],
         )
 
@@ -245,8 +251,8 @@ def _last_motion(keyframes: Poses, pose_covariance: FloatArray) -> KeyframeMotio
 class LandmarkMap:
     """A sliding window after its adjustment, and its active landmarks.
 
-    The landmarks of a stage are selected, and their templates copied (`Patches.at`), at the first use. `prepare` does
-    this for the next pairs in the background thread of a keyframe, which saves time in the next call.
+    The landmarks of a stage are selected, and their templates copied (`LandmarkTemplates.at`), at the first use.
+    `prepare` does this for the next pairs in the background thread of a keyframe, which saves time in the next call.
     """
 
     window: SlidingWindow  #: The adjusted window.

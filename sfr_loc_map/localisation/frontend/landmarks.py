@@ -47,7 +47,7 @@ NO_PATCHES = HostPatches(
 """Patches of a keyframe that hosts no landmark."""
 
 
-class Patches:
+class LandmarkTemplates:
     """Templates of M landmarks by pyramid level, taken from their host keyframes at the first access to a level.
 
     `rows` `(M,)` are the increasing rows of the landmarks in the sliding window, whose arrays hold the landmarks of one
@@ -113,7 +113,7 @@ class Landmarks:
     host: NDArray[np.int64]  #: `(M,)` indices of the host keyframes in the window.
     planes: LocalPlanes  #: Planes around the patches: host cameras, host pixels, inverse depths and slopes.
     estimates: LandmarkEstimates  #: Host rays and inverse depths, with their covariance given the poses.
-    patches: Patches  #: Templates of the landmarks.
+    patches: LandmarkTemplates  #: Templates of the landmarks.
     last_seen: FloatArray  #: `(M, 4)` u, v left, u, v right in the newest keyframe, px; NaN if not observed.
 
     def subset(self, kept: Mask) -> Landmarks:
@@ -127,7 +127,7 @@ class Landmarks:
             host=self.host[rows],
             planes=planes,
             estimates=LandmarkEstimates(planes.hosts, rays, planes.inverse_depth, covariance),
-            patches=Patches(self.patches.hosted, self.patches.rows[rows]),
+            patches=LandmarkTemplates(self.patches.hosted, self.patches.rows[rows]),
             last_seen=self.last_seen.take(rows, axis=0),
         )
 

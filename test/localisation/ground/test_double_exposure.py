@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 from helpers.wall import wall_view
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.localisation.frontend.landmarks import NO_PATCHES, HostPatches, Patches
+from sfr_loc_map.localisation.frontend.landmarks import NO_PATCHES, HostPatches, LandmarkTemplates
 from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes, plane_homographies
 from sfr_loc_map.localisation.frontend.pyramid import build_pyramid
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL, Mixture, mixture_of, shows_second_exposure
@@ -41,7 +41,7 @@ def landmarks(count: int = 150) -> Any:
         np.zeros((len(uv), 2)),
     )
     host = HostPatches(uv, NO_PATCHES.fine, build_pyramid(grey(WALL))[1:])
-    return SimpleNamespace(planes=planes, patches=Patches((NO_PATCHES, host), np.arange(len(uv))))
+    return SimpleNamespace(planes=planes, patches=LandmarkTemplates((NO_PATCHES, host), np.arange(len(uv))))
 
 
 def grey(image: np.ndarray, noise: float = 0.0) -> np.ndarray:
