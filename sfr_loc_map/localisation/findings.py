@@ -107,9 +107,8 @@ class Refusal(NamedTuple):
 
     action: Action  #: `KEEP`, `LOSE` or `LOSE_OR_BEGIN`.
     reason: StateReason
-    is_learnt: bool = (
-        False  #: Whether the memory of the ground learns from the refused pair (`GroundMemory.after_verdict`).
-    )
+    #: Whether the memory of the ground learns from the refused pair (`GroundMemory.after_verdict`).
+    is_learnt: bool = False
 
 
 class Degradation(NamedTuple):

@@ -60,7 +60,8 @@ class LastPose:
     T_world_left: Transform  #: Last known pose in the present map; an adjustment of the map changes it.
     T_before_last: Transform  #: Last motion, in `motion_ns`; the identity to predict a standstill.
     known_ns: int | None  #: Stamp of the last pose from images or of an external pose; later motion is unobserved.
-    #: Stamp of the last pair that was accepted or began a window, from which missing pairs are counted.
+    #: Stamp of the last pair that was accepted or began a window, from which missing pairs are counted; 0 before a
+    #: window has begun.
     accepted_ns: int = 0
     #: Time between the last two such pairs; None before the second pair of a window. After more than
     #: `MAX_MISSED_PAIRS` refused pairs, the time is one period, and `T_before_last` is the mean motion in one period.

@@ -34,7 +34,8 @@ The folder consists of five boxes, one module each:
 succession. `GroundMemory` is the only state. It is an immutable value, which the localiser keeps and replaces after its
 verdict on the pair (`GroundMemory.after_verdict`).
 
-The memory has one state machine, whose state is the phase and two counters (`memory` lists all transitions):
+The memory has one state machine. Its state is the phase, the number of consistent pairs until the phase ends, and two
+counters (`memory` lists all transitions):
 
        +------ pair lost, new window ------+
        v                                   |
@@ -53,9 +54,10 @@ The memory has one state machine, whose state is the phase and two counters (`me
 A pair shows an *uncertain ground* if two motions compete, if the image contradicts the motion, or if about half of the
 landmarks are unexplained. A pair is *consistent* with the earlier pairs if one motion explains the pair, if the image
 moved, and if few cells are excluded as dynamic. In addition, landmarks must follow the motion in the cells that were
-unexplained earlier. Three cases depend on the memory: `DECIDED` requires an identified ground, `GROUND_UNCERTAIN`
-requires a ground that stays uncertain, and `PARTIAL_TRANSFER` requires that few pairs in a row were transferred. During
-a recovery, a pair whose case has no finding is `RECOVERING`.
+unexplained earlier. Some cases also depend on the memory: `DECIDED` requires an identified ground, `GROUND_UNCERTAIN`
+requires a ground that stays uncertain, `UNEXPLAINED` requires a typical fraction of unexplained landmarks, and
+`PARTIAL_TRANSFER` requires that few pairs in a row were transferred. During a recovery, a pair whose case has no
+finding is `RECOVERING`.
 
 While the ground is not identified, the motion that is not selected may be the ground's. Each pair with a second motion,
 or with an unexplained part of the image, is therefore degraded. Unexplained landmarks in the first tracked pair of a

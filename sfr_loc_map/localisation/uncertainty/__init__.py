@@ -134,7 +134,7 @@ The path of a finding to the covariance is
 | of one pose only | a field of `PathErrors`, set in `accepted` and part of `this_pair`; a term of `pose_noise` |
 | | zero in `window_begun` and `anchored`; zero in `adjusted`, too, if the error of a keyframe contains it |
 | a sum along the path | a field of `PathSums`, with its increment in `sums_after_step` and its difference in `since` |
-| | a term of `PoseTerms`, computed in `pose_terms` and added in `total` |
+| | a term of `PoseTerms`, computed in `pose_terms` |
 | common to all steps | as for a sum, and a term of `systematic_step` |
 | independent from step to step | as for a sum of variances, and a term of `step_covariance` |
 | required by a finding | a flag of `findings.Inflation`, the findings with this flag in `findings.RULES` |
