@@ -1,21 +1,23 @@
 """Assignment of stamped items to runs, by their stamps and the stamps received earlier.
 
-A run is one continuous sequence of stamps; a recording that is played again begins a new run. Nodes and the live page
-detect new runs by this module. Where a stamp has another meaning, such as the end of a path or the time of a clock,
-another rule holds (docs/nodes.md, "Time"). An item is *of another time* than the run if its stamp is 1 s or more
-before, or 1 h or more after, the last stamp of the run (`is_of_another_time`). Such items begin a new run once enough
-of them arrive in the order of their stamps. `RunOrder` requires items in order, such as the images of a rig. `AnyOrder`
-accepts items in any order, such as the poses that monitor and live page receive. `CommonRuns` keeps the runs of several
-sources in step, such as estimate and ground truth.
+A run is one continuous sequence of stamps. A recording that is played again begins a new run. Where a stamp has another
+meaning, such as the end of a path or the time of a clock, another rule holds (docs/nodes.md, "Time").
+
+A single item whose stamp is 1 s or more before the last stamp of a run, or 1 h or more after, is a stray and is dropped
+(`is_of_another_time`). If several such items arrive consecutively with increasing stamps, they are accepted. They begin
+a new run if they are before the last stamp, and continue the run if they are ahead, because the clock was set.
+
+- `RunOrder` requires items in the order of their stamps, such as the pairs of a rig.
+- `AnyOrder` accepts items in any order, such as the poses that monitor and live page receive.
+- `CommonRuns` begins a new run of several sources together, such as estimate and ground truth; each has an `AnyOrder`.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from array import array
 from bisect import bisect_left, insort
-from collections.abc import Mapping
-from itertools import pairwise
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from sfr_loc_map.message_stamps import JUMP_BACK_NS, jumped_back
@@ -23,13 +25,10 @@ from sfr_loc_map.message_stamps import JUMP_BACK_NS, jumped_back
 T = TypeVar("T")
 LEAP_NS = 3600 * 1_000_000_000
 """A stamp ahead of the last stamp by this many nanoseconds or more is taken to be from another clock."""
-AGREEING = 3  #: Number of consecutive items of another time that begin a new run if their stamps increase.
-REGULAR = 10
-"""Number of consecutive increasing stamps at a regular pace that begin a new run even if none was received earlier.
-Only 1 of 3.6 million permutations of ten stamps increases."""
-PACE = 4
-"""Maximum duration of `REGULAR` or more stamps at a regular pace, as a multiple of their number times their median
-step. Lost messages increase the duration."""
+AGREEING = 3  #: Number of consecutive items of another time that are accepted if their stamps increase.
+INCREASING = 10
+"""Number of consecutive items with increasing stamps that begin a new run even if no stamp was received earlier. Only 1
+of 3.6 million permutations of ten stamps increases."""
 JOIN = 2.0  #: An earlier item joins a run if it precedes the first stamp by at most this many mean steps of the run.
 
 
@@ -47,28 +46,7 @@ def continues_held(held_ns: int, last_ns: int, stamp_ns: int) -> bool:
     return stamp_ns > held_ns and not is_other_side
 
 
-class StampOrder(ABC, Generic[T]):
-    """Assigns the stamped items of a source to runs."""
-
-    @property
-    @abstractmethod
-    def strays(self) -> int:
-        """Number of items dropped so far because of their stamps."""
-
-    @abstractmethod
-    def add(self, stamp_ns: int, item: T) -> tuple[list[T], bool]:
-        """Add an item; return the items that are accepted, and whether a new run begins with them."""
-
-    @abstractmethod
-    def restart(self) -> None:
-        """Forget all items; the next item begins a run."""
-
-    @abstractmethod
-    def release(self) -> list[T]:
-        """Restart, because another source has begun a run, and return the items that may belong to that run."""
-
-
-class RunOrder(StampOrder[T]):
+class RunOrder(Generic[T]):
     """Assigns stamped items to runs; `late` and `strays` count the dropped items.
 
     An item whose stamp does not exceed the last stamp is late. An item of another time (`is_of_another_time`) is held.
@@ -82,27 +60,14 @@ class RunOrder(StampOrder[T]):
         """Start before the first item."""
         self.last_ns: int | None = None
         self.late = 0
-        self._strays = 0
+        self.strays = 0
         self._agreeing = agreeing
         self._held: list[tuple[int, T]] = []
-
-    @property
-    def strays(self) -> int:
-        """Number of items dropped so far because of their stamps."""
-        return self._strays
 
     def restart(self) -> None:
         """Forget the last stamp and the held items; the next item begins a run."""
         self.last_ns = None
         self._held.clear()
-
-    def release(self) -> list[T]:
-        """Restart, because another source has begun a run, and return the held items."""
-        items = [item for _, item in self._held]
-        last_ns = self._held[-1][0] if self._held else None
-        self.restart()
-        self.last_ns = last_ns
-        return items
 
     def restart_if_set_back(self, now_ns: int) -> bool:
         """Restart if `now_ns` is 1 s or more before the last stamp; return whether the clock was set back."""
@@ -115,18 +80,18 @@ class RunOrder(StampOrder[T]):
         """Add an item; return the items that are accepted, in order, and whether a new run begins with them."""
         last_ns = self.last_ns
         if stamp_ns <= 0:
-            self._strays += 1
+            self.strays += 1
             return [], False
         if last_ns is None or not is_of_another_time(last_ns, stamp_ns):
             if last_ns is not None and stamp_ns <= last_ns:
                 self.late += 1
                 return [], False
-            self._strays += len(self._held)
+            self.strays += len(self._held)
             self._held.clear()
             self.last_ns = stamp_ns
             return [item], False
         if self._held and not continues_held(self._held[-1][0], last_ns, stamp_ns):
-            self._strays += len(self._held)
+            self.strays += len(self._held)
             self._held.clear()
         self._held.append((stamp_ns, item))
         if len(self._held) < self._agreeing:
@@ -137,20 +102,27 @@ class RunOrder(StampOrder[T]):
         return items, stamp_ns < last_ns
 
 
-class AnyOrder(StampOrder[T]):
+@dataclass(frozen=True, slots=True)
+class _OtherTime(Generic[T]):
+    """An item of another time than the run of an `AnyOrder`."""
+
+    stamp_ns: int
+    item: T
+    is_dropped: bool  #: Whether the item is dropped unless the items of another time are accepted together.
+
+
+class AnyOrder(Generic[T]):
     """Assigns stamped items that arrive in any order to runs; `strays` counts the dropped items.
 
-    An item after the first stamp of the run is accepted if the lead over the last stamp is below an hour. An item
-    before the first stamp is accepted once no gap separates the item from the run (`JOIN`).
+    An item of another time (`is_of_another_time`) is dropped if its stamp was received earlier or is an hour or more
+    ahead. An item before the first stamp of the run waits, and is accepted once no gap separates the item from the run
+    (`JOIN`). All other items are accepted. An item with a stamp of zero or less is dropped.
 
-    Consecutive items of another time (`is_of_another_time`) are accepted together if their stamps increase, are all
-    before or all after the last stamp, and one of two conditions holds. Either there are `AGREEING` items, each of
-    which is an hour or more ahead or has a stamp that was received earlier, as when a recording is played again. Or
-    there are `REGULAR` items at a regular pace. The accepted items begin a new run if they are before the last stamp;
-    otherwise the run continues with them.
-
-    Other items of another time are dropped if their stamp was received earlier or is an hour or more ahead. Otherwise
-    the first paragraph applies to them. An item with a stamp of zero or less is also dropped.
+    Consecutive items of another time are accepted together if their stamps increase, are all before or all after the
+    last stamp, and one of two conditions holds. Either `AGREEING` of them, and all, were dropped, as when a recording
+    is played again or the clock is set forward. Or there are `INCREASING` items. Accepted items before the last stamp
+    begin a new run. They then include those that were already accepted as late items of the previous run, because that
+    run is discarded.
     """
 
     def __init__(self) -> None:
@@ -160,90 +132,89 @@ class AnyOrder(StampOrder[T]):
 
     def restart(self) -> None:
         """Forget all items; the next item begins a run."""
-        self._break_chain()
-        self._dropped += len(self._early)
+        self._end_other_time()
+        self._dropped += len(self._before_run)
         self._begin([])
 
     def _begin(self, stamps_ns: list[int]) -> None:
-        self._seen = array("q", stamps_ns)  # stamps of the run, sorted; 8 bytes each
-        self._early: list[tuple[int, T]] = []  # items from before the run, sorted by stamp
-        # recent items that may begin a run, and whether each is dropped if it begins none
-        self._chain: list[tuple[int, T, bool]] = []
+        self._stamps_ns = array("q", stamps_ns)  # accepted stamps of the run, sorted; 8 bytes each
+        self._before_run: list[tuple[int, T]] = []  # items that wait to join the run, sorted by stamp
+        self._other_time: list[_OtherTime[T]] = []  # consecutive items that may begin or continue a run
 
     def release(self) -> list[T]:
         """Restart, because another source has begun a run, and return the items that may belong to that run."""
-        items = [item for _, item, _ in self._chain]
-        self._take_chain()
+        items = self._take_other_time()
         self._begin([])
         return items
 
     @property
     def strays(self) -> int:
-        """Number of items dropped so far, including early items that have not joined the run."""
-        return self._dropped + sum(is_dropped for _, _, is_dropped in self._chain) + len(self._early)
+        """Number of items dropped so far, including items before the run that have not joined the run."""
+        return self._dropped + sum(held.is_dropped for held in self._other_time) + len(self._before_run)
 
     def add(self, stamp_ns: int, item: T) -> tuple[list[T], bool]:
         """Add an item; return the items that are accepted, and whether a new run begins with them."""
         if stamp_ns <= 0:
             self._dropped += 1
             return [], False
-        last_ns = self._seen[-1] if self._seen else None
-        if last_ns is None or not is_of_another_time(last_ns, stamp_ns):
-            self._break_chain()
-            insort(self._seen, stamp_ns)
-            return [item, *self._joined()], False
-        if self._chain and not continues_held(self._chain[-1][0], last_ns, stamp_ns):
-            self._break_chain()
-        place = bisect_left(self._seen, stamp_ns)
-        is_known = place < len(self._seen) and self._seen[place] == stamp_ns
-        is_early = place == 0 and not is_known
+        if not self._stamps_ns or not is_of_another_time(self._stamps_ns[-1], stamp_ns):
+            self._end_other_time()
+            return self._accept(stamp_ns, item), False
+        first_ns, last_ns = self._stamps_ns[0], self._stamps_ns[-1]
+        if self._other_time and not continues_held(self._other_time[-1].stamp_ns, last_ns, stamp_ns):
+            self._end_other_time()
         is_ahead = stamp_ns > last_ns
-        self._chain.append((stamp_ns, item, is_known or is_ahead))
-        if self._begins_run():
-            found = self._take_chain()
-            return found, not is_ahead
-        if is_early:
-            insort(self._early, (stamp_ns, item), key=lambda entry: entry[0])
-            return self._joined(), False
-        if is_known or is_ahead:
+        is_dropped = is_ahead or self._was_received(stamp_ns)
+        self._other_time.append(_OtherTime(stamp_ns, item, is_dropped))
+        if self._is_other_time_accepted():
+            return self._take_other_time(), not is_ahead
+        if is_dropped:
             return [], False
-        insort(self._seen, stamp_ns)
-        return [item, *self._joined()], False
+        if stamp_ns < first_ns:
+            insort(self._before_run, (stamp_ns, item), key=lambda waiting: waiting[0])
+            return self._joined(), False
+        return self._accept(stamp_ns, item), False
 
-    def _take_chain(self) -> list[T]:
-        """Begin a run with the items of the chain, and return these items."""
-        stamps = [stamp_ns for stamp_ns, _, _ in self._chain]
-        items = [item for _, item, _ in self._chain]
-        self._dropped += sum(stamp_ns not in stamps for stamp_ns, _ in self._early)
-        self._begin(stamps)
-        return items
+    def _was_received(self, stamp_ns: int) -> bool:
+        """Return whether an item of the run has this stamp."""
+        index = bisect_left(self._stamps_ns, stamp_ns)
+        return index < len(self._stamps_ns) and self._stamps_ns[index] == stamp_ns
 
-    def _begins_run(self) -> bool:
-        """Return whether the items of the chain form a new run."""
-        if len(self._chain) < AGREEING:
-            return False
-        if all(is_dropped for _, _, is_dropped in self._chain):
-            return True
-        stamps = [stamp_ns for stamp_ns, _, _ in self._chain]
-        steps = sorted(after - before for before, after in pairwise(stamps))
-        return len(stamps) >= REGULAR and stamps[-1] - stamps[0] <= PACE * len(stamps) * steps[len(steps) // 2]
-
-    def _break_chain(self) -> None:
-        self._dropped += sum(is_dropped for _, _, is_dropped in self._chain)
-        self._chain.clear()
+    def _accept(self, stamp_ns: int, item: T) -> list[T]:
+        """Accept an item of the run; return the item, and the items before the run that join now."""
+        insort(self._stamps_ns, stamp_ns)
+        return [item, *self._joined()]
 
     def _joined(self) -> list[T]:
-        """Accept and return the early items that no gap separates from the run."""
-        found: list[T] = []
-        while self._early and len(self._seen) > 1:
-            stamp_ns, item = self._early[-1]
-            step_ns = (self._seen[-1] - self._seen[0]) / (len(self._seen) - 1)
-            if self._seen[0] - stamp_ns > JOIN * step_ns:
+        """Accept and return the items before the run that no gap separates from the run."""
+        joined: list[T] = []
+        while self._before_run and len(self._stamps_ns) > 1:
+            stamp_ns, item = self._before_run[-1]
+            step_ns = (self._stamps_ns[-1] - self._stamps_ns[0]) / (len(self._stamps_ns) - 1)
+            if self._stamps_ns[0] - stamp_ns > JOIN * step_ns:
                 break
-            self._early.pop()
-            self._seen.insert(0, stamp_ns)
-            found.append(item)
-        return found
+            self._before_run.pop()
+            self._stamps_ns.insert(0, stamp_ns)
+            joined.append(item)
+        return joined
+
+    def _is_other_time_accepted(self) -> bool:
+        """Return whether the consecutive items of another time are accepted together."""
+        count = len(self._other_time)
+        return count >= INCREASING or (count >= AGREEING and all(held.is_dropped for held in self._other_time))
+
+    def _take_other_time(self) -> list[T]:
+        """Forget all but the consecutive items of another time, and return these."""
+        stamps_ns = [held.stamp_ns for held in self._other_time]
+        items = [held.item for held in self._other_time]
+        self._dropped += sum(stamp_ns not in stamps_ns for stamp_ns, _ in self._before_run)
+        self._begin(stamps_ns)
+        return items
+
+    def _end_other_time(self) -> None:
+        """Drop the consecutive items of another time that were not accepted individually."""
+        self._dropped += sum(held.is_dropped for held in self._other_time)
+        self._other_time.clear()
 
 
 class CommonRuns(Generic[T]):
@@ -255,9 +226,9 @@ class CommonRuns(Generic[T]):
     restart that run.
     """
 
-    def __init__(self, orders: Mapping[str, StampOrder[tuple[str, int, T]]]) -> None:
-        """Start before the first item; `orders` has one order per source."""
-        self._orders = orders
+    def __init__(self, sources: Iterable[str]) -> None:
+        """Start before the first item of any source."""
+        self._orders = {source: AnyOrder[tuple[str, int, T]]() for source in sources}
         self._latest_ns: dict[str, int] = {}  # latest stamp of each source in the run
         # latest stamps of the previous run, by source: of the source and of all
         self._ended_ns: dict[str, tuple[int, int]] = {}

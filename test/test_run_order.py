@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from sfr_loc_map.run_order import LEAP_NS, AnyOrder, CommonRuns, RunOrder, StampOrder
+from sfr_loc_map.run_order import LEAP_NS, AnyOrder, CommonRuns, RunOrder
 
 S = 1_000_000_000
 
@@ -125,9 +125,9 @@ def test_a_pose_that_is_sent_again_or_is_of_another_time_is_dropped_and_counted(
     assert (sorted(run), begun, order.strays) == (sorted([*RUN, RUN[4] + 1000]), [], 0)
 
 
-def common_runs(kind: type[StampOrder]) -> CommonRuns[int]:
+def common_runs() -> CommonRuns[int]:
     """Truth and estimate of one run, which have come to 20 s."""
-    runs: CommonRuns[int] = CommonRuns({"truth": kind(), "estimate": kind()})
+    runs: CommonRuns[int] = CommonRuns(("truth", "estimate"))
     for second in range(15, 21):
         for source in ("truth", "estimate"):
             assert runs.add(source, second * S, second) == ([second], False)
@@ -144,9 +144,8 @@ def begin_again(runs: CommonRuns[int], source: str, seconds: Sequence[int]) -> l
     raise AssertionError("no run has begun")
 
 
-@pytest.mark.parametrize("kind", [RunOrder, AnyOrder])
-def test_results_of_the_run_before_do_not_begin_another_one(kind: type[StampOrder]) -> None:
-    runs = common_runs(kind)
+def test_results_of_the_run_before_do_not_begin_another_one() -> None:
+    runs = common_runs()
     assert begin_again(runs, "truth", (15, 16, 17)) == [15, 16, 17]
     for stamp_ns in (20 * S, 20 * S + 100):  # of the run before
         assert runs.add("estimate", stamp_ns, 0) == ([], False)
@@ -155,16 +154,14 @@ def test_results_of_the_run_before_do_not_begin_another_one(kind: type[StampOrde
     assert runs.strays == 0
 
 
-@pytest.mark.parametrize("kind", [RunOrder, AnyOrder])
-def test_a_source_with_another_clock_keeps_its_time_when_the_other_begins_again(kind: type[StampOrder]) -> None:
-    runs = common_runs(kind)
+def test_a_source_with_another_clock_keeps_its_time_when_the_other_begins_again() -> None:
+    runs = common_runs()
     begin_again(runs, "truth", (15, 16, 17))
     assert runs.add("estimate", 22 * S, 22) == ([22], False)
 
 
-@pytest.mark.parametrize("kind", [RunOrder, AnyOrder])
-def test_items_that_are_held_when_the_other_source_begins_a_run_are_part_of_it(kind: type[StampOrder]) -> None:
-    runs = common_runs(kind)
+def test_items_that_are_held_when_the_other_source_begins_a_run_are_part_of_it() -> None:
+    runs = common_runs()
     for second in (15, 16):
         assert runs.add("estimate", second * S, 100 + second) == ([], False)
     assert begin_again(runs, "truth", (15, 16, 17)) == [15, 16, 17, 115, 116]

@@ -23,7 +23,7 @@ from sfr_loc_map.live.shown_score import ShownScore
 from sfr_loc_map.live.timeline import EventKind, Timeline
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.metrics.stored.score_json import from_json
-from sfr_loc_map.run_order import AnyOrder, CommonRuns
+from sfr_loc_map.run_order import CommonRuns
 from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
 
 MAX_NODES = 32
@@ -47,7 +47,7 @@ class LiveState:
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # unreadable inputs, newest last
         self.timeline = Timeline()
         self.shown_end = ShownEnd()
-        self._runs: CommonRuns[updates.PoseSample] = CommonRuns({track: AnyOrder() for track in updates.Track})
+        self._runs: CommonRuns[updates.PoseSample] = CommonRuns(updates.Track)
         self._published = Latest[int, float](MAX_STAMPS)  # publication time of images by stamp, s
         self._watchers = set[object]()
         self._on_change: Callable[[], None] = lambda: None

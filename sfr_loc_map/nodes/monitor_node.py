@@ -51,7 +51,7 @@ from sfr_loc_map.ros.point_messages import cloud_from_msg
 from sfr_loc_map.ros.pose_messages import covariance_of, odometry_row, transform_from_pose
 from sfr_loc_map.ros.qos import LATCHED, RELIABILITIES, profile
 from sfr_loc_map.ros.transport import TransportGaps, begin_counting
-from sfr_loc_map.run_order import AnyOrder, CommonRuns
+from sfr_loc_map.run_order import CommonRuns
 from sfr_loc_map.scoring.live.live_score import MAX_LISTED, DiscardedInterval, LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import SIDES, Side, Task
@@ -203,7 +203,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._truth: TruthInput = TopicTruthInput(self, Reliability(config.input.reliability))
         if config.truth.frame:
             self._truth = FrameTruthInput(config.truth.frame)
-        self._runs: CommonRuns[Callable[[], None]] = CommonRuns({source: AnyOrder() for source in SOURCES})
+        self._runs: CommonRuns[Callable[[], None]] = CommonRuns(SOURCES)
         self._restarts = 0  # number of new runs since the operator's reset
         self._has_estimate = False
         self._has_truth = False
