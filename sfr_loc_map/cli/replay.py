@@ -48,6 +48,7 @@ from sfr_loc_map.suite_names import Task
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
+    from sfr_loc_map.live.page_process import PageProcess
     from sfr_loc_map.replay.files import ReplayFiles
     from sfr_loc_map.replay.options import ReplayOptions
     from sfr_loc_map.replay.replay_command import ScoredReplay
@@ -229,12 +230,11 @@ def replay(
             offset_s=start_offset,
             duration_s=math.inf if duration is None else duration,
             paused=start_paused,
-            page=page,
             external=external_node,
         )
         files = None if out is None else ReplayFiles(out)
         with _room_for(files, (source, judgement.limits_file, source_config.configuration.path), overwrite=overwrite):
-            outcome = _replay_and_present(opened, options, files)
+            outcome = _replay_and_present(opened, options, files, page)
         if outcome.interrupted:
             raise InterruptedRunError(outcome.interrupted)
         # without limits and conditions, a missing judgement is only a warning
@@ -269,7 +269,9 @@ def _room_for(files: ReplayFiles | None, inputs: Iterable[Path | None], *, overw
             out.rmdir()
 
 
-def _replay_and_present(source: Source, options: ReplayOptions, files: ReplayFiles | None) -> ScoredReplay:
+def _replay_and_present(
+    source: Source, options: ReplayOptions, files: ReplayFiles | None, page: PageProcess | None
+) -> ScoredReplay:
     """Replay and score with progress bars, and show the score on the live page.
 
     Print the score, and write report and page if files are given.
@@ -286,14 +288,14 @@ def _replay_and_present(source: Source, options: ReplayOptions, files: ReplayFil
                 bar.console.print(printable(text), highlight=False, markup=False)
 
         outcome = replay_and_score(
-            source, options, files, command=command_line(), progress=lambda rig: bar.advance(bars[rig]), say=show_line
+            source, options, files, command_line(), page, progress=lambda rig: bar.advance(bars[rig]), say=show_line
         )
     try:
         present(outcome.score, None if files is None else str(files.report), None if files is None else files.page)
     finally:
         _report_files(outcome, files)
-        if options.page is not None:
-            options.page.scored(to_json(outcome.score), None if files is None else files.page)
+        if page is not None:
+            page.scored(to_json(outcome.score), None if files is None else files.page)
     return outcome
 
 

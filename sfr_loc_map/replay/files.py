@@ -29,7 +29,16 @@ class ReplayFiles:
     @property
     def all(self) -> tuple[Path, ...]:
         """The paths of all outputs."""
-        return tuple(path for name, path in vars(self).items() if name != "folder")
+        return (
+            self.estimate,
+            self.as_published,
+            self.stats,
+            self.cloud,
+            self.points,
+            self.external_log,
+            self.report,
+            self.page,
+        )
 
 
 def save_replay(result: ReplayResult, files: ReplayFiles) -> None:

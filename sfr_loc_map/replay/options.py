@@ -11,7 +11,6 @@ from sfr_loc_map.configuration.sections import NOTHING_GIVEN, Configuration, is_
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.io.message_stream import begin_of
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.live.page_process import PageProcess
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MappingConfig
@@ -67,7 +66,6 @@ class ReplayOptions:
     #: Configuration with the parameters of the monitor besides score and limits. If its file is a ROS parameter file,
     #: the nodes also read this file; the parameters above override it.
     configuration: Configuration = NOTHING_GIVEN
-    page: PageProcess | None = None  #: Live page that shows the run; None: no page.
     external: ExternalOptions | None = None  #: External node under test; None: only nodes of the suite.
 
     @property

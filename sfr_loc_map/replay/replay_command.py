@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sfr_loc_map.calls.call_record import states_text, tracking_warning
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError, naming
 from sfr_loc_map.io.message_stream import pairs_between
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.live.page_process import PageProcess
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.replay.external.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.replay_score import files_of_source, score_replay
 from sfr_loc_map.replay.result import ReplayResult
-from sfr_loc_map.replay.session import replay
+from sfr_loc_map.replay.session import Progress, Say, replay
 from sfr_loc_map.suite_names import Task
 
 
@@ -35,11 +36,12 @@ def replay_and_score(
     options: ReplayOptions,
     files: ReplayFiles | None,
     command: str,
+    page: PageProcess | None = None,
     *,
-    progress: Callable[[str], None],
-    say: Callable[[str], None],
+    progress: Progress,
+    say: Say,
 ) -> ScoredReplay:
-    """Replay a source, write the results to files if given, and score the results.
+    """Replay a source, write the results to files if given, and score the results; `page` shows the replay.
 
     `progress` is called with the rig of each played pair, `say` with a line about each step. If a signal ends the
     replay, the played part is scored; without any result, a KeyboardInterrupt is raised. If the replay or the
@@ -49,10 +51,7 @@ def replay_and_score(
     _check_diagnosis(source, options)
     read = files_of_source(source, options.limits_file)
     with naming(source.path):
-        result = replay(source, options, progress=progress, say=say)
-        if result.was_interrupted and result.is_empty:
-            raise KeyboardInterrupt
-        result = _converted_or_saved(result, source, options, files)
+        result = _converted_results(source, options, files, page, progress, say)
         if files is not None:
             save_replay(result, files)
         _check_map(result)
@@ -77,22 +76,34 @@ def _played_part(source: Source, options: ReplayOptions, result: ReplayResult) -
     return f"interrupted: {played} of {total} pairs were played and scored"
 
 
-def _converted_or_saved(
-    result: ReplayResult, source: Source, options: ReplayOptions, files: ReplayFiles | None
+def _converted_results(
+    source: Source,
+    options: ReplayOptions,
+    files: ReplayFiles | None,
+    page: PageProcess | None,
+    progress: Progress,
+    say: Say,
 ) -> ReplayResult:
-    """Return the result with the poses of an external localiser converted to poses of RB in DS.
+    """Replay a source and return the results, with the poses of an external localiser as poses of RB in DS.
 
-    If an error ended the replay or prevents the conversion, save the received results and raise the error. The poses
-    of an external node are then saved as published.
+    If an error ends the replay or prevents the conversion, the received results are saved before the error is raised.
+    The poses of an external node are then saved as published.
     """
+    received = ReplayResult.empty()
+
+    def keep(results: ReplayResult) -> None:
+        nonlocal received
+        received = results
+
     try:
-        if result.error is not None:
-            raise result.error
-        return with_converted_poses(result, source, options.request.config, options.request.correction)
+        replay(source, options, page, progress=progress, say=say, on_results=keep)
+        if received.was_interrupted and received.is_empty:
+            raise KeyboardInterrupt
+        return with_converted_poses(received, source, options.request.config, options.request.correction)
     except SfrError as error:
-        if files is None or result.is_empty:
+        if files is None or received.is_empty:
             raise
-        save_replay(result, files)
+        save_replay(received, files)
         raise type(error)(f"{error}; the received results are in '{files.folder}'") from error
 
 

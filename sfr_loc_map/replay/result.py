@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from sfr_loc_map.calls.call_record import CallRecord
-from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -72,7 +71,6 @@ class ReplayResult:
     refused_calls: int = 0  #: Number of invalid calls of an external node, which are ignored.
     first_refusal: str = ""  #: Why the first of these calls is invalid.
     was_interrupted: bool = False  #: Whether a signal ended the replay early.
-    error: SfrError | None = None  #: Error that ended the replay early; the result has what was received until then.
     rate: float | None = None  #: Multiple of the recorded speed at which the source was played; None in lock step.
     #: Parameters of our localiser and mapper that differ from the defaults, by name.
     settings: Mapping[Task, Mapping[str, object]] = field(default_factory=dict)

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map import signals
-from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.live.page_process import shown_on
+from sfr_loc_map.live.page_process import PageProcess, shown_on
 from sfr_loc_map.replay.arguments_by_node import arguments_by_node, pairs_per_map
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.external.answer_converters import answer_converter
@@ -58,29 +58,34 @@ class Connected(NamedTuple):
         return received.result(external, options.rate, options.changed_settings)
 
 
-def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: Say) -> ReplayResult:
-    """Replay a source through the nodes and return their results, also after an error, which is a field of the result.
+def replay(
+    source: Source,
+    options: ReplayOptions,
+    page: PageProcess | None,
+    *,
+    progress: Progress,
+    say: Say,
+    on_results: Callable[[ReplayResult], None],
+) -> None:
+    """Replay a source through the nodes, and show the replay on a live page unless `page` is None.
 
-    `progress` is called with the rig of each played pair. InputError if the source cannot be replayed.
+    `on_results` is called with the results of the nodes at the end of the replay, also before an error is raised,
+    unless the error occurs before the nodes are connected. `progress` is called with the rig of each played pair, and
+    `say` with a line about each step. InputError if the source cannot be replayed.
     """
     check_source(source, options.offset_s)
-    result = ReplayResult.empty()
-    was_interrupted = False
-    try:
-        with shown_on(options.page), connected_replay(source, options, say) as connected:
-            try:
-                with signals.stopping(connected.player.stop) as interrupted:
-                    say(f"playing from {options.offset_s:g} s")
-                    play_and_collect(source, options, connected, progress)
-                    was_interrupted = interrupted()
-                    signals.hold()  # the played part is still scored
-            finally:
-                result = connected.result(options)
-            if options.page is not None:
-                options.page.played()
-    except SfrError as error:
-        return replace(result, error=error)
-    return replace(result, was_interrupted=was_interrupted)
+    with shown_on(page), connected_replay(source, options, say, page) as connected:
+        was_interrupted = False
+        try:
+            with signals.stopping(connected.player.stop) as interrupted:
+                say(f"playing from {options.offset_s:g} s")
+                play_and_collect(source, options, connected, progress)
+                was_interrupted = interrupted()
+                signals.hold()  # the played part is still scored
+        finally:
+            on_results(replace(connected.result(options), was_interrupted=was_interrupted))
+        if page is not None:
+            page.played()
 
 
 def play_and_collect(source: Source, options: ReplayOptions, connected: Connected, progress: Progress) -> None:
@@ -108,8 +113,10 @@ def play_and_collect(source: Source, options: ReplayOptions, connected: Connecte
 
 
 @contextmanager
-def connected_replay(source: Source, options: ReplayOptions, say: Say) -> Iterator[Connected]:
-    """Start the nodes of a replay, and yield the replay once all nodes communicate with each other.
+def connected_replay(
+    source: Source, options: ReplayOptions, say: Say, page: PageProcess | None = None
+) -> Iterator[Connected]:
+    """Start the nodes of a replay, and yield the replay once all nodes and the page communicate with each other.
 
     The processes are ended after the `with` block.
     """
@@ -124,7 +131,7 @@ def connected_replay(source: Source, options: ReplayOptions, say: Say) -> Iterat
         if source.loc is not None and source.loc.rig.T_rb_sb is not None:
             publish_extrinsics(peer.ros_node, source.loc.rig.T_rb_sb)
         say("waiting for the nodes")
-        if options.page is not None and not peer.wait_for_page(options.page):
+        if page is not None and not peer.wait_for_page(page):
             say("the page does not receive all messages yet: the start of the replay may be missing on the page")
         topics = message_stream.topics_of(source)
         if options.external is not None:

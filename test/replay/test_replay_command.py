@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from sfr_loc_map.replay import replay_command
 from sfr_loc_map.replay.files import ReplayFiles
 from sfr_loc_map.replay.message_store import Received
 from sfr_loc_map.replay.options import ExternalOptions, ReplayOptions
-from sfr_loc_map.replay.result import ExternalResult
+from sfr_loc_map.replay.result import ExternalResult, ReplayResult
 from sfr_loc_map.scoring.request import ScoreRequest
 from sfr_loc_map.suite_names import Task
 
@@ -66,7 +67,7 @@ def test_the_estimate_is_saved_if_the_mapper_published_no_cloud(
     stamps_ns = list(source.loc.stamps_ns)
 
     replayed = received(stamps_ns).result(None)
-    monkeypatch.setattr(replay_command, "replay", lambda *_, **__: replayed)
+    monkeypatch.setattr(replay_command, "replay", lambda *_, on_results, **__: on_results(replayed))
     with pytest.raises(NodeError, match=r"^mapping_node published no cloud"):
         replay(tmp_path)
     assert saved_stamps(ReplayFiles(tmp_path)) == stamps_ns
@@ -80,8 +81,11 @@ def test_the_results_before_an_error_are_saved(tmp_path: Path, monkeypatch: pyte
     files = ReplayFiles(tmp_path)
     files.report.write_text("of an earlier replay", encoding="utf-8")
 
-    replayed = replace(received(stamps_ns).result(None), error=NodeError("mapping_node was killed by SIGKILL"))
-    monkeypatch.setattr(replay_command, "replay", lambda *_, **__: replayed)
+    def replay_until_error(*_: object, on_results: Callable[[ReplayResult], None], **__: object) -> None:
+        on_results(received(stamps_ns).result(None))
+        raise NodeError("mapping_node was killed by SIGKILL")
+
+    monkeypatch.setattr(replay_command, "replay", replay_until_error)
     text = f"; the received results are in '{tmp_path}'" if count else ""
     with pytest.raises(NodeError, match=f"^mapping_node was killed by SIGKILL{re.escape(text)}$"):
         replay(tmp_path)
@@ -105,7 +109,7 @@ def test_poses_that_cannot_be_converted_are_saved_as_published(tmp_path: Path, m
     score = ExternalScore(task=Task.LOCALISATION.value, topic="pose", frames="", answers=AnswerCounts(), latency_s=None)
     method = MethodRecord(name="theirs", version=None, kind=MethodKind.EXTERNAL)
     found = received(stamps_ns, Task.LOCALISATION).result(ExternalResult(method, score, ()))
-    monkeypatch.setattr(replay_command, "replay", lambda *_, **__: found)
+    monkeypatch.setattr(replay_command, "replay", lambda *_, on_results, **__: on_results(found))
     request = ScoreRequest.of(["frames=3"], convention=["world=first_pose"])
     options = replace(OPTIONS, external=ExternalOptions(Task.LOCALISATION, "pose"), request=request)
     with pytest.raises(MetricsError, match="the world frame cannot be aligned"):
