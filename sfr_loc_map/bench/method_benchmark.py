@@ -10,7 +10,6 @@ import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from math import isnan
 from pathlib import Path
 from typing import Any, Generic
 
@@ -181,7 +180,7 @@ class PassResult(Generic[Result]):
 
     def costs(self) -> Iterator[FigureRow]:
         """Yield times and memory of the calls. A call that did not return has no time."""
-        times_s = [None if isnan(call.usage.processing_time_s) else call.usage.processing_time_s for call in self.calls]
+        times_s = [call.usage.processing_time_s for call in self.calls]
         known_s = [time_s for time_s in times_s if time_s is not None]
         p50, p95 = np.percentile(known_s, (50.0, 95.0)).tolist() if known_s else (None, None)
         yield FigureRow((TIME, "p50"), p50, Column("p50", MILLISECOND))

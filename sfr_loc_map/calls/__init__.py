@@ -8,7 +8,7 @@ form.
 | `CallRecord` and JSON | stats.csv | `CallStats` |
 |---|---|---|
 | `stamp_ns`, `state` | the same | `calls` |
-| `processing_time_s` (NaN if unknown, JSON: 0) | the same (NaN; empty and 0 are read as NaN) | `calls.seconds` |
+| `processing_time_s` (None if unknown, JSON: 0) | the same (NaN; empty and 0 are read as NaN) | `calls.seconds` |
 | `peak_rss_bytes`, `above_idle_bytes` | the same, and `memory_method` | `calls` |
 | `statistics` | a column for each | `calls.stage_s`, `processes` |
 | `covariance` `(6, 6)` | `COVARIANCE_NAMES` (upper triangle) | `covariance` (upper triangle) |
@@ -16,7 +16,7 @@ form.
 | `finding` | the same | `findings`, counted by their kind |
 | `images_sha256` | the same | `identity`, only from a file |
 | `reason` | the same | |
-| `task` | follows from `state` | follows from `state` |
+| `task`, which follows from `state` | follows from `state` | follows from `state` |
 | `pair_stamps_ns`, `fused`, `times`, `counts`, `version` | | |
 | | method, pose, `cloud_sha256`, `replay_rate` | `methods`, `identity` |
 

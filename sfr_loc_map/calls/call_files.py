@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -29,8 +30,8 @@ import numpy as np
 
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.calls.call_findings import findings_of
-from sfr_loc_map.calls.call_record import UNKNOWN_TIME_S, CallRecord, bounded, check_uncertainty
-from sfr_loc_map.calls.call_stats import CallStats, task_of
+from sfr_loc_map.calls.call_record import UNKNOWN_TIME_S, CallRecord, bounded, check_uncertainty, task_of
+from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.calls.run_identity import POSE_SIZE, RunIdentity, hash_of_cloud, poses_by_stamp
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
@@ -138,7 +139,7 @@ class _RunCells:
         method = self.methods.get(record.task)
         cells: dict[str, object] = {
             "stamp_ns": record.stamp_ns,
-            "processing_time_s": record.processing_time_s,
+            "processing_time_s": math.nan if record.processing_time_s is None else record.processing_time_s,
             "state": record.state,
             "reason": record.reason,
             "peak_rss_bytes": record.peak_rss_bytes,

@@ -10,7 +10,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from sfr_loc_map.calls.call_record import DEFAULT_STATE, UNKNOWN_TIME_S, CallRecord, bounded, check_uncertainty
+from sfr_loc_map.calls.call_record import (
+    DEFAULT_STATE,
+    STATES_OF,
+    UNKNOWN_TIME_S,
+    CallRecord,
+    bounded,
+    check_uncertainty,
+)
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, refusing
 from sfr_loc_map.message_text import printable
@@ -34,8 +41,8 @@ def encode_call(record: CallRecord) -> str:
         covariance=_bounded_or_none(record.covariance),
         step=_bounded_or_none(record.step),
     )
-    content = msgspec.to_builtins(finite, enc_hook=_to_plain)
-    if not math.isfinite(record.processing_time_s):
+    content = msgspec.to_builtins(finite, enc_hook=_to_plain) | {"task": record.task}
+    if record.processing_time_s is None:
         content["processing_time_s"] = UNKNOWN_TIME_S
     return msgspec.json.encode(content).decode()
 
@@ -52,10 +59,15 @@ def decode_call(text: str, task: Task) -> CallRecord:
     with refusing(f"call of {task}", "publish a JSON object with stamp_ns and processing_time_s for each call"):
         if len(text) > MAX_TEXT_BYTES:
             raise ValueError(f"{len(text)} characters: at most {MAX_TEXT_BYTES} are allowed")
-        content = {"task": task, **msgspec.json.decode(text, type=dict[str, Any])}
+        content = msgspec.json.decode(text, type=dict[str, Any])
+        stated_task = content.get("task", task)
+        if stated_task != task:
+            raise ValueError(f"task is {stated_task!r:.40}: '{task}' is required on this topic")
         record = msgspec.convert(content, CallRecord, dec_hook=_from_plain)
-        if record.task is not task:
-            raise ValueError(f"task is '{record.task}': '{task}' is required on this topic")
+        state = record.state or DEFAULT_STATE[task]
+        if state not in STATES_OF[task]:
+            known = ", ".join(filter(None, STATES_OF[task]))
+            raise ValueError(f"state is '{state}': one of {known} is required")
         if len(set(record.pair_stamps_ns)) < len(record.pair_stamps_ns):
             raise ValueError("'pair_stamps_ns' contains a stamp twice: each pair is required once")
         _check_statistics(record.statistics)
@@ -64,7 +76,8 @@ def decode_call(text: str, task: Task) -> CallRecord:
         if record.covariance is not None:
             _check_array("covariance", record.covariance, (6, 6))
         check_uncertainty(record)
-    return replace(record, state=record.state or DEFAULT_STATE[task])
+    seconds = None if record.processing_time_s == UNKNOWN_TIME_S else record.processing_time_s
+    return replace(record, processing_time_s=seconds, state=state)
 
 
 def _check_statistics(statistics: Mapping[str, float]) -> None:

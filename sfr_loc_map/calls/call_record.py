@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -31,8 +30,8 @@ STATES_OF: dict[Task, tuple[str, ...]] = {Task.LOCALISATION: LOCALISER_STATES, T
 DEFAULT_STATE = {Task.LOCALISATION: "", Task.MAPPING: MappingState.MAPPED.value}
 """State of a call whose external node reports no state, by task. The empty state of a localiser means unknown."""
 UNKNOWN_TIME_S = 0.0
-"""Processing time of a call whose time is unknown, s, in JSON. Files of calls, `CallRecord` and `CallStats` have NaN; a
-zero in a file is read as NaN."""
+"""Processing time, s, of a call whose time is unknown, in JSON. A zero in a file also means that the time is unknown;
+`CallRecord` has None, and files and `CallStats` have NaN."""
 MAX_CALL_S = 1e6  #: Maximum processing time of a received call, s.
 MANY = 0.05  #: Minimum fraction of lost or degraded pairs for a warning.
 ASYMMETRY = 1e-6  #: Maximum difference of symmetric numbers of a covariance, relative to its largest number.
@@ -51,8 +50,7 @@ class CallRecord:
     """
 
     stamp_ns: Stamp  #: Stamp of the pair; for a fused cloud, of its last pair.
-    #: Wall-clock time; NaN: unknown, also if given as 0.
-    processing_time_s: Annotated[float, Meta(ge=0.0, le=MAX_CALL_S)]
+    processing_time_s: Annotated[float, Meta(ge=0.0, le=MAX_CALL_S)] | None  #: Wall-clock time; None if unknown.
     state: Text = ""  #: State after the call: initialising, tracking, degraded, lost; mapped, fused, mapped_set.
     _: KW_ONLY
     #: Peak resident memory of the process during the call; None if it cannot be measured.
@@ -74,15 +72,11 @@ class CallRecord:
     )  #: Messages dropped since the configuration, by cause.
     version: Text = ""  #: Version of the method, if a node reports it.
     images_sha256: Hash = ""  #: Hash of the images of the call (`run_identity`); empty if unknown.
-    task: Task = Task.LOCALISATION  #: Task of the node that made the call.
 
-    def __post_init__(self) -> None:
-        """Reject a state that calls of the task do not have; replace an unknown time by NaN."""
-        if self.state and self.state not in STATES_OF[self.task]:
-            known = ", ".join(filter(None, STATES_OF[self.task]))
-            raise ValueError(f"state is '{self.state}': one of {known} is required")
-        if self.processing_time_s == UNKNOWN_TIME_S:
-            object.__setattr__(self, "processing_time_s", math.nan)
+    @property
+    def task(self) -> Task:
+        """Task of the node that made the call."""
+        return task_of(self.state)
 
     @property
     def outcome(self) -> str:
@@ -95,6 +89,11 @@ class CallRecord:
         return len(self.pair_stamps_ns) > 1 if self.fused is None else self.fused
 
 
+def task_of(state: str) -> Task:
+    """Return the task of a call from its state; an unknown state (empty) is that of a localiser."""
+    return Task.MAPPING if state in STATE_KINDS else Task.LOCALISATION
+
+
 def outcome_text(state: str, reason: str) -> str:
     """Return a state with its reason, if any, for display."""
     return f"{state}: {reason}" if reason else state
@@ -103,14 +102,15 @@ def outcome_text(state: str, reason: str) -> str:
 def usage_of_stages(stages: Sequence[CallRecord | CallUsage]) -> CallUsage:
     """Return the usage of a mapping call from its stages: each pair and the fusion.
 
-    The time is the sum of the times of the stages. The time between stages does not count, such as the wait for the
-    next pair. The memory is the maximum over the stages whose peak was measured. The memory above the idle process is
-    None if one of these stages lacks it.
+    The time is the sum of the times of the stages, None if one of them is unknown. The time between stages does not
+    count, such as the wait for the next pair. The memory is the maximum over the stages whose peak was measured. The
+    memory above the idle process is None if one of these stages lacks it.
     """
+    times_s = [item.processing_time_s for item in stages if item.processing_time_s is not None]
     peaks = [item.peak_rss_bytes for item in stages if item.peak_rss_bytes is not None]
     above_idle = [item.above_idle_bytes for item in stages if item.above_idle_bytes is not None]
     return CallUsage(
-        processing_time_s=sum(item.processing_time_s for item in stages),
+        processing_time_s=sum(times_s) if len(times_s) == len(stages) else None,
         peak_rss_bytes=max(peaks, default=None),
         above_idle_bytes=max(above_idle, default=None) if len(above_idle) == len(peaks) else None,
     )
@@ -157,7 +157,6 @@ def mapping_call(
         statistics=statistics,
         finding=finding,
         images_sha256=images_sha256,
-        task=Task.MAPPING,
     )
 
 

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.calls.call_record import task_of
 from sfr_loc_map.calls.run_identity import RunIdentity
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.call_score import STATED_BY_NODE
-from sfr_loc_map.metrics.calls.calls import STATE_KINDS, Calls, concatenated, stacked
+from sfr_loc_map.metrics.calls.calls import Calls, concatenated, stacked
 from sfr_loc_map.metrics.figures.records import FindingRecord, MethodKind, MethodRecord, ProcessUsage
 from sfr_loc_map.suite_names import Task
 
@@ -88,11 +89,6 @@ class CallStats:
         last = np.searchsorted(called_ns, stamps_ns, "right")
         is_called = np.isin(stamps_ns, called_ns)
         return rows[np.where(is_called, last, 0)]
-
-
-def task_of(state: str) -> Task:
-    """Return the task of a call from its state."""
-    return Task.MAPPING if state in STATE_KINDS else Task.LOCALISATION
 
 
 def judged_method(methods: Iterable[MethodRecord]) -> MethodRecord | None:

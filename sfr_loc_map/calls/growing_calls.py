@@ -65,9 +65,9 @@ class GrowingCalls:
             self._covariances.add(row, record.covariance[UPPER])
         if record.finding:
             self._findings.add_of_call(record.stamp_ns, record.finding)
-        sizes = record.peak_rss_bytes, record.above_idle_bytes
-        peaks = (np.nan if value is None else value for value in sizes)
-        self._calls.add(record.stamp_ns, record.processing_time_s, record.state, *peaks)
+        costs = (record.processing_time_s, record.peak_rss_bytes, record.above_idle_bytes)
+        seconds, peak_bytes, above_idle_bytes = (np.nan if value is None else value for value in costs)
+        self._calls.add(record.stamp_ns, seconds, record.state, peak_bytes, above_idle_bytes)
 
     def stats(self, stated_tasks: Collection[Task] = ()) -> CallStats | None:
         """Return the calls as columns; None if there are no calls.

@@ -27,7 +27,7 @@ class NumberedCall:
         call = self.call
         record = call.record
         times = {"processing_time_s": record.processing_time_s, **record.times}
-        known = {name: times[name] for name in TIMES if name in times and math.isfinite(times[name])}
+        known = {name: value for name in TIMES if (value := times.get(name)) is not None and math.isfinite(value)}
         about = {"n": self.n, "node": call.node, "stamp_ns": str(record.stamp_ns), "received_s": call.received_s}
         return about | asdict(state_after(record)) | {"memory_bytes": record.peak_rss_bytes, **known}
 

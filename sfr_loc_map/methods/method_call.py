@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -62,7 +61,7 @@ class Request:
 class MethodCall:
     """Resource use, result and findings of one call of a method under test."""
 
-    usage: CallUsage = field(default_factory=lambda: CallUsage(math.nan))  #: NaN if the call did not return.
+    usage: CallUsage = field(default_factory=CallUsage)  #: Without values if the call did not return.
     findings: tuple[CallFinding, ...] = ()  #: Faults of the method, first the fault that prevented a result.
     reason: str = ""  #: Why the pose is degraded or lost.
     statistics: Mapping[str, float] = field(default_factory=dict)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -74,7 +73,7 @@ class ReceivedDrive:
     @property
     def records(self) -> list[CallRecord]:
         """All calls with the covariances of their poses. A pose without a call has a call of unknown time and state."""
-        calls = {stamp_ns: CallRecord(stamp_ns, math.nan) for stamp_ns in self.covariances} | self.calls
+        calls = {stamp_ns: CallRecord(stamp_ns, None) for stamp_ns in self.covariances} | self.calls
         return [_with_covariance(call, self.covariances.get(stamp_ns)) for stamp_ns, call in calls.items()]
 
 

@@ -19,7 +19,6 @@ from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
 from sfr_loc_map.ros.grid_messages import elevation_from_msg, elevation_msg, hazard_msg
 from sfr_loc_map.ros.messages import byte_array
 from sfr_loc_map.ros.point_messages import cloud_msg
-from sfr_loc_map.suite_names import Task
 
 STAMP_NS = 1_700_000_000_000_000_000
 SIDE, CELL_M = 48, 0.5
@@ -41,7 +40,7 @@ def estimated(truth: np.ndarray) -> PointCloud:
 
 
 def fusion(*pair_stamps_ns: int) -> CallRecord:
-    return CallRecord(pair_stamps_ns[-1], 0.1, "fused", pair_stamps_ns=pair_stamps_ns, task=Task.MAPPING)
+    return CallRecord(pair_stamps_ns[-1], 0.1, "fused", pair_stamps_ns=pair_stamps_ns)
 
 
 def terrain() -> TerrainGrid:

@@ -37,7 +37,6 @@ from sfr_loc_map.metrics.score.score import SCHEMA
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.ros.messages import header_msg
 from sfr_loc_map.ros.pose_messages import pose_msg, transform_msg
-from sfr_loc_map.suite_names import Task
 
 NO_TURN = np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -221,7 +220,7 @@ def test_a_mapping_recording_that_is_played_again_restarts_the_score_with_all_ca
         for run in range(2):
             for second in range(6):
                 stamp_ns = START_NS + second * 10**9
-                call = CallRecord(stamp_ns, 0.1, "mapped", task=Task.MAPPING)
+                call = CallRecord(stamp_ns, 0.1, "mapped")
                 peer.publish(String, "mapping_node/call", String(data=encode_call(call)))
                 message = PoseStamped(header=header_msg(stamp_ns, "lm"))
                 peer.publish(PoseStamped, "nav/pose", message)

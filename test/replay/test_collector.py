@@ -27,7 +27,7 @@ from sfr_loc_map.topics import DIAGNOSTICS, call_topic
 
 def add_call(received: Received, state: MappingState) -> None:
     """Add a call of the mapper for the pair with the stamp 1."""
-    received.maps.add_call(CallRecord(1, 0.1, state, task=Task.MAPPING))
+    received.maps.add_call(CallRecord(1, 0.1, state))
 
 
 def add_map(received: Received) -> None:

@@ -6,7 +6,6 @@ import pytest
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.replay.message_store import ExternalMaps, Received, ReceivedCloud, ReceivedDrive, ReceivedMaps
-from sfr_loc_map.suite_names import Task
 
 
 def cloud(count: int) -> PointCloud:
@@ -60,7 +59,7 @@ def test_a_cloud_is_of_the_pairs_that_its_call_names() -> None:
         found.add_cloud(ReceivedCloud(stamp_ns, cloud(points).xyz, cloud(points)))
     assert found.map == (None, None, ())
     for state, stamp_ns, pairs in (("fused", 30, (10, 30)), ("fused", 20, (20,)), ("mapped_set", 20, (20,))):
-        found.add_call(CallRecord(stamp_ns, 0.1, state, pair_stamps_ns=pairs, task=Task.MAPPING))
+        found.add_call(CallRecord(stamp_ns, 0.1, state, pair_stamps_ns=pairs))
     last, _, stamps = found.map
     assert (len(last), last.fused, last.pair_stamps_ns, stamps) == (7, True, (10, 30), (10, 30))
     assert found.map_count == 1
@@ -90,6 +89,6 @@ def test_a_pose_without_a_call_has_a_call_of_unknown_time_and_state() -> None:
         found.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), stamp_ns * np.eye(6))
     found.add_call(CallRecord(20, 0.1, "tracking"))
     unknown, known = found.records
-    assert (unknown.stamp_ns, unknown.state, np.isnan(unknown.processing_time_s)) == (10, "", True)
+    assert (unknown.stamp_ns, unknown.state, unknown.processing_time_s) == (10, "", None)
     assert unknown.covariance[0, 0] == 10.0
     assert (known.stamp_ns, known.state, known.processing_time_s) == (20, "tracking", 0.1)

@@ -24,7 +24,6 @@ from sfr_loc_map.metrics.figures.records import REPLAY_RATE
 from sfr_loc_map.scoring import load_drive
 from sfr_loc_map.scoring.inputs import Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
-from sfr_loc_map.suite_names import Task
 
 PAIRS = 5
 IDENTITY = ("position_", "attitude_", "images_sha256", "cloud_sha256", "replay_rate")
@@ -228,7 +227,7 @@ def test_a_score_of_the_files_of_a_replay_states_its_rate(tmp_path: Path, drive:
 )
 def test_an_invalid_identity_of_a_run_is_refused(tmp_path: Path, name: str, text: str, problem: str) -> None:
     path = tmp_path / "s.csv"
-    records = [CallRecord(stamp_ns, 0.1, "mapped", images_sha256="a" * 64, task=Task.MAPPING) for stamp_ns in (1, 2)]
+    records = [CallRecord(stamp_ns, 0.1, "mapped", images_sha256="a" * 64) for stamp_ns in (1, 2)]
     save_stats(path, records, cloud=true_cloud(0), replay_rate=2.0)
     header, *rows = list(csv.reader(path.read_text().splitlines()))
     rows[0][header.index(name)] = text
@@ -242,11 +241,8 @@ def save_map(folder: Path, panorama: Path, suffix: str = ".ply", *, is_set: bool
     nav = open_source(panorama).nav
     assert nav is not None
     hashes = {item.pair.stamp_ns: hash_of_pair(item.pair) for item in nav.pairs()}
-    records = [
-        CallRecord(stamp_ns, 0.1, "mapped", images_sha256=sha256, task=Task.MAPPING)
-        for stamp_ns, sha256 in hashes.items()
-    ]
-    whole = CallRecord(max(hashes), 0.2, "mapped_set", images_sha256=hash_of_set([*hashes.values()]), task=Task.MAPPING)
+    records = [CallRecord(stamp_ns, 0.1, "mapped", images_sha256=sha256) for stamp_ns, sha256 in hashes.items()]
+    whole = CallRecord(max(hashes), 0.2, "mapped_set", images_sha256=hash_of_set([*hashes.values()]))
     cloud = true_cloud(0)
     xyz = cloud.xyz.copy()
     xyz[3] = np.nan  # omitted when the file is read

@@ -28,7 +28,7 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PublishedScore
 from sfr_loc_map.live.values import state_json
 from sfr_loc_map.metrics.comparison import compare_scores
-from sfr_loc_map.metrics.config import MappingState, ScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
@@ -51,7 +51,6 @@ from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.statistics.groups import groups_of
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 from sfr_loc_map.suite.statistics.summary import Summary
-from sfr_loc_map.suite_names import Task
 
 COUNT, PERIOD_NS = 401, 100_000_000
 STAMPS = 100 * 10**9 + PERIOD_NS * np.arange(COUNT, dtype=np.int64)
@@ -83,10 +82,7 @@ def points_of(number: int, every: int = 1) -> PointCloud:
 
 
 def calls(stamps: Any = STAMPS, state: str = "tracking") -> list[CallRecord]:
-    task = Task.MAPPING if state in set(MappingState) else Task.LOCALISATION
-    return [
-        CallRecord(int(stamp), 0.05, state, peak_rss_bytes=10**8, above_idle_bytes=10**7, task=task) for stamp in stamps
-    ]
+    return [CallRecord(int(stamp), 0.05, state, peak_rss_bytes=10**8, above_idle_bytes=10**7) for stamp in stamps]
 
 
 @dataclass(frozen=True)

@@ -263,7 +263,7 @@ def test_the_calls_of_a_bag_are_those_of_the_run(tmp_path: Path) -> None:
     assert [item.state for item in score.on_limits if item.name == "localisation_max_s"] != ["not enough data"]
     assert score.calls is not None
     assert score.calls.clocks == {"localisation": "stated by the node"}
-    mapped = stats_of([CallRecord(1, 0.1, "mapped", task=Task.MAPPING)])
+    mapped = stats_of([CallRecord(1, 0.1, "mapped")])
     assert len(load_run(inputs, in_memory=InMemory(truth=truth, calls=[mapped])).stats) == 2
     with pytest.raises(InputError, match="give the calls once"):
         load_run(inputs, in_memory=InMemory(truth=truth, calls=[stats_of(records)]))
@@ -273,7 +273,7 @@ def test_the_calls_of_a_bag_are_those_of_the_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize("is_localiser_stated", [None, False, True])
 def test_only_the_calls_of_a_node_have_a_stated_clock(is_localiser_stated: bool | None, is_mapper_stated: bool) -> None:
     """Calls of a bag were stated by the node. Calls of a file were measured."""
-    mapped = [CallRecord(k, 0.1, state, task=Task.MAPPING) for k, state in enumerate(("mapped", "fused"))]
+    mapped = [CallRecord(k, 0.1, state) for k, state in enumerate(("mapped", "fused"))]
     stats = [stats_of(mapped, stated_tasks=(Task.MAPPING,) if is_mapper_stated else ())]
     is_stated = dict.fromkeys(("mapping", "fusion"), is_mapper_stated)
     if is_localiser_stated is not None:

@@ -23,9 +23,12 @@ METHOD_UNAVAILABLE = "not measured: this system has no resettable high-water mar
 
 @dataclass(slots=True)
 class CallUsage:
-    """Resources of one call: wall-clock time, peak resident memory, and this peak above the idle process."""
+    """Resources of one call: wall-clock time, peak resident memory, and this peak above the idle process.
 
-    processing_time_s: float = 0.0
+    A value is None if unknown.
+    """
+
+    processing_time_s: float | None = None
     peak_rss_bytes: int | None = None
     above_idle_bytes: int | None = None
 

@@ -259,11 +259,15 @@ class StatusReporter:
         `memory_method` is how the memory was measured.
         """
         self._call_count += 1
-        memory = {"peak_rss_bytes": call.peak_rss_bytes, "above_idle_bytes": call.above_idle_bytes}
-        took: dict[str, Value] = {"processing_time_s": call.processing_time_s}
-        took |= {name: value for name, value in memory.items() if value is not None} | dict(call.times)
+        costs = {
+            "processing_time_s": call.processing_time_s,
+            "peak_rss_bytes": call.peak_rss_bytes,
+            "above_idle_bytes": call.above_idle_bytes,
+        }
         values: dict[str, Value] = {"task": self._task, "stamp_ns": call.stamp_ns, "state": call.state}
-        values |= {"reason": call.reason, "memory_method": memory_method, **took, **call.counts}
+        values |= {"reason": call.reason, "memory_method": memory_method}
+        values |= {name: value for name, value in costs.items() if value is not None}
+        values |= {**call.times, **call.counts}
         self._publish(StatusKind.CALL, level, call.outcome, values, call.stamp_ns)
         self.note_call(level, call.outcome, call.times, call.statistics)
         self.publish_health(only_changes=True)

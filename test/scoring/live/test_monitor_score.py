@@ -287,7 +287,7 @@ def test_a_new_run_forgets_which_pairs_the_maps_of_the_run_before_contain() -> N
         for stamp_ns in (1, 2, 3):
             monitor.map_inputs.add_pose(stamp_ns, Transform.identity())
             monitor.map_inputs.add_true_points(stamp_ns, points)
-        monitor.add_call(CallRecord(3, 0.1, "fused", pair_stamps_ns=mapped, task=Task.MAPPING))
+        monitor.add_call(CallRecord(3, 0.1, "fused", pair_stamps_ns=mapped))
         monitor.map_inputs.add_cloud(3, PointCloud.empty())
         expected += [made.expected_pairs for made in monitor.map_inputs.take_complete()]
     assert expected == [3, 3]
@@ -297,7 +297,7 @@ def test_a_new_run_forgets_which_pairs_the_maps_of_the_run_before_contain() -> N
 def test_a_cloud_of_the_run_before_is_not_judged_in_the_new_run(is_fused_late: bool) -> None:
     """The truth of the cloud arrives after the stamps have jumped back. The new run misses its last pair."""
     monitor, points = MonitorScore(ScoreConfig(), None), np.full((NAV_RIG.height, NAV_RIG.width, 3), 2.0)
-    maps, fusion = monitor.map_inputs, CallRecord(100, 0.1, "fused", pair_stamps_ns=(100,), task=Task.MAPPING)
+    maps, fusion = monitor.map_inputs, CallRecord(100, 0.1, "fused", pair_stamps_ns=(100,))
     maps.set_rig(NAV_RIG)
     maps.add_pose(100, Transform.identity())
     maps.add_cloud(100, PointCloud.empty())
@@ -311,7 +311,7 @@ def test_a_cloud_of_the_run_before_is_not_judged_in_the_new_run(is_fused_late: b
     for stamp_ns in (1, 2):
         maps.add_pose(stamp_ns, Transform.identity())
         maps.add_true_points(stamp_ns, points)
-    monitor.add_call(CallRecord(1, 0.1, "fused", pair_stamps_ns=(1,), task=Task.MAPPING))
+    monitor.add_call(CallRecord(1, 0.1, "fused", pair_stamps_ns=(1,)))
     maps.add_cloud(1, PointCloud.empty())
     assert [made.expected_pairs for made in maps.take_complete()] == [1]
     assert maps.unmapped_pairs == 1
@@ -329,7 +329,7 @@ def test_the_pairs_that_a_map_must_contain_are_independent_of_the_order_of_arriv
     for stamp_ns in (1, 2, 3, 4):
         maps.add_pose(stamp_ns, Transform.identity())
     for mapped in ((1, 2), (4,)):
-        monitor.add_call(CallRecord(mapped[-1], 0.1, "fused", pair_stamps_ns=mapped, task=Task.MAPPING))
+        monitor.add_call(CallRecord(mapped[-1], 0.1, "fused", pair_stamps_ns=mapped))
         if not is_first_late or mapped[-1] == 4:
             maps.add_cloud(mapped[-1], PointCloud.empty())
     expected = {}
@@ -368,7 +368,7 @@ def live_maps(stretches: Sequence[float]) -> Score:
         stamp_ns = made.pair.stamp_ns + number * 10**9
         monitor.map_inputs.add_pose(stamp_ns, made.T_lm_navsb)
         monitor.map_inputs.add_true_points(stamp_ns, made.truth)
-        monitor.add_call(CallRecord(stamp_ns, 0.1, "fused", pair_stamps_ns=(stamp_ns,), fused=False, task=Task.MAPPING))
+        monitor.add_call(CallRecord(stamp_ns, 0.1, "fused", pair_stamps_ns=(stamp_ns,), fused=False))
         stretched = replace(cloud, xyz=(stretch * cloud.xyz).astype(np.float32), fused=None, pair_stamps_ns=None)
         monitor.map_inputs.add_cloud(stamp_ns, stretched)
         assert monitor.score_maps()
@@ -404,7 +404,7 @@ def test_a_pair_that_a_fusion_names_several_times_is_one_pair_of_the_map() -> No
     for stamp_ns in stamps_ns:
         monitor.map_inputs.add_pose(stamp_ns, Transform.identity())
         monitor.map_inputs.add_true_points(stamp_ns, np.full((NAV_RIG.height, NAV_RIG.width, 3), 2.0))
-    fusion = CallRecord(3, 0.1, "fused", pair_stamps_ns=(3, 3, 3), fused=False, task=Task.MAPPING)
+    fusion = CallRecord(3, 0.1, "fused", pair_stamps_ns=(3, 3, 3), fused=False)
     monitor.add_call(fusion)
     ones, pixels = np.ones(3, np.float32), np.zeros(3, np.uint16)
     cloud = PointCloud(np.full((3, 3), 2.0, np.float32), ones, ones, pixels, pixels, np.arange(3, dtype=np.uint8))
@@ -426,7 +426,7 @@ def test_pairs_after_the_last_map_are_missing_once_the_run_is_over(later: int) -
     for stamp_ns in range(1, 3 + later):
         monitor.map_inputs.add_pose(stamp_ns, Transform.identity())
         monitor.map_inputs.add_true_points(stamp_ns, points)
-    monitor.add_call(CallRecord(2, 0.1, "fused", pair_stamps_ns=(1, 2), task=Task.MAPPING))
+    monitor.add_call(CallRecord(2, 0.1, "fused", pair_stamps_ns=(1, 2)))
     pixels = np.arange(2, dtype=np.uint16)
     ones = np.ones(2, np.float32)
     cloud = PointCloud(np.full((2, 3), 2.0, np.float32), ones, ones, pixels, pixels, np.array([0, 1], np.uint8))
@@ -450,7 +450,7 @@ def monitor_with_maps(clouds: Sequence[PointCloud]) -> MonitorScore:
         stamp_ns = made.pair.stamp_ns + number * 10**9
         monitor.map_inputs.add_pose(stamp_ns, made.T_lm_navsb)
         monitor.map_inputs.add_true_points(stamp_ns, made.truth)
-        monitor.add_call(CallRecord(stamp_ns, 0.1, "fused", pair_stamps_ns=(stamp_ns,), fused=False, task=Task.MAPPING))
+        monitor.add_call(CallRecord(stamp_ns, 0.1, "fused", pair_stamps_ns=(stamp_ns,), fused=False))
         monitor.map_inputs.add_cloud(stamp_ns, replace(cloud, fused=None, pair_stamps_ns=None))
         assert monitor.score_maps()
     return monitor
