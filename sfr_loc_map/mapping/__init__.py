@@ -13,6 +13,9 @@ Modules in the order of the calls:
     maps                  the results: the map of a pair, and of several pairs
     point_covariance      covariances of points, from a cloud
     terrain               elevation and hazard grids, from a cloud
+
+Trials of constants are listed by name in measurements/mapper_trials.md. Constants without a trial or a citation were
+chosen by hand.
 """
 
 import lazy_loader

@@ -25,10 +25,7 @@ from sfr_loc_map.mapping.config import CalibrationPrior
 from sfr_loc_map.mapping.disparity.right_camera.rotation import MIN_ROTATION_PX, CameraRotation
 
 SIGNIFICANT_SIGMAS = 3.0  #: A yaw above this many standard deviations is significant: 0.3 % by chance.
-MIN_SIGNIFICANT_YAW_DEG = 0.02
-"""Lower bound of a significant yaw, deg. At a focal length of 800 pixels, a yaw of this size changes disparities by 0.3
-pixels, the residual distortion of a typical calibration. The bound has an effect only if the configured uncertainties
-are small."""
+MIN_SIGNIFICANT_YAW_DEG = 0.02  #: Lower bound of a significant yaw, deg.
 
 
 class CalibrationSigma(NamedTuple):

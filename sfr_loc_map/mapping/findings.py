@@ -24,36 +24,20 @@ from sfr_loc_map.mapping.disparity.semi_global_matching import SearchRange
 from sfr_loc_map.mapping.disparity.validity.pixel_status import PixelStatus, StatusImage, is_valid
 
 LOW_MEASURED_FRACTION = 2.0 * MIN_MEASURED_FRACTION
-"""A warning is issued if a smaller fraction of the textured pixels is measured. The threshold is twice the fraction
-below which a pair is refused, and below the fraction of correct images, which is 0.64 or more
-(`match_check.MIN_MEASURED_FRACTION`)."""
-MIN_VERTICAL_WARNING_PX = 0.3
-"""Lower bound of the vertical disparity that causes a warning, pixels: the residual distortion of a typical
-calibration."""
+"""Measured fraction of the textured pixels below which a warning is issued."""
+MIN_VERTICAL_WARNING_PX = 0.3  #: Lower bound of the vertical disparity that causes a warning, pixels.
 VERTICAL_WARNING_FACTOR = 3.0
-"""A warning is issued if the ratio of the vertical disparity to the configured residual distortion exceeds this: three
-standard deviations."""
-COMPENSATED_PX = 1.0
-"""Vertical disparity up to which the compensation is complete, pixels. Rows of the sample that are offset by 1, 1.5 and
-2 pixels are measured as 0.95, 1.42 and 1.84 pixels; 88, 60 and 30 % of the textured pixels are then measured."""
+"""Ratio of the vertical disparity to the configured residual distortion above which a warning is issued."""
+COMPENSATED_PX = 1.0  #: Vertical disparity up to which the compensation is complete, pixels.
 NEAR_LIMIT = 0.9
 """Disparities above this fraction of the largest searched disparity are near the limit of the search."""
 MAX_NEAR_LIMIT_FRACTION = 0.04
-"""A warning is issued if a larger fraction of the measured pixels is near the limit of the search: their surface
-probably continues beyond. The fraction is 0.05 to 0.13 in the development panorama and in the sample with a minimum
-range of 2 and 5 m, which excludes ground. It is 0.03 or less in both with the default, and in pairs from KITTI,
-Middlebury and Mars."""
+"""Fraction of the measured pixels near the limit of the search above which a warning is issued, because the surface
+probably continues beyond."""
 MAX_BEYOND_FRACTION = 0.5
-"""A warning is issued if a larger fraction of the pixels with a disparity is beyond the maximum depth. Chosen by hand:
-in KITTI pairs, which contain a street up to the horizon, it is 0.15 to 0.29 of the image."""
-MAX_GAIN = 1.15
-"""Gain, or inverse gain, above which a warning is issued: a fifth of a stop of exposure. The mapper compensates the
-gain, so that the warning concerns the cameras and not the map. Chosen by hand; Teddy and KITTI 2015 have a gain of
-1.00."""
-MAX_SATURATED_FRACTION = 0.1
-"""Fraction of saturated pixels above which a warning is issued. Most saturated pixels have no point. Chosen by hand: a
-lower threshold would warn of single bright stones, and at a higher threshold the map has already lost a large region.
-"""
+"""Fraction of the pixels with a disparity beyond the maximum depth above which a warning is issued."""
+MAX_GAIN = 1.15  #: Gain, or inverse gain, above which a warning is issued: a fifth of a stop of exposure.
+MAX_SATURATED_FRACTION = 0.1  #: Fraction of saturated pixels above which a warning is issued.
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,10 +68,7 @@ from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma
 from sfr_loc_map.mapping.disparity.validity.saturation import Saturation
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
-SIGMA_GROWTH = F(1.5)
-"""Relative growth of sigma in a completely saturated neighbourhood. In images that are half clipped, the factor
-`1 + 1.5 f` for the saturated fraction f exceeds the growth of the median error. For f up to 0.7 the factor is at most
-12 % below the growth of the 99.7 % quantile of the error (measurements/mapper_trials.md)."""
+SIGMA_GROWTH = F(1.5)  #: Relative growth of sigma in a completely saturated neighbourhood.
 SIGMA_FACTORS = F(1.0) + SIGMA_GROWTH / F(255.0) * np.arange(256, dtype=F)
 """Factor on sigma, indexed by `Saturation.nearby_fraction_255`. Beside saturated pixels the measured noise is too
 small, because clipping removes noise."""

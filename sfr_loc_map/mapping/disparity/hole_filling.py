@@ -54,47 +54,29 @@ from sfr_loc_map.mapping.disparity.surfaces import (
 )
 from sfr_loc_map.mapping.filters import dilated
 
-REACH = 12
-"""Maximum distance over which a plane is extrapolated, rows or columns. With 6 or 24 the density of the five pairs
-changes by 0.0015 or less (measurements/mapper_trials.md)."""
+REACH = 12  #: Maximum distance over which a plane is extrapolated, rows or columns.
 SLOPE_PX = 2  #: Distance over which the slope of a surface is measured, pixels: one cell of the refined field.
 DIRECTIONS = np.array([[0, 1], [0, -1], [1, 0], [-1, 0], [1, 1], [-1, -1], [1, -1], [-1, 1]])
 """Row and column step of each direction; opposite directions follow each other."""
-DIRECTION_COUNT = len(DIRECTIONS)
-"""Number of hypotheses of a pixel."""
-PASSES = 2
-"""Number of passes. Pixels filled in one pass provide hypotheses for their neighbours in the next pass. A third pass
-adds less than 0.001 to the density."""
+DIRECTION_COUNT = len(DIRECTIONS)  #: Number of hypotheses of a pixel.
+PASSES = 2  #: Number of passes. Pixels filled in one pass provide hypotheses for their neighbours in the next pass.
 COST_PERCENTILE = 93.0
-"""The maximum cost of a filled pixel is this percentile of the costs of valid pixels beside holes. Real images match
-less well than rendered images, so no fixed cost suits both (measurements/mapper_trials.md).
-"""
-BESIDE_HOLE_PX = 3
-"""Distance within which a valid pixel is beside a hole, pixels: the window of the pixel then reaches into the hole."""
-COST_STRIDE = 5  #: Every fifth valid pixel beside holes is used for the percentile: thousands of samples suffice.
-MIN_SAMPLES = 50  #: Minimum number of samples for the percentile: three or four of the samples then exceed it.
-MARGIN_SIGMAS = 1.5
-"""Required cost margin to other hypotheses, in standard deviations of the noise of one pixel. Chosen on Teddy,
-Motorcycle and rendered ground (measurements/mapper_trials.md)."""
+"""The maximum cost of a filled pixel is this percentile of the costs of valid pixels beside holes."""
+BESIDE_HOLE_PX = 3  #: Distance from a hole within which a valid pixel is beside the hole, pixels.
+COST_STRIDE = 5  #: Every fifth valid pixel beside holes is used for the percentile.
+MIN_SAMPLES = 50  #: Minimum number of samples for the percentile.
+MARGIN_SIGMAS = 1.5  #: Required cost margin to other hypotheses, in standard deviations of the noise of one pixel.
 ALTERNATIVE_PX = F(2.0)
-"""A hypothesis without other confirmation must match better than disparities at this offset on either side, pixels,
-because noise matches any surface. Chosen by hand: twice `SURFACE_JUMP_PX`."""
-SAME_HYPOTHESIS_PX = F(0.5)  #: Hypotheses that differ by less are evaluated once, pixels: half of `SURFACE_JUMP_PX`.
-MIN_SAME_SURFACE = 5
-"""Minimum number of the eight neighbours that belong to the surface of a filled pixel. Isolated filled pixels caused a
-third of the squared error that filling added (measurements/mapper_trials.md)."""
+"""Offset of the disparities on either side with which an unconfirmed hypothesis is compared, pixels."""
+SAME_HYPOTHESIS_PX = F(0.5)  #: Hypotheses whose disparities differ by less are evaluated once, pixels.
+MIN_SAME_SURFACE = 5  #: Minimum number of the eight neighbours that are on the surface of a filled pixel.
 MIN_FILLED_SIGMA_PX = F(0.5)
-"""Minimum standard deviation of a filled disparity, pixels. The sigma of the refined field can be too small in a hole,
-because the field does not contain the surface of the hole. For filled disparities, the RMS of the errors below 3 px was
-0.3 px on rendered ground and 0.8 to 1.0 px on the real pairs, where the sigma of the field is 1.2 px
-(measurements/mapper_trials.md)."""
+"""Minimum standard deviation of a filled disparity, pixels. The refined field does not contain the surface of a hole,
+so that its sigma can be too small there."""
 MAX_DEPTH_RATIO = F(4.0)
-"""A pixel is not filled if its depth would be at least this many times the depth of a nearby surface, for example
-behind the rim of a crater. One wrong pixel of this kind in ten thousand would dominate the error of a map. Chosen by
-hand."""
-NEARBY_PX = 7
-"""Distance within which depths are compared, rows or columns. With 3 or 15 the density of the five pairs changes by
-0.0004 or less (measurements/mapper_trials.md)."""
+"""A filled pixel must be nearer than this multiple of the depth of a nearby surface. Otherwise a pixel behind the rim
+of a crater could dominate the error of a map."""
+NEARBY_PX = 7  #: Distance within which depths are compared, rows or columns.
 
 
 class Hypotheses(NamedTuple):

@@ -18,42 +18,28 @@ from sfr_loc_map.geometry.robust_statistics import mad_sigma
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 
-MIN_TEXTURED_FRACTION = 0.02
-"""Minimum textured fraction of an image for judging its matches. Chosen by hand: two percent of a megapixel are 20 000
-pixels. Fewer may all be on one object, which does not show how the images match."""
+MIN_TEXTURED_FRACTION = 0.02  #: Minimum textured fraction of an image for judging its matches.
 TEXTURE_SIGMAS = 2.0
-"""A neighbourhood is textured if its standard deviation exceeds this many standard deviations of the noise. The
-standard deviation of 49 pixels of pure noise is accurate to 10 %. This module uses the noise of the image. `multiview`
-uses the noise of a photometric residual, which is larger."""
-MIN_TEXTURE_GREY = 1.0
-"""Minimum standard deviation of a textured neighbourhood, grey levels; rounding alone causes 0.3."""
+"""A neighbourhood is textured if its standard deviation exceeds this many standard deviations of the noise. This module
+uses the noise of the image. `multiview` uses the noise of a photometric residual, which is larger."""
+MIN_TEXTURE_GREY = 1.0  #: Minimum standard deviation of a textured neighbourhood, grey levels.
 MIN_MEASURED_FRACTION = 0.3
-"""Minimum fraction of the textured pixels that must be measured; below this fraction, matches are due to chance. On
-four data sets (rendered ground, KITTI, Middlebury, Mars) the fraction is 0.07 or less for swapped images, 0.01 or less
-if one image is upside down, and 0.64 or more for correct images (measurements/mapper_trials.md)."""
+"""Minimum fraction of the textured pixels that must be measured. Swapped images reach 0.07, and correct images have
+0.64 or more (measurements/mapper_trials.md)."""
 NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], F)
 """Difference of two Laplacians, which cancels smooth structure (Immerkaer 1996)."""
 NOISE_GAIN = 6.0  #: Factor by which the mask amplifies white noise: the root of the sum of its squared taps.
-COARSE_FACTOR = 2
-"""Images are downsampled by this factor to find the cause of a mismatch quickly."""
+COARSE_FACTOR = 2  #: Images are downsampled by this factor to find the cause of a mismatch.
 SWAPPED_FACTOR = 1.5
-"""Images are probably swapped if exchanging them multiplies the number of matched pixels by more than this factor.
-Chosen by hand: images that match about equally well in both orders are not swapped."""
-VERTICAL_FACTOR = 4
-"""Images are downsampled by this factor to find a vertical offset. They then also match if the tried offset is wrong by
-one row."""
+"""Images are probably swapped if exchanging them multiplies the matched fraction by more than this factor."""
+VERTICAL_FACTOR = 4  #: Images are downsampled by this factor to find a vertical offset.
 MAX_VERTICAL_ROWS = 4  #: Largest vertical offset that is tried, rows of the downsampled images: 16 pixels.
 MIN_OFFSET_FRACTION = 0.75
-"""Images probably have a vertical offset only if more than this fraction of the downsampled pixels matches with the
-offset. On the data sets, the fraction is 0.79 or more for pairs with offsets of 3, 6 and 12 pixels, and 0.4 or less if
-one image is upside down. Swapped images have up to 0.71 and are recognised before this test."""
-CHANCE_FRACTION = 0.6
-"""Matched fraction above which an offset contributes to the estimated offset. At offsets that are wrong by two rows or
-more, the matched fraction is mostly below this value."""
+"""Images probably have a vertical offset if more than this fraction of the pixels matches with the offset."""
+CHANCE_FRACTION = 0.6  #: Matched fraction above which an offset contributes to the estimated offset.
 MIN_OFFSET_PX = 2  #: Smallest vertical offset that is reported, pixels: the error of the estimate.
 MIN_SWAPPED_FRACTION = 0.5
-"""Images are probably swapped only if more than this fraction of the pixels matches after the exchange. On the
-data sets, the fraction is 0.75 or more for swapped images, and 0.2 or less for unrelated images."""
+"""Images are probably swapped only if more than this fraction of the pixels matches after the exchange."""
 
 
 def measured_textured_fraction(left: FloatImage, left_variance: FloatImage, measured: Mask) -> float:

@@ -24,14 +24,12 @@ from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
 # training of the network that classifies pixels beside jumps (`jump_network`).
 WINDOW_RADIUS = 4  #: Half the side of the window, pixels.
 MAX_DIFFERENCE = F(30.0)
-"""Absolute differences are truncated to this, grey levels, so that single occluded pixels do not decide the cost."""
+"""Absolute differences are truncated to this, grey levels, because occluded pixels are outliers."""
 NO_COST = F(1e9)  #: Cost of a window outside the right image, grey levels: larger than any other cost.
 VALID_WEIGHT = F(0.3)
-"""Relative weight of valid pixels in the window of a hole, because their disparity is already known. The optimum is
-flat (measurements/mapper_trials.md)."""
+"""Relative weight of valid pixels in the window of a hole, because their disparity is already known."""
 GREY_SCALE = 8.0  #: Difference at which the weight has decreased to 1/e, grey levels.
-DISTANCE_SCALE_PX = 3.0
-"""Distance at which the weight has decreased to 1/e, pixels. At the middle of the window's edge the weight is 0.26."""
+DISTANCE_SCALE_PX = 3.0  #: Distance at which the weight has decreased to 1/e, pixels.
 
 WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
 """Weight of a pixel by the absolute difference of grey levels from the centre."""

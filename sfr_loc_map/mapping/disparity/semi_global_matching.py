@@ -18,22 +18,15 @@ MAX_DISPARITY_FRACTION = 0.5
 """Maximum disparity of the search as a fraction of the image width. Most of a nearer surface is visible to only one
 camera."""
 DISPARITY_STEP = 16  #: OpenCV's matcher requires a multiple of this number of disparities.
-WIDE_COLUMNS = 800
-"""Images of at least this width, pixels, are matched at half their width. This takes a quarter of the time, gives less
-noise, and loses little, because the refinement uses cells of two pixels. Narrower images are matched at full width,
-because edges are sharper (measurements/mapper_trials.md)."""
+WIDE_COLUMNS = 800  #: Images of at least this width, pixels, are matched at half their width, in a quarter of the time.
 SUBPIXELS = 16  #: Number of disparity steps per pixel of OpenCV's matcher.
 SMALL_JUMP_PENALTY = 8
 """P1 of Hirschmueller (2008): cost of a change of disparity by one pixel. OpenCV recommends 8 per channel."""
 LARGE_JUMP_PENALTY = 32  #: P2 of Hirschmueller (2008): cost of a larger change. OpenCV recommends 32 per channel.
-MAX_LEFT_RIGHT_PX = 1  #: Maximum difference in the left-right check, pixels of the matched images; the usual value.
-MAX_DERIVATIVE = 31  #: Derivatives of the images are clipped to this, grey levels (measurements/mapper_trials.md).
-MIN_UNIQUENESS_PERCENT = 2
-"""Minimum margin between the best and the second best cost, percent. OpenCV recommends 5 to 15. A smaller margin
-suffices, because wrong matches are rejected after the refinement."""
-MAX_SPECKLE_PIXELS = 60
-"""Maximum size of a segment that is removed, pixels of the matched images. OpenCV recommends 50 to 200. In wide images
-a matched pixel is two pixels wide."""
+MAX_LEFT_RIGHT_PX = 1  #: Maximum difference in the left-right check, pixels of the matched images.
+MAX_DERIVATIVE = 31  #: Derivatives of the images are clipped to this, grey levels.
+MIN_UNIQUENESS_PERCENT = 2  #: Minimum margin between the best and the second best cost, percent.
+MAX_SPECKLE_PIXELS = 60  #: Maximum size of a segment that is removed, pixels of the matched images.
 MAX_SPECKLE_STEP = SUBPIXELS
 """Maximum difference of neighbours within a segment, steps of the matcher: one pixel of the matched images."""
 MATCHER_UNMATCHED = -SUBPIXELS  #: The matcher's value of an unmatched pixel: `minDisparity - 1`, in steps.

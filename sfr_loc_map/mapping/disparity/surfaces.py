@@ -27,9 +27,7 @@ SURFACE_JUMP_PX = F(1.0)
 """Neighbouring disparities that differ by more than this belong to two surfaces, pixels: the disparity of ground
 changes by less from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera. A difference of
 exactly this value counts as a jump in some functions and not in others."""
-MIN_DIVISOR_DISPARITY_PX = F(0.3)
-"""Lower bound of disparities for ratios of depths, pixels. Chosen by hand: the error of a smaller disparity may be as
-large as the disparity."""
+MIN_DIVISOR_DISPARITY_PX = F(0.3)  #: Lower bound of disparities for ratios of depths, pixels.
 CENTRAL_DIFFERENCE = np.array([[-0.5, 0.0, 0.5]], F)
 """Taps of the slope of a disparity. At the border, which is repeated, the slope is half of the difference to the only
 neighbour. Slopes of grey levels are also smoothed: along rows by a Gaussian (`photometric_residual`), and along columns

@@ -24,27 +24,15 @@ from sfr_loc_map.mapping.pair_view import PairView, ViewImages
 
 STRIDE = 3
 """Every third pixel of every third row is compared. These pixels are called samples, and images of samples are `(h,
-w)`. Regions narrower than `REGION_SAMPLES` samples are not removed."""
-WINDOW_SAMPLES = 9
-"""Side of the window over which grey levels are compared, samples: 27 pixels. Chosen by hand: smaller windows contain
-less texture, and larger windows contain more ground beside fixed content."""
+w)`."""
+WINDOW_SAMPLES = 9  #: Side of the window over which grey levels are compared, samples.
 MIN_SIMILARITY = F(0.8)
-"""Minimum similarity of the grey levels of fixed content. The similarity is 1 for equal windows, and 0.8 if the noise
-has half the standard deviation of the content. Chosen by hand: a larger threshold misses fixed content in noisy images,
-and a smaller threshold removes ground that is similar to itself."""
-MIN_WINDOW_FRACTION = F(0.6)
-"""Minimum fraction of the window with points of both pairs. Chosen by hand above one half, so that most of the window
-contributes to the similarity. With a larger value, fixed content beside holes is missed."""
-MIN_MOTION_PX = 8.0
-"""Minimum motion of ground in the image, pixels: a third of a window. With less motion, ground is similar to
-itself. With a larger threshold, fixed content is detected only between pairs that differ more."""
-REGION_SAMPLES = 5
-"""Side of the smallest region, samples: 15 pixels, about half of the window. Chosen by hand: a smaller region may be
-similar by chance."""
-MIN_REGION_FRACTION = 0.003
-"""Minimum fraction of the image that is removed: a square of 55 pixels in a megapixel, twice the side of the window.
-With a smaller value, ground that is similar by chance is removed. With a larger value, small parts of the rover's body
-are mapped."""
+"""Minimum similarity of the grey levels of fixed content: 1 for equal windows, and 0.8 if the noise has half the
+standard deviation of the content."""
+MIN_WINDOW_FRACTION = F(0.6)  #: Minimum fraction of the window with points of both pairs.
+MIN_MOTION_PX = 8.0  #: Minimum motion of ground in the image, pixels. With less motion, ground is similar to itself.
+REGION_SAMPLES = 5  #: Side of the smallest region, samples. Smaller regions are not removed.
+MIN_REGION_FRACTION = 0.003  #: Minimum fraction of the image that is removed.
 
 
 def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> tuple[list[PairView], Findings]:

@@ -37,21 +37,14 @@ from sfr_loc_map.mapping.multiview.pose_agreement import Overlap, overlap_of
 from sfr_loc_map.mapping.multiview.projection import Observations, point_weights, project_into_view
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
-AGREE_SIGMAS = 3.0
-"""Ranges that differ by up to this many standard deviations agree. Independent errors exceed the limit in 0.3 % of the
-points by chance. Because a part of the errors is common (`COMMON_VARIANCE`), the differences are smaller, and the limit
-corresponds to 4.2 standard deviations if both sigmas are equal."""
+AGREE_SIGMAS = 3.0  #: Ranges that differ by up to this many standard deviations agree.
 COMMON_VARIANCE = 0.5
 """Fraction of a point's variance that is common to all pairs, because all pairs are smoothed in the same way. Averaging
-does not reduce this fraction. Where two rendered pairs agree, their errors have a correlation of 0.49 to 0.59
-(measurements/mapper_trials.md)."""
+does not reduce this fraction."""
 MAX_RANGE_FACTOR = F(1.25)
 """A view is ignored at a point if the range from the camera of the view exceeds this multiple of the range from the
-point's own camera. In a panorama, no view is ignored. With this limit, the fusion of pairs that are 1.5 to 4 m apart
-does not increase the error of near points (measurements/mapper_trials.md)."""
-SAME_POSITION_PX = F(0.02)
-"""Points closer than this in an image are at the same position, pixels. This occurs if images have the same pose;
-rounding moves points by less."""
+point's own camera."""
+SAME_POSITION_PX = F(0.02)  #: Points closer than this in an image are at the same position, pixels.
 
 
 class FusedViews(NamedTuple):

@@ -15,13 +15,12 @@ from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, SHIFT_PX, Observations
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
-OVERLAP_STRIDE = 4  #: Poses are compared at every fourth common point, which is enough for medians.
+OVERLAP_STRIDE = 4  #: Poses are compared at every fourth common point.
 MAX_RANGE_RATIO = 1.8
-"""Poses disagree if the ratio of measured to expected range differences exceeds this. Correct poses have a ratio of 1
-or less (docs/mapping.md)."""
+"""Poses disagree if the ratio of measured to expected range differences exceeds this (docs/mapping.md)."""
 MAX_GREY_RATIO = 0.45
 """Poses disagree if the ratio of grey level differences to grey level differences at an offset of `SHIFT_PX` exceeds
-this. Correct poses have a ratio of 0.1 to 0.3, and poses with an error of 0.3 deg have 0.45 (docs/mapping.md)."""
+this (docs/mapping.md)."""
 
 
 class Overlap(NamedTuple):

@@ -19,15 +19,9 @@ from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 from sfr_loc_map.mapping.pair_view import PairView, ViewImages
 
-FEATHER_PX = 48.0
-"""Distance from the image border beyond which points have their full weight, pixels: a twentieth of the side of a
-1-megapixel image. Heights then step by less than 2 mm where the set of pairs changes (docs/mapping.md)."""
-SHIFT_PX = 8
-"""Offset along both axes at which grey levels are also compared, pixels. This offset corresponds to a pose error of
-about 0.5 deg at a focal length of 800 pixels."""
-MIN_OVERLAP = 1000
-"""Minimum number of common points for judging poses. The robust spread of every fourth point
-(`pose_agreement.OVERLAP_STRIDE`) is then accurate to 7 %."""
+FEATHER_PX = 48.0  #: Distance from the image border beyond which points have their full weight, pixels.
+SHIFT_PX = 8  #: Offset along both axes at which grey levels are also compared, pixels.
+MIN_OVERLAP = 1000  #: Minimum number of common points for judging poses.
 MIN_DEPTH_M = 1e-3  #: Minimum depth of a projected point, metres: points behind the camera are ignored.
 
 

@@ -22,37 +22,26 @@ from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, project_into_v
 from sfr_loc_map.mapping.pair_view import PairView, ViewImages, ViewPoints
 
 ENOUGH_POINTS = 10_000
-"""Points of each other view are thinned by an integer stride, so that one to two times this number remain. This is
-enough for six parameters."""
+"""Points of each other view are thinned by an integer stride, so that one to two times this number remain."""
 BLURS_PX = (12.0, 5.0, 2.0, 0.7)
-"""Standard deviations of the Gaussians that blur the compared images, pixels. A rotation of 1 deg moves content by 14
-pixels at a focal length of 800 pixels. Each blur is less than half of the previous blur, so that the estimate at one
-blur is within the range of convergence of the next."""
+"""Standard deviations of the Gaussians that blur the compared images, pixels, coarse to fine."""
 MAX_STEPS_PER_BLUR = 6
-"""Maximum number of Gauss-Newton steps at each blur; the next blur continues from an estimate that has not converged.
-Chosen by hand."""
+"""Maximum number of Gauss-Newton steps at each blur. The next blur continues from an estimate that has not
+converged."""
 ROTATION_STEP_RAD = 2e-4  #: Step of the numerical derivatives: a sixth of a pixel at a focal length of 800 pixels.
 TRANSLATION_STEP_M = 1e-3  #: Step of the numerical derivatives: a sixth of a pixel at 5 m and 800 pixels.
 DERIVATIVE_STEPS = np.array([ROTATION_STEP_RAD] * 3 + [TRANSLATION_STEP_M] * 3)
 """Steps of the six parameters: rotation vector (rad) and translation (m)."""
 CONVERGED_STEP = 1e-5  #: The estimate has converged if no parameter changes by more than this, rad and m: 0.01 pixels.
 MAX_ROTATION_DEG = 2.0
-"""Maximum rotation of a registered pose, deg: four standard deviations of the prior (`PRIOR_SIGMAS`). A larger rotation
-is reported but not applied, because registration should not hide a faulty pose."""
+"""Maximum rotation of a registered pose, deg. A larger rotation is reported but not applied, because registration
+should not hide a faulty pose."""
 MAX_TRANSLATION_M = 0.1
-"""Maximum translation, metres: five standard deviations of the prior. A larger translation is reported but not
-applied."""
+"""Maximum translation of a registered pose, metres. A larger translation is reported but not applied."""
 PRIOR_SIGMAS = np.array([np.deg2rad(0.5)] * 3 + [0.02] * 3)
-"""Standard deviations of the error of a given pose, rad and m: 0.5 deg and 0.02 m. Chosen by hand. With larger values,
-a correct pose is moved where little texture determines the motion. With smaller values, an error is corrected only in
-part. If a rotation and a translation explain the residuals equally well, the ratio of their standard deviations decides
-between them."""
-POSE_HALF_WEIGHT_SIGMAS = 3.0
-"""Residuals of this many standard deviations have half the weight (`cauchy_weight`). The value exceeds 2.385, which has
-an efficiency of 95 %, because the residuals of a wrong pose are large."""
-SIGMA_OFFSET = 1e-6
-"""Added to the standard deviation of residuals, which is a divisor: about 1 for range differences divided by their
-sigma, and a few grey levels for grey level differences."""
+"""Standard deviations of the error of a given pose, rad and m: 0.5 deg and 0.02 m."""
+POSE_HALF_WEIGHT_SIGMAS = 3.0  #: Residuals of this many standard deviations have half the weight (`cauchy_weight`).
+SIGMA_OFFSET = 1e-6  #: Added to the standard deviation of residuals, which is a divisor.
 MIN_COVERAGE = F(1e-3)  #: Lower bound of the fraction of a window with points, which is a divisor and must not be 0.
 
 

@@ -17,12 +17,8 @@ from sfr_loc_map.mapping.point_covariance import rays_from_cameras
 from sfr_loc_map.mapping.terrain.cells import CellGrid
 
 TYPICAL_SLOPE = 0.1
-"""Typical slope of ground, metres per metre, which converts a horizontal error of a point to a height error. Chosen by
-hand: the sigma of the height increases by 0.5 % if a point is observed from above, and it is a tenth of the point's
-sigma if the point is observed along the ground."""
-MIN_SIGMA_M = 1e-6
-"""Lower bound of the random sigma of a point, metres, whose inverse square is a weight. A method under test may state a
-sigma of 0."""
+"""Typical slope of ground, metres per metre, which converts a horizontal error of a point to a height error."""
+MIN_SIGMA_M = 1e-6  #: Lower bound of the random sigma of a point, metres, whose inverse square is a weight.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,8 +11,8 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.jit import jit_rows
 
 MIN_PLANE_FRACTION = 0.5
-"""Minimum fraction of the cells with a height in the disc to which a plane is fitted. At the edge of the mapped ground,
-half of the disc has heights, so that the plane is interpolated and not extrapolated. Chosen by hand."""
+"""Minimum fraction of the disc with heights for a plane. At the edge of the mapped ground, half of the disc has
+heights, so that the plane is interpolated and not extrapolated."""
 MIN_DETERMINANT = 1e-6
 """Minimum determinant of the covariance of the cells' positions, in units of cell_m^4: 0 if all cells are on a line."""
 

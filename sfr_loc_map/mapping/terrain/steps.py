@@ -17,9 +17,8 @@ from sfr_loc_map.mapping.terrain.planes import Planes
 MIN_POINTS = 3
 """Minimum number of points of a cell with a height: one point remains if the lowest and the highest are excluded."""
 OUTLIER_FRACTION = 0.15
-"""Fraction of a cell's points that are above the high height of the cell, and fraction that are below its low height.
-At least one point is above and one point is below. A rock that covers a smaller fraction of a cell does not cause a
-step. Chosen by hand."""
+"""Fraction of a cell's points above the high height of the cell, and fraction below its low height; at least one point
+each. A rock that covers a smaller fraction of a cell does not cause a step."""
 
 
 class OuterHeights(NamedTuple):

@@ -29,11 +29,8 @@ from sfr_loc_map.mapping.terrain.planes import fit_planes
 from sfr_loc_map.mapping.terrain.steps import MIN_POINTS, steps_of_cells
 
 STEP_RADIUS_M = 0.25
-"""Radius within which a difference of heights is a step, metres. Chosen by hand: with a larger radius, the shape of the
-ground would count as a step, and with a smaller radius, steps across several cells would be missed. The radius is part
-of the definition of a step; the parameters `max_step_m` and `footprint_radius_m` describe the rover. If cells are
-larger than the radius, a cell with a plane is not compared with other cells: its step is then the difference of the
-heights within the cell, without the slope of the plane."""
+"""Radius within which a difference of heights is a step, metres. If cells are larger than the radius, the step of a
+cell with a plane is the height difference within the cell, without the slope of the plane."""
 MIN_RADIUS_CELLS = 1.5  #: Minimum radius of the disc to which a plane is fitted, cells: a cell and its neighbours.
 MAX_FOOTPRINT_CELLS = 100
 """Maximum radius of the footprint, cells. A plane is then fitted to at most 31 400 cells around each cell."""

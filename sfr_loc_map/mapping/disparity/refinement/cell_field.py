@@ -14,21 +14,12 @@ from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
-LEVELS = 3
-"""Number of grids of the refinement, with cells of 2, 4 and 8 pixels. Images are padded to a multiple of the largest
-cell."""
-WINDOW_CELLS = 9
-"""Side of the window over which quantities of cells are averaged, cells. The mean square of the 324 residuals in a
-window has a relative standard deviation of 8 %. Smaller windows are better on the real pairs, and larger windows are
-better on smooth ground (measurements/mapper_trials.md)."""
-MEAN_RADIUS_CELLS = 3
-"""Half the side of the window of the edge-preserving mean, cells. A window of 14 pixels averages the noise of the
-matcher, which has steps of 1/16 or 1/8 pixel. With a radius of 2 or 5 cells, the errors of Teddy,
-KITTI 2015 and the sample change by up to 2 % (measurements/mapper_trials.md)."""
+LEVELS = 3  #: Number of grids of the refinement, with cells of 2, 4 and 8 pixels.
+WINDOW_CELLS = 9  #: Side of the window over which quantities of cells are averaged, cells.
+MEAN_RADIUS_CELLS = 3  #: Half the side of the window of the edge-preserving mean, cells.
 MEAN_TOLERANCES_PX = (F(1.5), F(0.7))
-"""Tolerances of the first and the second mean, pixels: cells that differ by less are averaged. The first tolerance
-exceeds the matcher's noise in noisy images. The second tolerance preserves edges that the first mean reveals, and its
-optimum is flat (measurements/mapper_trials.md)."""
+"""Tolerances of the first and the second mean, pixels: cells that differ by less are averaged. The second tolerance
+preserves edges that the first mean reveals."""
 NEAR_TAP = F(0.5625)
 """Bilinear weight `(3/4)^2` of a cell at each of its pixels. Pixels are a quarter of a cell from the cell's centre."""
 SIDE_TAP = F(0.1875)  #: Bilinear weight `3/4 1/4` of the neighbours along the row and along the column.

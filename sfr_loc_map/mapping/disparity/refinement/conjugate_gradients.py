@@ -25,12 +25,8 @@ from sfr_loc_map.mapping.disparity.refinement.smoothness import (
 
 MAX_SOLVED_STEP_PX = F(1.0)
 """Largest change of a field in one solve, pixels: the linearisation is valid within about one pixel."""
-MIN_PARALLEL_CELLS = 100_000
-"""Smaller grids are solved by one thread, because waking a thread takes 0.1 ms. Chosen by hand: the finest grid of a
-megapixel has 250 000 cells, and the next has 62 500 cells."""
-SUMMED_ROWS = 4
-"""Number of rows that are summed in one loop. Their sums are independent, so that no addition must wait for the
-previous addition, which takes about four cycles."""
+MIN_PARALLEL_CELLS = 100_000  #: Smaller grids are solved by one thread, because waking a thread takes 0.1 ms.
+SUMMED_ROWS = 4  #: Number of rows that are summed in one loop, so that additions do not wait for each other.
 
 
 class SolverState(NamedTuple):

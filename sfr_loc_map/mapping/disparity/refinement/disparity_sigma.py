@@ -14,31 +14,19 @@ from sfr_loc_map.mapping.disparity.refinement.smoothness import SmoothnessWeight
 from sfr_loc_map.mapping.filters import box_mean, second_differences, upsample_bilinear
 
 NOISE_INFORMATION = F(SLOPE_NOISE_GAIN)
-"""Apparent information of one cell from noise alone, 1 / px^2: four pixels times the ratio of the variance of a slope
-to the variance of a residual. The slope is measured in the mean of both images, whose noise has a quarter of the
-residual's variance."""
-MIN_INFORMATION = F(1e-3)
-"""Lower bound of the information of a cell, 1 / px^2, which is a divisor. The data of such a cell alone have a standard
-deviation of 32 px, far above `MAX_SIGMA_PX`."""
+"""Apparent information of one cell from noise alone, 1 / px^2: four pixels times the variance of a slope, which is
+measured in the mean of both images and has a quarter of the residual's variance as its noise."""
+MIN_INFORMATION = F(1e-3)  #: Lower bound of the information of a cell, 1 / px^2, which is a divisor.
 MAX_SIGMA_PX = F(2.0)
-"""Upper bound of the standard deviation, pixels. Chosen by hand: the closed form assumes linearity, and an error of
-more than one or two pixels is a wrong match, which the validity tests detect."""
-SMOOTHING_BIAS = F(0.34)
-"""Error in pixels at a second difference of 1 pixel and a smoothing radius of 1 cell. Chosen on rendered ground of
-several kinds, with several illuminations and cameras (measurements/mapper_trials.md)."""
+"""Upper bound of the standard deviation, pixels. A larger error is a wrong match, which the validity tests detect."""
+SMOOTHING_BIAS = F(0.34)  #: Error in pixels at a second difference of 1 pixel and a smoothing radius of 1 cell.
 MAX_CURVATURE_MEDIANS = 10.0
 """For the smoothing bias, second differences are clipped to this multiple of their median. Larger second differences
-are creases, which have a separate term. Chosen like `smoothness.EDGE_FACTOR`."""
-CREASE_BIAS = F(1.2)
-"""Error in pixels at a second difference of 1 pixel above the median. Chosen like `SMOOTHING_BIAS`: beside edges and
-creases the error is about as large as the second difference."""
-CREASE_CELLS = 3
-"""Side of the window over which the second difference of a crease is averaged, cells. A window of five cells
-overestimates the error 1 to 6 pixels away from a crease (measurements/mapper_trials.md)."""
+are creases, which have a separate term."""
+CREASE_BIAS = F(1.2)  #: Error in pixels at a second difference of 1 pixel above the median.
+CREASE_CELLS = 3  #: Side of the window over which the second difference of a crease is averaged, cells.
 MAX_CREASE_PX = F(1.0)
-"""Upper bound of the second difference of a crease, pixels. Larger second differences are edges between surfaces, and
-the error beside an edge does not grow with the height of the edge. With half the value, the mean plus 3 sigma of the
-errors of a rendered pair is a third larger (measurements/mapper_trials.md)."""
+"""Upper bound of the second difference of a crease, pixels: the error beside an edge does not grow with its height."""
 
 
 def disparity_sigma(

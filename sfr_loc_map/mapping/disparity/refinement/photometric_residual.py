@@ -11,9 +11,7 @@ from numba import prange
 from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 
-SMOOTHING_PX = 0.5
-"""Standard deviation of the Gaussian that smooths slopes, pixels. A wider Gaussian loses texture
-(measurements/mapper_trials.md)."""
+SMOOTHING_PX = 0.5  #: Standard deviation of the Gaussian that smooths slopes, pixels.
 _SIDE = math.exp(-0.5 / SMOOTHING_PX**2) / (1.0 + 2.0 * math.exp(-0.5 / SMOOTHING_PX**2))
 SMOOTHING_SIDE = F(_SIDE)  #: Side tap of that Gaussian over three pixels.
 SMOOTHING_CENTRE = F(1.0 - 2.0 * _SIDE)  #: Centre tap of that Gaussian.

@@ -29,28 +29,15 @@ from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
 from sfr_loc_map.geometry.robust_statistics import mad_sigma, spread
 from sfr_loc_map.mapping.filters import downsample_mean
 
-ROUNDING_NOISE = 0.3
-"""Minimum standard deviation of a residual due to rounding, in steps of the grey levels. The rounding noise of the left
-image is `1 / sqrt(12)`. Interpolation reduces the rounding noise of the right image by an amount that depends on the
-disparity."""
+ROUNDING_NOISE = 0.3  #: Minimum standard deviation of a residual due to rounding, in steps of the grey levels.
 GREY_STRIDE = 4  #: The steps between grey levels are measured on every fourth pixel of every fourth row.
-DEFAULT_VARIANCE = F(25.0)
-"""Variance of a residual if too few residuals are available, grey levels squared. Chosen by hand: the variance of a
-noisy camera. Only images of less than 13 000 pixels and images that hardly overlap have too few residuals."""
-NOISE_BINS = 8
-"""Ranges of the grey level in which the noise is measured, with equal numbers of residuals. With half or twice as many,
-the MAE of Teddy, KITTI 2015 and the sample changes by less than 1 % (measurements/mapper_trials.md)."""
-MIN_PER_BIN = 50  #: Minimum number of residuals in each range: the variance is then accurate to 33 %.
-SAMPLED_PIXELS = np.s_[::8, ::4]
-"""Pixels whose residuals are used to measure the noise: 30 000 of 1 megapixel. Chosen by hand: fewer samples make the
-variances less accurate, and more samples take longer."""
+DEFAULT_VARIANCE = F(25.0)  #: Variance of a residual if too few residuals are available, grey levels squared.
+NOISE_BINS = 8  #: Ranges of the grey level in which the noise is measured, with equal numbers of residuals.
+MIN_PER_BIN = 50  #: Minimum number of residuals in each range.
+SAMPLED_PIXELS = np.s_[::8, ::4]  #: Pixels whose residuals are used to measure the noise.
 SAMPLED_CELLS = np.s_[::4, ::2]  #: The cells of these pixels.
-MIN_LEVEL_VARIANCE = 1.0
-"""Lower bound of the variance of the grey levels, grey levels squared. The variance is a divisor, and close grey levels
-do not determine a slope. Chosen by hand: a larger bound flattens the fitted line of images with low contrast."""
-BLOCK_PIXELS = 16.0
-"""Number of pixels of a block of 4 x 4: the factor by which averaging over a block reduces the variance of white noise.
-"""
+MIN_LEVEL_VARIANCE = 1.0  #: Lower bound of the variance of the grey levels, grey levels squared, which is a divisor.
+BLOCK_PIXELS = 16.0  #: Number of pixels of a block of 4 x 4.
 
 
 def rounding_noise(image: FloatImage) -> float:

@@ -22,35 +22,21 @@ from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.filters import AlongAxes, box_mean, downsample_mean, second_differences, upsample_bilinear
 
 SCALE_LEVEL = 2
-"""Number of doublings of the cells' spacing at which the differences are measured: second differences at 4 cells, which
-are 8 pixels, exceed the noise of the field."""
+"""Number of doublings of the cells' spacing at which the differences are measured, so that they exceed the noise."""
 SCALE_FACTOR = 4.9
 """Ratio of the scale of the Cauchy weights to the measured second differences, both at the spacing of the
-measurement. With half or twice the value the errors of rendered pairs are 7 to 14 % larger
-(measurements/mapper_trials.md)."""
-EDGE_FACTOR = 10.0
-"""Second differences above this multiple of the median are edges, not the shape of the ground. Normally distributed
-second differences do not reach this multiple. With half or twice the value, the errors of Teddy, KITTI
-2015 and the sample change by about 1 %, and the ratio of squared error to variance changes by up to 26 %
-(measurements/mapper_trials.md)."""
+measurement."""
+EDGE_FACTOR = 10.0  #: Second differences above this multiple of the median are edges, not the shape of the ground.
 LOCAL_MAGNITUDE_WINDOW = 9
-"""Side of the window over which the measured second differences are averaged, in units of their spacing, which
-is 4 cells. The mean of the roots of 81 independent values has a relative standard deviation of 5 %."""
-SCALE_WINDOW = 5
-"""Side of the window over which the local magnitudes are then averaged, in the same units. The optimum is flat
-(measurements/mapper_trials.md)."""
-MIN_SCALE = 0.1
-"""Minimum ratio of a local magnitude to the median of the image, so that flat regions can still bend. With half or
-twice the value the mean error of the five pairs changes by less than 1 % (measurements/mapper_trials.md)."""
-MIN_TYPICAL_PX = 1e-3  #: Lower bound of the median of the second differences, pixels; it must not be 0.
+"""Side of the window over which the measured second differences are averaged, in units of their spacing, 4 cells."""
+SCALE_WINDOW = 5  #: Side of the window over which the local magnitudes are then averaged, in the same units.
+MIN_SCALE = 0.1  #: Minimum ratio of a local magnitude to the median of the image, so that flat regions can still bend.
+MIN_TYPICAL_PX = 1e-3  #: Lower bound of the median of the second differences, pixels, which must not be 0.
 GRID_FACTOR = 2.8
 """Growth of the typical second difference per doubling of the spacing, `2^1.5`: between fractal ground (2 or less) and
-a surface of constant curvature (4). With 2 or 4 and the same scale on the finest grid, the errors of rendered pairs are
-1 to 9 % larger (measurements/mapper_trials.md)."""
+a surface of constant curvature (4)."""
 MIN_DIAGONAL = F(1e-12)  #: Value added to the diagonal, 1 / px^2, because the diagonal must not be 0.
-BLOCK_ROWS = 32
-"""Rows of a block, which one thread computes, so that intermediate results stay in its cache. Chosen by hand: smaller
-blocks compute more border rows twice, and larger blocks may not fit into the cache."""
+BLOCK_ROWS = 32  #: Rows of a block, which one thread computes, so that intermediate results stay in its cache.
 
 
 class SmoothnessWeights(NamedTuple):

@@ -57,34 +57,18 @@ from sfr_loc_map.mapping.disparity.refinement.smoothness import (
 )
 from sfr_loc_map.mapping.filters import box_mean, downsample_mean, upsample_bilinear, upsample_nearest
 
-ITERATIONS = 3
-"""Number of iterations, each of which warps the right image. More iterations change the error on rendered ground by
-less than 5 % (measurements/mapper_trials.md)."""
-EXTRA_ITERATIONS = 2
-"""Additional iterations if the noise is large, because the initial field is then farther from the minimum
-(measurements/mapper_trials.md)."""
+ITERATIONS = 3  #: Number of iterations, each of which warps the right image.
+EXTRA_ITERATIONS = 2  #: Number of additional iterations if the noise is large (`NOISY_PX`).
 NOISY_PX = 1.2
-"""Threshold of the noise, pixels. The noise is large if a disparity from the four pixels of one cell alone would have a
-larger standard deviation, in the median over the cells. The linearisation of a residual is valid within about one
-pixel. Neither half nor twice the value is better on all pairs (measurements/mapper_trials.md)."""
-SOLVER_ITERATIONS = (8, 12, 12)
-"""Conjugate gradient iterations on each grid, finest first. After the coarse grids, only short wavelengths remain for
-the finest grid. Half as many iterations are nearly as good on rendered pairs, and twice as many are better on KITTI
-2015 (measurements/mapper_trials.md)."""
-DATA_HALF_WEIGHT_SIGMAS = 5.0
-"""Residuals of this many standard deviations have half the weight in the data term, so that noise has almost full
-weight. The optimum is flat (measurements/mapper_trials.md)."""
+"""The noise is large if the data of a single cell determine its disparity less accurately than this (standard deviation
+in the median over the cells), pixels. The initial field is then farther from the minimum."""
+SOLVER_ITERATIONS = (8, 12, 12)  #: Conjugate gradient iterations on each grid, finest grid first.
+DATA_HALF_WEIGHT_SIGMAS = 5.0  #: Residuals of this many standard deviations have half the weight in the data term.
 ROBUST_FACTOR = F(1.0 / DATA_HALF_WEIGHT_SIGMAS**2)  #: Factor of the squared normalised residual in the Cauchy weight.
-CLIPPING_SIGMAS = 3.0
-"""For the brightness offset, residuals are clipped to this many standard deviations. Clipping affects residuals at
-occlusions, but hardly affects noise. The optimum is flat (measurements/mapper_trials.md)."""
+CLIPPING_SIGMAS = 3.0  #: For the brightness offset, residuals are clipped to this many standard deviations.
 TEMPLATE_SIGMAS = 4.0
-"""Where the residual exceeds this many standard deviations, only the left image is used for the template, because the
-right image shows another surface there. The optimum is flat (measurements/mapper_trials.md)."""
-MIN_WEIGHT = F(0.1)
-"""Lower bound of the mean robust weight around a cell, a divisor of the inflation of the variance (`linearise`). The
-bound has an effect where nearly all residuals around a cell are outliers. With half or twice the value, the MAE of
-Teddy, KITTI 2015 and the sample changes by less than 0.1 % (measurements/mapper_trials.md)."""
+"""Where the residual exceeds this many standard deviations, the template is the left image alone."""
+MIN_WEIGHT = F(0.1)  #: Lower bound of the mean robust weight around a cell, which is a divisor (`linearise`).
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,32 +25,18 @@ from sfr_loc_map.mapping.disparity.right_camera.vertical_disparity import (
     without_vertical_disparity,
 )
 
-EXPOSURE_STRIDE = 4  #: Exposures are compared on every fourth pixel of every fourth row, which is enough for quantiles.
-MIN_GREY = 2.0
-"""Pixels up to this grey level may be saturated and are excluded from the exposure. Pixels count as saturated only at 0
-and 255 (`saturation`). Chosen by hand."""
-MAX_GREY = 253.0  #: Pixels from this grey level on may be saturated and are also excluded. Chosen by hand.
-EXPOSURE_QUANTILES = (0.1, 0.5, 0.9)
-"""Quantiles of the grey levels that are compared. Chosen by hand: outer quantiles that are nearer to 0 and 1 include
-outliers, and outer quantiles that are nearer to the median determine the gain less accurately."""
-MIN_GREY_RANGE = 8.0
-"""Minimum range between the outer quantiles for a gain, grey levels. Rounding changes the ratio of smaller ranges by
-several percent."""
-GAIN_LIMITS = (0.25, 4.0)  #: Smallest and largest gain: two stops of exposure. Chosen by hand.
-SAME_EXPOSURE_GREY = 8.0
-"""Quantiles of equally exposed images differ by less than this, grey levels. A correction of smaller differences does
-not help the matcher (measurements/mapper_trials.md)."""
-MIN_EXPOSURE_PIXELS = 100  #: Minimum number of pixels for an exposure: ten are beyond each outer quantile.
-MAX_VERTICAL_STEPS = 3
-"""Maximum number of Gauss-Newton steps of the vertical disparity. Each step changes the vertical disparity by at most
-`MAX_VERTICAL_STEP_PX`. The removed vertical disparity is therefore at most the product of both values."""
-MIN_VERTICAL_COUNT = 1000
-"""Minimum number of pixels for measuring the vertical disparity. With residuals of 3 grey levels and slopes of 5 grey
-levels per pixel, the standard deviation of the vertical disparity is then 0.02 pixels, equal to `MIN_VERTICAL_PX`."""
+EXPOSURE_STRIDE = 4  #: Exposures are compared on every fourth pixel of every fourth row.
+MIN_GREY = 2.0  #: Pixels up to this grey level may be saturated and are excluded from the exposure.
+MAX_GREY = 253.0  #: Pixels from this grey level on may be saturated and are also excluded.
+EXPOSURE_QUANTILES = (0.1, 0.5, 0.9)  #: Quantiles of the grey levels that are compared.
+MIN_GREY_RANGE = 8.0  #: Minimum range between the outer quantiles for a gain, grey levels.
+GAIN_LIMITS = (0.25, 4.0)  #: Smallest and largest gain: two stops of exposure.
+SAME_EXPOSURE_GREY = 8.0  #: Quantiles of equally exposed images differ by at most this, grey levels.
+MIN_EXPOSURE_PIXELS = 100  #: Minimum number of pixels for an exposure.
+MAX_VERTICAL_STEPS = 3  #: Maximum number of Gauss-Newton steps of the vertical disparity.
+MIN_VERTICAL_COUNT = 1000  #: Minimum number of pixels for measuring the vertical disparity.
 MIN_VERTICAL_PX = 0.02  #: Minimum vertical disparity that is corrected, pixels, because resampling blurs the image.
-MAX_VERTICAL_STEP_PX = 1.0
-"""Maximum change of the vertical disparity within the image in one step, pixels: the range in which the linearisation
-is valid."""
+MAX_VERTICAL_STEP_PX = 1.0  #: Maximum change of the vertical disparity within the image in one step, pixels.
 
 
 class Exposure(NamedTuple):

@@ -37,20 +37,15 @@ from sfr_loc_map.mapping.disparity.right_camera.vertical_disparity import (
 )
 from sfr_loc_map.mapping.disparity.surfaces import DisparityScene
 
-MIN_ROTATION_COUNT = 5000
-"""Minimum number of valid samples for measuring the rotation: five times `MIN_VERTICAL_COUNT` of the correction,
-because there are five coefficients, of which the saddle is the least observable."""
+MIN_ROTATION_COUNT = 5000  #: Minimum number of valid samples for measuring the rotation.
 MIN_ROTATION_PX = 0.05
-"""Minimum vertical disparity that counts as a rotation, pixels. Smaller values are measurement noise (about 0.02
-pixels) or residual distortion. The threshold applies to the standard deviation over the image for a yaw, to the shift
-of the rows at the image edge for a roll, and to the offset for a pitch (`calibration_sigma`)."""
-REPEATED_STEPS = 3  #: Gauss-Newton steps of the repeated measurement. A fourth step changes a yaw of 1 deg by 0.3 %.
+"""Minimum vertical disparity that counts as a rotation, pixels. The threshold applies to the standard deviation over
+the image for a yaw, to the shift of the rows at the image edge for a roll, and to the offset for a pitch
+(`calibration_sigma`)."""
+REPEATED_STEPS = 3  #: Gauss-Newton steps of the repeated measurement.
 YAW_BIAS_FRACTION = 0.05
-"""Standard deviation of the bias that remains in a repeated measurement of the yaw, as a fraction of the yaw. The
-repeated measurement returns 95 to 106 % of the true yaw (docstring of the module)."""
-GRID_POINTS = 16
-"""Rows and columns of the grid over which the vertical disparity is averaged. The grid includes the image edges, so
-that the root mean square of a linear vertical disparity is 6 % larger than over all pixels. Chosen by hand."""
+"""Standard deviation of the bias that remains in a repeated measurement of the yaw, as a fraction of the yaw."""
+GRID_POINTS = 16  #: Rows and columns of the grid over which the vertical disparity is averaged.
 
 
 @dataclass(frozen=True, slots=True)

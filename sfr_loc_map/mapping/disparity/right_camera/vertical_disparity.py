@@ -22,21 +22,12 @@ from sfr_loc_map.geometry.robust_statistics import cauchy_weight, mad_sigma
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.disparity.refinement.photometric_residual import cubic, photometric_residual
 
-SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used; 100 000 samples suffice.
-HALF_WEIGHT_SIGMAS = 2.0
-"""Residuals of this many standard deviations have half the weight (`cauchy_weight`). The value is below 2.385, which
-has an efficiency of 95 %, because wrong disparities are outliers."""
-MIN_GREY_SIGMA = 1e-3
-"""Added to the standard deviation of residuals, grey levels, which is a divisor. The value is far below the rounding
-noise of images (0.3)."""
-DAMPING = 1e-9
-"""Added to the diagonal of the normal equations, as a fraction of their trace, so that they can be inverted. The
-weakest term, the saddle, has about 1e-3 of the trace."""
-FREE_BLOCK_PX = 8
-"""Side of the blocks whose disparity is free in `fit_jointly_with_disparity`, pixels. With blocks of 4 or 16 pixels,
-the measured yaw of a camera rotated by 0.3 to 1 deg differs by up to 3 % from that with 8 pixels."""
-MIN_SLOPE_SUM = 1e-6
-"""Added to the sum of the squared slopes along the row in a block, which is a divisor and is 0 in a uniform block."""
+SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used.
+HALF_WEIGHT_SIGMAS = 2.0  #: Residuals of this many standard deviations have half the weight (`cauchy_weight`).
+MIN_GREY_SIGMA = 1e-3  #: Added to the standard deviation of residuals, grey levels, which is a divisor.
+DAMPING = 1e-9  #: Added to the diagonal of the normal equations, as a fraction of their trace.
+FREE_BLOCK_PX = 8  #: Side of the blocks whose disparity is free in `fit_jointly_with_disparity`, pixels.
+MIN_SLOPE_SUM = 1e-6  #: Added to the sum of the squared slopes along the row in a block, which is a divisor.
 SMOOTHING = np.array([[0.125, 0.25, 0.125]], F)
 """Taps of the Sobel operator across the derivative, scaled to slopes per pixel for differences over two pixels."""
 SOBEL_SCALE = 0.125  #: Scale of the Sobel operator for slopes per pixel.

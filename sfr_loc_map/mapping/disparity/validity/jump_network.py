@@ -55,30 +55,23 @@ from sfr_loc_map.mapping.filters import dilated, square_element
 
 SMALL_JUMP_PX = F(0.7)
 """Disparities that differ by more than this may belong to two surfaces that the refinement has joined by a ramp,
-pixels. Pixels beside jumps above 0.7 px have twice the total squared error of pixels beside jumps above 1.5 px
-(measurements/mapper_trials.md). Costs are compared only with surfaces that differ by `SURFACE_JUMP_PX` or more."""
-SURFACE_RADIUS = 3
-"""Half the side of the window in which other surfaces are searched, pixels: smoothing moves edges by one or two
-cells."""
-OCCLUDER_COLUMNS = 6
-"""Maximum distance, columns, of a surface along the row that may occlude the pixel in the right image: twice
-`SURFACE_RADIUS`, because both edges may be displaced. Fixed by the training of the network."""
+pixels. Costs are compared only with surfaces that differ by `SURFACE_JUMP_PX` or more."""
+SURFACE_RADIUS = 3  #: Half the side of the window in which other surfaces are searched, pixels.
+OCCLUDER_COLUMNS = 6  #: Maximum distance of a surface that may occlude the pixel in the right image, columns.
 SAME_COLUMN_PX = F(1.0)
 """Pixels correspond to the same right pixel if their columns in the right image differ by up to this, pixels."""
 LOG_ODDS_AT_1_PX = F(3.3)
-"""Log odds above which a pixel is invalid if the median sigma of the pair is 1 pixel. The threshold is this value plus
-the logarithm of the median sigma in pixels, because a single outlier dominates the error of a precise map. For a median
-sigma of 0.05 pixels the threshold is 0.3. Chosen on rendered ground, Teddy and Motorcycle
-(measurements/mapper_trials.md)."""
+"""Log odds above which a pixel is invalid if the median sigma of the pair is 1 pixel. The logarithm of the median
+sigma, pixels, is added, because an outlier has more effect on the error of a precise map."""
 DEPTH_POWER = F(2.0)
 """The odds are multiplied by this power of the depth ratio, because the error in metres of a disparity on the wrong
-surface grows with the square of the depth (measurements/mapper_trials.md)."""
-SIGMA_STRIDE = 16  #: Every sixteenth valid pixel is used for the median sigma: tens of thousands of samples suffice.
+surface grows with the square of the depth."""
+SIGMA_STRIDE = 16  #: Every sixteenth valid pixel is used for the median sigma.
 
 # Conversion of features to inputs of the network.
 MAX_LOG = 3.0
-"""Logarithms of margins and jumps are clipped to +/- this value. The logarithm of a margin has this value if there is
-no other surface."""
+"""Logarithms of margins and jumps are clipped to +/- this value, which is also the logarithm of the margin without
+another surface."""
 MIN_TYPICAL_COST = 0.5  #: Lower bound of the typical cost of a pair, grey levels: a typical rounding difference.
 MIN_RELATIVE_COST = 0.05  #: Lower bound of the ratio of a cost to the typical cost, for the logarithm.
 WINDOW_MARGIN_SCALE = 2.0  #: Factor of the window margin, which varies less than the margin of 3 x 3 pixels.

@@ -39,29 +39,18 @@ from sfr_loc_map.mapping.filters import box_mean
 
 StatusImage = NDArray[np.uint8]  #: `(H, W)`, the `PixelStatus` of each pixel.
 MAX_CHI2_PER_DOF = F(4.0)
-"""A match is suspicious if the mean squared normalised residual of a window around it exceeds this: twice the standard
-deviation of the noise."""
-CHI2_WINDOW = 5  #: Side of that window, pixels: 25 residuals of noise exceed the threshold with p < 1e-6.
-MAX_CHI2 = F(36.0)
-"""Squared residuals are clipped to this value, (6 sigma)^2; unknown residuals have this value. With a larger value, a
-few outliers dominate the mean over a window. Values of 16 and 100 change the density by 0.002 or less
-(measurements/mapper_trials.md)."""
+"""A match is suspicious if the mean squared normalised residual around it exceeds this: (2 sigma)^2."""
+CHI2_WINDOW = 5  #: Side of the window of that mean, pixels.
+MAX_CHI2 = F(36.0)  #: Squared normalised residuals are clipped to (6 sigma)^2; unknown residuals have this value.
 MAX_CONTRAST_RATIO = F(0.7)
 """A suspicious match is invalid if the ratio of its mean squared residual to the variance of the left image exceeds
-this. Uncorrelated images have a ratio of 2. A threshold of 1.2 changes the density by 0.001 or less
-(measurements/mapper_trials.md)."""
-MAX_CHANGE_PX = 1.5
-"""A change of the disparity by the refinement is always accepted up to this limit, pixels. With a larger limit, more
-pixels of the real pairs are valid, but a larger fraction of them is wrong. Rendered pairs hardly change
-(measurements/mapper_trials.md)."""
-MAX_CHANGE_SIGMAS = 5.0
-"""Larger changes are accepted up to this many standard deviations of all changes, because the noise of the matcher is
-larger for pairs that match poorly. Chosen like `MAX_CHANGE_PX`."""
-CHANGE_STRIDE = 4  #: The standard deviation of all changes is measured on every fourth pixel of every fourth row.
+this. Uncorrelated images have a ratio of 2."""
+MAX_CHANGE_PX = 1.5  #: A change of the disparity by the refinement is always accepted up to this limit, pixels.
+MAX_CHANGE_SIGMAS = 5.0  #: A larger change is accepted up to this many standard deviations of all changes of the pair.
+CHANGE_STRIDE = 4  #: That standard deviation is measured on every fourth pixel of every fourth row.
 MAX_SLOPE = F(0.7)
 """Slope along the row above which a pixel is on a ramp, pixels per pixel. A surface with a slope of 1 is parallel to a
-ray of the right camera, so that a steep ramp joins two surfaces across an occluded region. Values of 0.5 to 0.85 change
-the density by 0.001 (measurements/mapper_trials.md)."""
+ray of the right camera."""
 
 
 class PixelStatus(IntEnum):

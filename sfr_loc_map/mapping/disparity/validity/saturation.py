@@ -11,11 +11,9 @@ from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask
 from sfr_loc_map.mapping.filters import square_element
 
 SATURATED_SQUARE_PX = 5
-"""Side of the square around a pixel, pixels. If the square is completely saturated, the pixel is invalid, because the
-slope of its grey levels is 0. The slope is computed from five columns and three rows."""
+"""Side of the square around a pixel, pixels. A pixel in a completely saturated square is invalid."""
 NEARBY_SIDE_PX = 11
-"""Side of the square in which saturated pixels increase the sigma of a pixel (`point_sigma`), pixels. Chosen by hand:
-the refinement smooths over a few cells of two pixels."""
+"""Side of the square in which saturated pixels increase the sigma of a pixel (`point_sigma`), pixels."""
 
 SATURATED_GREY_LEVELS = np.where(np.isin(np.arange(256), (0, 255)), 255, 0).astype(np.uint8)
 """Lookup table by grey level: 255 if the level is saturated, otherwise 0."""

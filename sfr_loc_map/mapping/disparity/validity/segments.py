@@ -23,10 +23,8 @@ STEPS_PER_PX = F(16.0)
 """Refined disparities of neighbours are compared in steps of 1/16 pixel, which is the resolution of the matcher except
 in wide images."""
 MAX_SMALL_SEGMENT_PIXELS = 40
-"""Segments of up to this many pixels are invalid, because no surrounding pixel agrees with them. With a limit of 30,
-0.06 % more pixels of a KITTI pair are wrong (measurements/mapper_trials.md)."""
-MAX_MEDIUM_SEGMENT_PIXELS = 2000
-"""Larger segments are not noise: the largest segment in 100 images of noise had 740 pixels."""
+"""Segments of up to this many pixels are invalid, because no surrounding pixel agrees with them."""
+MAX_MEDIUM_SEGMENT_PIXELS = 2000  #: Larger segments are not noise.
 MIN_CORRELATION = 0.7
 """Minimum correlation of the gradients of a segment of medium size. White noise of 0.5 to 5 grey levels reached 0.47,
 and noise blurred by one pixel reached 0.64. Surfaces in real and rendered images had 0.77 to 1."""
