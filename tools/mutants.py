@@ -99,7 +99,7 @@ EXPECTED_ITEMS, DRIVE = "metrics/completeness/expected_items.py", "metrics/compl
 GAPS = "metrics/completeness/gaps.py"
 CALL_CHECKS, CALL_POSES = "scoring/call_checks.py", "calls/call_poses.py"
 DRIVES, JOB = "suite/planning/drive_copies.py", "suite/jobs/job.py"
-EXPOSURE, HOLES = "mapping/disparity/right_camera/right_image_correction.py", "mapping/disparity/hole_filling.py"
+EXPOSURE, HOLES = "mapping/disparity/exposure.py", "mapping/disparity/hole_filling.py"
 FUSION, STEPS = "mapping/multiview/fusion.py", "mapping/terrain/steps.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
@@ -632,13 +632,13 @@ MUTATIONS = (
     ),
     Mutation(HOLES, "~saturated & has_new_hypotheses & ~after.valid", "has_new_hypotheses & ~after.valid"),
     Mutation(HOLES, "NEARBY_PX) < MAX_DEPTH_RATIO", "NEARBY_PX) < F(100.0) * MAX_DEPTH_RATIO"),
-    Mutation(FUSION, "points.xyz + own.rays * relative_step", "points.xyz - own.rays * relative_step"),
-    Mutation(FUSION, "COMMON_VARIANCE * np.square(own.sigma) + (1.0", "0.0 * np.square(own.sigma) + (1.0"),
+    Mutation(FUSION, "points.xyz + rays * relative_step", "points.xyz - rays * relative_step"),
+    Mutation(FUSION, "COMMON_VARIANCE * np.square(sigma) + (1.0", "0.0 * np.square(sigma) + (1.0"),
     Mutation(FUSION, "is_conflict=is_farther & is_preferred", "is_conflict=is_farther"),
-    Mutation(FUSION, "(observed.difference > AGREE_SIGMAS * sigma)", "(observed.difference < -AGREE_SIGMAS * sigma)"),
-    Mutation(FUSION, "<= MAX_RANGE_FACTOR * own.ranges", "<= own.ranges"),
+    Mutation(FUSION, "AGREE_SIGMAS * difference_sigma)", "-AGREE_SIGMAS * difference_sigma)"),
+    Mutation(FUSION, "<= MAX_RANGE_FACTOR * ranges", "<= ranges"),
     Mutation("mapping/multiview/registration.py", "rhs = rhs - weighted.T @ r", "rhs = rhs + weighted.T @ r"),
-    Mutation("mapping/multiview/pose_agreement.py", "if i < j and overlap.common", "if overlap.common"),
+    Mutation("mapping/multiview/pose_agreement.py", "if index > observer or len(indices)", "if len(indices)"),
     Mutation("mapping/disparity/estimation.py", "px < search.min_disparity_px", "px < 0.5 * search.min_disparity_px"),
     Mutation("mapping/multiview/fixed_content.py", "motion_px > MIN_MOTION_PX", "motion_px < MIN_MOTION_PX"),
     Mutation("mapping/terrain/elevation.py", "z_squared / (x_squared", "x_squared / (x_squared"),

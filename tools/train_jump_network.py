@@ -37,7 +37,7 @@ from sfr_loc_map.mapping.disparity.validity.jump_network import (
     jump_features,
     network_input,
 )
-from sfr_loc_map.mapping.disparity.validity.pixel_status import is_valid, status_before_wrong_surface
+from sfr_loc_map.mapping.disparity.validity.pixel_status import judge_before_wrong_surface
 from sfr_loc_map.mapping.filters import local_variance
 
 INPUTS = len(JumpFeatures._fields)
@@ -118,8 +118,8 @@ def refined_scene(pair: StereoPair, rig: StereoRig) -> tuple[DisparityScene, Ref
 def scene_of(pair: StereoPair, rig: StereoRig) -> DisparityScene:
     """Return the input of the network as the mapper computes it with default parameters."""
     scene, refined = refined_scene(pair, rig)
-    status = status_before_wrong_surface(scene, refined, local_variance(scene.left))
-    return scene._replace(valid=is_valid(status))
+    judged, _ = judge_before_wrong_surface(scene, refined, local_variance(scene.left))
+    return judged
 
 
 def reference_inputs() -> dict[str, Any]:

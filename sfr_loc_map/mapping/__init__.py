@@ -8,7 +8,7 @@ Modules in the order of the calls:
       pair_view           the points of a pair: reprojection
       calibration_sigma   the uncertainty of the calibration
       point_sigma         sigma of the points, with a list of all contributions
-      findings            statistics and warnings
+      pair_findings       statistics and warnings (`findings`)
       multiview           the fusion of several pairs
     maps                  the results: the map of a pair, and of several pairs
     point_covariance      covariances of points, from a cloud

@@ -8,7 +8,7 @@ The configured residual distortion (`CalibrationPrior.distortion_px`) sets the t
   (`_yaw_threshold_rad`).
 - A vertical offset above the distortion and above `MIN_ROTATION_PX` increases sigma like a pitch. The threshold
   contains no noise, because an offset is measured to a few hundredths of a pixel.
-- Vertical disparity above a multiple of the distortion causes a warning (`findings.vertical_warning_px`).
+- Vertical disparity above a multiple of the distortion causes a warning (`pair_findings.vertical_warning_px`).
 
 A larger configured distortion therefore increases sigma, but also raises the yaw, the offset and the vertical disparity
 that remain without effect.

@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask
 
 VARIANCE_SIDE = 7  #: Side of the window of a local variance, pixels. Its 49 samples give the variance to 20 %.
-
-
-class AlongAxes(NamedTuple):
-    """A quantity that is measured along each axis of an image, `(H, W)` each."""
-
-    along_x: FloatImage  #: Along rows.
-    along_y: FloatImage  #: Along columns.
 
 
 def box_mean(image: FloatImage, side: int) -> FloatImage:
@@ -41,12 +32,12 @@ def upsample_nearest(image: FloatImage, factor: int) -> FloatImage:
     return image.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
-def second_differences(image: FloatImage) -> AlongAxes:
+def second_differences(image: FloatImage) -> tuple[FloatImage, FloatImage]:
     """Return the second differences along rows and along columns; the border is repeated."""
     taps = np.array([[1.0, -2.0, 1.0]], F)
     along_x = cv2.filter2D(image, -1, taps, borderType=cv2.BORDER_REPLICATE)
     along_y = cv2.filter2D(image, -1, taps.T, borderType=cv2.BORDER_REPLICATE)
-    return AlongAxes(np.asarray(along_x, F), np.asarray(along_y, F))
+    return np.asarray(along_x, F), np.asarray(along_y, F)
 
 
 def local_variance(image: FloatImage) -> FloatImage:

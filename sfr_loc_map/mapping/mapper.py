@@ -18,7 +18,7 @@ The stages of `Mapper.process`, with their modules and results:
    measured rotation of the right camera.
 5. `sigma_of_points` (`point_sigma`) -> `PointSigma`: sigma of the points. Saturation increases the random part, and the
    total also includes the uncertainty of the calibration.
-6. `findings_of_pair` (`findings`) -> `Findings`: statistics and warnings.
+6. `findings_of_pair` (`pair_findings`) -> `Findings`: statistics and warnings.
 
 The stages of `Mapper.fuse`:
 
@@ -26,12 +26,11 @@ The stages of `Mapper.fuse`:
    removed.
 2. `register_views` (`multiview/registration`), on request -> views and `Findings`: later pairs are moved to agree with
    the earlier pairs.
-3. `fuse_views` (`multiview/fusion`, `multiview/projection`) -> `FusedViews`: points on which pairs agree move along
-   their rays to the inverse-variance weighted mean. Of several compared points at the same position in an image, one is
-   kept. A point is dropped if a pair with a larger weight observes a surface behind the point.
-4. `agreement_of_poses` (`multiview/pose_agreement`) -> `Findings`: the agreement of the poses where pairs overlap, from
-   the observations of stage 3.
-5. `sigma_of_points` (`point_sigma`) -> `PointSigma`: sigma of the fused points, as for one pair.
+3. `fuse_views` (`multiview/fusion`, `multiview/projection`, `multiview/pose_agreement`) -> points of each view and
+   `Findings`: points on which pairs agree move along their rays to the inverse-variance weighted mean. Of several
+   compared points at the same position in an image, one is kept. A point is dropped if a pair with a larger weight
+   observes a surface behind the point. The same observations show whether the poses agree.
+4. `sigma_of_points` (`point_sigma`) -> `PointSigma`: sigma of the fused points of each view, as for one pair.
 
 To add
 
@@ -40,9 +39,9 @@ To add
   at the end of `estimate_disparity`, as for BEYOND_RANGE. The fraction of measured pixels does not change, because it
   is computed before holes are filled.
 - a contribution to sigma: the docstring of `point_sigma` lists the steps.
-- a test of points across pairs: add a flag to `Judgement` (`multiview/fusion`) that drops points, or a stage of
+- a test of points across pairs: add a flag to `Comparison` (`multiview/fusion`) that drops points, or a stage of
   `Mapper.fuse` that takes and returns views, like `without_fixed_content`.
-- a statistic or a warning: the docstring of `findings` lists the places.
+- a statistic or a warning: `pair_findings` for one pair, or the findings of a stage of `multiview`.
 
 Each stage takes results of earlier stages, and no stage changes its arguments. The only state of the mapper is its rig,
 its parameters and the disparity search range that follows from both. Compiled kernels, and the network that classifies
@@ -75,14 +74,13 @@ from sfr_loc_map.mapping.checks import (
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.disparity.semi_global_matching import SearchRange, search_range_of
-from sfr_loc_map.mapping.findings import findings_of_pair
 from sfr_loc_map.mapping.maps import FusedMap, MappedPair, warnings_of_pairs
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
-from sfr_loc_map.mapping.multiview.pose_agreement import agreement_of_poses
 from sfr_loc_map.mapping.multiview.registration import register_views
-from sfr_loc_map.mapping.pair_view import PairView, read_only_pose, reproject
-from sfr_loc_map.mapping.point_sigma import sigma_of_points
+from sfr_loc_map.mapping.pair_findings import findings_of_pair
+from sfr_loc_map.mapping.pair_view import ViewPoints, reproject
+from sfr_loc_map.mapping.point_sigma import PointSigma, sigma_of_points
 
 
 class Mapper:
@@ -149,15 +147,13 @@ class Mapper:
         prior = self._config.calibration
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
         disparity = estimate_disparity(pair, self._rig, self._search)
-        points, images = reproject(disparity.px, disparity.sigma_px, disparity.left, self._rig, T_lm_left)
-        view = PairView(points, images, read_only_pose(T_lm_left), disparity.noise_grey, disparity.saturation)
+        view = reproject(disparity, self._rig, T_lm_left)
         calibration = sigma_of_calibration(disparity.rotation, self._rig, prior)
-        index_of_view = np.zeros(points.size, np.uint8)  # of the only view
-        sigma = sigma_of_points(points, index_of_view, [view], calibration, self._rig)
+        sigma = sigma_of_points(view.points, view, calibration, self._rig)
         findings = findings_of_pair(disparity, self._rig, prior, self._search)
         return MappedPair(
             stamp_ns=pair.stamp_ns,
-            cloud=points.to_cloud(sigma.total, np.full(points.size, index, np.uint8), fused=False),
+            cloud=view.points.to_cloud(sigma.total, np.full(view.points.size, index, np.uint8), fused=False),
             random_sigma=sigma.random,
             T_lm_left=view.T_lm_left,
             disparity_px=read_only(disparity.px),
@@ -182,14 +178,17 @@ class Mapper:
         if self._config.refine_poses:
             views, of_registration = register_views(views, self._rig)
             findings += of_registration
-        fused = fuse_views(views, self._rig)
-        findings += fused.findings + agreement_of_poses(views, fused.overlaps)
+        parts, of_fusion = fuse_views(views, self._rig)
+        findings += of_fusion
         calibration = largest_of(item.calibration for item in maps)
-        sigma = sigma_of_points(fused.points, fused.pair_index, views, calibration, self._rig)
+        sigmas = [sigma_of_points(part, view, calibration, self._rig) for part, view in zip(parts, views, strict=True)]
+        sigma = PointSigma.concatenated(sigmas)
+        pair_index = np.repeat(np.arange(len(views), dtype=np.uint8), [part.size for part in parts])
         stamps_ns = tuple(item.stamp_ns for item in maps)
         is_fused = len(maps) > 1
+        points = ViewPoints.concatenated(parts)
         return FusedMap(
-            cloud=fused.points.to_cloud(sigma.total, fused.pair_index, fused=is_fused, pair_stamps_ns=stamps_ns),
+            cloud=points.to_cloud(sigma.total, pair_index, fused=is_fused, pair_stamps_ns=stamps_ns),
             random_sigma=sigma.random,
             poses_lm_left=tuple(view.T_lm_left for view in views),
             statistics=findings.statistics,

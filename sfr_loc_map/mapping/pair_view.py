@@ -16,6 +16,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
+from sfr_loc_map.mapping.disparity.estimation import DisparityMap
 from sfr_loc_map.mapping.disparity.validity.saturation import Saturation
 
 
@@ -98,7 +99,13 @@ class PairView:
         return replace(self, points=self.points._replace(xyz=xyz), T_lm_left=read_only_pose(T_lm_left))
 
 
-def reproject(
+def reproject(disparity: DisparityMap, rig: StereoRig, T_lm_left: Transform) -> PairView:
+    """Return the view of a pair, given its disparity map and the pose of its left camera."""
+    points, images = reproject_pixels(disparity.px, disparity.sigma_px, disparity.left, rig, T_lm_left)
+    return PairView(points, images, read_only_pose(T_lm_left), disparity.noise_grey, disparity.saturation)
+
+
+def reproject_pixels(
     disparity_px: FloatImage, sigma_px: FloatImage, left: GreyImage | FloatImage, rig: StereoRig, T_lm_left: Transform
 ) -> tuple[ViewPoints, ViewImages]:
     """Return the points of all pixels that have a disparity, and the same points as images.

@@ -59,8 +59,8 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32, read_only
-from sfr_loc_map.geometry.camera import StereoCamera
+from sfr_loc_map.geometry.arrays import F, FloatArray32, GreyImage, read_only
+from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
@@ -80,53 +80,37 @@ class PointSigma(NamedTuple):
     random: FloatArray32  #: Part that differs from point to point: noise, smoothing and saturation.
     total: FloatArray32  #: Random sigma combined with the calibration error, which is common to all points.
 
+    @classmethod
+    def concatenated(cls, parts: Sequence[PointSigma]) -> PointSigma:
+        """Return the standard deviations of the points of all parts."""
+        return cls(*(read_only(np.concatenate(columns)) for columns in zip(*parts, strict=True)))
 
-def sigma_of_points(
-    points: ViewPoints,
-    pair_index: NDArray[np.uint8],
-    views: Sequence[PairView],
-    calibration: CalibrationSigma,
-    rig: StereoRig,
-) -> PointSigma:
-    """Return the standard deviations of points; `pair_index` `(N,)` is the index of each point's pair in `views`."""
-    random = random_sigma(points, pair_index, [view.saturation for view in views])
-    total = total_sigma(points, random, pair_index, [view.T_lm_left for view in views], calibration, rig)
+
+def sigma_of_points(points: ViewPoints, view: PairView, calibration: CalibrationSigma, rig: StereoRig) -> PointSigma:
+    """Return the standard deviations of points of a view, as reprojected or as fused with points of other views."""
+    random = random_sigma(points, view.saturation)
+    total = total_sigma(points, random, view.T_lm_left, calibration, rig)
     return PointSigma(read_only(random), read_only(total))
 
 
-def random_sigma(points: ViewPoints, pair_index: NDArray[np.uint8], saturations: Sequence[Saturation]) -> FloatArray32:
-    """Return the random standard deviation along the ray of each point `(N,)`, metres, larger beside saturated pixels.
-
-    `pair_index` `(N,)` is the index of each point's pair in `saturations`.
-    """
-    if not any(item.fraction > 0.0 for item in saturations):
-        return points.fusion_sigma.copy()
-    nearby_fractions_255 = np.stack([item.nearby_fraction_255 for item in saturations])
-    return _random_sigma(points.fusion_sigma, pair_index, points.v, points.u, nearby_fractions_255)
+def random_sigma(points: ViewPoints, saturation: Saturation) -> FloatArray32:
+    """Return the random sigma of each point `(N,)`, metres, which is larger beside saturated pixels."""
+    return _random_sigma(points.fusion_sigma, points.v, points.u, saturation.nearby_fraction_255)
 
 
 @jit_rows
 def _random_sigma(
-    sigma: FloatArray32,
-    pair_index: NDArray[np.uint8],
-    v: NDArray[np.uint16],
-    u: NDArray[np.uint16],
-    nearby_fractions_255: NDArray[np.uint8],
+    sigma: FloatArray32, v: NDArray[np.uint16], u: NDArray[np.uint16], nearby_fraction_255: GreyImage
 ) -> FloatArray32:
-    """Return the standard deviations `(N,)` times the factors for the nearby saturated fractions `(views, H, W)`."""
+    """Return the standard deviations `(N,)` times the factors for the nearby saturated fractions `(H, W)`."""
     out = np.empty_like(sigma)
     for n in prange(len(sigma)):
-        out[n] = sigma[n] * SIGMA_FACTORS[nearby_fractions_255[pair_index[n], v[n], u[n]]]
+        out[n] = sigma[n] * SIGMA_FACTORS[nearby_fraction_255[v[n], u[n]]]
     return out
 
 
 def total_sigma(
-    points: ViewPoints,
-    random: FloatArray32,
-    pair_index: NDArray[np.uint8],
-    poses_lm_left: Sequence[Transform],
-    calibration: CalibrationSigma,
-    rig: StereoRig,
+    points: ViewPoints, random: FloatArray32, T_lm_left: Transform, calibration: CalibrationSigma, rig: StereoRig
 ) -> FloatArray32:
     """Return the total standard deviation along the ray of each point `(N,)`, metres.
 
@@ -138,17 +122,14 @@ def total_sigma(
         total^2 = sigma^2 + (r c)^2
 
     The angle a is the error of the angle between both rays, and c is the relative error of the range. The docstring of
-    `disparity/right_camera/rotation` describes the geometry. `pair_index` `(N,)` is the index of each point's pair in
-    `poses_lm_left`, which transform from the left optical frame to LM.
+    `disparity/right_camera/rotation` describes the geometry. `T_lm_left` is the pose of the points' left camera.
     """
     return _total_sigma(
         xyz=points.xyz,
         sigma=random,
         us=points.u,
         vs=points.v,
-        pair_index=pair_index,
-        axes=np.stack([pose.rotation[:, 2] for pose in poses_lm_left]),
-        centres=np.stack([pose.translation for pose in poses_lm_left]),
+        pose=Pose.of(T_lm_left),
         camera=rig.camera,
         calibration=calibration,
     )
@@ -160,23 +141,22 @@ def _total_sigma(
     sigma: FloatArray32,
     us: NDArray[np.uint16],
     vs: NDArray[np.uint16],
-    pair_index: NDArray[np.uint8],
-    axes: FloatArray,
-    centres: FloatArray,
+    pose: Pose,
     camera: StereoCamera,
     calibration: CalibrationSigma,
 ) -> FloatArray32:
-    """Return the total standard deviations `(N,)`; axes and centres `(views, 3)` of the left cameras are in LM."""
+    """Return the total standard deviations `(N,)` of points `(N, 3)` in LM; the pose is that of the left camera."""
+    rotation = pose.rotation
+    position = pose.position
     total = np.empty(len(sigma), F)
     distortion_variance = calibration.distortion_rad * calibration.distortion_rad
     focal = calibration.focal_fraction
     baseline = calibration.baseline_fraction
     length_variance = focal * focal + baseline * baseline
     for n in prange(len(total)):
-        index = pair_index[n]
         depth = 0.0
         for k in range(3):
-            depth += axes[index, k] * (np.float64(xyz[n, k]) - centres[index, k])
+            depth += rotation[k, 2] * (np.float64(xyz[n, k]) - position[k])
         x = (us[n] - camera.cx) / camera.fx
         y = (vs[n] - camera.cy) / camera.fy
         right_x = x - camera.baseline_m / depth

@@ -17,7 +17,7 @@ from sfr_loc_map.mapping.checks import check_index, check_pair_count
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range_of
 from sfr_loc_map.mapping.maps import FusedMap, PairMap
-from sfr_loc_map.mapping.pair_view import reproject
+from sfr_loc_map.mapping.pair_view import reproject_pixels
 from sfr_loc_map.methods.child.loop import Answer
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.map_arrays import Arrays, cloud_in, disparity_in, largest_files
@@ -180,7 +180,7 @@ def _points_of_pair(
         return PointCloud.empty(fused=False), None
     disparity = np.where(disparity > 0.0, disparity, F(np.nan))
     sigma = np.full_like(disparity, DISPARITY_SIGMA_PX)
-    points, _ = reproject(disparity, sigma, pair.left, rig, T_lm_left)
+    points, _ = reproject_pixels(disparity, sigma, pair.left, rig, T_lm_left)
     return points.to_cloud(points.fusion_sigma, np.full(points.size, index, np.uint8), fused=False), disparity
 
 

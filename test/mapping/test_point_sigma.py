@@ -15,8 +15,8 @@ from sfr_loc_map.mapping.disparity import hole_filling
 from sfr_loc_map.mapping.disparity.refinement import disparity_sigma, residual_noise
 from sfr_loc_map.mapping.disparity.right_camera.rotation import CameraRotation
 from sfr_loc_map.mapping.disparity.validity import saturation
-from sfr_loc_map.mapping.findings import MIN_VERTICAL_WARNING_PX, vertical_warning_px
 from sfr_loc_map.mapping.multiview import fusion
+from sfr_loc_map.mapping.pair_findings import MIN_VERTICAL_WARNING_PX, vertical_warning_px
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 319.5, 239.5, 0.2)
 CONFIGURED = CalibrationPrior()

@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma
-from sfr_loc_map.mapping.pair_view import ViewPoints, reproject
+from sfr_loc_map.mapping.pair_view import ViewPoints, reproject_pixels
 from sfr_loc_map.mapping.point_sigma import total_sigma
 
 SMALL = StereoRig(32, 24, 40.0, 44.0, 14.5, 12.25, 0.25)
@@ -27,9 +27,9 @@ def test_sigma_is_the_scatter_along_the_ray() -> None:
     deviation, ranges = np.full_like(truth, sigma_px), []
     for _ in range(600):
         drawn = rng.normal(truth, sigma_px).astype(np.float32)
-        points, _ = reproject(drawn, deviation, grey, SMALL, POSE)
+        points, _ = reproject_pixels(drawn, deviation, grey, SMALL, POSE)
         ranges.append(np.linalg.norm(points.xyz - POSE.translation, axis=1))
-    of_truth, _ = reproject(truth, deviation, grey, SMALL, POSE)
+    of_truth, _ = reproject_pixels(truth, deviation, grey, SMALL, POSE)
     ratio = np.std(ranges, axis=0) / of_truth.fusion_sigma
     assert ratio.mean() == pytest.approx(1.0, abs=0.01)
     assert ratio.std() < 0.04
@@ -42,13 +42,13 @@ def points_of(rotation: tuple[float, ...] = (0, 0, 0), rig: StereoRig = RIG, sig
     left = np.stack(((u - RIG.cx) / RIG.fx, (v - RIG.cy) / RIG.fy, np.ones_like(u)), axis=-1) * depth[..., None]
     right = (left - [RIG.baseline_m, 0.0, 0.0]) @ matrix_from_rotvec(rotation)
     disparity = (u - (RIG.fx * right[..., 0] / right[..., 2] + RIG.cx)).astype(np.float32)
-    points, _ = reproject(disparity, np.full_like(disparity, sigma_px), disparity.astype(np.uint8), rig, POSE)
+    points, _ = reproject_pixels(disparity, np.full_like(disparity, sigma_px), disparity.astype(np.uint8), rig, POSE)
     return points
 
 
 def total(points: ViewPoints, calibration: CalibrationSigma) -> np.ndarray:
     """Return the total sigma of points of one pair."""
-    return total_sigma(points, points.fusion_sigma, np.zeros(points.size, np.uint8), [POSE], calibration, RIG)
+    return total_sigma(points, points.fusion_sigma, POSE, calibration, RIG)
 
 
 @pytest.mark.parametrize(

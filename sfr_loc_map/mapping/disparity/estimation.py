@@ -3,7 +3,8 @@
     pair
       │
       ▼
-    matching             semi_global_matching.py   search range, matching costs, aggregation, left-right check
+    matching             semi_global_matching.py   search range, matching costs, aggregation, left-right check, with
+      │                                            equal exposures (exposure.py)
       │ matched disparity, NaN where unmatched
       ▼
     right image          right_camera/             exposure and vertical disparity are measured and removed
@@ -98,8 +99,7 @@ def estimate_disparity(pair: StereoPair, rig: StereoRig, search: SearchRange) ->
     saturation = measure_saturation(pair.left, pair.right, refined.px)
     left_variance = local_variance(left)
     matched = DisparityScene(left, right, matched_px, refined.px, refined.sigma_px, valid=np.isfinite(matched_px))
-    status = judge_pixels(matched, refined, left_variance, saturation.square_saturated)
-    measured = matched._replace(valid=is_valid(status))
+    measured, status = judge_pixels(matched, refined, left_variance, saturation.square_saturated)
     fraction = measured_textured_fraction(left, left_variance, measured.valid)
     check_matches(pair, fraction, search.count)
 

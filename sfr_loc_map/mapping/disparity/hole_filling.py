@@ -87,13 +87,6 @@ class Hypotheses(NamedTuple):
     slope_y: FloatArray32  #: Slope of the plane along columns, pixels per pixel.
 
 
-class HypothesisCosts(NamedTuple):
-    """Matching costs of the hypotheses of a pixel, `(8,)` each."""
-
-    cost: FloatArray32  #: Grey levels; `NO_COST` without a surface.
-    effective_pixels: FloatArray32  #: As in `PlaneCost`.
-
-
 def fill_holes(scene: DisparityScene, saturated: Mask, noise_grey: float) -> DisparityScene:
     """Return the scene with the disparities and sigmas of filled holes.
 
@@ -256,8 +249,7 @@ def _best_hypothesis(
         count += possible[k]
     if count == 0:  # condition 3
         return F(np.nan)
-    costs = _hypothesis_costs(scene, y, x, hypotheses)
-    cost = costs.cost
+    cost, effective_pixels = _hypothesis_costs(scene, y, x, hypotheses)
     best = -1
     lowest = NO_COST
     for k in range(DIRECTION_COUNT):
@@ -271,7 +263,7 @@ def _best_hypothesis(
     for k in range(DIRECTION_COUNT):
         if abs(hypotheses.disparity[k] - disparity) > SURFACE_JUMP_PX:
             lowest_other = min(lowest_other, cost[k])
-    required = lowest + min_margin / np.sqrt(costs.effective_pixels[best])
+    required = lowest + min_margin / np.sqrt(effective_pixels[best])
     if lowest_other < required:  # condition 5
         return F(np.nan)
     if not _is_confirmed(scene, hypotheses, best, required, y, x):  # condition 6
@@ -292,8 +284,8 @@ def _is_confirmed(
     if _is_enclosed(hypotheses, disparity) or abs(scene.matched[y, x] - disparity) < SURFACE_JUMP_PX:
         return True
     for side in (-ALTERNATIVE_PX, ALTERNATIVE_PX):
-        alternative = plane_cost(scene, y, x, disparity + side, hypotheses.slope_x[best], hypotheses.slope_y[best])
-        if alternative.cost < required:
+        cost, _ = plane_cost(scene, y, x, disparity + side, hypotheses.slope_x[best], hypotheses.slope_y[best])
+        if cost < required:
             return False
     return True
 
@@ -310,8 +302,13 @@ def _is_enclosed(hypotheses: Hypotheses, disparity: np.float32) -> bool:
 
 
 @jit_rows_inline
-def _hypothesis_costs(scene: DisparityScene, y: int, x: int, hypotheses: Hypotheses) -> HypothesisCosts:
-    """Return the matching cost of each hypothesis; hypotheses of nearly the same disparity are evaluated once."""
+def _hypothesis_costs(
+    scene: DisparityScene, y: int, x: int, hypotheses: Hypotheses
+) -> tuple[FloatArray32, FloatArray32]:
+    """Return the matching cost of each hypothesis `(8,)`, `NO_COST` without a surface, and its effective pixels `(8,)`.
+
+    Hypotheses of nearly the same disparity are evaluated once.
+    """
     cost = np.full(DIRECTION_COUNT, NO_COST)
     effective_pixels = np.ones(DIRECTION_COUNT, F)
     for k in range(DIRECTION_COUNT):
@@ -327,10 +324,10 @@ def _hypothesis_costs(scene: DisparityScene, y: int, x: int, hypotheses: Hypothe
             cost[k] = cost[first]
             effective_pixels[k] = effective_pixels[first]
         else:
-            found = plane_cost(scene, y, x, hypotheses.disparity[k], hypotheses.slope_x[k], hypotheses.slope_y[k])
-            cost[k] = found.cost
-            effective_pixels[k] = found.effective_pixels
-    return HypothesisCosts(cost, effective_pixels)
+            cost[k], effective_pixels[k] = plane_cost(
+                scene, y, x, hypotheses.disparity[k], hypotheses.slope_x[k], hypotheses.slope_y[k]
+            )
+    return cost, effective_pixels
 
 
 @jit_rows
@@ -343,7 +340,7 @@ def _own_costs(scene: DisparityScene, flat_indices: IntArray) -> FloatArray32:
         x = flat_indices[n] % cols
         slope_x = _surface_slope(scene, y, x, 0, 1)
         slope_y = _surface_slope(scene, y, x, 1, 0)
-        out[n] = plane_cost(scene, y, x, scene.disparity[y, x], slope_x, slope_y).cost
+        out[n], _ = plane_cost(scene, y, x, scene.disparity[y, x], slope_x, slope_y)
     return out
 
 

@@ -63,13 +63,6 @@ class ConstantCost(NamedTuple):
     effective_pixels: np.float32  #: Number of equally weighted pixels whose mean has the same variance.
 
 
-class PlaneCost(NamedTuple):
-    """Matching cost of a pixel on a plane."""
-
-    cost: np.float32  #: Weighted mean absolute difference, grey levels; `NO_COST` outside the right image.
-    effective_pixels: np.float32  #: Number of equally weighted pixels whose mean has the same variance.
-
-
 @jit_rows_inline
 def constant_cost(scene: DisparityScene, y: int, x: int, disparity: np.float32) -> ConstantCost:
     """Return the matching cost of a pixel at a disparity that is constant over the window."""
@@ -104,10 +97,11 @@ def constant_cost(scene: DisparityScene, y: int, x: int, disparity: np.float32) 
 @jit_rows_inline
 def plane_cost(
     scene: DisparityScene, y: int, x: int, disparity: np.float32, slope_x: np.float32, slope_y: np.float32
-) -> PlaneCost:
-    """Return the matching cost of a plane over the window around a pixel; valid pixels have less weight.
+) -> tuple[np.float32, np.float32]:
+    """Return the matching cost of a plane over the window around a pixel, and the number of its effective pixels.
 
-    Pixels whose corresponding point is outside the right image are ignored.
+    Both are as in `ConstantCost`. Valid pixels have less weight. Pixels whose corresponding point is outside the right
+    image are ignored.
     """
     left = scene.left
     right = scene.right
@@ -131,5 +125,5 @@ def plane_cost(
             weights += weight
             squares += weight * weight
     if not weights > F(0.0):
-        return PlaneCost(NO_COST, F(1.0))
-    return PlaneCost(total / weights, weights * weights / squares)
+        return NO_COST, F(1.0)
+    return total / weights, weights * weights / squares

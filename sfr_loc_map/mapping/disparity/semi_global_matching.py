@@ -12,7 +12,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.right_camera.right_image_correction import with_exposure_of_left
+from sfr_loc_map.mapping.disparity.exposure import with_exposure_of_left
 
 MAX_DISPARITY_FRACTION = 0.5
 """Maximum disparity of the search as a fraction of the image width. Most of a nearer surface is visible to only one

@@ -30,7 +30,7 @@ exactly this value counts as a jump in some functions and not in others."""
 MIN_DIVISOR_DISPARITY_PX = F(0.3)  #: Lower bound of disparities for ratios of depths, pixels.
 CENTRAL_DIFFERENCE = np.array([[-0.5, 0.0, 0.5]], F)
 """Taps of the slope of a disparity. At the border, which is repeated, the slope is half of the difference to the only
-neighbour. Slopes of grey levels are also smoothed: along rows by a Gaussian (`photometric_residual`), and along columns
+neighbour. Slopes of grey levels are also smoothed: along rows by a Gaussian (`data_term`), and along columns
 by the Sobel operator (`vertical_disparity`)."""
 
 

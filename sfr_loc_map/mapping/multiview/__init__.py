@@ -6,5 +6,5 @@ Modules in the order of the calls:
     registration          on request, each later pair is moved to agree with the earlier pairs
     fusion                points on which pairs agree are averaged; conflicting points and duplicates are dropped
       projection          what a view observes at the points of another view
-    pose_agreement        agreement of the poses where pairs overlap
+      pose_agreement      agreement of the poses where pairs overlap
 """

@@ -24,16 +24,15 @@ metres apart, converting the difference reduces the error by at most 5 % (measur
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import F, FloatArray32, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.pose_agreement import Overlap, overlap_of
+from sfr_loc_map.mapping.multiview.pose_agreement import agreement_of_poses
 from sfr_loc_map.mapping.multiview.projection import Observations, point_weights, project_into_view
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
@@ -47,36 +46,8 @@ point's own camera."""
 SAME_POSITION_PX = F(0.02)  #: Points closer than this in an image are at the same position, pixels.
 
 
-class FusedViews(NamedTuple):
-    """Result of the fusion."""
-
-    points: ViewPoints  #: N points of all views.
-    pair_index: NDArray[np.uint8]  #: `(N,)`, index of the pair of each point.
-    findings: Findings  #: Numbers of points before and after the fusion.
-    #: Overlap of view i with view j by (i, j), for the comparison of the poses (`pose_agreement`).
-    overlaps: Mapping[tuple[int, int], Overlap]
-
-
-class ComparedPoints(NamedTuple):
-    """The points of one view after their comparison with all other views."""
-
-    kept: ViewPoints  #: The kept points, at the weighted means of their ranges.
-    agreeing_count: int  #: Number of points with which another view agrees, including dropped points.
-    conflict_count: int  #: Number of points that are dropped because of a conflict.
-    overlaps: Mapping[int, Overlap]  #: Overlap with each other view, by its index.
-
-
-class PointRanges(NamedTuple):
-    """The N points of a view as their own camera observes them."""
-
-    rays: FloatArray32  #: `(N, 3)`, vector from the camera to the point, metres, LM.
-    ranges: FloatArray32  #: `(N,)`, length of this vector, metres.
-    sigma: FloatArray32  #: `(N,)`, standard deviation of the range, metres (`ViewPoints.fusion_sigma`).
-    weight: FloatArray32  #: `(N,)`, weight of the range, 1 / m^2.
-
-
-class Judgement(NamedTuple):
-    """Judgement of the N points of a view by another view, `(N,)` each.
+class Comparison(NamedTuple):
+    """The N points of a view compared with the observations of another view, `(N,)` each.
 
     At points that the other view does not observe, no flag is set, and all numbers are 0.
     """
@@ -89,116 +60,109 @@ class Judgement(NamedTuple):
     is_conflict: Mask  #: Whether the other view is preferred and observes a farther surface.
 
 
-def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
-    """Return the points of all views in LM without duplicates and conflicts.
+class FusedPoints(NamedTuple):
+    """The points of one view after the fusion with all other views."""
 
-    Each point is moved along its ray to the weighted mean of the views that agree.
+    points: ViewPoints  #: The kept points, at the weighted means of their ranges.
+    agreeing_count: int  #: Number of points with which another view agrees, including dropped points.
+    conflict_count: int  #: Number of points that are dropped because of a conflict.
+    findings: Findings  #: Agreement of the pose with the pose of each other view (`pose_agreement`).
+
+
+def fuse_views(views: Sequence[PairView], rig: StereoRig) -> tuple[list[ViewPoints], Findings]:
+    """Return the points of each view in LM without duplicates and conflicts, and findings about the views.
+
+    Each point is moved along its ray to the weighted mean of the views that agree. The findings are the numbers of
+    points before and after the fusion, and the agreement of the poses.
     """
-    parts = [_compare_points(index, views, rig) for index in range(len(views))]
-    points = ViewPoints.concatenated([part.kept for part in parts])
+    fused = [_fuse_points(index, views, rig) for index in range(len(views))]
+    point_count = sum(part.points.size for part in fused)
     statistics = {
         "points_in": float(sum(view.points.size for view in views)),
-        "merged": float(sum(part.agreeing_count for part in parts)),
-        "dropped_conflict": float(sum(part.conflict_count for part in parts)),
-        "points": float(points.size),
+        "merged": float(sum(part.agreeing_count for part in fused)),
+        "dropped_conflict": float(sum(part.conflict_count for part in fused)),
+        "points": float(point_count),
         "pairs": float(len(views)),
         "fused": float(len(views) > 1),
     }
-    warnings = () if points.size else ("the fused cloud has no points: the other warnings state the causes",)
-    return FusedViews(
-        points=points,
-        pair_index=np.repeat(np.arange(len(views), dtype=np.uint8), [part.kept.size for part in parts]),
-        findings=Findings(statistics, warnings),
-        overlaps={(i, j): overlap for i, part in enumerate(parts) for j, overlap in part.overlaps.items()},
-    )
+    warnings = () if point_count else ("the fused cloud has no points: the other warnings state the causes",)
+    findings = Findings(statistics, warnings)
+    for part in fused:
+        findings += part.findings
+    return [part.points for part in fused], findings
 
 
-def _compare_points(index: int, views: Sequence[PairView], rig: StereoRig) -> ComparedPoints:
+def _fuse_points(index: int, views: Sequence[PairView], rig: StereoRig) -> FusedPoints:
     """Return the points of a view that are kept, fused with the observations of all other views.
 
-    To add a test of points across pairs, add a flag to `Judgement`, set the flag in `_judge`, and drop the points here.
+    The point and the agreeing views have the ranges r_i, their standard deviations s_i and the weights w_i. The new
+    range is `sum w_i r_i / sum w_i`. Its variance is `c sigma^2 + (1 - c) sum w_i^2 s_i^2 / (sum w_i)^2`, where sigma
+    is the standard deviation of the point and c the fraction of the variance that is common to all pairs. Away from the
+    image border the weights are `1 / s_i^2`, and the last term is `(1 - c) / sum w_i`. The sigma of a point is kept if
+    no view agrees.
+
+    To add a test of points across pairs, add a flag to `Comparison`, set the flag in `_compare`, and drop the points
+    here.
     """
     points = views[index].points
-    own = _ranges_of_points(views[index])
-    judgements = []
-    overlaps = {}
+    sigma = points.fusion_sigma
+    rays = points.xyz - views[index].T_lm_left.translation.astype(F)
+    ranges = np.sqrt(np.einsum("ij,ij->i", rays, rays))
+    weight = point_weights(views[index])
+
+    total_weight = weight.copy()
+    weighted_difference = np.zeros_like(weight)
+    weighted_variance = np.square(weight * sigma)
     agrees = np.zeros(points.size, np.bool_)
     is_duplicate = np.zeros(points.size, np.bool_)
     is_conflict = np.zeros(points.size, np.bool_)
+    findings = Findings()
     for other_index, other in enumerate(views):
         if other_index == index:
             continue
         observed = project_into_view(points.xyz, other.T_lm_left, other.images, rig)
-        overlaps[other_index] = overlap_of(points, observed)
-        judgement = _judge(observed, own, is_earlier=other_index < index)
-        judgements.append(judgement)
-        agrees |= judgement.agrees
-        is_duplicate |= judgement.is_duplicate
-        is_conflict |= judgement.is_conflict
-    fused = _at_weighted_mean(points, own, judgements, agrees)
-    return ComparedPoints(
-        kept=fused.select(~(is_duplicate | is_conflict)),
+        findings += agreement_of_poses(views, index, other_index, observed)
+        compared = _compare(observed, ranges, sigma, weight, is_earlier=other_index < index)
+        total_weight += compared.weight
+        weighted_difference += compared.weight * compared.difference
+        weighted_variance += np.square(compared.weight * compared.sigma)
+        agrees |= compared.agrees
+        is_duplicate |= compared.is_duplicate
+        is_conflict |= compared.is_conflict
+
+    relative_step = weighted_difference / total_weight / ranges
+    variance_of_mean = weighted_variance / np.square(total_weight)  # if all errors were independent
+    variance = COMMON_VARIANCE * np.square(sigma) + (1.0 - COMMON_VARIANCE) * variance_of_mean
+    fused = points._replace(
+        xyz=points.xyz + rays * relative_step[:, None], fusion_sigma=np.where(agrees, np.sqrt(variance), sigma)
+    )
+    return FusedPoints(
+        points=fused.select(~(is_duplicate | is_conflict)),
         agreeing_count=int(np.count_nonzero(agrees)),
         conflict_count=int(np.count_nonzero(is_conflict)),
-        overlaps=overlaps,
+        findings=findings,
     )
 
 
-def _ranges_of_points(view: PairView) -> PointRanges:
-    """Return the ranges of the points of a view from their own camera."""
-    rays = view.points.xyz - view.T_lm_left.translation.astype(F)
-    return PointRanges(
-        rays=rays,
-        ranges=np.sqrt(np.einsum("ij,ij->i", rays, rays)),
-        sigma=view.points.fusion_sigma,
-        weight=point_weights(view),
-    )
-
-
-def _judge(observed: Observations, own: PointRanges, *, is_earlier: bool) -> Judgement:
-    """Judge the points of a view by the observations of another view.
+def _compare(
+    observed: Observations, ranges: FloatArray32, sigma: FloatArray32, weight: FloatArray32, *, is_earlier: bool
+) -> Comparison:
+    """Compare points, given the ranges from their own camera, their sigma and weights, with another view.
 
     The other view is preferred at a point if its weight there is larger, or if both weights are equal and the other
     view is the earlier view. The other view is ignored at points that it observes from too far away
     (`MAX_RANGE_FACTOR`).
     """
-    is_preferred = observed.weight >= own.weight if is_earlier else observed.weight > own.weight
-    is_used = observed.point_range <= MAX_RANGE_FACTOR * own.ranges
-    sigma = observed.difference_sigma(own.sigma)
-    agrees = is_used & (np.abs(observed.difference) / sigma <= AGREE_SIGMAS)  # false if the difference is NaN
-    is_farther = is_used & (observed.difference > AGREE_SIGMAS * sigma)
-    return Judgement(
+    is_preferred = observed.weight >= weight if is_earlier else observed.weight > weight
+    is_used = observed.point_range <= MAX_RANGE_FACTOR * ranges
+    difference_sigma = observed.difference_sigma(sigma)
+    agrees = is_used & (np.abs(observed.difference) / difference_sigma <= AGREE_SIGMAS)  # false for a NaN difference
+    is_farther = is_used & (observed.difference > AGREE_SIGMAS * difference_sigma)
+    return Comparison(
         weight=np.where(agrees, observed.weight, F(0.0)),
         difference=np.where(agrees, observed.difference, F(0.0)),
         sigma=observed.fusion_sigma,
         agrees=agrees,
         is_duplicate=agrees & is_preferred & (observed.sample_distance_px < SAME_POSITION_PX),
         is_conflict=is_farther & is_preferred,
-    )
-
-
-def _at_weighted_mean(
-    points: ViewPoints, own: PointRanges, judgements: Sequence[Judgement], agrees: Mask
-) -> ViewPoints:
-    """Return the points of a view, moved along their rays to the weighted mean of their range and the agreeing ranges.
-
-    The point and the agreeing views have the ranges r_i, their standard deviations s_i and the weights w_i. The new
-    range is `sum w_i r_i / sum w_i`. Its variance is `c sigma^2 + (1 - c) sum w_i^2 s_i^2 / (sum w_i)^2`, where sigma
-    is the standard deviation of the point and c the fraction of the variance that is common to all pairs. Away from the
-    image border the weights are `1 / s_i^2`, and the last term is `(1 - c) / sum w_i`.
-
-    `agrees` `(N,)` is the mask of the points with which at least one view agrees. The sigma of other points is kept.
-    """
-    total_weight = own.weight.copy()
-    weighted_difference = np.zeros_like(own.weight)
-    weighted_variance = np.square(own.weight * own.sigma)
-    for judgement in judgements:
-        total_weight += judgement.weight
-        weighted_difference += judgement.weight * judgement.difference
-        weighted_variance += np.square(judgement.weight * judgement.sigma)
-    relative_step = weighted_difference / total_weight / own.ranges
-    variance_of_mean = weighted_variance / np.square(total_weight)  # if all errors were independent
-    variance = COMMON_VARIANCE * np.square(own.sigma) + (1.0 - COMMON_VARIANCE) * variance_of_mean
-    return points._replace(
-        xyz=points.xyz + own.rays * relative_step[:, None], fusion_sigma=np.where(agrees, np.sqrt(variance), own.sigma)
     )

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from sfr_loc_map.geometry.robust_statistics import mad_sigma, spread
 from sfr_loc_map.mapping.disparity.match_check import TEXTURE_SIGMAS
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, SHIFT_PX, Observations
-from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
+from sfr_loc_map.mapping.pair_view import PairView
 
 OVERLAP_STRIDE = 4  #: Poses are compared at every fourth common point.
 MAX_RANGE_RATIO = 1.8
@@ -23,33 +22,8 @@ MAX_GREY_RATIO = 0.45
 this (docs/mapping.md)."""
 
 
-class Overlap(NamedTuple):
-    """Points of a view that another view observes, and the differences at n samples of these points, `(n,)` each."""
-
-    common: int  #: Number of points that the other view observes.
-    difference: FloatArray32  #: Range differences (`Observations.difference`), metres.
-    difference_sigma: FloatArray32  #: Standard deviations of the range differences, metres.
-    grey_difference: FloatArray32  #: Grey level of the other view minus the grey level of the point.
-    shifted_difference: FloatArray32  #: The same difference with the other view at the offset of `SHIFT_PX`.
-
-
-def overlap_of(points: ViewPoints, observed: Observations) -> Overlap:
-    """Return the overlap of a view, given its points, with the view that has observed these points."""
-    indices = observed.indices
-    sampled = indices[::OVERLAP_STRIDE]
-    samples = observed.select(sampled)
-    own_grey = points.intensity[sampled]
-    return Overlap(
-        common=len(indices),
-        difference=samples.difference,
-        difference_sigma=samples.difference_sigma(points.fusion_sigma[sampled]),
-        grey_difference=samples.grey - own_grey,
-        shifted_difference=samples.grey_shifted - own_grey,
-    )
-
-
 def pose_disagreement(range_ratio: float, grey_ratio: float) -> str:
-    """Return a clause for each ratio that exceeds its limit (`_agreement`); empty if the poses agree.
+    """Return a clause for each ratio that exceeds its limit (`agreement_of_poses`); empty if the poses agree.
 
     A ratio that was not measured is NaN and does not count as a disagreement.
     """
@@ -63,47 +37,52 @@ def pose_disagreement(range_ratio: float, grey_ratio: float) -> str:
     return ", and ".join(clauses)
 
 
-def agreement_of_poses(views: Sequence[PairView], overlaps: Mapping[tuple[int, int], Overlap]) -> Findings:
-    """Return the agreement of the poses of each two views, and a warning for each two views that disagree.
+def agreement_of_poses(views: Sequence[PairView], index: int, observer: int, observed: Observations) -> Findings:
+    """Return the agreement of the poses of a view and an observing view, and a warning if the poses disagree.
 
-    `overlaps[i, j]` is the overlap of view i with view j, which observes points of view i. Two views are compared
-    twice, once with the points of each view. The warning follows from the points of the earlier view.
-    """
-    statistics = {}
-    warnings = []
-    for (i, j), overlap in overlaps.items():
-        statistics[f"overlap_{i}_{j}"] = overlap.common / max(views[i].points.size, 1)
-        if overlap.common == 0:
-            continue
-        agreement = _agreement(overlap, max(views[i].noise_grey, views[j].noise_grey))
-        statistics |= {f"{name}_{i}_{j}": value for name, value in agreement.items()}
-        disagreement = pose_disagreement(agreement["difference_over_sigma"], agreement["grey_difference_over_beside"])
-        if i < j and overlap.common >= MIN_OVERLAP and disagreement:
-            warnings.append(
-                f"pairs {i} and {j} disagree where they overlap: {disagreement}; check the baseline, their poses and "
-                "whether their exposures are equal, or register them (refine_poses)"
-            )
-    return Findings(statistics, tuple(warnings))
+    `observed` contains what the view `observer` observes at the points of the view `index`. Two views are compared
+    twice, once with the points of each view. The warning follows from the points of the earlier view. The statistics
+    except for the overlap are computed at every fourth observed point. Their names end with the indices of both views:
 
-
-def _agreement(overlap: Overlap, noise_grey: float) -> dict[str, float]:
-    """Return the agreement of two views at the sampled points of their overlap, by the names of the statistics.
-
+    - `overlap`: fraction of the points that are observed.
     - `difference_median_m`: median of the range differences.
     - `difference_spread_m`: robust standard deviation of the range differences.
     - `difference_over_sigma`: robust ratio of the range differences to those expected for correct sigmas and poses.
     - `grey_difference_over_beside`: robust ratio of grey level differences to those at an offset of `SHIFT_PX`, which
       reveals a wrong yaw on any texture. NaN if there is too little texture, given the larger noise of both views.
     """
-    grey = _spread_of_finite(overlap.grey_difference)
-    grey_shifted = _spread_of_finite(overlap.shifted_difference)
-    is_textured = grey_shifted > TEXTURE_SIGMAS * noise_grey
-    return {
-        "difference_median_m": median(overlap.difference),
-        "difference_spread_m": spread(overlap.difference),
-        "difference_over_sigma": mad_sigma(overlap.difference / overlap.difference_sigma),
-        "grey_difference_over_beside": grey / grey_shifted if is_textured else math.nan,
+    points = views[index].points
+    indices = observed.indices
+    statistics = {f"overlap_{index}_{observer}": len(indices) / max(points.size, 1)}
+    if not len(indices):
+        return Findings(statistics)
+
+    sampled = indices[::OVERLAP_STRIDE]
+    samples = observed.select(sampled)
+    difference = samples.difference
+    range_ratio = mad_sigma(difference / samples.difference_sigma(points.fusion_sigma[sampled]))
+
+    own_grey = points.intensity[sampled]
+    grey_spread = _spread_of_finite(samples.grey - own_grey)
+    shifted_spread = _spread_of_finite(samples.grey_shifted - own_grey)
+    noise_grey = max(views[index].noise_grey, views[observer].noise_grey)
+    is_textured = shifted_spread > TEXTURE_SIGMAS * noise_grey
+    grey_ratio = grey_spread / shifted_spread if is_textured else math.nan
+
+    statistics |= {
+        f"difference_median_m_{index}_{observer}": median(difference),
+        f"difference_spread_m_{index}_{observer}": spread(difference),
+        f"difference_over_sigma_{index}_{observer}": range_ratio,
+        f"grey_difference_over_beside_{index}_{observer}": grey_ratio,
     }
+    disagreement = pose_disagreement(range_ratio, grey_ratio)
+    if index > observer or len(indices) < MIN_OVERLAP or not disagreement:
+        return Findings(statistics)
+    warning = (
+        f"pairs {index} and {observer} disagree where they overlap: {disagreement}; check the baseline, their poses "
+        "and whether their exposures are equal, or register them (refine_poses)"
+    )
+    return Findings(statistics, (warning,))
 
 
 def _spread_of_finite(values: FloatArray32) -> float:

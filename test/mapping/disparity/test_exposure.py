@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sfr_loc_map.mapping.disparity.right_camera.right_image_correction import with_exposure_of_left
+from sfr_loc_map.mapping.disparity.exposure import with_exposure_of_left
 
 
 def test_a_right_image_of_another_gain_and_offset_gets_the_grey_levels_of_the_left_one() -> None:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.mapping.disparity.refinement.photometric_residual import normal_equations, photometric_residual, slopes
+from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual
+from sfr_loc_map.mapping.disparity.refinement.data_term import normal_equations, slopes
 
 F = np.float32
 ROWS, COLS = 24, 40

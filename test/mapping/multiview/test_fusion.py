@@ -13,10 +13,9 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.disparity.validity.saturation import measure_saturation
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.fusion import COMMON_VARIANCE, FusedViews, fuse_views
-from sfr_loc_map.mapping.multiview.pose_agreement import agreement_of_poses
+from sfr_loc_map.mapping.multiview.fusion import COMMON_VARIANCE, fuse_views
 from sfr_loc_map.mapping.multiview.projection import FEATHER_PX, point_weights, project_into_view
-from sfr_loc_map.mapping.pair_view import PairView, ViewPoints, reproject
+from sfr_loc_map.mapping.pair_view import PairView, ViewPoints, reproject_pixels
 
 RIG = StereoRig(160, 140, 100.0, 100.0, 79.5, 69.5, 0.2)
 INNER = np.s_[50:90, 50:110]
@@ -30,7 +29,7 @@ def plane_view(
     disparity = np.full((RIG.height, RIG.width), RIG.fx * RIG.baseline_m / (depth_m + behind_m), np.float32)
     T_lm_left = Transform(np.eye(3), np.array([*position, -behind_m]))
     grey = np.random.default_rng(1).integers(0, 255, disparity.shape, dtype=np.uint8)
-    points, images = reproject(disparity, np.full_like(disparity, sigma_px), grey, RIG, T_lm_left)
+    points, images = reproject_pixels(disparity, np.full_like(disparity, sigma_px), grey, RIG, T_lm_left)
     return PairView(points, images, T_lm_left, 1.0, measure_saturation(grey, grey, disparity))
 
 
@@ -41,11 +40,7 @@ def inner(points: ViewPoints) -> ViewPoints:
 
 
 def agreement(views: Sequence[PairView], rig: StereoRig) -> Findings:
-    return agreement_of_poses(views, fuse_views(views, rig).overlaps)
-
-
-def inner_of_pair(fused: FusedViews, index: int) -> ViewPoints:
-    return inner(fused.points.select(fused.pair_index == index))
+    return fuse_views(views, rig)[1]
 
 
 ASIDE = ((0.0, 0.0), (0.021, 0.013), (-0.011, 0.023))
@@ -56,12 +51,12 @@ ASIDE = ((0.0, 0.0), (0.021, 0.013), (-0.011, 0.023))
 def test_points_lie_at_the_mean_weighted_by_inverse_variance_in_any_order(order: tuple[int, ...]) -> None:
     depths, sigmas = (4.0, 4.06, 3.97), (0.1, 0.2, 0.15)
     views = [plane_view(d, s, ASIDE[i]) for i, (d, s) in enumerate(zip(depths, sigmas, strict=True))]
-    fused = fuse_views([views[i] for i in order], RIG)
+    fused, _ = fuse_views([views[i] for i in order], RIG)
     own = [inner(view.points) for view in views]
     variances = np.array([np.square(points.fusion_sigma).mean() for points in own], float)
     weights = 1.0 / variances
     for position, index in enumerate(order):
-        points = inner_of_pair(fused, position)
+        points = inner(fused[position])
         assert points.size == own[index].size
         np.testing.assert_allclose(points.xyz[:, 2].mean(), (weights * depths).sum() / weights.sum(), atol=2e-3)
         assert points.xyz[:, 2].std() < 2e-3
@@ -84,8 +79,7 @@ def test_the_feather_reduces_weights_towards_the_border_and_leaves_sigma() -> No
 def test_sigma_near_the_border_is_that_of_the_mean_with_reduced_weights() -> None:
     """Two equally uncertain views agree: the mean of both is better than either one at any distance from the border."""
     views = [plane_view(4.0, 0.1, ASIDE[i]) for i in range(2)]
-    fused = fuse_views(views, RIG)
-    points = fused.points.select(fused.pair_index == 0)
+    points = fuse_views(views, RIG)[0][0]
     single = views[0].images.fusion_sigma[points.v, points.u]
     merged = points.fusion_sigma != single
     assert merged.sum() > 0.9 * views[0].points.size
@@ -97,10 +91,10 @@ def test_sigma_near_the_border_is_that_of_the_mean_with_reduced_weights() -> Non
 @pytest.mark.parametrize(("depth_m", "conflicts"), [(5.0, True), (3.0, False)])
 def test_a_point_is_dropped_if_a_better_view_sees_through_it(depth_m: float, conflicts: bool) -> None:
     """A better view that sees something nearer is occluded itself: the point stays."""
-    fused = fuse_views([plane_view(4.0, 0.1), plane_view(depth_m, 0.01, ASIDE[1])], RIG)
-    assert (inner_of_pair(fused, 0).size == 0) == conflicts
-    assert (fused.findings.statistics["dropped_conflict"] > 0) == conflicts
-    assert inner_of_pair(fused, 1).size == 40 * 60
+    fused, findings = fuse_views([plane_view(4.0, 0.1), plane_view(depth_m, 0.01, ASIDE[1])], RIG)
+    assert (inner(fused[0]).size == 0) == conflicts
+    assert (findings.statistics["dropped_conflict"] > 0) == conflicts
+    assert inner(fused[1]).size == 40 * 60
 
 
 @pytest.mark.parametrize(("behind_m", "is_used"), [(0.8, True), (1.3, False)])
@@ -108,36 +102,36 @@ def test_a_view_from_farther_away_changes_no_point_and_is_changed_itself(behind_
     """The range from the other camera is 1.20 and 1.32 times the range of 4 m in the middle of the image."""
     near = plane_view(4.0, 0.1)
     far = plane_view(4.02, 0.05, ASIDE[1], behind_m)
-    fused = fuse_views([near, far], RIG)
-    assert ((inner_of_pair(fused, 0).xyz[:, 2] > 4.001) == is_used).all()
-    assert (inner_of_pair(fused, 1).xyz[:, 2] < 4.019).all()
+    fused, _ = fuse_views([near, far], RIG)
+    assert ((inner(fused[0]).xyz[:, 2] > 4.001) == is_used).all()
+    assert (inner(fused[1]).xyz[:, 2] < 4.019).all()
     behind = plane_view(5.0, 0.01, ASIDE[1], behind_m)  # a farther surface drops the point unless the view is ignored
-    assert (inner_of_pair(fuse_views([near, behind], RIG), 0).size == 0) == is_used
+    assert (inner(fuse_views([near, behind], RIG)[0][0]).size == 0) == is_used
 
 
 def test_fused_points_are_nearer_to_the_truth_than_either_pair(two_views: Any) -> None:
     views = two_views.views
-    points, _, findings, overlaps = fuse_views(views, two_views.rig)
+    fused, findings = fuse_views(views, two_views.rig)
+    points = ViewPoints.concatenated(fused)
     assert points.size < 1.05 * max(view.points.size for view in views)
     assert findings.statistics["merged"] > 1.8 * views[0].points.size * 0.9
     singles = [np.abs(two_views.depth_errors(view.points)).mean() for view in views]
     assert np.abs(two_views.depth_errors(points)).mean() < min(singles)
-    assert not (findings + agreement_of_poses(views, overlaps)).warnings
+    assert not findings.warnings
 
 
 def test_one_pair_and_pairs_that_do_not_overlap_stay_as_they_are(two_views: Any) -> None:
     first, second = two_views.views
-    points, _, findings, overlaps = fuse_views([first], two_views.rig)
+    (points,), findings = fuse_views([first], two_views.rig)
     np.testing.assert_array_equal(points.xyz, first.points.xyz)
     np.testing.assert_array_equal(points.fusion_sigma, first.points.fusion_sigma)
     assert [findings.statistics[name] for name in ("fused", "pairs", "merged")] == [0.0, 1.0, 0.0]
-    assert not overlaps
+    assert not any(name.startswith("overlap") for name in findings.statistics)
     away = Transform(second.T_lm_left.rotation, second.T_lm_left.translation + np.array([0.0, 500.0, 0.0]))
-    views = [first, second.with_pose(away)]
-    points, pair_index, _, overlaps = fuse_views(views, two_views.rig)
-    assert points.size == first.points.size + second.points.size
-    np.testing.assert_array_equal(pair_index, np.repeat([0, 1], [first.points.size, second.points.size]))
-    assert agreement_of_poses(views, overlaps).statistics == {"overlap_0_1": 0.0, "overlap_1_0": 0.0}
+    fused, findings = fuse_views([first, second.with_pose(away)], two_views.rig)
+    assert [part.size for part in fused] == [first.points.size, second.points.size]
+    compared = {name: value for name, value in findings.statistics.items() if name.endswith(("_0_1", "_1_0"))}
+    assert compared == {"overlap_0_1": 0.0, "overlap_1_0": 0.0}
 
 
 @pytest.mark.parametrize("degrees", [-1.0, 1.0])

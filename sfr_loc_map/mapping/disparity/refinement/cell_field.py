@@ -50,7 +50,7 @@ def cells_from_disparity(disparity_px: FloatImage) -> FloatImage:
 def disparity_from_cells(cells: FloatImage, shape: tuple[int, ...]) -> FloatImage:
     """Return the disparity of each pixel of an image `(H, W)`."""
     height, width = shape
-    return np.ascontiguousarray(pixels_from_cells(cells)[:height, :width])
+    return np.ascontiguousarray(_pixels_from_cells(cells)[:height, :width])
 
 
 @jit_rows
@@ -153,7 +153,7 @@ def _between(centre: np.float32, vertical: np.float32, horizontal: np.float32, c
 
 
 @jit_rows
-def pixels_from_cells(cells: FloatImage) -> FloatImage:
+def _pixels_from_cells(cells: FloatImage) -> FloatImage:
     """Return the field at pixels `(2 h, 2 w)`, interpolated bilinearly between cell centres, but not across jumps."""
     rows, cols = cells.shape
     out = np.empty((2 * rows, 2 * cols), F)

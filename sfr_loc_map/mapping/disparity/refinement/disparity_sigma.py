@@ -9,7 +9,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, median
 from sfr_loc_map.mapping.disparity.refinement.cell_field import WINDOW_CELLS
-from sfr_loc_map.mapping.disparity.refinement.photometric_residual import SLOPE_NOISE_GAIN
+from sfr_loc_map.mapping.disparity.refinement.data_term import SLOPE_NOISE_GAIN
 from sfr_loc_map.mapping.disparity.refinement.smoothness import SmoothnessWeights
 from sfr_loc_map.mapping.filters import box_mean, second_differences, upsample_bilinear
 
@@ -57,8 +57,8 @@ def disparity_sigma(
     weight_x = box_mean(weights.along_x, WINDOW_CELLS)
     weight_y = box_mean(weights.along_y, WINDOW_CELLS)
     weight = np.sqrt(weight_x * weight_y)
-    differences = second_differences(cells)
-    curvature = np.abs(differences.along_x) + np.abs(differences.along_y)
+    along_x, along_y = second_differences(cells)
+    curvature = np.abs(along_x) + np.abs(along_y)
     median_curvature = median(curvature)
     ground_curvature = np.minimum(curvature, F(MAX_CURVATURE_MEDIANS * median_curvature))
     noise_variance = F(0.125) / np.sqrt(field_information * weight)

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
+from sfr_loc_map.geometry.arrays import F, FloatImage, median
 from sfr_loc_map.geometry.robust_statistics import mad_sigma, spread
 from sfr_loc_map.mapping.filters import downsample_mean
 
@@ -55,27 +55,26 @@ def overall_noise(residual: FloatImage, min_noise: float) -> float:
     return max(spread(sample), min_noise)
 
 
-def noise_variance(
-    grey: FloatImage, order: IntArray, residual: FloatImage, offset: FloatImage, min_noise: float
-) -> FloatImage:
+def noise_variance(grey: FloatImage, residual: FloatImage, offset: FloatImage, min_noise: float) -> FloatImage:
     """Return the variance of a residual in each cell `(H/2, W/2)`, a linear function of the grey level.
 
     The noise of a camera has a constant part and a part that grows with the light (photon noise). The line is fitted by
     weighted least squares to robust variances in ranges of the grey level, and clipped to the smallest and the largest
-    of these variances.
-    Variances are at least the square of `min_noise` (`rounding_noise`). The variance is `DEFAULT_VARIANCE` if too few
-    residuals are available.
+    of these variances. Variances are at least the square of `min_noise` (`rounding_noise`). The variance is
+    `DEFAULT_VARIANCE` if too few residuals are available.
 
     The weights are inverse squared variances, because the standard deviation of a variance is proportional to the
     variance.
 
-    `grey` is the mean of the left image in each cell, and `order` sorts its sampled cells. The residual `(H, W)` is NaN
-    where unknown and includes the brightness offset `(H/2, W/2)`.
+    `grey` is the mean of the left image in each cell. The residual `(H, W)` is NaN where unknown and includes the
+    brightness offset `(H/2, W/2)`.
     """
-    deviation = np.abs(residual[SAMPLED_PIXELS] - offset[SAMPLED_CELLS]).ravel()
-    order = order[np.isfinite(deviation)[order]]
-    level = grey[SAMPLED_CELLS].ravel()[order]
-    deviation = deviation[order]
+    deviation = np.abs(residual[SAMPLED_PIXELS] - offset[SAMPLED_CELLS])
+    is_known = np.isfinite(deviation)
+    level = grey[SAMPLED_CELLS][is_known]
+    order = np.argsort(level, kind="stable")
+    level = level[order]
+    deviation = deviation[is_known][order]
     if len(level) < NOISE_BINS * MIN_PER_BIN:
         return np.full(offset.shape, DEFAULT_VARIANCE, F)
     levels = np.array([part.mean() for part in np.array_split(level, NOISE_BINS)], np.float64)

@@ -19,7 +19,7 @@ from numba import prange
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.filters import AlongAxes, box_mean, downsample_mean, second_differences, upsample_bilinear
+from sfr_loc_map.mapping.filters import box_mean, downsample_mean, second_differences, upsample_bilinear
 
 SCALE_LEVEL = 2
 """Number of doublings of the cells' spacing at which the differences are measured, so that they exceed the noise."""
@@ -47,17 +47,16 @@ class SmoothnessWeights(NamedTuple):
     mixed: FloatImage  #: Weights of the mixed differences of a cell with its right and its lower neighbours.
 
 
-def cauchy_scale_of(cells: FloatImage) -> AlongAxes:
-    """Return the scale of the Cauchy weights on the finest grid `(h, w)`, pixels.
+def cauchy_scale_of(cells: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """Return the scale of the Cauchy weights along rows and along columns on the finest grid, `(h, w)` each, pixels.
 
     The scale follows from second differences on a coarser grid.
     """
-    differences = second_differences(downsample_mean(cells, 2**SCALE_LEVEL))
+    along_x, along_y = second_differences(downsample_mean(cells, 2**SCALE_LEVEL))
     factor = F(SCALE_FACTOR / GRID_FACTOR**SCALE_LEVEL)
-    return AlongAxes(
-        upsample_bilinear(_local_magnitude(differences.along_x), cells.shape) * factor,
-        upsample_bilinear(_local_magnitude(differences.along_y), cells.shape) * factor,
-    )
+    scale_x = upsample_bilinear(_local_magnitude(along_x), cells.shape) * factor
+    scale_y = upsample_bilinear(_local_magnitude(along_y), cells.shape) * factor
+    return scale_x, scale_y
 
 
 def _local_magnitude(differences: FloatImage) -> FloatImage:

@@ -25,25 +25,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
-from sfr_loc_map.mapping.disparity.refinement.cell_field import (
-    LEVELS,
-    WINDOW_CELLS,
-    disparity_from_cells,
-    padded,
-    pixels_from_cells,
-)
+from sfr_loc_map.geometry.arrays import F, FloatImage, median
+from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual
+from sfr_loc_map.mapping.disparity.refinement.cell_field import LEVELS, WINDOW_CELLS, disparity_from_cells, padded
 from sfr_loc_map.mapping.disparity.refinement.conjugate_gradients import conjugate_gradient_step
+from sfr_loc_map.mapping.disparity.refinement.data_term import cell_means, mean_template, normal_equations, slopes
 from sfr_loc_map.mapping.disparity.refinement.disparity_sigma import disparity_sigma
-from sfr_loc_map.mapping.disparity.refinement.photometric_residual import (
-    cell_means,
-    mean_template,
-    normal_equations,
-    photometric_residual,
-    slopes,
-)
 from sfr_loc_map.mapping.disparity.refinement.residual_noise import (
-    SAMPLED_CELLS,
     block_variance_ratio,
     noise_variance,
     overall_noise,
@@ -87,7 +75,6 @@ class LeftImage(NamedTuple):
 
     image: FloatImage  #: `(2 h, 2 w)`, padded, grey levels.
     cell_grey: FloatImage  #: `(h, w)`, mean grey level of each cell.
-    grey_order: IntArray  #: Indices that sort the sampled cells by their grey level.
     min_noise: float  #: Standard deviation of a residual due to rounding alone, grey levels.
 
 
@@ -136,8 +123,7 @@ def _prepare_left(left: FloatImage) -> LeftImage:
     """Return the left image with the quantities that all iterations share."""
     image = padded(left)
     cell_grey = downsample_mean(image, 2)
-    order = np.argsort(cell_grey[SAMPLED_CELLS].ravel(), kind="stable")
-    return LeftImage(image, cell_grey, order, rounding_noise(left))
+    return LeftImage(image, cell_grey, rounding_noise(left))
 
 
 def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearisation:
@@ -146,11 +132,11 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
     The variance in the information is inflated where residuals exceed it (means over `WINDOW_CELLS`), and everywhere if
     the residuals are correlated between pixels (`block_variance_ratio`).
     """
-    residual = photometric_residual(left.image, right, pixels_from_cells(cells))
+    residual = photometric_residual(left.image, right, disparity_from_cells(cells, left.image.shape))
     noise = overall_noise(residual, left.min_noise)
     means = cell_means(residual, F(CLIPPING_SIGMAS * noise))
     offset = box_mean(means, WINDOW_CELLS)
-    variance = noise_variance(left.cell_grey, left.grey_order, residual, offset, left.min_noise)
+    variance = noise_variance(left.cell_grey, residual, offset, left.min_noise)
     template = mean_template(left.image, residual, offset, F(TEMPLATE_SIGMAS * noise))
     equations = normal_equations(slopes(template), residual, offset, F(1.0) / variance, ROBUST_FACTOR)
     mean_chi2 = box_mean(equations.chi2, WINDOW_CELLS)
@@ -171,7 +157,7 @@ def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> tuple[
     The weights are computed from the field before the last step. The data term of a block is the sum over its cells.
     After each coarse step, the information vector of the remaining change is reduced by the information times the step.
     """
-    scale = cauchy_scale_of(cells)
+    scale_x, scale_y = cauchy_scale_of(cells)
     information = data_term.information
     information_vector = data_term.information_vector
     for level in range(LEVELS - 1, 0, -1):
@@ -179,10 +165,7 @@ def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> tuple[
         cells_per_block = F(factor * factor)
         coarse_cells = downsample_mean(cells, factor)
         weights = smoothness_weights(
-            coarse_cells,
-            downsample_mean(scale.along_x, factor),
-            downsample_mean(scale.along_y, factor),
-            F(GRID_FACTOR**level),
+            coarse_cells, downsample_mean(scale_x, factor), downsample_mean(scale_y, factor), F(GRID_FACTOR**level)
         )
         coarse_step = conjugate_gradient_step(
             coarse_cells,
@@ -194,6 +177,6 @@ def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> tuple[
         step = upsample_bilinear(coarse_step, cells.shape)
         cells = cells + step
         information_vector = information_vector - information * step
-    weights = smoothness_weights(cells, scale.along_x, scale.along_y, F(1.0))
+    weights = smoothness_weights(cells, scale_x, scale_y, F(1.0))
     step = conjugate_gradient_step(cells, information, information_vector, weights, SOLVER_ITERATIONS[0])
     return cells + step, weights

@@ -20,7 +20,7 @@ from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.robust_statistics import cauchy_weight, mad_sigma
 from sfr_loc_map.jit import jit_rows
-from sfr_loc_map.mapping.disparity.refinement.photometric_residual import cubic, photometric_residual
+from sfr_loc_map.mapping.disparity.photometric_residual import cubic, photometric_residual
 
 SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used.
 HALF_WEIGHT_SIGMAS = 2.0  #: Residuals of this many standard deviations have half the weight (`cauchy_weight`).

@@ -10,7 +10,7 @@ The weights (`jump_network.json`) were trained on rendered ground with known dis
 They are valid only for the features of the training. Train the network again after a change of
 
 - the constants below and in `matching_cost`, or the features themselves;
-- the classified pixels: those that pass `pixel_status.status_before_wrong_surface`. They depend on all earlier stages.
+- the classified pixels: those that pass `pixel_status.judge_before_wrong_surface`. They depend on all earlier stages.
 
 The file also contains the constants, and the number of classified pixels and the mean inputs of a reference pair.
 `test_wrong_surface` compares both with the code, so that a change fails the test.
@@ -104,14 +104,6 @@ class SurfaceCosts(NamedTuple):
     jump_px: np.float32  #: Disparity of the other surface minus that of the pixel, pixels; 0 if none exists.
 
 
-class Neighbourhood(NamedTuple):
-    """Contrast and surfaces of the window around a pixel."""
-
-    contrast: np.float32  #: Standard deviation of the grey levels.
-    same_surface: np.float32  #: Weighted fraction on the surface of the pixel.
-    nearer_surface: np.float32  #: Weighted fraction on nearer surfaces.
-
-
 class JumpNetwork(NamedTuple):
     """A network with one hidden layer of K rectified linear units, float32."""
 
@@ -181,10 +173,7 @@ def _features(scene: DisparityScene, slope_x: FloatImage, slope_y: FloatImage, f
         window_cost[n] = costs.own.cost
         close_cost[n] = costs.own.close_cost
         jump_px[n] = costs.jump_px
-        around = _neighbourhood(scene, y, x)
-        contrast[n] = around.contrast
-        same_surface[n] = around.same_surface
-        nearer_surface[n] = around.nearer_surface
+        contrast[n], same_surface[n], nearer_surface[n] = _neighbourhood(scene, y, x)
         occluder_px[n] = _occluder(scene.disparity, y, x)
     return JumpFeatures(
         window_margin=window_margin,
@@ -230,8 +219,11 @@ def _surface_costs(scene: DisparityScene, y: int, x: int) -> SurfaceCosts:
 
 
 @jit_rows_inline
-def _neighbourhood(scene: DisparityScene, y: int, x: int) -> Neighbourhood:
-    """Return the contrast and the surfaces of the window around a pixel, weighted by similarity of grey level."""
+def _neighbourhood(scene: DisparityScene, y: int, x: int) -> tuple[np.float32, np.float32, np.float32]:
+    """Return the contrast of the window around a pixel, and the fractions on its own and on nearer surfaces.
+
+    The fractions are weighted by similarity of grey level to the pixel. The contrast is not weighted.
+    """
     disparity = scene.disparity
     left = scene.left
     rows, cols = disparity.shape
@@ -256,7 +248,7 @@ def _neighbourhood(scene: DisparityScene, y: int, x: int) -> Neighbourhood:
                 nearer += weight
     mean = total / count
     contrast = np.sqrt(max(squares / count - mean * mean, F(0.0)))
-    return Neighbourhood(contrast, same / weights, nearer / weights)
+    return contrast, same / weights, nearer / weights
 
 
 @jit_rows_inline

@@ -10,10 +10,10 @@ To add a test of the pixels of one pair:
 
 - Add a value at the end of `PixelStatus`. The values are part of the results (`MappedPair.pixel_status`) and must not
   be renumbered.
-- Add a function that returns the mask of the pixels that fail, and its call `with_reason(...)` in `judge_pixels`. The
+- Add a function that returns the mask of the pixels that fail, and its call `_rejected(...)` in `judge_pixels`. The
   position of the call determines the reason of a pixel that fails several tests. If the order of the calls differs from
   the order of the values, add the test to the exceptions above.
-- A call in `status_before_wrong_surface` changes the pixels with which the network of WRONG_SURFACE was trained. Train
+- A call in `judge_before_wrong_surface` changes the pixels with which the network of WRONG_SURFACE was trained. Train
   the network again (`tools/train_jump_network.py`).
 - If the pixels must not be filled, exclude them in `hole_filling.fill_holes` in the same way as saturated pixels.
 
@@ -96,38 +96,43 @@ def with_reason(status: StatusImage, failed: Mask, reason: PixelStatus) -> Statu
 
 def judge_pixels(
     scene: DisparityScene, refined: RefinedDisparity, left_variance: FloatImage, saturated: Mask
-) -> StatusImage:
-    """Return the status of each pixel: measured, or the reason why its disparity is invalid.
+) -> tuple[DisparityScene, StatusImage]:
+    """Return the scene whose valid pixels are measured, and the status of each pixel: measured, or why it is invalid.
 
-    The valid pixels of the scene are those that the semi-global matching has matched. `left_variance` is the local
-    variance of the left image (`filters.local_variance`), and `saturated` the mask of the completely saturated
+    The valid pixels of the given scene are those that the semi-global matching has matched. `left_variance` is the
+    local variance of the left image (`filters.local_variance`), and `saturated` the mask of the completely saturated
     neighbourhoods (`Saturation.square_saturated`).
     """
-    status = status_before_wrong_surface(scene, refined, left_variance)
-    wrong_surface = wrong_surface_mask(scene._replace(valid=is_valid(status)))
-    status = with_reason(status, wrong_surface, PixelStatus.WRONG_SURFACE)
+    scene, status = judge_before_wrong_surface(scene, refined, left_variance)
+    scene, status = _rejected(scene, status, wrong_surface_mask(scene), PixelStatus.WRONG_SURFACE)
     # The wrong-surface test may have reduced a segment to a small one.
-    not_a_surface = not_a_surface_mask(scene._replace(valid=is_valid(status)))
-    status = with_reason(status, not_a_surface, PixelStatus.NOT_A_SURFACE)
-    return with_reason(status, saturated, PixelStatus.SATURATED)
+    scene, status = _rejected(scene, status, not_a_surface_mask(scene), PixelStatus.NOT_A_SURFACE)
+    return _rejected(scene, status, saturated, PixelStatus.SATURATED)
 
 
-def status_before_wrong_surface(
+def judge_before_wrong_surface(
     scene: DisparityScene, refined: RefinedDisparity, left_variance: FloatImage
-) -> StatusImage:
-    """Return the status of each pixel after the tests before WRONG_SURFACE.
+) -> tuple[DisparityScene, StatusImage]:
+    """Return the scene and the status of each pixel after the tests before WRONG_SURFACE.
 
     These tests are a separate function, because the network of WRONG_SURFACE is trained with the pixels that pass them.
     """
-    measured = np.full(scene.disparity.shape, PixelStatus.MEASURED, np.uint8)
-    status = with_reason(measured, ~scene.valid, PixelStatus.UNMATCHED)
-    status = with_reason(status, _changed_mask(scene.matched, scene.disparity), PixelStatus.CHANGED)
-    occluded = occlusion_mask(scene.disparity, right_surfaces(scene.disparity, is_valid(status)))
-    status = with_reason(status, occluded, PixelStatus.OCCLUDED)
-    status = with_reason(status, _mismatch_mask(refined, left_variance), PixelStatus.MISMATCHED)
-    status = with_reason(status, _ramp_mask(scene.disparity), PixelStatus.RAMP)
-    not_a_surface = not_a_surface_mask(scene._replace(valid=is_valid(status)))
-    return with_reason(status, not_a_surface, PixelStatus.NOT_A_SURFACE)
+    status = np.where(scene.valid, np.uint8(PixelStatus.MEASURED), np.uint8(PixelStatus.UNMATCHED))
+    changed = _changed_mask(scene.matched, scene.disparity)
+    scene, status = _rejected(scene, status, changed, PixelStatus.CHANGED)
+    occluded = occlusion_mask(scene.disparity, right_surfaces(scene.disparity, scene.valid))
+    scene, status = _rejected(scene, status, occluded, PixelStatus.OCCLUDED)
+    scene, status = _rejected(scene, status, _mismatch_mask(refined, left_variance), PixelStatus.MISMATCHED)
+    scene, status = _rejected(scene, status, _ramp_mask(scene.disparity), PixelStatus.RAMP)
+    return _rejected(scene, status, not_a_surface_mask(scene), PixelStatus.NOT_A_SURFACE)
+
+
+def _rejected(
+    scene: DisparityScene, status: StatusImage, failed: Mask, reason: PixelStatus
+) -> tuple[DisparityScene, StatusImage]:
+    """Return the scene and the status with `reason` at failed pixels, which are no longer valid."""
+    status = with_reason(status, failed, reason)
+    return scene._replace(valid=is_valid(status)), status
 
 
 def _changed_mask(matched_px: FloatImage, disparity_px: FloatImage) -> Mask:
