@@ -7,12 +7,13 @@
         image                 rays of each pixel and their hits (tracer.py), surfaces (surface.py, pebbles.py) and
                               their brightness (shading.py), grey levels (sensor.py)
         truth                 points and masks of a mapping image, from the same rays and hits
-      simulate.py             writes a data set folder; each image is a job, so that a run can be continued
+      simulate.py             writes a data set folder; each image is a job (jobs.py, workers.py), so that a run can be
+                              continued
 
 `noise.py` contains all random numbers that depend on a position, and the keys of all random streams.
 
 To add a setting of a scenario, add a field with unit, range and description to `config.py`, and use the setting in one
-of the modules above. A kernel receives the setting as a field of the same name in its NamedTuple (`settings_in`).
+of the modules above. A kernel receives the setting as a field of its NamedTuple.
 `test/simulation/test_config.py` fails if a setting has no effect on the files. The page docs/simulation.md lists the
 numbers that are not settings, with their sources.
 """

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 from sfr_loc_map.configuration.parameters import param
@@ -219,8 +218,3 @@ class SimulationConfig:
     panorama: PanoramaConfig = field(default_factory=PanoramaConfig)
     nav: NavCamerasConfig = field(default_factory=NavCamerasConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
-
-
-def settings_in(group: Any, names: Collection[str]) -> dict[str, float]:  # noqa: ANN401 - any group of settings
-    """Return the settings of a group whose names are in `names`, as floats for kernels."""
-    return {item.name: float(getattr(group, item.name)) for item in fields(group) if item.name in names}

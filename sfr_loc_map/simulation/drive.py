@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,54 +23,35 @@ MAX_SLIP = 0.95  #: Largest slip. Chosen by hand.
 SWAY_TIME_S = 2.0  #: Driving time between independent values of drift and heading error, s. Chosen by hand.
 ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}  #: Number of arguments of each segment.
 NEAR_M = 1e-6  #: Lengths and radii, m, and angles, deg, up to this value count as 0.
-FARTHEST_M = 400.0  #: Largest distance from the start along x or y, m; the ground is 1024 m wide.
-COURSE_STEP_RAD = math.radians(1.0)  #: Turn from one position of an arc to the next at which `FARTHEST_M` is checked.
+MAX_AWAY_M = 400.0  #: Largest distance from the start along x or y, m; the ground is 1024 m wide.
+COURSE_STEP_RAD = math.radians(1.0)  #: Turn from one position of an arc to the next at which `MAX_AWAY_M` is checked.
 LONGEST_S = 20_000.0  #: Longest drive, s: the heights of the ground under the wheels then require 1 GB of memory.
 ROUNDING = 1e-9  #: Added to a number of periods, so that a pair at the end of the drive is counted despite rounding.
 COMPLETE = 1.0 - 1e-12  #: A leg is complete from this fraction on, because fractions are rounded.
 
 
-@dataclass(frozen=True, slots=True)
-class Arc:
-    """A path of constant curvature: straight if the turn is 0, driven backwards if the length is negative."""
+class Leg(NamedTuple):
+    """A part of the drive: a path of constant curvature, a point turn (length 0), or a stop (length and turn 0).
 
-    length_m: float
-    turn_rad: float
-    wheels_turn: ClassVar[float] = 1.0
+    The path is straight if the turn is 0, and driven backwards if the length is negative.
+    """
 
-    def fraction_per_s(self, config: DriveConfig, grip: float) -> float:
-        """Return the fraction of the leg per second; `grip` is the fraction of the motion that remains after slip."""
-        return config.speed_m_s * grip / abs(self.length_m)
+    length_m: float = 0.0
+    turn_rad: float = 0.0
+    stop_s: float = 0.0  #: Duration of a stop; 0 if the wheels turn.
 
-
-@dataclass(frozen=True, slots=True)
-class PointTurn:
-    """A turn on the spot."""
-
-    turn_rad: float
-    length_m: ClassVar[float] = 0.0
-    wheels_turn: ClassVar[float] = 1.0
+    @property
+    def wheels_turn(self) -> float:
+        """1 while the wheels turn, 0 in a stop."""
+        return 0.0 if self.stop_s else 1.0
 
     def fraction_per_s(self, config: DriveConfig, grip: float) -> float:
         """Return the fraction of the leg per second; `grip` is the fraction of the motion that remains after slip."""
+        if self.stop_s:
+            return 1.0 / self.stop_s
+        if self.length_m:
+            return config.speed_m_s * grip / abs(self.length_m)
         return math.radians(config.turn_rate_deg_s) * grip / abs(self.turn_rad)
-
-
-@dataclass(frozen=True, slots=True)
-class Wait:
-    """A stop of some time."""
-
-    duration_s: float
-    length_m: ClassVar[float] = 0.0
-    turn_rad: ClassVar[float] = 0.0
-    wheels_turn: ClassVar[float] = 0.0
-
-    def fraction_per_s(self, config: DriveConfig, grip: float) -> float:
-        """Return the fraction of the leg per second."""
-        return 1.0 / self.duration_s
-
-
-Leg = Arc | PointTurn | Wait
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +105,7 @@ class Drive:
 def legs_of(config: DriveConfig) -> list[Leg]:
     """Return the legs of a path.
 
-    Raises ConfigError if a segment is invalid, if the path goes more than `FARTHEST_M` from the start along x or y, or
+    Raises ConfigError if a segment is invalid, if the path goes more than `MAX_AWAY_M` from the start along x or y, or
     if the drive takes longer than `LONGEST_S`.
     """
     legs: list[Leg] = []
@@ -134,9 +115,9 @@ def legs_of(config: DriveConfig) -> list[Leg]:
             course = _course(x, y, heading, leg)
             x, y, heading = course[-1]
             away = max(max(abs(east - config.start_x_m), abs(north - config.start_y_m)) for east, north, _ in course)
-            if away > FARTHEST_M:
+            if away > MAX_AWAY_M:
                 raise ConfigError(
-                    f"drive.segments go {away:.3g} m away from the start: at most {FARTHEST_M:g} m are allowed"
+                    f"drive.segments go {away:.3g} m away from the start: at most {MAX_AWAY_M:g} m are allowed"
                 )
             legs.append(leg)
     mean_grip = 1.0 - min(config.slip, MAX_SLIP)
@@ -171,20 +152,21 @@ def _legs_of_segment(segment: str, x: float, y: float, heading: float) -> list[L
         if length <= NEAR_M:
             return []
         turn = math.remainder(math.atan2(dy, dx) - heading, 2 * math.pi)
-        return [PointTurn(turn), Arc(length, 0.0)] if turn else [Arc(length, 0.0)]
+        straight = Leg(length_m=length)
+        return [Leg(turn_rad=turn), straight] if turn else [straight]
     if word == "stop" and numbers[0] <= 0.0:
         raise ConfigError(f"drive.segments has '{segment}': a time greater than 0 s is required")
     if word == "stop":
-        return [Wait(numbers[0])]
+        return [Leg(stop_s=numbers[0])]
     if min(abs(number) for number in numbers) <= NEAR_M:
         raise ConfigError(f"drive.segments has '{segment}': lengths, radii and angles other than 0 are required")
     if word == "straight":
-        return [Arc(numbers[0], 0.0)]
+        return [Leg(length_m=numbers[0])]
     if word == "turn":
-        return [PointTurn(math.radians(numbers[0]))]
+        return [Leg(turn_rad=math.radians(numbers[0]))]
     radius = numbers[0]
     angle = math.radians(numbers[1])
-    return [Arc(abs(radius) * angle, math.copysign(1.0, radius) * angle)]
+    return [Leg(abs(radius) * angle, math.copysign(1.0, radius) * angle)]
 
 
 def _course(x: float, y: float, heading: float, leg: Leg) -> list[tuple[float, float, float]]:

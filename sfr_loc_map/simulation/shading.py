@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit, jit_inline
-from sfr_loc_map.simulation.config import LightConfig, SimulationConfig, settings_in
+from sfr_loc_map.simulation.config import LightConfig, SimulationConfig
 from sfr_loc_map.simulation.pebbles import PebbleField, pebble_cache
 from sfr_loc_map.simulation.surface import (
     GroundHits,
@@ -43,7 +43,7 @@ LEVEL_MU = 0.5  #: Cosine of the emission angle of the level ground that defines
 
 
 class ShadingParameters(NamedTuple):
-    """Appearance of ground and rocks, sun, sky and haze; a field named like a setting has its value."""
+    """Appearance of ground and rocks, sun, sky and haze."""
 
     surface: SurfaceParameters  #: Ground and rocks.
     lunar: float  #: Weight of Lommel-Seeliger reflection; the rest is Lambert.
@@ -71,15 +71,19 @@ def shading_parameters(config: SimulationConfig, sun: FloatArray, terrain: Terra
     light = config.light
     level_light = reflect(sun[2], LEVEL_MU, ground.lunar) * sun[2] + light.sky
     surface = SurfaceParameters(
-        **settings_in(ground, SurfaceParameters._fields),
+        albedo=float(ground.albedo),
+        contrast=float(ground.contrast),
+        bump=float(ground.bump),
         rock_albedo=float(config.rocks.albedo),
         field=PebbleField.of(float(ground.pebbles), float(ground.bump), terrain.parameters.seed, sun),
         terrain=terrain.parameters,
     )
     return ShadingParameters(
         surface=surface,
-        **settings_in(ground, ShadingParameters._fields),
-        **settings_in(light, ShadingParameters._fields),
+        lunar=float(ground.lunar),
+        sky=float(light.sky),
+        sky_grey=float(light.sky_grey),
+        haze_m=float(light.haze_m),
         sun_x=float(sun[0]),
         sun_y=float(sun[1]),
         sun_z=float(sun[2]),

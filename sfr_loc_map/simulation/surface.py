@@ -37,7 +37,7 @@ _STONE = np.uint32(Stream.ROCK_SURFACE)
 
 
 class SurfaceParameters(NamedTuple):
-    """Appearance of ground and rocks without light; a field named like a setting of the ground has its value."""
+    """Appearance of ground and rocks without light."""
 
     albedo: float  #: Mean reflectance of the ground.
     contrast: float  #: Strength of the variation of reflectance.

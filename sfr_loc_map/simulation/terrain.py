@@ -10,7 +10,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit, jit_inline
-from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig, settings_in
+from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig
 from sfr_loc_map.simulation.noise import Stream, gradient2, hash2, mix, sub_seed, unit, value2
 
 SHORTEST_M = 0.02  #: Shortest wavelength of the meshed relief, m; shorter waves appear only in the shading.
@@ -44,7 +44,7 @@ _ROCK = np.uint32(Stream.BEDROCK)
 
 
 class TerrainParameters(NamedTuple):
-    """Parameters of the ground for kernels; a field named like a setting has its value."""
+    """Parameters of the ground for kernels."""
 
     relief_m: float  #: Height scale of the rolling relief.
     relief_length_m: float  #: Longest wavelength of the relief.
@@ -78,11 +78,22 @@ class Terrain:
         azimuth = math.radians(terrain.ripple_azimuth_deg)
         turn = 2.0 * math.pi
         parameters = TerrainParameters(
-            **settings_in(terrain, TerrainParameters._fields),
-            **settings_in(ground, TerrainParameters._fields),
-            gradient=math.tan(math.radians(terrain.slope_deg)),
+            relief_m=float(terrain.relief_m),
+            relief_length_m=float(terrain.relief_length_m),
+            hurst=float(terrain.hurst),
+            hills_m=float(terrain.hills_m),
+            hills_length_m=float(terrain.hills_length_m),
+            ripple_height_m=float(terrain.ripple_height_m),
+            ripple_length_m=float(terrain.ripple_length_m),
             ripple_wave_x=turn * math.cos(azimuth) / terrain.ripple_length_m,
             ripple_wave_y=turn * math.sin(azimuth) / terrain.ripple_length_m,
+            crater_density=float(terrain.crater_density),
+            rim_radius_m=float(terrain.rim_radius_m),
+            rim_x_m=float(terrain.rim_x_m),
+            rim_y_m=float(terrain.rim_y_m),
+            gradient=math.tan(math.radians(terrain.slope_deg)),
+            gravel=float(ground.gravel),
+            bedrock=float(ground.bedrock),
             seed=sub_seed(seed, Stream.TERRAIN),
         )
         return cls(parameters, float(terrain.coarseness))

@@ -10,8 +10,8 @@ import pytest
 
 from sfr_loc_map.configuration.parameters import build, flatten
 from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.jobs import lists_of, render_jobs, rendered
 from sfr_loc_map.simulation.plan import Plan
-from sfr_loc_map.simulation.simulate import lists_of, render_jobs, rendered
 from sfr_loc_map.simulation.world import World
 from sfr_loc_map.suite_names import Task
 

@@ -15,7 +15,7 @@ import pytest
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.extrinsics import mast_head_in_rb
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.drive import Arc, legs_of
+from sfr_loc_map.simulation.drive import Leg, legs_of
 from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.rover import GROUND_HEIGHT_RB_M
 from sfr_loc_map.suite_names import Task
@@ -149,7 +149,7 @@ def test_path_that_leaves_the_ground_is_refused_although_it_may_end_on_the_groun
 
 def test_circle_within_the_allowed_distance_is_driven(config: Maker) -> None:
     legs = legs_of(config(**FLAT, **STEADY, drive__segments=["arc 199 360"]).drive)
-    assert legs == [Arc(pytest.approx(199 * 2 * math.pi), pytest.approx(2 * math.pi))]
+    assert legs == [Leg(pytest.approx(199 * 2 * math.pi), pytest.approx(2 * math.pi))]
 
 
 @pytest.mark.parametrize(
