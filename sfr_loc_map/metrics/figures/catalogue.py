@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
+from enum import Enum, auto
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import CallKind, Reading
@@ -62,6 +63,15 @@ OF_SUB_TRAJECTORIES = ("4.1.1", "4.1.2")  #: Clauses that apply to every error o
 STANDARD_DEVIATION = "4.1.3"
 
 
+class Content(Enum):
+    """What the rows of a figure contain."""
+
+    STATISTICS = auto()  #: Statistics of many values.
+    FRACTION = auto()  #: One fraction (`value`), which is shown in per cent.
+    COUNT = auto()  #: One count (`value`).
+    NUMBER = auto()  #: One other number (`value`).
+
+
 @dataclass(frozen=True, slots=True)
 class FigureKind:
     """A figure of the catalogue."""
@@ -80,10 +90,8 @@ class FigureKind:
     tested: tuple[str, ...] = ()
     topic: str = ""  #: Topic below `metrics/` on which the monitor publishes the shown statistics; empty for none.
     is_unsigned: bool = False  #: Whether the errors cannot be negative, so their distribution is skewed.
-    #: Whether its rows have one number (`value`) instead of the statistics of many values. Not stated for evidence,
-    #: whose rows show it (`Figure.is_one_number`).
-    is_one_number: bool = False
-    is_count: bool = False  #: Whether a figure of unit `1` is a count instead of a fraction.
+    #: What the rows contain. `STATISTICS` also for evidence, whose rows have either (`Figure.is_one_number`).
+    content: Content = Content.STATISTICS
     is_better_if_larger: bool = False  #: Whether a larger value is better, unlike errors, times and memory.
     #: Errors of sub-trajectories, `(M,)` or vectors `(M, d)`, that the figure is about; None for any other figure.
     compute_errors: Callable[[SubTrajectories], FloatArray] | None = None
@@ -94,9 +102,9 @@ class FigureKind:
     is_without_height: bool = False  #: Whether only scores against a ground truth without heights have the figure.
 
 
-def of_completeness(name: str, title: str, *, unit: str = "1", is_count: bool = False) -> FigureKind:
+def of_completeness(name: str, title: str, *, unit: str = "1", content: Content = Content.FRACTION) -> FigureKind:
     """Return a figure of completeness, which is one number and is not in the specification."""
-    return FigureKind(name, Subject.COMPLETENESS, title, unit=unit, is_count=is_count, is_one_number=True)
+    return FigureKind(name, Subject.COMPLETENESS, title, unit=unit, content=content)
 
 
 JUDGED = "judged"  #: Fraction of the expected items of a scope that is judged.
@@ -201,22 +209,26 @@ CATALOGUE = (
     ),
     FigureKind("disparity_error", Subject.MAP, "disparity error", unit="px"),
     FigureKind(
-        "nmad", Subject.MAP, "height error, normalised median absolute deviation (NMAD)", unit="m", is_one_number=True
+        "nmad",
+        Subject.MAP,
+        "height error, normalised median absolute deviation (NMAD)",
+        unit="m",
+        content=Content.NUMBER,
     ),
-    FigureKind("le90", Subject.MAP, "height error, 90 % (LE90)", unit="m", is_one_number=True),
-    FigureKind("ce90", Subject.MAP, "horizontal error, 90 % (CE90)", unit="m", is_one_number=True),
+    FigureKind("le90", Subject.MAP, "height error, 90 % (LE90)", unit="m", content=Content.NUMBER),
+    FigureKind("ce90", Subject.MAP, "horizontal error, 90 % (CE90)", unit="m", content=Content.NUMBER),
     FigureKind(
         "coverage",
         Subject.MAP,
         "coverage",
         shown=ONE_NUMBER,
         compared=ONE_NUMBER,
-        is_one_number=True,
+        content=Content.FRACTION,
         is_better_if_larger=True,
     ),
-    FigureKind("points", Subject.MAP, "points of the cloud", compared=ONE_NUMBER, is_count=True, is_one_number=True),
-    FigureKind("pairs", Subject.MAP, "mapping pairs of the ground truth", is_count=True, is_one_number=True),
-    FigureKind("maps", Subject.MAP, "maps of the live run", is_count=True, is_one_number=True),
+    FigureKind("points", Subject.MAP, "points of the cloud", compared=ONE_NUMBER, content=Content.COUNT),
+    FigureKind("pairs", Subject.MAP, "mapping pairs of the ground truth", content=Content.COUNT),
+    FigureKind("maps", Subject.MAP, "maps of the live run", content=Content.COUNT),
     # calls; the specification defines the time on the target, and leaves the method of measuring memory to the supplier
     FigureKind(
         "localisation",
@@ -238,9 +250,11 @@ CATALOGUE = (
     ),
     FigureKind("mapping", Subject.TIMING, "mapping time", unit="s", compared=OF_CALLS),
     FigureKind("fusion", Subject.TIMING, "fusion time", unit="s", compared=OF_CALLS),
-    FigureKind("period", Subject.TIMING, "period of the pairs", unit="s", is_one_number=True),
-    FigureKind("within_period", Subject.TIMING, "fraction of calls within the period", is_one_number=True),
-    FigureKind("processor_share", Subject.TIMING, "mean time of a call divided by the period", is_one_number=True),
+    FigureKind("period", Subject.TIMING, "period of the pairs", unit="s", content=Content.NUMBER),
+    FigureKind("within_period", Subject.TIMING, "fraction of calls within the period", content=Content.FRACTION),
+    FigureKind(
+        "processor_share", Subject.TIMING, "mean time of a call divided by the period", content=Content.FRACTION
+    ),
     FigureKind(
         "above_idle",
         Subject.MEMORY,
@@ -249,7 +263,7 @@ CATALOGUE = (
         unit="bytes",
         shown=ONE_NUMBER,
         compared=ONE_NUMBER,
-        is_one_number=True,
+        content=Content.NUMBER,
     ),
     FigureKind(
         "peak",
@@ -259,7 +273,7 @@ CATALOGUE = (
         unit="bytes",
         shown=ONE_NUMBER,
         compared=ONE_NUMBER,
-        is_one_number=True,
+        content=Content.NUMBER,
     ),
     FigureKind(
         "heap_peak",
@@ -268,7 +282,7 @@ CATALOGUE = (
         clause="4.2.2",
         unit="bytes",
         compared=ONE_NUMBER,
-        is_one_number=True,
+        content=Content.NUMBER,
     ),
     FigureKind(
         "stack_peak",
@@ -277,7 +291,7 @@ CATALOGUE = (
         clause="4.2.2",
         unit="bytes",
         compared=ONE_NUMBER,
-        is_one_number=True,
+        content=Content.NUMBER,
     ),
     # completeness, and the consistency of the covariance: not in the specification
     of_completeness(JUDGED, "judged fraction of the expected items"),
@@ -295,7 +309,7 @@ CATALOGUE = (
     of_completeness(ERRORS_BEYOND, "unjudged frames with an error far above the judged ones"),
     of_completeness(STANDING, "sub-trajectories of a stationary rover"),
     of_completeness("path_without_images", "true path without images"),
-    of_completeness("longest_gap", "longest gap", unit="m"),
+    of_completeness("longest_gap", "longest gap", unit="m", content=Content.NUMBER),
     of_completeness("points_without_truth", "map points without ground truth"),
     of_completeness("pairs_without_cloud", "mapping pairs without points"),
     of_completeness("points_repeated", "map points at the pixel or position of another"),
@@ -308,14 +322,20 @@ CATALOGUE = (
     of_completeness(UNANSWERED, "pairs without an answer"),
     of_completeness(ANSWERED_TWICE, "answers to pairs that were answered before"),
     of_completeness("dropped", "messages dropped"),
-    of_completeness("restarts", "restarts of the live score", is_count=True),
-    FigureKind("truth_error", Subject.CONSISTENCY, "error of the ground truth", unit="m", is_one_number=True),
+    of_completeness("restarts", "restarts of the live score", content=Content.COUNT),
+    FigureKind("truth_error", Subject.CONSISTENCY, "error of the ground truth", unit="m", content=Content.NUMBER),
     FigureKind("nees", Subject.CONSISTENCY, "normalised error squared (NEES)"),
     FigureKind(
-        "nees_not_usable", Subject.CONSISTENCY, "sub-trajectories whose covariance cannot be tested", is_one_number=True
+        "nees_not_usable",
+        Subject.CONSISTENCY,
+        "sub-trajectories whose covariance cannot be tested",
+        content=Content.NUMBER,
     ),
     FigureKind(
-        "nees_from_steps", Subject.CONSISTENCY, "sub-trajectories tested by the covariance of steps", is_one_number=True
+        "nees_from_steps",
+        Subject.CONSISTENCY,
+        "sub-trajectories tested by the covariance of steps",
+        content=Content.NUMBER,
     ),
     # confidence of the figures (metrics.trajectory.trajectory_errors): not in the specification
     FigureKind("confidence", Subject.EVIDENCE, "confidence of mean + 3 sigma"),
@@ -401,11 +421,8 @@ def defines(figure: str, part: RowPart | None, statistic: str) -> bool:
 
 
 def is_fraction(figure: str, part: str | None = None) -> bool:
-    """Return whether a figure of unit `1` is a fraction, which is shown in per cent, and not a count or a ratio."""
-    if figure not in KINDS or part == COUNT:
-        return False
-    kind = KINDS[figure]
-    return not kind.is_count and kind.subject not in (Subject.CONSISTENCY, Subject.EVIDENCE)
+    """Return whether the row of a figure and a part is a fraction, which is shown in per cent."""
+    return figure in KINDS and KINDS[figure].content is Content.FRACTION and part != COUNT
 
 
 def title_of(figure: str) -> str:

@@ -13,7 +13,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.figures.catalogue import KINDS, clause_of, unit_of_row
+from sfr_loc_map.metrics.figures.catalogue import KINDS, Content, clause_of, unit_of_row
 from sfr_loc_map.metrics.figures.row_part import ANY, Place, RowPart
 from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.formulas import STATISTICS, Statistics
@@ -84,7 +84,7 @@ class Figure(RowNumbers, frozen=True):
         """Whether the row has a single number, according to its numbers, or to its figure if it has no numbers."""
         if self.value is not None or self.mean is not None:
             return self.mean is None
-        return self.figure in KINDS and KINDS[self.figure].is_one_number
+        return self.figure in KINDS and KINDS[self.figure].content is not Content.STATISTICS
 
     @property
     def label(self) -> str:

@@ -27,7 +27,7 @@ import msgspec
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.conditions import is_written_condition
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.figures.catalogue import ALIGNED, CATALOGUE, JUDGED, KINDS, TOTAL, FigureKind
+from sfr_loc_map.metrics.figures.catalogue import ALIGNED, CATALOGUE, JUDGED, KINDS, TOTAL, Content, FigureKind
 from sfr_loc_map.metrics.figures.records import Record
 from sfr_loc_map.metrics.figures.row_part import Place, RowPart, calls_part
 from sfr_loc_map.metrics.figures.subjects import LimitSection, Scope, Subject
@@ -132,7 +132,7 @@ def names_of(kinds: Iterable[FigureKind], statistics: Sequence[str] = STATISTICS
 
 
 TRAJECTORY_FIGURES = [kind for kind in CATALOGUE if kind.subject is Subject.TRAJECTORY and kind.name not in ALIGNED]
-MAP_FIGURES = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and not kind.is_count]
+MAP_FIGURES = [kind for kind in CATALOGUE if kind.subject is Subject.MAP]
 TIMES = {
     # short name of mapping_call_max_s, because the requirement is on every mapping call
     "mapping_call_s": LimitedNumber(Subject.TIMING, CallKind.MAPPING_CALL.value, "max"),
@@ -154,11 +154,11 @@ LIMITED_NUMBERS: dict[LimitSection, dict[str, LimitedNumber]] = {
     },
     LimitSection.TRAJECTORY: names_of(TRAJECTORY_FIGURES, (*STATISTICS, BOUND)),
     LimitSection.MAP: {
-        **names_of([kind for kind in MAP_FIGURES if not kind.is_one_number]),
+        **names_of([kind for kind in MAP_FIGURES if kind.content is Content.STATISTICS]),
         **{
             f"{kind.name}_{kind.unit}": LimitedNumber(kind.subject, kind.name, "value")
             for kind in MAP_FIGURES
-            if kind.is_one_number and kind.unit != "1"
+            if kind.content is Content.NUMBER
         },
         COVERAGE_MIN: LimitedNumber(Subject.MAP, "coverage", "value"),
     },

@@ -82,7 +82,7 @@ def fault_of_numbers(score: Score) -> str | None:
         for name in (*SIZES, "value") if row.subject in COUNTED else SIZES:
             if (row.statistic(name) or 0.0) < 0.0:
                 return f"{name} of {row.label} is {number_text(row.statistic(name))}: a number >= 0 is required"
-        is_share = row.subject is Subject.COMPLETENESS and row.unit == "1" and is_fraction(row.figure, row.part)
+        is_share = row.subject is Subject.COMPLETENESS and is_fraction(row.figure, row.part)
         if (is_share or row.figure in OTHER_FRACTIONS) and (row.value or 0.0) > 1.0 + TOLERANCE:
             return f"value of {row.label} is {number_text(row.value)}: a fraction from 0 to 1 is required"
         if row.sigma is not None and row.mean_plus_3sigma is None:

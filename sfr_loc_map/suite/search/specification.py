@@ -15,7 +15,7 @@ from sfr_loc_map.faults.kinds import FaultKind, parse_fault, with_amount
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import CallKind, Reading, TrajectoryScoreConfig
-from sfr_loc_map.metrics.figures.catalogue import ALIGNED, CATALOGUE, KINDS, UNANSWERED, FigureKind
+from sfr_loc_map.metrics.figures.catalogue import ALIGNED, CATALOGUE, KINDS, UNANSWERED, Content, FigureKind
 from sfr_loc_map.metrics.figures.row_part import DIRECTIONS, MOVING, OTHER_FRAMES, distance_of
 from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.formulas import STATISTICS
@@ -215,8 +215,9 @@ def _check_figure(settings: SearchSettings, path: Path) -> None:
             f"{path}: 'figure: {settings.figure}' is not a figure of a localised drive; one of {', '.join(known)} is "
             "required"
         )
-    if kind.is_one_number != (settings.statistic == "value"):
-        required = "value" if kind.is_one_number else ", ".join(STATISTICS)
+    is_one_number = kind.content is not Content.STATISTICS
+    if is_one_number != (settings.statistic == "value"):
+        required = "value" if is_one_number else ", ".join(STATISTICS)
         raise ConfigError(
             f"{path}: 'statistic: {settings.statistic}' is not a statistic of {kind.name}; {required} is required"
         )
