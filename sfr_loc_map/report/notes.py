@@ -25,6 +25,15 @@ DS_IS_COMMON = (
     "The readings by displacement and by position compare vectors in DS. They require an estimate that starts "
     "at a true pose (--start truth, initialpose)."
 )
+OF_EVIDENCE = (
+    "Mean + 3 sigma of n independent sub-trajectories exceeds the stated fraction of all position errors with this "
+    "confidence, if errors are normally distributed. A dominant axis lowers the confidence."
+)
+OF_DEADLINE = (
+    "The period is the median difference of the stamps of the pairs. Each time is the wall-clock time of one call."
+)
+OF_STAGES = "Statistics over the calls that ran the stage."
+OF_DIRECTIONS = "x, y, z of DS. Means are signed."
 
 
 def headline_note(score: Score) -> str:
@@ -80,34 +89,9 @@ def map_note(score: Score) -> str:
     return f"{kind}Coverage: fraction of the true points from {low} to {high} m, or in the named range."
 
 
-def evidence_note(score: Score) -> str:
-    """Return the explanation of the confidence in the figures."""
-    return (
-        "Mean + 3 sigma of n independent sub-trajectories exceeds the stated fraction of all position errors with this "
-        "confidence, if errors are normally distributed. A dominant axis lowers the confidence."
-    )
-
-
-def deadline_note(score: Score) -> str:
-    """Return the explanation of the period."""
-    return (
-        "The period is the median difference of the stamps of the pairs. Each time is the wall-clock time of one call."
-    )
-
-
-def stages_note(score: Score) -> str:
-    """Return the explanation of the times of stages."""
-    return "Statistics over the calls that ran the stage."
-
-
 def memory_note(score: Score) -> str:
     """Return the method of the memory measurement."""
     return f"Method: {UNKNOWN if score.calls is None else score.calls.memory_method or UNKNOWN}."
-
-
-def directions_note(score: Score) -> str:
-    """Return the explanation of errors by direction."""
-    return "x, y, z of DS. Means are signed."
 
 
 def nees_note(score: Score) -> str:

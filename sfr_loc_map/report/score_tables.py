@@ -55,7 +55,7 @@ class View(NamedTuple):
     name: str
     title: str
     shows: Callable[[Score, Figure], bool]
-    note: Callable[[Score], str] = lambda score: ""
+    note: str | Callable[[Score], str] = ""  #: Text below the table, or the function that returns it.
     #: Shown statistics of a row, without those of the limits, which are always shown; None: all statistics.
     statistics: Callable[[Figure], Sequence[str]] | None = None
 
@@ -146,13 +146,13 @@ VIEWS = (
     READINGS,
     View("aligned", "Absolute and relative pose error", lambda score, row: row.figure in ALIGNED, notes.aligned_note),
     View("growth", "Error against the length of the sub-trajectory", is_growth),
-    View("directions", "Position error by direction", is_by_direction, notes.directions_note),
+    View("directions", "Position error by direction", is_by_direction, notes.OF_DIRECTIONS),
     View("map", "Map", about(Subject.MAP), notes.map_note),
-    View("evidence", "Confidence", about(Subject.EVIDENCE), notes.evidence_note),
+    View("evidence", "Confidence", about(Subject.EVIDENCE), notes.OF_EVIDENCE),
     View("consistency", "Consistency of the uncertainty", about(Subject.CONSISTENCY), notes.nees_note),
     View("time", "Time per call", is_time, notes.clock_text),
-    View("deadline", "Calls against the period", is_deadline, notes.deadline_note),
-    View("stages", "Time of stages", is_stage, notes.stages_note),
+    View("deadline", "Calls against the period", is_deadline, notes.OF_DEADLINE),
+    View("stages", "Time of stages", is_stage, notes.OF_STAGES),
     View("memory", "Peak resident memory during a call", is_memory, notes.memory_note),
     View("target-time", "Time per call on the target", on_target(Subject.TIMING), notes.target_note),
     View("target-memory", "Peak memory on the target", on_target(Subject.MEMORY), notes.target_note),
@@ -245,7 +245,8 @@ def rows_of(view: View, score: Score) -> list[IndexedRow]:
 
 def view_table(view: View, score: Score) -> Table:
     """Return the table of a view: its rows with the statistics of the view, and with every limited statistic."""
-    rows, note = rows_of(view, score), view.note(score)
+    rows = rows_of(view, score)
+    note = view.note if isinstance(view.note, str) else view.note(score)
     if view.statistics is None:
         return figure_table(view.name, view.title, rows, note)
     indices = {index for index, _ in rows}
