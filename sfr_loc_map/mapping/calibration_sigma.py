@@ -44,11 +44,13 @@ class CalibrationSigma(NamedTuple):
 
 def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior) -> bool:
     """Return whether the measured yaw exceeds what noise and the configured uncertainty of the calibration explain."""
-    return abs(rotation.yaw_rad) > _yaw_threshold_rad(rotation, rig, prior)
+    if rotation.yaw_sigma_rad is None:
+        return False
+    return abs(rotation.yaw_rad) > _yaw_threshold_rad(rotation.yaw_sigma_rad, rig, prior)
 
 
-def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior) -> float:
-    """Return the largest yaw that is not significant, rad.
+def _yaw_threshold_rad(yaw_sigma_rad: float, rig: StereoRig, prior: CalibrationPrior) -> float:
+    """Return the largest yaw that is not significant, rad, given the standard deviation of the measured yaw.
 
     The vertical disparity of a yaw is a saddle over the image, and residual distortion can have the same shape. The
     accuracy of the yaw is therefore limited to the yaw whose saddle equals the configured distortion in the corners.
@@ -59,7 +61,7 @@ def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, prior: Calibrat
     # (x - x of the image centre) (y - y of the image centre) in the corner, normalised coordinates
     corner_saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)
     distortion_rad = prior.distortion_px / (rig.fy * corner_saddle)
-    sigma_rad = math.hypot(rotation.yaw_sigma_rad, distortion_rad, math.radians(prior.yaw_deg))
+    sigma_rad = math.hypot(yaw_sigma_rad, distortion_rad, math.radians(prior.yaw_deg))
     return max(SIGNIFICANT_SIGMAS * sigma_rad, math.radians(MIN_SIGNIFICANT_YAW_DEG))
 
 
@@ -91,7 +93,7 @@ def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, prior: Calibr
     distortion_px = 0.0
     if prior.distortion_px > 0.0:
         distortion_px = max(prior.distortion_px, rotation.distortion_rms_px)
-        if rotation.is_measured:
+        if rotation.yaw_sigma_rad is not None:
             distortion_px = min(distortion_px, rotation.vertical_rms_px)
     return CalibrationSigma(
         yaw_rad=yaw_rad,

@@ -19,7 +19,7 @@ class PairMap:
     """The map of one stereo pair, by any method."""
 
     stamp_ns: int  #: Stamp of the pair.
-    cloud: PointCloud  #: Points in LM with the total sigma; their pair index is the index given to `process`.
+    cloud: PointCloud  #: Points in LM with the total sigma; their pair index is the index of the pair in its set.
     #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation. Other
     #: methods may state the complete sigma.
     random_sigma: FloatArray32

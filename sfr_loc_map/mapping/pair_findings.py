@@ -52,8 +52,8 @@ def findings_of_pair(disparity: DisparityMap, rig: StereoRig, prior: Calibration
         "vertical_offset_px": correction.vertical.constant,
         "vertical_offset_largest_px": correction.vertical_largest_px,
         "matched_share": disparity.measured_textured_fraction,
-        "right_yaw_deg": math.degrees(rotation.yaw_rad) if rotation.is_measured else math.nan,
-        "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if rotation.is_measured else math.nan,
+        "right_yaw_deg": math.nan if rotation.yaw_sigma_rad is None else math.degrees(rotation.yaw_rad),
+        "right_yaw_sigma_deg": math.nan if rotation.yaw_sigma_rad is None else math.degrees(rotation.yaw_sigma_rad),
         # Finite even if the rotation is not measured: the roll of the vertical disparity that was removed.
         "right_roll_deg": math.degrees(rotation.roll_rad),
         "saturated_share": disparity.saturation.fraction,

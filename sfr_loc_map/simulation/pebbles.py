@@ -94,8 +94,8 @@ def pebble_cache() -> PebbleCache:
 def pebbles(x: float, y: float, footprint: float, fill: float, field: PebbleField, cache: PebbleCache) -> PebbleCover:
     """Return the effect of pebbles at a position; larger pebbles are on top of smaller pebbles.
 
-    `footprint` is the size of a pixel, metres, and `fill` the density of pebbles at the position, 0 to 1. Pebbles of a
-    size fade in from 1.8 to 3.8 pixels per cell. The cache is updated.
+    `footprint` is the size of a pixel across the line of sight, metres, and `fill` the density of pebbles at the
+    position, 0 to 1. Pebbles of a size fade in from 1.8 to 3.8 pixels per cell. The cache is updated.
     """
     seen = PebbleCover(0.0, 0.0, 0.0, 0.0, 0.0)
     if fill < MIN_FILL:

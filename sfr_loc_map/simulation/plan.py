@@ -29,7 +29,7 @@ MAX_PANORAMA_PAIRS = 3  #: Largest number of pairs of a panorama, from which one
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """Poses and stamps of the cameras, without the scene; fast to compute."""
+    """Poses and stamps of the cameras, without the scene."""
 
     config: SimulationConfig  #: Settings.
     terrain: Terrain  #: The ground.

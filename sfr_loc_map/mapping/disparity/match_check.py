@@ -66,6 +66,8 @@ def check_matches(pair: StereoPair, fraction: float, disparity_count: int) -> No
 
     If too few pixels are textured, the fraction is NaN and the pair passes; `findings_of_pair` then adds a warning.
     """
+    if math.isnan(fraction):
+        return
     if fraction < MIN_MEASURED_FRACTION:
         raise MappingError(
             f"images of stamp {pair.stamp_ns} do not match: only {100 * fraction:.0f} % of the textured pixels "

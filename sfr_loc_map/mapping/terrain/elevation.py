@@ -16,6 +16,8 @@ from sfr_loc_map.mapping.cloud_checks import check_random_sigma, check_sigma
 from sfr_loc_map.mapping.point_covariance import rays_from_cameras
 from sfr_loc_map.mapping.terrain.cells import CellGrid
 
+MIN_POINTS = 3
+"""Minimum number of points of a cell with a height. One point remains without the lowest and the highest (`steps`)."""
 TYPICAL_SLOPE = 0.1
 """Typical slope of ground, metres per metre, which converts a horizontal error of a point to a height error."""
 MIN_SIGMA_M = 1e-6  #: Lower bound of the random sigma of a point, metres, whose inverse square is a weight.
@@ -25,8 +27,7 @@ MIN_SIGMA_M = 1e-6  #: Lower bound of the random sigma of a point, metres, whose
 class ElevationModel:
     """Heights over a grid whose rows are along y and columns along x of LM."""
 
-    #: `(R, C)` float32, z of LM; NaN where `count` is 0, and in a `TerrainGrid` where `count` is below `MIN_POINTS`.
-    height_m: FloatArray32
+    height_m: FloatArray32  #: `(R, C)` float32, z of LM; NaN where `count` is below `MIN_POINTS`.
     sigma_m: FloatArray32  #: `(R, C)` float32, standard deviation of the height; NaN where the height is unknown.
     count: NDArray[np.int32]  #: `(R, C)` int32, points in the cell.
     cells: CellGrid  #: Number, position and size of the cells.
@@ -59,8 +60,9 @@ def elevation_model(
     Without poses, the sigma of heights is overestimated. `random_sigma` `(N,)` is the part of the points' sigma that
     differs from point to point; None if the complete sigma differs from point to point.
 
-    The height of a cell is the weighted mean of its n points' heights. The weight w is the inverse of the random
-    variance of a height (`_height_variance_ratio`). The variance of a cell is the sum of three parts:
+    The height of a cell is the weighted mean of its n points' heights, and is unknown with fewer than `MIN_POINTS`. The
+    weight w is the inverse of the random variance of a height (`_height_variance_ratio`). The variance of a cell is the
+    sum of three parts:
 
     - the harmonic mean of the random variances of its heights, `n / sum w`: the errors of neighbouring points are
       correlated, so averaging does not reduce them;
@@ -96,6 +98,9 @@ def elevation_model(
         variance_of_mean = squares / weights / count
         common_variance = sums(weight * (ratio * np.maximum(total - random, 0.0))) / weights
         sigma = np.sqrt(variance_of_points + variance_of_mean + common_variance)
+    is_sparse = count < MIN_POINTS
+    mean[is_sparse] = np.nan
+    sigma[is_sparse] = np.nan
     shape = (cells.rows, cells.columns)
     return ElevationModel(
         height_m=mean.astype(F).reshape(shape),

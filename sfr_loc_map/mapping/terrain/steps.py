@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32, IntArray
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.terrain.cells import CellGrid
-from sfr_loc_map.mapping.terrain.elevation import ElevationModel
+from sfr_loc_map.mapping.terrain.elevation import MIN_POINTS, ElevationModel
 from sfr_loc_map.mapping.terrain.planes import Planes
 
-MIN_POINTS = 3
-"""Minimum number of points of a cell with a height: one point remains if the lowest and the highest are excluded."""
 OUTLIER_FRACTION = 0.15
 """Fraction of a cell's points above the high height of the cell, and fraction below its low height; at least one point
 each. A rock that covers a smaller fraction of a cell does not cause a step."""
@@ -60,8 +58,8 @@ def _level_heights(
 ) -> FloatArray32:
     """Return the height of each point `(N,)`, moved along the plane of its cell to the centre of the cell.
 
-    The slope within a cell is then no difference of heights. The height is unchanged in a cell without a plane, and for
-    points outside the grid.
+    These heights differ within a cell only by what its slope does not explain. The height of a point is unchanged if
+    the cell has no plane or the point is outside the grid.
     """
     cell = np.maximum(cell_of_point, 0)
     row, column = np.divmod(cell, cells.columns)
@@ -163,10 +161,11 @@ def _step_from_plane(
 def _step_beyond_slope(raw: OuterHeights, row: int, column: int, plane_disc: IntArray, rise_per_cell: float) -> float:
     """Return the step of a cell without a plane; NaN without heights.
 
-    The slope of the ground is unknown. A slope that is not a hazard explains a height difference of at most
-    `rise_per_cell`, metres per cell, times the distance, in cells, to another cell. The other cells are at the offsets
-    `plane_disc` `(K, 2)`. The height difference within the cell is not reduced. The step is the largest rest of a
-    difference, so that an isolated obstacle is a hazard even if its sides are not observed.
+    An isolated obstacle must be a hazard even if its sides are not observed. The high and the low height of the cell
+    are therefore compared with those of the cells at the offsets `plane_disc` `(K, 2)`. The slope of the ground is
+    unknown here. The steepest slope that is not a hazard rises by `rise_per_cell`, metres per cell, and this rise over
+    the distance of two cells is subtracted from their height difference. The step is the largest of the remaining
+    differences and of the height difference within the cell.
     """
     rows, columns = raw.low.shape
     low = raw.low[row, column]

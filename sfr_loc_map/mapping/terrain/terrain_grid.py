@@ -9,7 +9,7 @@ navigation of mobile robots on rough terrain" (IROS 2009); here, the hazard is t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -26,7 +26,7 @@ from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.cells import CellGrid, Square
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel, elevation_model
 from sfr_loc_map.mapping.terrain.planes import fit_planes
-from sfr_loc_map.mapping.terrain.steps import MIN_POINTS, steps_of_cells
+from sfr_loc_map.mapping.terrain.steps import steps_of_cells
 
 STEP_RADIUS_M = 0.25
 """Radius within which a difference of heights is a step, metres. If cells are larger than the radius, the step of a
@@ -52,9 +52,7 @@ class Discs(NamedTuple):
 class TerrainGrid:
     """The ground as a rover's planner uses it, over a grid whose rows are along y and columns along x of LM."""
 
-    #: Heights, their sigma, points of each cell, position and size of the cells. Unlike in the model of
-    #: `elevation_model`, cells with fewer than `MIN_POINTS` points are NaN.
-    elevation: ElevationModel
+    elevation: ElevationModel  #: Heights, their sigma, points of each cell, position and size of the cells.
     #: `(R, C)` float32, angle of the plane fitted to the heights within the rover's footprint, or within
     #: `MIN_RADIUS_CELLS` if this is larger (`Discs.plane_disc`).
     slope_rad: FloatArray32
@@ -155,15 +153,7 @@ def _heights(
         cells = CellGrid.over(cloud.xyz, config.cell_m, square)
         cell_of_point = np.where(square.contains(cloud.xyz), cells.cell_of(cloud.xyz), np.int32(-1))
     model = elevation_model(cloud, cells, cell_of_point, poses, random_sigma)
-    return _without_sparse_cells(model), cell_of_point
-
-
-def _without_sparse_cells(model: ElevationModel) -> ElevationModel:
-    """Return the model without the heights of cells with fewer than `MIN_POINTS` points."""
-    is_sparse = model.count < MIN_POINTS
-    height_m = np.where(is_sparse, F(np.nan), model.height_m)
-    sigma_m = np.where(is_sparse, F(np.nan), model.sigma_m)
-    return replace(model, height_m=height_m, sigma_m=sigma_m)
+    return model, cell_of_point
 
 
 def _hazards(

@@ -73,18 +73,18 @@ def test_a_grid_may_have_the_maximum_number_of_cells() -> None:
 
 
 def test_heights_are_weighed_by_the_variance_of_height_not_of_range() -> None:
-    """One point straight below its camera, one seen at a slant of 0.6: at equal sigma it is more accurate."""
+    """Two points straight below their camera, two seen at a slant of 0.6: at equal sigma these are more accurate."""
     xyz = [[1.55, 0.0, 0.0], [1.45, 0.0, 0.01]]
     poses = [
         Transform(np.eye(3), np.array([1.55, 0.0, 2.0])),
         Transform(np.eye(3), np.array([1.45 - 2.6533, 0.0, 2.0])),
     ]
-    model = elevation_from_cloud(cloud_of(xyz, [0.02, 0.02], [0, 1]), poses, 1.0)
+    model = elevation_from_cloud(cloud_of(2 * xyz, 4 * [0.02], 2 * [0, 1]), poses, 1.0)
     below, slant = (0.02**2 * (z * z + TYPICAL_SLOPE**2) for z in (1.0, 0.6))
     weights = np.array([1.0 / below, 1.0 / slant])
     assert model.height_m[0, 0] == pytest.approx(0.01 * weights[1] / weights.sum(), rel=0.01)
     spread = weights[0] * weights[1] / weights.sum() ** 2 * 0.01**2
-    assert model.sigma_m[0, 0] == pytest.approx(np.sqrt(2.0 / weights.sum() + spread / 2.0), rel=0.01)
+    assert model.sigma_m[0, 0] == pytest.approx(np.sqrt(2.0 / weights.sum() + spread / 4.0), rel=0.01)
 
 
 def test_an_error_that_points_share_has_no_say_in_weights_and_no_mean_removes_it() -> None:

@@ -21,7 +21,7 @@ the development panorama and the sample, with the right camera rotated by 0.3 to
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -58,18 +58,14 @@ class CameraRotation:
 
     yaw_rad: float  #: About y; a positive yaw turns the camera to the right. 0 if too few pixels are valid.
     #: Standard deviation of the yaw from image noise and, in a repeated measurement, from the remaining bias
-    #: (`YAW_BIAS_FRACTION`). Infinite if too few pixels are valid. Residual distortion is not included.
-    yaw_sigma_rad: float
+    #: (`YAW_BIAS_FRACTION`). Residual distortion is not included. None if too few pixels are valid: the rotation is
+    #: then not measured, and only the vertical disparity that was removed is known.
+    yaw_sigma_rad: float | None
     roll_rad: float  #: About z; a positive roll turns the camera clockwise.
     pitch_rad: float  #: About x; a positive pitch turns the camera up. Equivalent to the vertical offset.
     vertical_rms_px: float  #: Root mean square of the vertical disparity over the image.
     #: Standard deviation over the image of the part of the vertical disparity that neither offset nor roll explains.
     distortion_rms_px: float
-
-    @property
-    def is_measured(self) -> bool:
-        """Whether enough pixels were valid; otherwise only the vertical disparity that was removed is known."""
-        return math.isfinite(self.yaw_sigma_rad)
 
 
 def measure_right_rotation(scene: DisparityScene, removed: VerticalPolynomial, rig: StereoRig) -> CameraRotation:
@@ -88,16 +84,16 @@ def measure_right_rotation(scene: DisparityScene, removed: VerticalPolynomial, r
         used=scene.valid,
     )
     if fit is None:
-        return _rotation_of(removed, math.inf, rig)
+        return _rotation_of(removed, None, rig)
     rotation = _rotation_of(removed.plus(fit.polynomial), fit.sigmas.saddle / rig.fy, rig)
     if rotation.distortion_rms_px < MIN_ROTATION_PX:
         return rotation
     repeated = _repeated_fit(scene, rig)
     if repeated is None:
         return rotation
-    rotation = _rotation_of(removed.plus(repeated.polynomial), repeated.sigmas.saddle / rig.fy, rig)
-    sigma_rad = math.hypot(rotation.yaw_sigma_rad, YAW_BIAS_FRACTION * rotation.yaw_rad)
-    return replace(rotation, yaw_sigma_rad=sigma_rad)
+    vertical = removed.plus(repeated.polynomial)
+    yaw_bias_rad = YAW_BIAS_FRACTION * _yaw_rad(vertical, rig)
+    return _rotation_of(vertical, math.hypot(repeated.sigmas.saddle / rig.fy, yaw_bias_rad), rig)
 
 
 def _repeated_fit(scene: DisparityScene, rig: StereoRig) -> VerticalFit | None:
@@ -116,7 +112,12 @@ def _repeated_fit(scene: DisparityScene, rig: StereoRig) -> VerticalFit | None:
     return VerticalFit(remaining, sigmas)
 
 
-def _rotation_of(vertical: VerticalPolynomial, yaw_sigma_rad: float, rig: StereoRig) -> CameraRotation:
+def _yaw_rad(vertical: VerticalPolynomial, rig: StereoRig) -> float:
+    """Return the yaw that explains the saddle of a vertical disparity."""
+    return -vertical.saddle / rig.fy
+
+
+def _rotation_of(vertical: VerticalPolynomial, yaw_sigma_rad: float | None, rig: StereoRig) -> CameraRotation:
     """Return the rotation that explains a vertical disparity."""
     without_offset_and_roll = vertical._replace(constant=0.0, along_x=0.0)
     columns = np.linspace(0.0, rig.width - 1.0, GRID_POINTS)[None]
@@ -124,7 +125,7 @@ def _rotation_of(vertical: VerticalPolynomial, yaw_sigma_rad: float, rig: Stereo
     vertical_px = vertical.at_pixels(columns, rows, rig.camera)
     distortion_px = without_offset_and_roll.at_pixels(columns, rows, rig.camera)
     return CameraRotation(
-        yaw_rad=-vertical.saddle / rig.fy,
+        yaw_rad=_yaw_rad(vertical, rig),
         yaw_sigma_rad=yaw_sigma_rad,
         roll_rad=-vertical.along_x / rig.fy,
         pitch_rad=vertical.constant / rig.fy,
