@@ -87,13 +87,6 @@ class KindInfo(NamedTuple):
         return self.min_amount < 0.0
 
 
-def _image_strength(
-    *, effect: str, amount: float, change: Change, max_amount: float = 1000.0, neutral: float | None = 0.0
-) -> KindInfo:
-    """Describe a kind that changes the images of one or both cameras with a strength."""
-    return KindInfo(effect=effect, amount=amount, neutral=neutral, max_amount=max_amount, change=change)
-
-
 def _fixed_region(*, effect: str, amount: float, change: Change, max_amount: float = 1.0) -> KindInfo:
     """Describe a kind that changes a region of the image, by default in all pairs of a drive."""
     return KindInfo(effect=effect, amount=amount, neutral=0.0, max_amount=max_amount, share=1.0, start=0, change=change)
@@ -173,34 +166,37 @@ class FaultKind(StrEnum):
         effect="the previous images are shown with new noise of AMOUNT grey levels",
         amount=1.0, burst=5, change=images.frozen, repeats=True,
     )
-    TORN = "torn", _image_strength(
+    TORN = "torn", KindInfo(
         effect="the lower fraction AMOUNT of the image is from the previous pair",
-        amount=0.5, max_amount=1.0, change=images.torn,
+        amount=0.5, neutral=0.0, max_amount=1.0, change=images.torn,
     )
-    GHOST = "ghost", _image_strength(
+    GHOST = "ghost", KindInfo(
         effect="the previous image is blended in with weight AMOUNT",
-        amount=0.5, max_amount=1.0, change=images.ghost,
+        amount=0.5, neutral=0.0, max_amount=1.0, change=images.ghost,
     )
-    SATURATION = "saturation", _image_strength(
+    SATURATION = "saturation", KindInfo(
         effect="overexposure: a fraction AMOUNT of the image is clipped",
-        amount=0.5, max_amount=1.0, neutral=None, change=images.saturated,
+        amount=0.5, max_amount=1.0, change=images.saturated,
     )
-    BLINDED = "blinded", _image_strength(
+    BLINDED = "blinded", KindInfo(
         effect="glare: a spot, AMOUNT image widths wide, is saturated",
-        amount=1.0, change=images.blinded,
+        amount=1.0, neutral=0.0, change=images.blinded,
     )
-    BLURRED = "blurred", _image_strength(
+    BLURRED = "blurred", KindInfo(
         effect="Gaussian blur of AMOUNT px",
-        amount=2.5, max_amount=50.0, change=images.blurred,
+        amount=2.5, neutral=0.0, max_amount=50.0, change=images.blurred,
     )
-    NOISY = "noisy", _image_strength(effect="Gaussian noise of AMOUNT grey levels", amount=10.0, change=images.noisy)
-    EXPOSURE = "exposure", _image_strength(
+    NOISY = "noisy", KindInfo(
+        effect="Gaussian noise of AMOUNT grey levels",
+        amount=10.0, neutral=0.0, change=images.noisy,
+    )
+    EXPOSURE = "exposure", KindInfo(
         effect="brightness times AMOUNT",
         amount=0.5, neutral=1.0, change=images.exposed,
     )
-    SHEAR = "shear", _image_strength(
+    SHEAR = "shear", KindInfo(
         effect="rows are sheared by AMOUNT px in a random direction, as by a rolling shutter",
-        amount=1.0, change=images.sheared,
+        amount=1.0, neutral=0.0, change=images.sheared,
     )
 
     FADE = "fade", KindInfo(
