@@ -17,9 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaincc
 
-from sfr_loc_map.evidence.check_result import CheckResult
+from sfr_loc_map.evidence.localiser_runs import AT_REVISITED_PLACES, ComparedRun, name_of_comparison
 from sfr_loc_map.evidence.paired_runs import SPACING, paired, spans_of
-from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.conditions import Condition
@@ -28,7 +27,6 @@ from sfr_loc_map.metrics.figures.rows import Figure, figure_row, nees_row
 from sfr_loc_map.metrics.trajectory.consistency import without_overlap
 from sfr_loc_map.metrics.trajectory.trajectory_errors import select
 
-SIGNIFICANCE = 0.05  #: Probability of a false finding over all comparisons of a recording.
 MIN_SUB_TRAJECTORIES = 3  #: Minimum number of sub-trajectories that do not overlap.
 DEGREES = 6  #: Degrees of freedom of a pose error.
 
@@ -48,7 +46,7 @@ class Agreement:
     """The comparison of two runs over one condition."""
 
     runs: tuple[str, str]  #: Names of the runs.
-    condition: str | None  #: Condition of the sub-trajectories; None for paths between visits of a place.
+    condition: str | None  #: Condition of the sub-trajectories; None at revisited places.
     differences: Differences
     #: Probability of squares at least this large for consistent covariances; None for too few squares.
     probability: float | None
@@ -56,12 +54,17 @@ class Agreement:
     @property
     def name(self) -> str:
         """Name of the comparison in the table of figures."""
-        return " - ".join(self.runs)
+        return name_of_comparison(*self.runs)
+
+    @property
+    def is_of_revisited_places(self) -> bool:
+        """Whether the differences are misclosures at revisited places; otherwise they are over sub-trajectories."""
+        return self.name == AT_REVISITED_PLACES
 
     @property
     def over(self) -> str:
         """What the differences are computed over, in words."""
-        return self.condition or REVISITED_PLACES
+        return REVISITED_PLACES if self.is_of_revisited_places else self.condition or ""
 
 
 def compare(first: ComparedRun, other: ComparedRun, condition: Condition) -> Agreement:
@@ -92,43 +95,15 @@ def compare(first: ComparedRun, other: ComparedRun, condition: Condition) -> Agr
 
 def probability_of(squares: FloatArray) -> float:
     """Return the probability that the sum of independent normalised squares is at least this large."""
-    return probability_of_sum(float(squares.sum()), len(squares))
+    return float(gammaincc(0.5 * DEGREES * len(squares), 0.5 * float(squares.sum())))
 
 
-def probability_of_sum(total: float, count: int) -> float:
-    """Return the probability that the sum of `count` independent normalised squares is at least `total`."""
-    return float(gammaincc(0.5 * DEGREES * count, 0.5 * total))
-
-
-# ---- result and figures
-
-
-def results_of(agreements: Sequence[Agreement]) -> tuple[CheckResult, ...]:
-    """Return the result of each comparison."""
-    return results_of_probabilities([item.probability for item in agreements])
-
-
-def results_of_probabilities(probabilities: Sequence[float | None]) -> tuple[CheckResult, ...]:
-    """Return the result of comparisons by their probabilities; an unknown or undefined probability has too few data.
-
-    The significance is divided by the number of known probabilities (Bonferroni).
-    """
-    known = [None if value is None or not math.isfinite(value) else value for value in probabilities]
-    count = sum(value is not None for value in known)
-    results = []
-    for value in known:
-        if value is None:
-            results.append(CheckResult.NOT_ENOUGH_DATA)
-        elif value * count < SIGNIFICANCE:
-            results.append(CheckResult.INCONSISTENT)
-        else:
-            results.append(CheckResult.CONSISTENT)
-    return tuple(results)
+# ---- explanations and figures
 
 
 def shortage_of(agreements: Sequence[Agreement]) -> str:
     """Return why no comparison has enough data."""
-    is_revisited = any(item.condition is None for item in agreements)
+    is_revisited = any(item.is_of_revisited_places for item in agreements)
     most = max((item.differences.independent for item in agreements), default=0)
     if not is_revisited and most < MIN_SUB_TRAJECTORIES:
         return "fewer than three sub-trajectories and no revisited place: give a shorter --condition"

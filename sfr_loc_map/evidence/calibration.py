@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.evidence.agreement import Agreement
-from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory
+from sfr_loc_map.evidence.localiser_runs import ComparedRun, PairsInMemory
 from sfr_loc_map.faults.images import rotated
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.metrics import formulas

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import combinations, islice
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.evidence.agreement import Agreement, agreement_rows, compare, disagreement_of, results_of, shortage_of
-from sfr_loc_map.evidence.calibration import (
-    Advice,
-    CameraOffset,
-    corrected_drive,
-    cost_row,
-    offset_rows,
-    right_camera_offsets,
+from sfr_loc_map.evidence.agreement import Agreement, agreement_rows, compare, disagreement_of, shortage_of
+from sfr_loc_map.evidence.calibration import CameraOffset, corrected_drive, cost_row, offset_rows, right_camera_offsets
+from sfr_loc_map.evidence.check_result import DRIVE, Check, CheckResult
+from sfr_loc_map.evidence.localiser_runs import (
+    CALIBRATED,
+    COMPARED,
+    CORRECTED,
+    ComparedRun,
+    PairsInMemory,
+    RunVariant,
+    run_pairs,
+    run_variant,
 )
-from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
 from sfr_loc_map.evidence.other_estimates import at_pairs_of, check_different, hat_rows, scale_row
 from sfr_loc_map.evidence.predicted import predicted_rows
 from sfr_loc_map.evidence.revisited import agreement_at, closure_rows, find_closures
-from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, Variant, run_pairs, run_variant
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.message_text import counted
@@ -28,34 +30,6 @@ from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.figures.rows import Figure
 
 MIN_PAIRS = 20  #: Minimum number of pairs of a drive.
-CORRECTED = "corrected"  #: Name of the run with the corrected calibration.
-COMPARED = (
-    (Variant.FORWARD, Variant.BACKWARD),
-    (Variant.FORWARD, Variant.EVERY_SECOND),
-    (Variant.LEFT_HALF, Variant.RIGHT_HALF),
-)
-"""Runs that are compared with each other."""
-CALIBRATED = (Variant.FORWARD, Variant.BACKWARD, Variant.LEFT_HALF, Variant.RIGHT_HALF)
-"""Runs that estimate the rotation of the right camera, each from all pairs."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriveCheck(Check):
-    """The check of a drive."""
-
-    agreements: tuple[Agreement, ...]  #: The comparisons that decide the result.
-    forward: ComparedRun  #: The run over all pairs in recorded order, as in operation.
-    offsets: tuple[CameraOffset, ...]  #: Offsets of the right camera from its calibration.
-
-    @property
-    def wrong_offsets(self) -> tuple[CameraOffset, ...]:
-        """The offsets for which the calibration should be repeated."""
-        return tuple(offset for offset in self.offsets if offset.is_wrong)
-
-    @property
-    def advice(self) -> dict[str, Advice]:
-        """The recommended action for the calibration file, by angle."""
-        return {offset.angle: offset.advice for offset in self.offsets}
 
 
 def check_drive(
@@ -65,26 +39,26 @@ def check_drive(
     most_pairs: int,
     others: Sequence[ComparedRun] = (),
     progress: Callable[[], None] = lambda: None,
-) -> DriveCheck:
+) -> Check:
     """Run each variant of the localiser over the first pairs of a drive; compare the runs and other estimates.
 
     The forward run is done first, so that an estimate of another drive or clock is refused before the other runs.
-    Only the runs of the variants decide the result. Other estimates contribute figures. `progress` is called after each
-    call of the localiser in the variants (`variants.calls_of` gives the number of calls).
+    `check_result` states which figures decide the result. `progress` is called after each call of the localiser in the
+    variants (`calls_of` gives the number of these calls), but not in direct runs and in the run with the corrected
+    calibration.
     """
     drive = PairsInMemory(sequence.rig, list(islice(sequence.pairs(), most_pairs)))
     if len(drive) < MIN_PAIRS:
         raise InputError(too_few_pairs(len(drive)))
-    forward = run_variant(drive, config, Variant.FORWARD, progress)
+    forward = run_variant(drive, config, RunVariant.FORWARD, progress)
     others = [at_pairs_of(forward, other) for other in others]
     for first, other in combinations((forward, *others), 2):
         check_different(first, other)
-    runs = {Variant.FORWARD: forward}
-    runs |= {variant: run_variant(drive, config, variant, progress) for variant in Variant if variant not in runs}
+    runs = {RunVariant.FORWARD: forward}
+    runs |= {variant: run_variant(drive, config, variant, progress) for variant in RunVariant if variant not in runs}
 
     closures = find_closures(drive, forward, config)
     agreements = [*_agreements_of(runs, conditions), *([agreement_at(closures)] if closures else [])]
-    results = results_of(agreements)
 
     with_others = [compare(forward, other, condition) for condition in conditions for other in others]
     offsets = right_camera_offsets([runs[variant] for variant in CALIBRATED], sequence.rig)
@@ -98,17 +72,14 @@ def check_drive(
         *(row for offset in offsets for row in offset_rows(offset)),
         *_cost_rows(drive, forward, wrong_offsets, conditions, config),
     )
-    return DriveCheck(
-        results=results,
-        figures=figures,
-        pairs=len(drive),
-        pairs_of_source=len(sequence),
-        disagreements=(disagreement_of(agreements),) if CheckResult.INCONSISTENT in results else (),
-        shortage=shortage_of(agreements) if combined(results) is CheckResult.NOT_ENOUGH_DATA else "",
-        agreements=tuple(agreements),
-        forward=forward,
-        offsets=tuple(offsets),
+    check = Check(
+        subject=DRIVE, figures=figures, pairs=len(drive), pairs_of_source=len(sequence), offsets=tuple(offsets)
     )
+    if check.result is CheckResult.INCONSISTENT:
+        return replace(check, disagreements=(disagreement_of(agreements),))
+    if check.result is CheckResult.NOT_ENOUGH_DATA:
+        return replace(check, shortage=shortage_of(agreements))
+    return check
 
 
 def too_few_pairs(count: int) -> str:
@@ -118,17 +89,10 @@ def too_few_pairs(count: int) -> str:
 
 def short_drive(pairs: int, pairs_of_source: int) -> Check:
     """Return the check of a drive that has fewer than `MIN_PAIRS` pairs: there is not enough data."""
-    return Check(
-        results=(),
-        figures=(),
-        pairs=pairs,
-        pairs_of_source=pairs_of_source,
-        disagreements=(),
-        shortage=too_few_pairs(pairs),
-    )
+    return Check(subject=DRIVE, figures=(), pairs=pairs, pairs_of_source=pairs_of_source, shortage=too_few_pairs(pairs))
 
 
-def _agreements_of(runs: Mapping[Variant, ComparedRun], conditions: Sequence[Condition]) -> Iterator[Agreement]:
+def _agreements_of(runs: Mapping[RunVariant, ComparedRun], conditions: Sequence[Condition]) -> Iterator[Agreement]:
     """Yield the comparison of each pair of runs in `COMPARED` over each condition."""
     for condition in conditions:
         for first, other in COMPARED:

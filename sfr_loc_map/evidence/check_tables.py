@@ -7,12 +7,13 @@ as `figures.3.value`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence import kinds
 from sfr_loc_map.evidence.kinds import EvidenceKind
+from sfr_loc_map.evidence.localiser_runs import AT_REVISITED_PLACES, OWN_COMPARISONS
 from sfr_loc_map.mapping.multiview.projection import SHIFT_PX
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.figures.catalogue import REVISITED_PLACES
@@ -123,11 +124,13 @@ class CheckTable(NamedTuple):
     kind: EvidenceKind
     figure: str  #: Figure that each line of the table has.
     columns: tuple[RowColumn[Item], ...]
-    without: str = ""  #: Figure that no line of the table has; empty if any figure is allowed.
+    parts: Collection[str] | None = None  #: Parts of the figures that the table shows; None for all.
 
     def of(self, figures: Sequence[Figure]) -> Table:
         """Return the table of the figures of a check."""
-        items = [item for item in items_with(self.figure, figures) if self.without not in item.rows]
+        items = items_with(self.figure, figures)
+        if self.parts is not None:
+            items = [item for item in items if item.part in self.parts]
         return table_of(self.kind.name, self.kind.title, self.columns, items, self.kind.note)
 
 
@@ -136,7 +139,7 @@ AGREEMENT_TABLE = CheckTable(
     "difference",
     (
         parts("runs"),
-        words("over", lambda item: label_of(item.condition) or REVISITED_PLACES),
+        words("over", lambda item: REVISITED_PLACES if item.part == AT_REVISITED_PLACES else label_of(item.condition)),
         *lengths(Length("difference, rmse", "difference", "rmse"), Length("minimum error of a run", "error_at_least")),
         numbers("n", "difference", "n"),
         numbers("NEES", "difference_nees", "mean"),
@@ -144,7 +147,7 @@ AGREEMENT_TABLE = CheckTable(
         numbers("independent", "difference_nees", "n"),
         numbers("p", "agreement"),
     ),
-    without="scale",  # a comparison with another estimate
+    parts=OWN_COMPARISONS,
 )
 REVISITED_TABLE = CheckTable(
     kinds.REVISITED,

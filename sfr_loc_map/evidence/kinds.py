@@ -1,14 +1,14 @@
 """The kinds of evidence of a check without ground truth: the statistic of each, what it shows, and what it hides.
 
-Each kind is a table of a check (`check_tables`), whose note is `EvidenceKind.note`. The rows of its figures are
-made in the module of the same subject.
+Each kind is a table of a check (`check_tables`), whose note is `EvidenceKind.note`. These functions make the rows of
+its figures:
 
-| kind | rows are made by |
+| kind | functions |
 |---|---|
-| `AGREEMENT` | `agreement.agreement_rows` |
-| `REVISITED` | `revisited.closure_rows`, `agreement.agreement_rows` |
+| `AGREEMENT` | `agreement.agreement_rows`, also of the misclosures at all revisited places together |
+| `REVISITED` | `revisited.closure_rows` |
 | `PREDICTED` | `predicted.predicted_rows` |
-| `SCALE` | `other_estimates.scale_row` |
+| `SCALE` | `agreement.agreement_rows`, `other_estimates.scale_row` |
 | `HAT` | `other_estimates.hat_rows` |
 | `CALIBRATION` | `calibration.offset_rows`, `calibration.cost_row` |
 | `OVERLAP` | `overlap.overlap_rows` |
@@ -30,7 +30,7 @@ class EvidenceKind(NamedTuple):
     statistic: str  #: Definition of its numbers.
     shows: str  #: What follows from the numbers.
     hides: str  #: Errors that the numbers cannot show.
-    decides: bool  #: Whether the result of the check depends on this kind. Other estimates never decide.
+    decides: bool  #: Whether the result of the check depends on this kind, as stated in `check_result`.
 
     @property
     def note(self) -> str:

@@ -8,8 +8,8 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import MIN_SUB_TRAJECTORIES, Agreement
+from sfr_loc_map.evidence.localiser_runs import ComparedRun
 from sfr_loc_map.evidence.paired_runs import SPACING, RunAtPairs, paired, spans_of
-from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics import formulas

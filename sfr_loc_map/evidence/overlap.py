@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
+from sfr_loc_map.evidence.check_result import MAPS, Check, CheckResult, combined, result_of_overlap
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
@@ -52,28 +52,19 @@ class Overlap(NamedTuple):
     @property
     def result(self) -> CheckResult:
         """Result for the two pairs."""
-        return result_of(self.points, self.ratio, self.grey_ratio)
-
-
-def result_of(points: int, ratio: float, grey_ratio: float) -> CheckResult:
-    """Return the result for two pairs by the criteria of the fusion; `grey_ratio` is NaN without texture."""
-    if points < MIN_OVERLAP:
-        return CheckResult.NOT_ENOUGH_DATA
-    disagrees = pose_disagreement(ratio, grey_ratio) != ""
-    return CheckResult.INCONSISTENT if disagrees else CheckResult.CONSISTENT
+        return result_of_overlap(self.points, self.ratio, self.grey_ratio)
 
 
 def check_maps(sequence: NavSequence, config: MappingConfig) -> Check:
     """Map the first `MAX_PAIRS` pairs of a source and compare every two maps that overlap."""
     overlaps = find_overlaps(sequence, config)
-    results = tuple(overlap.result for overlap in overlaps)
     return Check(
-        results=results,
+        subject=MAPS,
         figures=tuple(row for overlap in overlaps for row in overlap_rows(overlap)),
         pairs=min(len(sequence), MAX_PAIRS),
         pairs_of_source=len(sequence),
         disagreements=tuple(overlap.disagreement for overlap in overlaps if overlap.disagreement),
-        shortage=TOO_FEW if combined(results) is CheckResult.NOT_ENOUGH_DATA else "",
+        shortage=TOO_FEW if combined(overlap.result for overlap in overlaps) is CheckResult.NOT_ENOUGH_DATA else "",
     )
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.evidence.variants import ComparedRun
+from sfr_loc_map.evidence.localiser_runs import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat, unit_quats
 from sfr_loc_map.geometry.transform import propagated_covariance
@@ -108,18 +108,20 @@ def paired(first: ComparedRun, other: ComparedRun) -> PairedRuns:
 
     The first run is not the backward run.
     """
-    ours, theirs = (run.own_stamps(run.estimates.trajectory.stamps_ns) for run in (first, other))
-    _, rows, other_rows = np.intersect1d(ours, theirs, return_indices=True)
+    _, rows, other_rows = np.intersect1d(first.pair_stamps_ns, other.pair_stamps_ns, return_indices=True)
     return PairedRuns(
         RunAtPairs(first, rows, poses_at(first, rows)), RunAtPairs(other, other_rows, poses_at(other, other_rows))
     )
 
 
 def rows_at(run: ComparedRun, stamps_ns: IntArray) -> IntArray:
-    """Return the rows of the estimates at the stamps of pairs; MetricsError if a pair has no estimate."""
-    known_ns, wanted_ns = run.estimates.trajectory.stamps_ns, run.own_stamps(stamps_ns)
-    rows = np.searchsorted(known_ns, wanted_ns)
-    is_missing = known_ns[np.minimum(rows, len(known_ns) - 1)] != wanted_ns
+    """Return the rows of the estimates at the stamps of pairs; MetricsError if a pair has no estimate.
+
+    The run is not backward.
+    """
+    known_ns = run.pair_stamps_ns
+    rows = np.searchsorted(known_ns, stamps_ns)
+    is_missing = known_ns[np.minimum(rows, len(known_ns) - 1)] != stamps_ns
     if is_missing.any():
         missing_ns = stamps_ns[is_missing][0]
         raise MetricsError(
@@ -131,8 +133,7 @@ def rows_at(run: ComparedRun, stamps_ns: IntArray) -> IntArray:
 def poses_at(run: ComparedRun, rows: IntArray) -> StampedPoses:
     """Return the poses of a run in the given rows, with the stamps of their pairs."""
     poses = run.estimates.trajectory
-    stamps_ns = run.own_stamps(poses.stamps_ns[rows])
-    return StampedPoses(stamps_ns, poses.positions[rows], unit_quats(poses.quats_xyzw[rows]))
+    return StampedPoses(run.pair_stamps_ns[rows], poses.positions[rows], unit_quats(poses.quats_xyzw[rows]))
 
 
 def in_axes_of(ours: StampedPoses, theirs: StampedPoses, start: int, covariance: FloatArray) -> FloatArray:

@@ -12,8 +12,8 @@ from enum import StrEnum
 
 import numpy as np
 
+from sfr_loc_map.evidence.localiser_runs import ComparedRun
 from sfr_loc_map.evidence.paired_runs import SPACING
-from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import propagation
 from sfr_loc_map.metrics import formulas
@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.trajectory.consistency import StepSums, sums_of_steps
 from sfr_loc_map.metrics.trajectory.trajectory_errors import select
 
 
-class ErrorSource(StrEnum):
+class PredictedSource(StrEnum):
     """Sources of error that the steps of an estimate separate."""
 
     STEPS = "drift from step to step"
@@ -54,15 +54,15 @@ def predicted_rows(run: ComparedRun, condition: Condition) -> Iterator[Figure]:
     if not parts:
         return
     means = {source: np.mean([part[source] for part in parts], axis=0) for source in parts[0]}
-    means[ErrorSource.ALL] = np.sum(list(means.values()), axis=0)
+    means[PredictedSource.ALL] = np.sum(list(means.values()), axis=0)
     for source, (position_m2, attitude_rad2) in means.items():
         where = (condition.setting, source.value)
         yield figure_row("predicted", *where, n=len(parts), value=np.sqrt(position_m2))
-        yield figure_row("predicted_share", *where, n=len(parts), value=position_m2 / means[ErrorSource.ALL][0])
+        yield figure_row("predicted_share", *where, n=len(parts), value=position_m2 / means[PredictedSource.ALL][0])
         yield figure_row("predicted_attitude", *where, n=len(parts), value=np.degrees(np.sqrt(attitude_rad2)))
 
 
-def squares_by_source(start: StepSums, end: StepSums, position: FloatArray) -> Mapping[ErrorSource, FloatArray]:
+def squares_by_source(start: StepSums, end: StepSums, position: FloatArray) -> Mapping[PredictedSource, FloatArray]:
     """Return the variances `(2,)` of position, m^2, and attitude, rad^2, summed over the axes, by source.
 
     The first three systematic errors displace each step, like a disparity error. The other three rotate each step,
@@ -72,10 +72,10 @@ def squares_by_source(start: StepSums, end: StepSums, position: FloatArray) -> M
     systematic = carry @ (end.systematic - start.systematic)
     disparity, lens = systematic[:, :3], systematic[:, 3:]
     covariances = {
-        ErrorSource.STEPS: carry @ (end.covariance - start.covariance) @ carry.T,
-        ErrorSource.NOISE: carry @ (start.noise + end.noise) @ carry.T,
-        ErrorSource.DISPARITY: disparity @ disparity.T,
-        ErrorSource.LENS: lens @ lens.T,
+        PredictedSource.STEPS: carry @ (end.covariance - start.covariance) @ carry.T,
+        PredictedSource.NOISE: carry @ (start.noise + end.noise) @ carry.T,
+        PredictedSource.DISPARITY: disparity @ disparity.T,
+        PredictedSource.LENS: lens @ lens.T,
     }
     variances = {source: covariance.diagonal() for source, covariance in covariances.items()}
     return {source: np.array([values[:3].sum(), values[3:].sum()]) for source, values in variances.items()}

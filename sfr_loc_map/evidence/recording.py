@@ -10,20 +10,10 @@ from typing import Any
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.evidence.calibration import Advice
-from sfr_loc_map.evidence.check import CORRECTED, MIN_PAIRS, DriveCheck, check_drive, short_drive
-from sfr_loc_map.evidence.check_result import (
-    CALIBRATION,
-    DRIVE,
-    MAPS,
-    OF_SUBJECTS,
-    SCHEMA,
-    Check,
-    CheckResult,
-    combined,
-)
+from sfr_loc_map.evidence.check import MIN_PAIRS, check_drive, short_drive
+from sfr_loc_map.evidence.check_result import OF_SUBJECTS, SCHEMA, Check, CheckResult, combined, results_of
+from sfr_loc_map.evidence.localiser_runs import NAMES_OF_OWN_RUNS, ComparedRun, calls_of
 from sfr_loc_map.evidence.overlap import check_maps
-from sfr_loc_map.evidence.revisited import DIRECT
-from sfr_loc_map.evidence.variants import ComparedRun, Variant, calls_of
 from sfr_loc_map.io.sequence import Source, drive_of
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -34,38 +24,34 @@ from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.stored.score_json import HASH, hash_of_values, to_plain
 
-NAMES_OF_OWN_RUNS = frozenset((*Variant, CORRECTED, DIRECT))  #: Names that an estimate of another method must not have.
-
 
 @dataclass(frozen=True, slots=True)
 class RecordingCheck:
     """The checks of a recording."""
 
-    drive: Check | None = None  #: None without a drive. A drive of too few pairs has no `DriveCheck`.
+    drive: Check | None = None  #: None without a drive.
     maps: Check | None = None  #: None without several mapping pairs.
     provenance: Provenance | None = None  #: Inputs, command, settings, version and time; None if unknown.
 
     @property
     def checks(self) -> dict[str, Check]:
         """The checks by subject."""
-        checks = {DRIVE: self.drive, MAPS: self.maps}
-        return {subject: check for subject, check in checks.items() if check is not None}
+        return {check.subject: check for check in (self.drive, self.maps) if check is not None}
 
     @property
     def calibration(self) -> tuple[str, ...]:
         """Offsets of the right camera for which the calibration should be repeated, one phrase each."""
-        return tuple(offset.text for offset in self.drive.wrong_offsets) if isinstance(self.drive, DriveCheck) else ()
+        return () if self.drive is None else tuple(offset.text for offset in self.drive.wrong_offsets)
 
     @property
     def advice(self) -> dict[str, Advice]:
         """The recommended action for the calibration file, by angle."""
-        return self.drive.advice if isinstance(self.drive, DriveCheck) else {}
+        return {} if self.drive is None else self.drive.advice
 
     @property
     def results(self) -> dict[str, CheckResult]:
         """The result of each subject; the calibration has a result only if it should be repeated."""
-        results = {subject: check.result for subject, check in self.checks.items()}
-        return results | ({CALIBRATION: CheckResult.INCONSISTENT} if self.calibration else {})
+        return results_of(self.checks, self.figures, self.advice)
 
     @property
     def result(self) -> CheckResult:

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from sfr_loc_map.evidence.agreement import Agreement, Differences, probability_of
+from sfr_loc_map.evidence.localiser_runs import DIRECT, ComparedRun, PairsInMemory, RunVariant, run_pairs
 from sfr_loc_map.evidence.paired_runs import in_axes_of, poses_at, rows_at
-from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, Variant, run_pairs
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics import formulas
@@ -37,7 +37,6 @@ MAX_TURN_DEG = 30.0  #: Maximum rotation between two visits, deg. Chosen by hand
 PAIRS_BEFORE = 10
 """Pairs up to the first visit in the direct run. Chosen by hand: enough for several keyframes."""
 MOST_TRIES = 10  #: Maximum number of direct runs.
-DIRECT = "direct"  #: Name of a direct run.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,7 +141,7 @@ def agreement_at(closures: Sequence[Closure]) -> Agreement:
     differences = Differences(errors[:, :3], attitude_deg, squares, lengths_m, independent=len(closures))
     probability = probability_of(squares) if len(squares) else None
     return Agreement(
-        runs=(Variant.FORWARD.value, DIRECT), condition=None, differences=differences, probability=probability
+        runs=(RunVariant.FORWARD.value, DIRECT), condition=None, differences=differences, probability=probability
     )
 
 

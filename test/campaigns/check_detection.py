@@ -13,7 +13,7 @@ from pathlib import Path
 from scipy.stats import spearmanr
 
 from sfr_loc_map.evidence.check import check_drive
-from sfr_loc_map.evidence.variants import PairsInMemory
+from sfr_loc_map.evidence.localiser_runs import PairsInMemory, RunVariant, run_variant
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.io.registry import open_source
@@ -47,21 +47,22 @@ def main(arguments: list[str]) -> int:
             kept = [pair for _, pair in injector.pairs(clean)]
             sequence = PairsInMemory(injector.rig, kept)
             found = check_drive(sequence, LocalisationConfig(), CONDITIONS, MOST_PAIRS)
-            known = [item for item in found.agreements if item.probability is not None]
-            worst = min(known, key=lambda item: item.probability or 0.0, default=None)
+            forward = run_variant(sequence, LocalisationConfig(), RunVariant.FORWARD, lambda: None)
+            known = [row for row in found.figures if row.figure == "agreement" and row.value is not None]
+            worst = min(known, key=lambda row: row.value, default=None)
             least = [row.value for row in found.figures if row.figure == "error_at_least" and row.condition == JUDGED]
             bound = max((value for value in least if value is not None), default=float("nan"))
-            scored = score_trajectory(found.forward.estimates, truth, TrajectoryScoreConfig(conditions=(JUDGED,)))
+            scored = score_trajectory(forward.estimates, truth, TrajectoryScoreConfig(conditions=(JUDGED,)))
             error = Score(figures=scored.figures, association=scored.association).number("position", "rmse") or float(
                 "nan"
             )
-            shown = "" if worst is None else f"{worst.name} over {worst.condition}, p {worst.probability:.2g}"
+            shown = "" if worst is None else f"{worst.part} over {worst.condition}, p {worst.value:.2g}"
             closures = "; ".join(
                 f"misclosure {1e3 * row.value:.2f} mm of {row.part}"
                 for row in found.figures
                 if row.figure == "misclosure" and row.value is not None
             )
-            lost = int(found.forward.estimates.lost.sum())
+            lost = int(forward.estimates.lost.sum())
             print(
                 f"{path.name}; {text or 'none'}; {found.result}; {shown}; at least {1e3 * bound:.2f} mm; "
                 f"true rmse {1e3 * error:.2f} mm; {lost} lost; {closures or 'no revisited place'}; "

@@ -9,6 +9,7 @@ bound of the error with the true error. Rendered drives are kept in the folder a
 from __future__ import annotations
 
 import argparse
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,8 +18,9 @@ from scipy.stats import binomtest, spearmanr
 
 from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.configuration.yaml_file import load_yaml
-from sfr_loc_map.evidence.check import DriveCheck, check_drive
-from sfr_loc_map.evidence.check_result import CheckResult
+from sfr_loc_map.evidence.check import check_drive
+from sfr_loc_map.evidence.check_result import Check, CheckResult
+from sfr_loc_map.evidence.localiser_runs import ComparedRun, PairsInMemory, RunVariant, run_variant
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
@@ -77,30 +79,32 @@ def config_of(scenario: str, seed: int, width: int) -> SimulationConfig:
 def check(folder: Path) -> Checked:
     """Check a drive without its truth, compare with its truth, and print one line."""
     drive = drive_of(open_source(folder))
+    checked = PairsInMemory(drive.rig, list(islice(drive.pairs(), MOST_PAIRS)))
+    forward = run_variant(checked, LocalisationConfig(), RunVariant.FORWARD, lambda: None)
     found = check_drive(drive, LocalisationConfig(), CONDITIONS, MOST_PAIRS)
     bound_m = largest_bound(found)
-    error_m = true_error(found, drive.ground_truth)
-    known = [item for item in found.agreements if item.probability is not None]
-    worst = min(known, key=lambda item: item.probability or 0.0, default=None)
-    shown = "" if worst is None else f"{worst.name} over {worst.condition}, p {worst.probability:.2g}"
+    error_m = true_error(forward, drive.ground_truth)
+    known = [row for row in found.figures if row.figure == "agreement" and row.value is not None]
+    worst = min(known, key=lambda row: row.value, default=None)
+    shown = "" if worst is None else f"{worst.part} over {worst.condition}, p {worst.value:.2g}"
     print(
         f"{folder.name}; {found.result}; {shown}; at least {1e3 * bound_m:.2f} mm; true rmse {1e3 * error_m:.2f} mm; "
-        f"{int(found.forward.estimates.lost.sum())} lost; "
+        f"{int(forward.estimates.lost.sum())} lost; "
         f"{'; '.join(offset.text for offset in found.wrong_offsets) or 'calibration: nothing'}",
         flush=True,
     )
     return Checked(found.result, bound_m, error_m)
 
 
-def largest_bound(found: DriveCheck) -> float:
+def largest_bound(found: Check) -> float:
     """Return the largest lower bound of the error over JUDGED, in metres; NaN if there is none."""
     rows = [row.value for row in found.figures if row.figure == "error_at_least" and row.condition == JUDGED]
     return max((value for value in rows if value is not None), default=float("nan"))
 
 
-def true_error(found: DriveCheck, truth: Trajectory) -> float:
+def true_error(forward: ComparedRun, truth: Trajectory) -> float:
     """Return the RMSE of the position of the forward run over JUDGED, in metres; NaN if there is none."""
-    scored = score_trajectory(found.forward.estimates, truth, TrajectoryScoreConfig(conditions=(JUDGED,)))
+    scored = score_trajectory(forward.estimates, truth, TrajectoryScoreConfig(conditions=(JUDGED,)))
     return Score(figures=scored.figures, association=scored.association).number("position", "rmse") or float("nan")
 
 

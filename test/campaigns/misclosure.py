@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from campaigns.check_detection import FAULTS
+from sfr_loc_map.evidence.localiser_runs import PairsInMemory, RunVariant, run_variant
 from sfr_loc_map.evidence.revisited import find_closures, growth_between
-from sfr_loc_map.evidence.variants import PairsInMemory, Variant, run_variant
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.io.registry import open_source
@@ -34,7 +34,7 @@ def main(arguments: list[str]) -> int:
             faults = [parse_fault(text)] if text else []
             injector = FaultInjector(faults, 1, len(clean), source.rig)
             drive = PairsInMemory(injector.rig, [pair for _, pair in injector.pairs(clean)])
-            forward = run_variant(drive, config, Variant.FORWARD, lambda: None)
+            forward = run_variant(drive, config, RunVariant.FORWARD, lambda: None)
             poses = forward.estimates.trajectory
             frames, _ = associate(poses, source.ground_truth, AssociationConfig(truth="match"))
             closures = find_closures(drive, forward, config)

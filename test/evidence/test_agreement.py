@@ -9,19 +9,21 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from sfr_loc_map.errors import InputError, MetricsError
-from sfr_loc_map.evidence.agreement import compare, disagreement_of, results_of, results_of_probabilities, shortage_of
+from sfr_loc_map.evidence.agreement import Agreement, compare, disagreement_of, shortage_of
 from sfr_loc_map.evidence.calibration import Advice, CameraOffset, advice_of, offset_rows, right_camera_offsets
-from sfr_loc_map.evidence.check import DriveCheck, short_drive
-from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
+from sfr_loc_map.evidence.check import short_drive
+from sfr_loc_map.evidence.check_result import DRIVE, MAPS, Check, CheckResult, combined, results_of_probabilities
 from sfr_loc_map.evidence.check_tables import calibration_table
+from sfr_loc_map.evidence.localiser_runs import ComparedRun
 from sfr_loc_map.evidence.other_estimates import at_pairs_of, check_different, hat_rows, scale_row, three_cornered_hat
+from sfr_loc_map.evidence.overlap import Overlap, overlap_rows
 from sfr_loc_map.evidence.paired_runs import paired, rows_at
 from sfr_loc_map.evidence.recording import RecordingCheck
-from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingStatistics
 from sfr_loc_map.metrics.conditions import Condition
+from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import STEP_SIZE, UPPER
 from sfr_loc_map.metrics.stored.score_json import hash_of_values
@@ -55,9 +57,14 @@ def run_of(
     steps[:, :21] = np.diag([SIGMA_M**2] * 3 + [SIGMA_RAD**2] * 3)[UPPER]
     steps[:, 21:27] = 0.1  # what all steps share is left out, whatever its size
     trajectory = Trajectory(STAMPS, np.array(positions), np.array(quats))
-    mirror_ns = int(STAMPS[0] + STAMPS[-1])
     covariance = np.tile((1e-6 * np.eye(6))[UPPER], (len(STAMPS), 1))
-    return ComparedRun(name, Estimates.of(trajectory, covariance=covariance, steps=steps), (), is_backward, mirror_ns)
+    return ComparedRun(
+        name, Estimates.of(trajectory, covariance=covariance, steps=steps), (), STAMPS[::-1] if is_backward else None
+    )
+
+
+def result_of(*agreements: Agreement) -> CheckResult:
+    return combined(results_of_probabilities([item.probability for item in agreements]))
 
 
 def reversed_steps(turns: Rotation, moves: np.ndarray) -> tuple[Rotation, np.ndarray]:
@@ -97,8 +104,8 @@ def test_a_drift_that_is_not_stated_is_found_and_bounds_the_error() -> None:
     first, other = run_of("a", turns, moves, 1), run_of("b", turns, moves, 2)
     drifting = run_of("c", turns, moves, 3, drift_m=2e-3)
     agreeing, differing = compare(first, other, CONDITION), compare(first, drifting, CONDITION)
-    assert combined(results_of([agreeing])) is CheckResult.CONSISTENT
-    assert combined(results_of([agreeing, differing])) is CheckResult.INCONSISTENT
+    assert result_of(agreeing) is CheckResult.CONSISTENT
+    assert result_of(agreeing, differing) is CheckResult.INCONSISTENT
     sizes = np.linalg.norm(differing.differences.position_m, axis=1)
     assert 0.5 * np.sqrt(np.mean(sizes**2)) < 20 * 2e-3 * 1.2, "no more than the drift over 20 steps"
     assert np.mean(sizes) > 0.6 * 20 * 2e-3
@@ -155,7 +162,7 @@ def test_too_few_sub_trajectories_are_not_enough_data() -> None:
     runs = run_of("a", turns, moves, 1), run_of("b", turns, moves, 2)
     far = compare(*runs, Condition.parse("distance=30"))
     assert far.probability is None
-    assert combined(results_of([far])) is CheckResult.NOT_ENOUGH_DATA
+    assert result_of(far) is CheckResult.NOT_ENOUGH_DATA
     assert "shorter --condition" in shortage_of([far])
 
 
@@ -226,7 +233,7 @@ def test_false_findings_are_as_rare_as_stated() -> None:
     for seed in range(30):
         turns, moves = true_steps(rng)
         runs = run_of("a", turns, moves, 1000 + seed), run_of("b", turns, moves, 2000 + seed)
-        found.append(combined(results_of([compare(*runs, CONDITION)])) is CheckResult.INCONSISTENT)
+        found.append(result_of(compare(*runs, CONDITION)) is CheckResult.INCONSISTENT)
     assert np.mean(found) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 30)
 
 
@@ -312,20 +319,28 @@ def test_the_advice_follows_from_all_runs(px: float, extremes: tuple[float, floa
     ],
 )
 def test_a_recording_is_consistent_only_if_each_of_its_subjects_is(drive: str, maps: str, overall: str) -> None:
-    def check(result: str) -> dict[str, object]:
-        return {
-            "results": (CheckResult(result),),
-            "figures": (),
-            "disagreements": ("why",) if result == "inconsistent" else (),
-            "shortage": "too short" if result == "not enough data" else "",
-            "pairs": 30,
-            "pairs_of_source": 30,
-        }
+    probability = {"consistent": 0.5, "inconsistent": 0.0}[drive]
+    points = {"consistent": 5000, "not enough data": 10}[maps]
+    of_drive = figure_row("agreement", "distance=1", "forward - backward", n=3, value=probability)
+    of_other = figure_row("agreement", "distance=1", "forward - wheels.csv", n=3, value=0.0)
 
     def recording(*offsets: CameraOffset) -> RecordingCheck:
-        forward = run_of("forward", *true_steps(np.random.default_rng(0)), 0)
         return RecordingCheck(
-            DriveCheck(**check(drive), agreements=(), forward=forward, offsets=offsets), Check(**check(maps))
+            Check(
+                subject=DRIVE,
+                figures=(of_drive, of_other),
+                pairs=30,
+                pairs_of_source=30,
+                disagreements=("why",) if drive == "inconsistent" else (),
+                offsets=offsets,
+            ),
+            Check(
+                subject=MAPS,
+                figures=tuple(overlap_rows(Overlap(0, 1, 0.4, points, 0.01, 1.0, 0.2))),
+                pairs=2,
+                pairs_of_source=2,
+                shortage="too short" if maps == "not enough data" else "",
+            ),
         )
 
     content = recording().to_dict()

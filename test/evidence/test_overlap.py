@@ -12,9 +12,9 @@ import pytest
 
 from helpers.cli_result import Sfr
 from helpers.made_scene import NAV_RIG, nav_pair
-from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
+from sfr_loc_map.evidence.check_result import MAPS, Check, CheckResult, combined
 from sfr_loc_map.evidence.check_tables import OVERLAP_TABLE
-from sfr_loc_map.evidence.overlap import find_overlaps, overlap_rows
+from sfr_loc_map.evidence.overlap import Overlap, find_overlaps, overlap_rows
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -83,7 +83,9 @@ def test_one_comparison_with_enough_data_suffices_and_the_number_of_these_is_sta
     assert combined([few, inconsistent, consistent]) is inconsistent
     assert combined([consistent, consistent]) is consistent
     assert combined([few, few]) is combined([]) is few
-    check = Check(results=(few, consistent, few), figures=(), disagreements=(), pairs=2, pairs_of_source=2)
+    overlaps = [Overlap(0, number, 0.4, points, 0.01, 1.0, 0.2) for number, points in enumerate((10, 5000, 10), 1)]
+    figures = tuple(row for overlap in overlaps for row in overlap_rows(overlap))
+    check = Check(subject=MAPS, figures=figures, pairs=2, pairs_of_source=2)
     assert (check.result, check.checked) == (consistent, 1)
 
 

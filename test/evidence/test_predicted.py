@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.evidence.check_tables import PREDICTED_TABLE
-from sfr_loc_map.evidence.predicted import ErrorSource, predicted_rows
-from sfr_loc_map.evidence.variants import ComparedRun
+from sfr_loc_map.evidence.localiser_runs import ComparedRun
+from sfr_loc_map.evidence.predicted import PredictedSource, predicted_rows
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.frames.association import Estimates
@@ -35,17 +35,17 @@ def straight_run() -> ComparedRun:
 
 def test_each_source_has_its_part_in_closed_form_and_the_parts_add_up() -> None:
     score = Score(figures=tuple(predicted_rows(straight_run(), CONDITION)))
-    found = {source: score.number("predicted", "value", part=source.value) for source in ErrorSource}
-    assert found[ErrorSource.STEPS] == pytest.approx(STEP_SIGMA_M * np.sqrt(3 * OVER))
-    assert found[ErrorSource.NOISE] == pytest.approx(NOISE_M * np.sqrt(3 * 2))
-    assert found[ErrorSource.DISPARITY] == pytest.approx(ALONG_M * OVER)
+    found = {source: score.number("predicted", "value", part=source.value) for source in PredictedSource}
+    assert found[PredictedSource.STEPS] == pytest.approx(STEP_SIGMA_M * np.sqrt(3 * OVER))
+    assert found[PredictedSource.NOISE] == pytest.approx(NOISE_M * np.sqrt(3 * 2))
+    assert found[PredictedSource.DISPARITY] == pytest.approx(ALONG_M * OVER)
     # a turn at the end of step k moves the end by the distance that is left
-    assert found[ErrorSource.LENS] == pytest.approx(TURN_RAD * STEP_M * sum(range(OVER)))
-    squares = [found[source] ** 2 for source in ErrorSource if source is not ErrorSource.ALL]
-    assert found[ErrorSource.ALL] == pytest.approx(np.sqrt(sum(squares)))
-    shares = [score.number("predicted_share", "value", part=source.value) for source in ErrorSource]
+    assert found[PredictedSource.LENS] == pytest.approx(TURN_RAD * STEP_M * sum(range(OVER)))
+    squares = [found[source] ** 2 for source in PredictedSource if source is not PredictedSource.ALL]
+    assert found[PredictedSource.ALL] == pytest.approx(np.sqrt(sum(squares)))
+    shares = [score.number("predicted_share", "value", part=source.value) for source in PredictedSource]
     assert shares == pytest.approx([*(np.array(squares) / sum(squares)), 1.0])
-    attitude = score.number("predicted_attitude", "value", part=ErrorSource.LENS.value)
+    attitude = score.number("predicted_attitude", "value", part=PredictedSource.LENS.value)
     assert attitude == pytest.approx(np.degrees(TURN_RAD * OVER))
 
 
@@ -66,7 +66,7 @@ def test_the_sum_is_the_covariance_of_the_sub_trajectories() -> None:
     sums = sums_of_steps(estimates, steps, np.array([0, COUNT - 1]))
     expected = relative_covariance(sums[0], sums[COUNT - 1], poses.positions[-1])
     assert expected is not None
-    whole = ErrorSource.ALL.value
+    whole = PredictedSource.ALL.value
     assert score.number("predicted", "value", part=whole) == pytest.approx(np.sqrt(np.trace(expected[:3, :3])))
     attitude_deg = np.degrees(np.sqrt(np.trace(expected[3:, 3:])))
     assert score.number("predicted_attitude", "value", part=whole) == pytest.approx(attitude_deg)
@@ -76,7 +76,7 @@ def test_the_table_shows_each_source_once_for_a_condition() -> None:
     conditions = (CONDITION, Condition.parse("frames=10"))
     figures = [row for condition in conditions for row in predicted_rows(straight_run(), condition)]
     table = PREDICTED_TABLE.of(figures)
-    assert len(table.rows) == len(ErrorSource) * len(conditions)
+    assert len(table.rows) == len(PredictedSource) * len(conditions)
     shares = [row[2].value for row in table.rows if row[1].text == "20 frames"]
     assert sum(shares) == pytest.approx(2.0), "all sources are one more row"
 
@@ -97,6 +97,6 @@ def test_sub_trajectories_with_a_degraded_or_lost_pose_are_skipped() -> None:
     for state in ("lost", "degraded"):
         run = ComparedRun(state, Estimates.of(estimates.trajectory, steps=steps, **{state: is_bad}))
         found = Score(figures=tuple(predicted_rows(run, CONDITION)))
-        whole = {"part": ErrorSource.ALL.value}
+        whole = {"part": PredictedSource.ALL.value}
         assert found.number("predicted", "value", **whole) == pytest.approx(usual.number("predicted", "value", **whole))
         assert found.number("predicted", "n", **whole) < usual.number("predicted", "n", **whole)

@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from helpers.loc_drive import noisy
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, stereo_pair, true_pose
-from sfr_loc_map.evidence.agreement import results_of
+from sfr_loc_map.evidence.agreement import Agreement
 from sfr_loc_map.evidence.check import check_drive
-from sfr_loc_map.evidence.check_result import CheckResult, combined
+from sfr_loc_map.evidence.check_result import CheckResult, results_of_probabilities
 from sfr_loc_map.evidence.check_tables import AGREEMENT_TABLE, REVISITED_TABLE
+from sfr_loc_map.evidence.localiser_runs import ComparedRun, PairsInMemory, RunVariant, run_pairs, run_variant
 from sfr_loc_map.evidence.revisited import Closure, agreement_at, closure_between, find_closures, worth_of_visits
-from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, Variant, run_pairs, run_variant
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -30,6 +30,11 @@ STEPS = 60  #: Steps around a made circle.
 OUT = 30  #: Pairs of the way out.
 OFFSET_M = [0.0, 0.02, 0.01]  #: Of the way back from the way out, so that no image repeats another.
 CONFIG = LocalisationConfig()
+
+
+def result_of(agreement: Agreement) -> CheckResult:
+    (result,) = results_of_probabilities([agreement.probability])
+    return result
 
 
 @cache
@@ -49,7 +54,7 @@ def there_and_back() -> PairsInMemory:
 @cache
 def forward() -> ComparedRun:
     """Return the run of the drive as it is."""
-    return run_variant(there_and_back(), CONFIG, Variant.FORWARD, lambda: None)
+    return run_variant(there_and_back(), CONFIG, RunVariant.FORWARD, lambda: None)
 
 
 def drifted(run: ComparedRun, drift_m: float) -> ComparedRun:
@@ -67,7 +72,7 @@ def test_a_place_is_found_and_the_drive_returns_to_it() -> None:
     assert 0.0 < closure.misclosure_m < 0.01
     assert closure.square is not None
     assert closure.square < 16.8, "99 % of consistent covariances"
-    assert combined(results_of([agreement_at(closures)])) is CheckResult.CONSISTENT
+    assert result_of(agreement_at(closures)) is CheckResult.CONSISTENT
 
 
 def test_the_direct_run_measures_the_true_motion_between_both_visits() -> None:
@@ -87,7 +92,7 @@ def test_a_drift_that_is_not_stated_is_found_and_measured() -> None:
     assert found is not None
     assert found.error[1] - usual.error[1] == pytest.approx(0.2)
     assert found.square is not None
-    assert combined(results_of([agreement_at([found])])) is CheckResult.INCONSISTENT
+    assert result_of(agreement_at([found])) is CheckResult.INCONSISTENT
 
 
 def test_a_direct_run_that_is_not_trusted_gives_no_misclosure() -> None:
@@ -100,7 +105,7 @@ def test_a_direct_run_that_is_not_trusted_gives_no_misclosure() -> None:
 
 def test_a_way_that_does_not_return_and_a_lost_pose_show_no_place() -> None:
     out = PairsInMemory(LOC_RIG, there_and_back().kept[:OUT])
-    assert find_closures(out, run_variant(out, CONFIG, Variant.FORWARD, lambda: None), CONFIG) == []
+    assert find_closures(out, run_variant(out, CONFIG, RunVariant.FORWARD, lambda: None), CONFIG) == []
     lost = np.ones(len(forward().estimates.trajectory), np.bool_)
     nowhere = replace(forward(), estimates=replace(forward().estimates, lost=lost))
     assert not worth_of_visits(nowhere).any()
@@ -153,7 +158,7 @@ def test_misclosures_are_as_large_as_consistent_covariances_predict() -> None:
         assert closure is not None
         assert closure.square is not None
         squares.append(closure.square)
-        alarms += combined(results_of([agreement_at([closure])])) is CheckResult.INCONSISTENT
+        alarms += result_of(agreement_at([closure])) is CheckResult.INCONSISTENT
     assert np.mean(squares) == pytest.approx(6.0, abs=4 * np.sqrt(12.0 / 100))
     assert 1 <= alarms <= 14, "5 are expected"
 

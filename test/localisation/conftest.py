@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from helpers import ROOT
-from sfr_loc_map.evidence.variants import PairsInMemory
+from sfr_loc_map.evidence.localiser_runs import PairsInMemory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 

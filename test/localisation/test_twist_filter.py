@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from sfr_loc_map.evidence.variants import PairsInMemory
+from sfr_loc_map.evidence.localiser_runs import PairsInMemory
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import FaultyLoc
 from sfr_loc_map.geometry.rotation import matrix_from_quat, matrix_from_rotvec, rotvec_from_matrix

@@ -20,7 +20,7 @@ import pytest
 from helpers.made_scene import HEIGHT, LOC_RIG, WIDTH, loc_pair, write_folder
 from sfr_loc_map import signals
 from sfr_loc_map.errors import ConfigError, InputError
-from sfr_loc_map.evidence.variants import PairsInMemory
+from sfr_loc_map.evidence.localiser_runs import PairsInMemory
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform

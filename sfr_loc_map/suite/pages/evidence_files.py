@@ -13,16 +13,11 @@ from typing import Any, ClassVar
 import msgspec
 
 from sfr_loc_map.errors import InputError, naming
-from sfr_loc_map.evidence.calibration import Advice
+from sfr_loc_map.evidence.check_file import CheckFile
 from sfr_loc_map.evidence.check_result import SCHEMA as CHECK_SCHEMA
-from sfr_loc_map.evidence.check_result import CheckResult, count_with_enough_data
-from sfr_loc_map.evidence.check_tables import check_tables
-from sfr_loc_map.evidence.derived_results import check_results, results_of_comparisons
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.conditions import label_of
-from sfr_loc_map.metrics.figures.records import Provenance
-from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.stored.score_json import HASH, converted, hash_of_values
 from sfr_loc_map.report.test_report import AdditionalEvidence
 from sfr_loc_map.suite.pages.search_page import case_table
@@ -32,61 +27,6 @@ from sfr_loc_map.suite.search.record import SearchRecord, ratio_text
 from sfr_loc_map.suite.statistics.budget import Budget
 from sfr_loc_map.suite.statistics.summary import SCHEMA as SUITE_SCHEMA
 from sfr_loc_map.tables.model import Table
-
-
-class CheckFile(msgspec.Struct):
-    """The displayed part of the JSON of `sfr check`."""
-
-    heading: ClassVar = "Check without ground truth"
-    results: dict[str, CheckResult]
-    calibration: list[str]
-    figures: list[Figure]
-    advice: dict[str, Advice] = {}
-    pairs: dict[str, int] = {}  #: Number of checked pairs by subject; empty in files of earlier versions.
-    pairs_of_source: dict[str, int] = {}
-    provenance: Provenance | None = None  #: None in files of earlier versions.
-
-    def tables(self) -> list[Table]:
-        """Return the tables that the command prints; InputError if the results do not follow from the figures."""
-        check_results(self.results, self.figures, self.advice)
-        if missing := sorted({*self.pairs} - {*self.results}):
-            raise InputError(f"the check has no result of the {missing[0]}: repeat the check")
-        return check_tables(self.figures, self.advice)
-
-    @property
-    def checked(self) -> dict[str, tuple[int, int]]:
-        """For each subject with comparisons, the number of those with enough data, and the number of all."""
-        results = results_of_comparisons(self.figures)
-        return {
-            subject: (count_with_enough_data(found), len(found))
-            for subject, found in results.items()
-            if subject in self.results
-        }
-
-    def result_texts(self) -> Iterator[str]:
-        """Yield the result of each subject with its number of comparisons."""
-        for subject, result in self.results.items():
-            text = f"{subject}: {result.value}"
-            if subject in self.checked:
-                enough, count = self.checked[subject]
-                text += f"; {enough} of {count} comparisons have enough data"
-            yield f"{text}."
-
-    def open_points(self) -> Iterator[str]:
-        """Yield the results that are not consistent, and the subjects that were checked in part."""
-        for subject, (enough, count) in self.checked.items():
-            if enough < count:
-                yield (
-                    f"In the check of the {subject} without ground truth, {enough} of {count} comparisons have enough "
-                    "data."
-                )
-        for subject, result in self.results.items():
-            if result is not CheckResult.CONSISTENT:
-                yield f"The result of the check of the {subject} without ground truth is '{result.value}'."
-        for subject, pairs in self.pairs.items():
-            if (of_source := self.pairs_of_source.get(subject, pairs)) > pairs:
-                yield f"The check of the {subject} without ground truth covers {pairs} of {of_source} pairs."
-        yield from (f"Calibration: {text}." for text in self.calibration)
 
 
 class BudgetFile(msgspec.Struct):

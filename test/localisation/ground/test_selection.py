@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from helpers.loc_drive import drive, noisy, run
 from helpers.made_scene import LOC_RIG, true_pose
 from sfr_loc_map.bench.fault_benchmark import ErrorReport, stated_errors
-from sfr_loc_map.evidence.variants import PairsInMemory
+from sfr_loc_map.evidence.localiser_runs import PairsInMemory
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.geometry.stereo import StereoPair

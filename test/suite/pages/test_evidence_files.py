@@ -20,7 +20,6 @@ from sfr_loc_map.evidence.calibration import CameraOffset, offset_rows
 from sfr_loc_map.evidence.overlap import Overlap, overlap_rows
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.metrics.figures.records import InputFile
-from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.stored.score_json import HASH, hash_of_values, to_plain
 from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.suite.pages.evidence_files import read_evidence
@@ -163,7 +162,6 @@ def test_a_check_without_its_hash_or_without_a_result_or_an_advice_is_refused(tm
         read_evidence([path])
     offset = CameraOffset("pitch", 4, 0.5, 0.4, 0.6, 0.1, None)
     without_advice = content | {"figures": content["figures"] + to_plain(tuple(offset_rows(offset)))}
-    scale = to_plain((figure_row("scale", "distance=1", "forward - backward", n=3, value=0.0),))
     cases = {
         "no results": content | {"results": {}, "figures": [], "pairs": {}},
         "no result of the maps": content
@@ -172,7 +170,6 @@ def test_a_check_without_its_hash_or_without_a_result_or_an_advice_is_refused(tm
             "figures": [row for row in content["figures"] if not row["figure"].startswith("overlap")],
         },
         "no advice": without_advice,
-        "not of another estimate": content | {"figures": content["figures"] + scale},
     }
     for problem, changed in cases.items():
         with pytest.raises(InputError, match=problem):
@@ -189,14 +186,13 @@ def test_the_report_states_the_result_of_a_check_and_its_comparisons(tmp_path: P
     assert "not enough data" in evidence.open_points[0]
 
 
-@pytest.mark.parametrize("case", ["probability", "difference", "result", "ratio", "calibration", "missing", "angle"])
+@pytest.mark.parametrize("case", ["probability", "result", "ratio", "calibration", "missing", "angle"])
 def test_a_check_whose_results_do_not_follow_from_its_figures_is_refused(tmp_path: Path, case: str) -> None:
     content = json.loads(check_file(tmp_path).read_text())
     offsets = (CameraOffset("pitch", 4, 0.5, 0.4, 0.6, 0.1, None),)
     angle = to_plain(tuple(row for offset in offsets for row in offset_rows(offset)))
     changed = {
         "probability": edited(content, "agreement", value=1e-12),
-        "difference": edited(content, "difference_nees", mean=60.0),
         "result": content | {"results": {"drive": "not enough data", "maps": "inconsistent"}},
         "ratio": edited(content, "overlap_ratio", value=1.0),
         "calibration": content | {"advice": {"pitch": "redo"}},
