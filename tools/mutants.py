@@ -341,7 +341,11 @@ MUTATIONS = (
     Mutation(SHORTFALLS, '"estimates",\n        0.0', '"estimates",\n        0.1'),
     # calls belong to the estimate that they produced
     Mutation("scoring/inputs.py", "stats = [beside] if beside.is_file() else []", "stats = []"),
-    Mutation("suite/jobs/digests.py", "(estimate, truth, *ScoreInputs.of(estimate, truth).stats)", "(estimate, truth)"),
+    Mutation(
+        "suite/planning/source_inspection.py",
+        "(estimate, truth, *ScoreInputs.of(estimate, truth).stats)",
+        "(estimate, truth)",
+    ),
     # shared memory of other methods
     Mutation("methods/isolation.py", '"urandom", "tty", "dri"', '"urandom", "tty", "shm", "dri"'),
     # answers of an external node: before the question, after the timeout, after a hidden restart

@@ -2,7 +2,7 @@
 
 A method under test (in the documentation also: a candidate) is called through this chain:
 
-    runs, bench/method_benchmark.py
+    runs, bench/trials.py
       isolated_localiser.py, isolated_mapper.py    one call for a pair or a set: checks the values of the answer
         map_arrays.py                              clouds and disparity images in the answer of a mapper
         isolated_method.py                         decides when a process is started, ended, and started again
@@ -11,8 +11,10 @@ A method under test (in the documentation also: a candidate) is called through t
             supervised_process.py                  the process with its pipes: messages as lines of JSON, with a timeout
             call_monitor.py                        time and memory from outside, leaks, misstated times
             isolation.py                           files and environment variables that the process may use
+              own_code.py                          files of the method's own code, and their hash
     ---- process boundary -------------------------------------------------------------------------------------
             child/supervisor.py                    restricts its child (Landlock, seccomp), kills descendants
+              child/numba_cache.py                 folders in which the process finds compiled kernels
               child/loop.py                        reads an order, calls the method, writes the reply
                 adapters/*.py                      one module for each interface of methods
                   the method

@@ -117,28 +117,45 @@ def _prefixes(*pythons: Path) -> list[Path]:
 def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> Rules:
     """Return the paths that a method may list, read and write, with the scratch folder and without hidden paths."""
     code = code_of(method.kind, method.adapter, method.target)
-    prefixes = _prefixes(method.python, method.python.resolve())
-    named = [text for name in PERMITTING for text in _paths_in(os.environ.get(name, ""))]
-    named += [text for text in sys.path if Path(text).name in PACKAGES]
-    named += [method.vocabulary] if method.vocabulary else []
-    own = [PACKAGE, *_kernels_in(_kernels_of_user()), *code]
-    wanted: list[str | Path] = [*SYSTEM, *(f"/proc/{name}" for name in FACTS), *prefixes, *named, *own]
-    # except those of this package: its compiled kernels, which the hash ignores, must be readable
-    unhashed = unhashed_of([path for path in code if path.resolve() != PACKAGE.resolve()])
-    closed = frozenset(path.resolve() for path in (*hidden, *unhashed))
+    permitted = _permitted_paths(method, code)
+    closed = _closed_paths(code, hidden)
     above = frozenset(parent for path in closed for parent in path.parents)
-    names = [path.resolve().parent for path in (PACKAGE, *code)]  # the interpreter lists these to find packages
-    names.append(_kernels_of_user())  # numba lists its folders to find kernels
+    listed = [path.resolve().parent for path in (PACKAGE, *code)]  # the interpreter lists these to find packages
+    listed.append(_kernels_of_user())  # numba lists its folders to find kernels
     read: list[Path] = []
-    for path in dict.fromkeys(Path(item).resolve() for item in wanted):
+    for path in permitted:
         parts = list(_readable_parts(path, closed, above))
         read += parts
         if parts != [path] and path.is_dir():
-            names.append(path)
+            listed.append(path)
     read.append(Path("/proc/self"))  # read-only, so that the process cannot reset its peak memory
-    devices = [path for name in DEVICES for path in glob(f"/dev/{name}")]
-    write = [folder, *(part for path in devices for part in _readable_parts(Path(path), closed, above))]
-    return Rules(names=list(map(str, names)), read=list(map(str, read)), write=list(map(str, write)))
+    devices = [Path(path) for name in DEVICES for path in glob(f"/dev/{name}")]
+    write = [folder, *(part for path in devices for part in _readable_parts(path, closed, above))]
+    return Rules(names=list(map(str, listed)), read=list(map(str, read)), write=list(map(str, write)))
+
+
+def _permitted_paths(method: Method, code: Sequence[Path]) -> list[Path]:
+    """Return the paths of the system, the interpreters, the variables, the suite and the method's own code, resolved.
+
+    The parts of these paths that are not closed are readable.
+    """
+    system = [*SYSTEM, *(f"/proc/{name}" for name in FACTS)]
+    prefixes = _prefixes(method.python, method.python.resolve())
+    variables = [text for name in PERMITTING for text in _paths_in(os.environ.get(name, ""))]
+    installed = [text for text in sys.path if Path(text).name in PACKAGES]
+    vocabulary = [method.vocabulary] if method.vocabulary else []
+    own = [PACKAGE, *_kernels_in(_kernels_of_user()), *code]
+    paths = [*system, *prefixes, *variables, *installed, *vocabulary, *own]
+    return list(dict.fromkeys(Path(path).resolve() for path in paths))
+
+
+def _closed_paths(code: Sequence[Path], hidden: Sequence[Path]) -> frozenset[Path]:
+    """Return the hidden paths, and the files of the method's own code that its hash ignores, resolved.
+
+    Files of this package are not closed: its compiled kernels, which the hash ignores, must be readable.
+    """
+    unhashed = unhashed_of([path for path in code if path.resolve() != PACKAGE.resolve()])
+    return frozenset(path.resolve() for path in (*hidden, *unhashed))
 
 
 def environment_of(method: Method, folder: Path) -> dict[str, str]:

@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import TYPE_CHECKING
 
 from sfr_loc_map.atomic import write_text
@@ -122,10 +121,13 @@ def run_search(
         store.check_owner(specification.path, is_search=True)
         if not store.plan_file.exists():  # a search that is killed before it saves its plan keeps its folder
             store.save_plan(Plan.of_search(specification.path))
-        started = cache(lambda: stack.enter_context(suite_workers(store, settings, slots, scheduler, say)))
+        at_work: SuiteWorkers | None = None  # started before the first job
 
         def run_points(jobs: Sequence[Job]) -> None:
-            run_and_keep(jobs, store, started(), say, progress)
+            nonlocal at_work
+            if at_work is None:
+                at_work = stack.enter_context(suite_workers(store, settings, slots, scheduler, say))
+            run_and_keep(jobs, store, at_work, say, progress)
 
         record, case_file = find_worst_case(specification, store, run_points, at_random=at_random)
         write_text(json_line(record), store.folder / "search.json")

@@ -16,11 +16,10 @@ from helpers.made_suites import JOB, made_suite, recording
 from sfr_loc_map.errors import InputError, InterruptedRunError
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 from sfr_loc_map.suite import Store, load_specification, make_plan, run, run_suite
-from sfr_loc_map.suite.jobs.digests import files_of_source
 from sfr_loc_map.suite.jobs.job import Job
 from sfr_loc_map.suite.jobs.job_outcome import JobOutcome, JobState
 from sfr_loc_map.suite.jobs.job_run import run_job
-from sfr_loc_map.suite.planning.source_inspection import state_of
+from sfr_loc_map.suite.planning.source_inspection import files_of_source, state_of
 
 pytest.importorskip("distributed", reason="needs the extra [suite]")
 LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 1.0}]}

@@ -6,5 +6,5 @@ job.py               Job, and the hashes by which jobs are identified
 job_run.py           the work of a job on a worker: source to score
   source_cache.py    renders simulations and fetches remote sources, once for all jobs
 job_outcome.py       result or failure of a job
-digests.py           hashes of code and files
+digests.py           hashes of values, files and code
 """

@@ -1,28 +1,22 @@
-"""Digests of code and data, which name results."""
+"""Digests of values, files and code, which name results. The digest of a file is cached while its state is equal."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
 import importlib.metadata
+import json
 import os
-import platform
-import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar, cast
 
-from sfr_loc_map import __version__
-from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.hashes import hash_path, visible_files
-from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.source_settings import config_beside
-from sfr_loc_map.scoring.input_files import read_files
-from sfr_loc_map.scoring.inputs import ScoreInputs
-from sfr_loc_map.suite.jobs.job import digest
+from sfr_loc_map.metrics.stored.score_json import to_plain
 
 T = TypeVar("T")
+KEY_LENGTH = 32  #: Hexadecimal digits of a digest. The probability of a collision among 10^9 results is 10^-21.
 PACKAGE = Path(__file__).parents[2]
 LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg", "embreex")
 """Libraries that can change a figure."""
@@ -30,6 +24,12 @@ EVALUATION_ONLY = ("report/", "suite/pages/", "suite/statistics/", "suite/histor
 """Folders of the package that cannot change a result, because they only show or evaluate results. All other code
 is hashed, because a replay runs the command line and the nodes."""
 HASHED = (".py", ".json", ".xml")  #: Suffixes of code and its data files. XML files are DDS profiles.
+
+
+def digest(value: object) -> str:
+    """Return the hash of records and plain values, as JSON with sorted keys."""
+    text = json.dumps(to_plain(value), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
 
 def file_state(path: Path) -> str:
@@ -82,56 +82,7 @@ def code_fingerprint() -> str:
     return digest(code_facts())[:16]
 
 
-def input_hashes(estimate: Path, truth: Path) -> dict[str, str]:
-    """Return the hashes of an estimate, its truth and its calls, by their role in the provenance of a score."""
-    inputs = ScoreInputs.of(estimate, truth)
-    stats = {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
-    named = {"estimate": inputs.estimate, "truth": inputs.truth, "cloud": inputs.cloud, "map_truth": inputs.map_truth}
-    return {role: cached(file.path, hash_path) for role, file in read_files({**named, **stats}).items()}
-
-
 def hash_of(paths: Sequence[Path]) -> str:
     """Return one hash of files and folders. The hash of a single file or folder is the hash of its content."""
     hashes = [cached(path, hash_path) for path in paths]
     return hashes[0] if len(hashes) == 1 else digest(hashes)
-
-
-def files_of_estimate(estimate: Path, truth: Path) -> tuple[Path, ...]:
-    """Return an estimate, its truth and its calls, each with the files of `files_of_source`.
-
-    The calls are inputs of the score, because they contain findings and lost poses.
-    """
-    paths = (estimate, truth, *ScoreInputs.of(estimate, truth).stats)
-    return tuple(file for path in paths for file in files_of_source(path))
-
-
-def files_of_source(path: Path) -> tuple[Path, ...]:
-    """Return a file or folder, its configuration, and the truth and the calibration that the configuration names."""
-    beside = config_beside(path)
-    if beside is None:
-        return (path,)
-    config = SourceConfig.of(Configuration.read(beside))
-    calibration = Path(config.calibration.file) if config.calibration.file else None
-    named = [file for file in (config.truth.file, calibration) if file is not None]
-    return (path, beside, *(file for file in named if file.exists()))
-
-
-def about_here(expected: Mapping[str, str]) -> dict[str, str]:
-    """Return host, version and code of this worker, and the differences from the expected code (`lacks`).
-
-    The keys are fixed, because clients of other versions read them.
-    """
-    found = code_facts()
-    named = {"sfr_loc_map": f"other code: sfr_loc_map {__version__},"}
-    differences = [
-        f"{named.get(name, name)} {found.get(name)} in place of {value}"
-        for name, value in expected.items()
-        if found.get(name) != value
-    ]
-    return {
-        "host": socket.gethostname(),
-        "version": __version__,
-        "python": platform.python_version(),
-        "code": code_fingerprint(),
-        "lacks": "; ".join(differences),
-    }

@@ -15,8 +15,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -24,9 +22,9 @@ from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.stored.score_json import from_plain, to_plain
+from sfr_loc_map.suite.jobs.digests import digest
 from sfr_loc_map.suite.jobs.sources import PlannedSource, Simulation
 
-KEY_LENGTH = 32  #: Hexadecimal digits of a key. The probability of a collision among 10^9 results is 10^-21.
 SHORT_KEY = 12  #: Displayed digits of a key.
 PROVENANCE_PREFIX = "suite."  #: Prefix of the description of a job in the provenance of its score.
 NATIVE_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -62,7 +60,7 @@ class GroupKey(NamedTuple):
 
     task: str
     configuration: str
-    faults: str  #: Injected faults, or the variant of an error budget.
+    alteration: str  #: Change of the source: injected faults, or the variant of an error budget.
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -228,9 +226,3 @@ class Job:
 def effective_seed(faults: str, fault_seed: int) -> int:
     """Return the seed that selects the affected pairs; 0 without faults, because the seed then has no effect."""
     return fault_seed if faults else 0
-
-
-def digest(value: object) -> str:
-    """Return the hash of records and plain values, as JSON with sorted keys."""
-    text = json.dumps(to_plain(value), sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]

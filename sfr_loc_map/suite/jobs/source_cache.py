@@ -14,8 +14,7 @@ from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.errors import InputError, MissingExtraError
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.suite.jobs.digests import code_fingerprint
-from sfr_loc_map.suite.jobs.job import digest
+from sfr_loc_map.suite.jobs.digests import code_fingerprint, digest
 from sfr_loc_map.suite.jobs.sources import PlannedSource, Simulation
 
 if TYPE_CHECKING:

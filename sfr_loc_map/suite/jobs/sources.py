@@ -13,7 +13,7 @@
 
 A source has these identities:
 
-    name             displayed name, unique in the suite; the variants of an error budget share that of their simulation
+    name             displayed name; the variants of an error budget share the name of their simulation
     location         path or URL in the suite's file
     sha256           hash of the data, or of the settings of a simulation
     data_identity    what two suites must have in common for a comparison: `sha256`, or name and truth of an estimate

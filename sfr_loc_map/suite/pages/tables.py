@@ -171,7 +171,7 @@ GROUPS: tuple[RowColumn[GroupRow], ...] = (
     numbers("number", lambda row: row.number),
     heads("task", lambda row: row.group.task, link=lambda row: SUITE_JSON),
     words("configuration", lambda row: row.group.configuration),
-    words("faults", lambda row: row.group.faults or "none"),
+    words("faults", lambda row: row.group.alteration or "none"),
     numbers("results", lambda row: row.group.results),
     numbers("frames", lambda row: row.group.matched if row.has_frames else None),
     numbers("lost", lambda row: row.group.lost if row.has_frames else None),

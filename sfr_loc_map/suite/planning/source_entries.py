@@ -14,7 +14,7 @@ from sfr_loc_map.configuration.parameters import build, flatten
 from sfr_loc_map.configuration.yaml_file import load_yaml
 from sfr_loc_map.errors import ConfigError, InputError, naming_key
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.suite.jobs.job import digest
+from sfr_loc_map.suite.jobs.digests import digest
 from sfr_loc_map.suite.jobs.source_cache import expand, last_part
 from sfr_loc_map.suite.jobs.sources import Simulation, StatedFile, StatedSource
 

@@ -10,20 +10,19 @@ from typing import NamedTuple
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.configuration.parameters import build
+from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text, refusing
+from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_settings import config_beside
 from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.metrics.stored.score_json import from_plain, json_line, to_plain
+from sfr_loc_map.scoring.input_files import read_files
+from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.suite.jobs.digests import (
-    code_fingerprint,
-    file_state,
-    files_of_estimate,
-    files_of_source,
-    hash_of,
-    input_hashes,
-)
-from sfr_loc_map.suite.jobs.job import JobTask, digest, tasks_for
+from sfr_loc_map.suite.jobs.digests import cached, code_fingerprint, digest, file_state, hash_of
+from sfr_loc_map.suite.jobs.job import JobTask, tasks_for
 from sfr_loc_map.suite.jobs.source_cache import fetch
 from sfr_loc_map.suite.jobs.sources import Estimate, PlannedSource, Recording, Simulation, StatedFile, StatedSource
 from sfr_loc_map.suite.planning.drive_copies import DriveTrace, trace_of_estimate, trace_of_source
@@ -152,3 +151,34 @@ def read_facts(path: Path) -> RecordingFacts:
     return RecordingFacts(
         sha256=hash_of(files_of_source(path)), pairs=pairs, nav_pairs=nav_pairs, trace=trace_of_source(source)
     )
+
+
+# ---- files of sources
+
+
+def input_hashes(estimate: Path, truth: Path) -> dict[str, str]:
+    """Return the hashes of an estimate, its truth and its calls, by their role in the provenance of a score."""
+    inputs = ScoreInputs.of(estimate, truth)
+    stats = {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
+    named = {"estimate": inputs.estimate, "truth": inputs.truth, "cloud": inputs.cloud, "map_truth": inputs.map_truth}
+    return {role: cached(file.path, hash_path) for role, file in read_files({**named, **stats}).items()}
+
+
+def files_of_estimate(estimate: Path, truth: Path) -> tuple[Path, ...]:
+    """Return an estimate, its truth and its calls, each with the files of `files_of_source`.
+
+    The calls are inputs of the score, because they contain findings and lost poses.
+    """
+    paths = (estimate, truth, *ScoreInputs.of(estimate, truth).stats)
+    return tuple(file for path in paths for file in files_of_source(path))
+
+
+def files_of_source(path: Path) -> tuple[Path, ...]:
+    """Return a file or folder, its configuration, and the truth and the calibration that the configuration names."""
+    beside = config_beside(path)
+    if beside is None:
+        return (path,)
+    config = SourceConfig.of(Configuration.read(beside))
+    calibration = Path(config.calibration.file) if config.calibration.file else None
+    named = [file for file in (config.truth.file, calibration) if file is not None]
+    return (path, beside, *(file for file in named if file.exists()))

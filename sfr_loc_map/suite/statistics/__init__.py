@@ -10,6 +10,6 @@ summary.py              reads the results of a suite, and calls the other module
 verdict_texts.py        what prevents a pass, as texts of the command
 comparison.py           compares two summaries
 drive_count.py          number of drives that a proof requires
-figures.py              the figures that comparisons and histories use
+figures.py              the figures of a result that comparisons, histories and tables use
 resampling.py           intervals by resampling drives
 """

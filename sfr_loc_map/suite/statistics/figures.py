@@ -1,4 +1,4 @@
-"""The figures of a drive that comparisons of suites use."""
+"""The figures of a result that comparisons of suites, histories and the best results of a group use."""
 
 from __future__ import annotations
 

@@ -95,35 +95,63 @@ def _verdicts_without_limit(results: Sequence[DriveScore], suite_items: int) -> 
 def verdict_over_drives(
     limit: Limit, limits: Limits, results: Sequence[DriveScore], pooled: tuple[Figure, ...]
 ) -> GroupVerdict:
-    """Return the verdict over drives on a limit: by the pooled value, or by the worst drive if none can be pooled.
+    """Return the verdict over drives on a limit without a probability.
 
     A drive without a value of the figure makes the verdict incomplete. Only results of the limited task, or with calls
     of this task, count.
     """
     of_task = [result for result in results if has_task(result.score, task_of(limit))]
-    scores = [result.score for result in of_task]
-    figures = [value_of(limit, score) for score in scores]
-    values = [figure.value for figure in figures if figure.value is not None]
-    worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
+    figures = [value_of(limit, result.score) for result in of_task]
     if limit.condition is None:
-        over, count = WORST_DRIVE, len(values)
-        judged = LimitedValue(worst_value)  # no minimum number of drives is required
+        verdict = _verdict_on_worst_drive(limit, limits, figures)
     else:
-        pooled_figure = value_of(limit, Score(figures=pooled))
-        over, count = "pooled", pooled_figure.n or 0
-        if pooled_figure.value is None and worst_value is not None:  # quantiles cannot be pooled
-            over = WORST_DRIVE
-            pooled_figure = pooled_figure._replace(value=worst_value, interval=None, row_index=None)
-        judged = pooled_figure._replace(
-            independent=independent_of_drives(limit, results),
-            truth_error=max((figure.truth_error for figure in figures), default=0.0),
-        )
-    verdict = replace(verdict_on(limit, judged, limits), n=count)
-    if not all(_count_of(limit, score) for score in scores):
-        verdict = of_incomplete(verdict)
+        independent = independent_of_drives(limit, results)
+        verdict = _verdict_on_pooled_value(limit, limits, figures, value_of(limit, Score(figures=pooled)), independent)
     of_drives = zip((result.drive_key for result in of_task), figures, strict=True)
     missing = {key for key, figure in of_drives if figure.value is not None and not meets(limit, figure.value)}
-    return _group_verdict(verdict, over, len(missing))
+    return replace(verdict, missed_by=len(missing))
+
+
+def _verdict_on_worst_drive(limit: Limit, limits: Limits, figures: Sequence[LimitedValue]) -> GroupVerdict:
+    """Return the verdict on a limit without a condition; no minimum number of drives is required."""
+    known = [figure for figure in figures if figure.value is not None]
+    verdict = replace(verdict_on(limit, LimitedValue(_worst_value(limit, figures)), limits), n=len(known))
+    if len(known) < len(figures):
+        verdict = of_incomplete(verdict)
+    return _group_verdict(verdict, WORST_DRIVE, 0)
+
+
+def _verdict_on_pooled_value(
+    limit: Limit, limits: Limits, figures: Sequence[LimitedValue], pooled: LimitedValue, independent: float
+) -> GroupVerdict:
+    """Return the verdict on a limit with a condition: by the pooled value, or by the worst drive for a quantile.
+
+    `independent` is the number of independent values over all drives.
+    """
+    over = "pooled"
+    value = pooled
+    worst_value = _worst_value(limit, figures)
+    if pooled.value is None and worst_value is not None:  # quantiles cannot be pooled
+        over = WORST_DRIVE
+        value = pooled._replace(value=worst_value, interval=None, row_index=None)
+    truth_error = max((figure.truth_error for figure in figures), default=0.0)
+    judged = value._replace(independent=independent, truth_error=truth_error)
+    verdict = replace(verdict_on(limit, judged, limits), n=pooled.n or 0)
+    if not all(_has_all_values(figure) for figure in figures):
+        verdict = of_incomplete(verdict)
+    return _group_verdict(verdict, over, 0)
+
+
+def _worst_value(limit: Limit, figures: Sequence[LimitedValue]) -> float | None:
+    values = [figure.value for figure in figures if figure.value is not None]
+    return min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
+
+
+def _has_all_values(figure: LimitedValue) -> bool:
+    """Return whether a figure over sub-trajectories has values, and none of them is unknown."""
+    if figure.row is None:
+        return figure.value is not None
+    return not figure.row.unknown and bool(figure.row.n)
 
 
 def independent_of_drives(limit: Limit, results: Sequence[DriveScore]) -> float:
@@ -180,14 +208,6 @@ def proof_over_drives(
     )
     over = WORST_DRIVE if terms.interpretation is Population.TEMPORAL else ALL_DRIVES
     return _group_verdict(verdict, over, exceeding)
-
-
-def _count_of(limit: Limit, score: Score) -> float:
-    """Return the number of values of a drive's limited figure; 0 if the figure is unknown."""
-    found = value_of(limit, score)
-    if limit.condition is not None and found.row is not None:
-        return 0.0 if found.row.unknown else float(found.row.n or 0)
-    return 0.0 if found.value is None else 1.0
 
 
 def _group_verdict(verdict: Verdict, over: str, missed_by: int) -> GroupVerdict:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 
-from msgspec import Struct
+from msgspec import Struct, field
 
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.figures.rows import Figure
@@ -21,11 +21,11 @@ from sfr_loc_map.suite.statistics.scored_job import ScoredJob, undeclared_items_
 
 
 class Group(Struct, frozen=True, kw_only=True):
-    """The results with the same task, configuration and faults: counts, pooled errors, verdicts."""
+    """The results with the same task, configuration and alteration of the source: counts, pooled errors, verdicts."""
 
     task: str
     configuration: str
-    faults: str
+    alteration: str = field(name="faults")  #: Change of the source (`GroupKey`).
     results: int  #: Number of results, each repeat counted.
     lost: int  #: Number of lost frames of all results.
     matched: int  #: Number of frames of all results that have an estimate and a true pose.
@@ -35,7 +35,7 @@ class Group(Struct, frozen=True, kw_only=True):
     @property
     def key(self) -> GroupKey:
         """What the jobs of the group have in common."""
-        return GroupKey(self.task, self.configuration, self.faults)
+        return GroupKey(self.task, self.configuration, self.alteration)
 
 
 def groups_of(
@@ -61,7 +61,7 @@ def groups_of(
         yield Group(
             task=key.task,
             configuration=key.configuration,
-            faults=key.faults,
+            alteration=key.alteration,
             results=len(scores),
             lost=sum(item.lost or 0 for item in trajectories),
             matched=sum(item.matched for item in trajectories),

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
 import signal
 import tempfile
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -24,7 +24,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-from sfr_loc_map.errors import InputError, MissingExtraError, SfrError
+from sfr_loc_map.errors import InputError, MissingExtraError
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.signals import deferred_signals
@@ -32,13 +32,13 @@ from sfr_loc_map.suite.jobs.digests import code_facts, code_fingerprint
 from sfr_loc_map.suite.jobs.job import NATIVE_THREADS, Job
 from sfr_loc_map.suite.jobs.job_outcome import FailureCause, JobOutcome, WorkerRecord
 from sfr_loc_map.suite.planning.specification import SuiteSettings
+from sfr_loc_map.suite.workers.worker import OVER_TIME, run_on_worker
 
 if TYPE_CHECKING:
     from distributed import Client, Future, WorkerPlugin
 
 TRIES = 3  #: Number of errors, or of deaths of its worker, after which a job has failed.
 JOINED = "sfr-joined"  #: Topic of the event by which a worker reports its code.
-OVER_TIME = "sfr-over-time"  #: Topic of the event by which a worker reports a job that exceeds its time limit.
 OVER_MEMORY = "worker-restart-memory"  #: Topic of the event by which the Dask nanny reports an exceeded memory limit.
 EVENT_S = 2.0  #: Maximum delay, s, of an event after the end of its worker.
 ASK_EVERY_S = 1.0  #: Period, s, at which the scheduler is asked for its workers.
@@ -140,7 +140,7 @@ def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
 
         async def setup(self, worker: Any) -> None:  # noqa: ANN401 - distributed is typed in part
             try:
-                from sfr_loc_map.suite.jobs.digests import about_here
+                from sfr_loc_map.suite.workers.worker import about_here
 
                 about = about_here(expected)
             except Exception as error:  # any version may be installed there
@@ -164,7 +164,7 @@ class SuiteWorkers:
         self.resource = f"sfr-{code_fingerprint()}"
         self.records: dict[str, WorkerRecord] = {}
         self._say = say
-        self._asked_at = -ASK_EVERY_S
+        self._asked_at = -math.inf
         self._slots = 0
         self._without_since = time.monotonic()  # start of the time without a suitable worker
         self._reported = ""
@@ -206,7 +206,7 @@ class SuiteWorkers:
         if outcome.worker:
             self._record(outcome.worker).done += outcome.cause is None
         else:
-            self._slots = 0  # `poll_slots` asks the scheduler again
+            self._asked_at = -math.inf  # `poll_slots` asks the scheduler again
 
     def _read_events(self) -> None:
         """Read the events in which joining workers have reported their code."""
@@ -317,33 +317,3 @@ def _reported_cause(client: Client, address: str, job: Job) -> JobOutcome | None
             message = f"{event['rss'] / 1e6:.0f} MB of memory, more than the limit of its worker"
             return JobOutcome(cause=FailureCause.MEMORY, message=message)
     return None
-
-
-def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
-    """Run a job. An error of sfr_loc_map is returned as an outcome; other errors are raised.
-
-    After the time limit the process kills itself, because a thread cannot be killed.
-    """
-    from distributed import get_worker
-
-    from sfr_loc_map.metrics.stored.score_json import to_json
-    from sfr_loc_map.suite.jobs.job_run import run_job
-
-    worker = get_worker()
-    own_cache = Path(cache) if Path(cache).is_dir() else Path(worker.local_directory) / "sfr-cache"
-
-    def end() -> None:
-        worker.log_event(OVER_TIME, {"worker": worker.address, "job": job.key, "seconds": timeout_s})
-        time.sleep(0.5)  # time to send the event
-        os._exit(1)
-
-    timer = threading.Timer(timeout_s, end)
-    timer.daemon = True
-    timer.start()
-    try:
-        with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch:
-            return JobOutcome(worker=worker.address, result=to_json(run_job(job, Path(scratch), own_cache)))
-    except SfrError as error:
-        return JobOutcome(worker=worker.address, cause=FailureCause.of(error), message=one_line(str(error)))
-    finally:
-        timer.cancel()

@@ -8,13 +8,15 @@ from pathlib import Path
 import pytest
 
 from sfr_loc_map.suite.jobs import digests
+from sfr_loc_map.suite.planning import source_inspection
+from sfr_loc_map.suite.workers import worker
 
 
 def test_data_that_differ_have_other_digests(tmp_path: Path) -> None:
     found = []
     for text in ("left", "LEFT", "left"):
         (tmp_path / "left.png").write_text(text)
-        found.append(digests.hash_of(digests.files_of_source(tmp_path)))
+        found.append(digests.hash_of(source_inspection.files_of_source(tmp_path)))
     assert found[0] == found[2]
     assert found[0] != found[1]
 
@@ -29,7 +31,7 @@ def test_the_files_of_a_linked_folder_are_data_of_the_source(tmp_path: Path) -> 
     found = []
     for text in ("first", "other one"):
         (images / "0.png").write_text(text)
-        found.append((digests.hash_of(digests.files_of_source(drive)), digests.file_state(drive)))
+        found.append((digests.hash_of(source_inspection.files_of_source(drive)), digests.file_state(drive)))
     assert found[0][0] != found[1][0]
     assert found[0][1] != found[1][1]
 
@@ -38,9 +40,9 @@ def test_calls_are_data_of_their_estimate(tmp_path: Path) -> None:
     for name in ("drive.csv", "truth.csv", "drive.stats.csv"):
         (tmp_path / name).write_text(name)
     paths = (tmp_path / "drive.csv", tmp_path / "truth.csv")
-    before = digests.hash_of(digests.files_of_estimate(*paths))
+    before = digests.hash_of(source_inspection.files_of_estimate(*paths))
     (tmp_path / "drive.stats.csv").write_text("with a finding")
-    assert digests.hash_of(digests.files_of_estimate(*paths)) != before
+    assert digests.hash_of(source_inspection.files_of_estimate(*paths)) != before
 
 
 @pytest.mark.parametrize("setting", ["truth: {source: mytruth.csv}", "calibration: {file: mytruth.csv}"])
@@ -51,15 +53,17 @@ def test_the_files_that_a_configuration_names_are_data_of_the_source(setting: st
     found = []
     for text in ("first", "another"):
         (tmp_path / "mytruth.csv").write_text(text)
-        found.append(digests.hash_of(digests.files_of_estimate(tmp_path / "drive.csv", tmp_path / "truth.csv")))
+        found.append(
+            digests.hash_of(source_inspection.files_of_estimate(tmp_path / "drive.csv", tmp_path / "truth.csv"))
+        )
     assert found[0] != found[1]
 
 
 def test_a_worker_with_other_code_lacks_something() -> None:
     facts = digests.code_facts()
-    assert digests.about_here(facts)["lacks"] == ""
-    assert "other code" in digests.about_here(facts | {"sfr_loc_map": "0"})["lacks"]
-    assert "numpy" in digests.about_here(facts | {"numpy": "0"})["lacks"]
+    assert worker.about_here(facts)["lacks"] == ""
+    assert "other code" in worker.about_here(facts | {"sfr_loc_map": "0"})["lacks"]
+    assert "numpy" in worker.about_here(facts | {"numpy": "0"})["lacks"]
 
 
 def test_a_file_is_read_again_when_path_size_time_or_inode_differ(tmp_path: Path) -> None:

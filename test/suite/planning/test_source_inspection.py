@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from sfr_loc_map.suite.jobs.digests import files_of_source, hash_of
+from sfr_loc_map.suite.jobs.digests import hash_of
 from sfr_loc_map.suite.planning import source_inspection
-from sfr_loc_map.suite.planning.source_inspection import RecordingFacts, facts_of
+from sfr_loc_map.suite.planning.source_inspection import RecordingFacts, facts_of, files_of_source
 
 
 @pytest.fixture
