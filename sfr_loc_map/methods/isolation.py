@@ -145,7 +145,7 @@ def _permitted_paths(method: Method, code: Sequence[Path]) -> list[Path]:
     installed = [text for text in sys.path if Path(text).name in PACKAGES]
     vocabulary = [method.vocabulary] if method.vocabulary else []
     own = [PACKAGE, *_kernels_in(_kernels_of_user()), *code]
-    paths = [*system, *prefixes, *variables, *installed, *vocabulary, *own]
+    paths: list[str | Path] = [*system, *prefixes, *variables, *installed, *vocabulary, *own]
     return list(dict.fromkeys(Path(path).resolve() for path in paths))
 
 

@@ -40,6 +40,7 @@ from sfr_loc_map.suite.planning.plan import Plan, PlanOwner
 from sfr_loc_map.suite.planning.specification import Refusal
 
 PLAN, WORKERS = "plan.json", "workers.json"
+LOCK = ".lock"
 ADVICE = "delete this file and run the suite again"
 T = TypeVar("T")
 
@@ -57,18 +58,21 @@ class StoredResult(msgspec.Struct, frozen=True):
 
 
 class Store:
-    """The folder of a suite, opened or created; raises OutputError if the folder has other content."""
+    """The folder of a suite, which the first write creates; raises OutputError if the folder has other content."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder)
         self.results, self.failures, self.cache = (self.folder / name for name in ("results", "failures", "cache"))
         self.plan_file = self.folder / PLAN
-        others = [path.name for path in self.folder.iterdir()] if self.folder.is_dir() else []
+        found = [path.name for path in self.folder.iterdir()] if self.folder.is_dir() else []
+        others = [name for name in found if name not in (self.cache.name, LOCK)]  # a plan of jobs fills the cache
         if others and not self.plan_file.exists() and not self.results.is_dir():
             raise OutputError(f"'{folder}' contains {others[0]} and is not the folder of a suite: choose another name")
+        self._plan: Plan | None = None
+
+    def _make_folders(self) -> None:
         for path in (self.results, self.failures, self.cache):
             make_folder(path, "choose another folder")
-        self._plan: Plan | None = None
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -81,9 +85,10 @@ class Store:
     @contextmanager
     def locked_if_free(self) -> Iterator[bool]:
         """Lock the folder unless another process has the lock; yield whether this process has the lock."""
+        self._make_folders()
         with ExitStack() as stack:
             try:
-                stream = stack.enter_context((self.folder / ".lock").open("w"))
+                stream = stack.enter_context((self.folder / LOCK).open("w"))
                 fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 is_locked = True
             except BlockingIOError:
@@ -102,6 +107,7 @@ class Store:
         text = json_line({**content, HASH: hash_of_values(content)})
         if len(text) > MAX_JSON_BYTES:
             raise ConfigError(f"the plan of {len(plan.jobs)} jobs exceeds {MAX_JSON_BYTES / MB:g} MB: split the suite")
+        self._make_folders()
         write_text(text, self.plan_file)
         self._plan = plan
 
@@ -218,6 +224,7 @@ class Store:
 
     def save(self, job: Job, outcome: JobOutcome) -> None:
         """Save the outcome of a job atomically."""
+        self._make_folders()
         failed = self.failures / f"{job.key}.json"
         if outcome.cause is None:
             write_text(outcome.result or "", self.results / f"{job.key}.json")

@@ -177,6 +177,14 @@ def test_a_plan_is_compared_with_its_files(tmp_path: Path) -> None:
     store.check_files()
 
 
+def test_a_folder_that_is_only_read_is_not_created(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"plan\.json"):
+        summarise(Store(tmp_path / "absent"))
+    assert not (tmp_path / "absent").exists()
+    (tmp_path / "listed" / "cache").mkdir(parents=True)
+    Store(tmp_path / "listed")  # the cache of a dry run
+
+
 def test_an_edited_plan_is_refused(tmp_path: Path) -> None:
     """A suite would pass if a job and its result could be deleted, or if its limits could be edited."""
     store = Store(tmp_path / "out")
