@@ -92,7 +92,7 @@ def max_corners(rig: StereoRig, config: LocalisationConfig) -> int:
     return round(config.max_features * by_size)
 
 
-def has_diverged(landmark_map: LandmarkMap, T_world_left: Transform) -> bool:
+def adjustment_diverged(landmark_map: LandmarkMap, T_world_left: Transform) -> bool:
     """Return whether the adjustment of a map diverged.
 
     The newest pose or its covariance is then not finite, or the pose is far from that before the adjustment.

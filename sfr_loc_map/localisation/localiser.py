@@ -131,7 +131,7 @@ from sfr_loc_map.localisation.keyframes import (
     KeyframeJob,
     KeyframeMaker,
     KeyframeResult,
-    has_diverged,
+    adjustment_diverged,
     max_corners,
 )
 from sfr_loc_map.localisation.motion_model import LastPose
@@ -485,15 +485,14 @@ class Localiser:
         """
         is_repeated = verdict.finding is Finding.REPEATED_PAIR
         statistics = TrackingStatistics(repeated=1) if is_repeated else TrackingStatistics(inliers=0)
-        reason = verdict.reason
-        if verdict.action is Action.KEEP:
-            if state.status is TrackingState.LOST:
-                reason = state.reason
-            else:
-                kept, step = state.kept(reason, stamp_ns, self._model)
-                if kept.path.errors.kept_motion.max() < LOST_VARIANCE:
-                    return Outcome(kept, statistics, tracks, step)
-        return Outcome(state.lost(reason), statistics, tracks)
+        may_keep = verdict.action is Action.KEEP
+        if may_keep and state.status is TrackingState.LOST:
+            return Outcome(state.lost(state.reason), statistics, tracks)
+        if may_keep:
+            kept, step = state.kept(verdict.reason, stamp_ns, self._model)
+            if kept.path.errors.kept_motion.max() < LOST_VARIANCE:
+                return Outcome(kept, statistics, tracks, step)
+        return Outcome(state.lost(verdict.reason), statistics, tracks)
 
     def _begin_window(
         self, state: State, frame: StereoFrame, of_images: frozenset[Finding], tracks: Tracks | None
@@ -558,7 +557,7 @@ class Localiser:
                 self._state = state.diverged()
                 return
             clock.add("keyframe", result.seconds)
-            is_usable = not has_diverged(result.landmark_map, state.path.last.T_world_left)
+            is_usable = not adjustment_diverged(result.landmark_map, state.path.last.T_world_left)
             self._state = state.adjusted(result, self._model) if is_usable else state.diverged()
 
     def _commit(self, outcome: Outcome, stamp_ns: int, clock: StageClock) -> PoseEstimate:
